@@ -1,0 +1,5 @@
+"""`python -m e3pose`."""
+
+from e3pose.cli import main
+
+main()

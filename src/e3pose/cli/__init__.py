@@ -1,0 +1,3 @@
+"""The command line: parse, load, call one function, print."""
+
+from e3pose.cli.app import main as main

@@ -1,0 +1,91 @@
+"""Poses: the records that travel between stages. Missing is NaN with score 0."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses2D:
+    """One view: the people a camera saw in one frame.
+
+    Attributes:
+        keypoints_px: `(num_persons, num_joints, 2)` pixels in the real (distorted) image; NaN where missing.
+        scores: `(num_persons, num_joints)` in [0, 1]; 0 where missing.
+
+    Raises:
+        InputError: on a wrong shape, or a score outside [0, 1].
+    """
+
+    keypoints_px: Floats
+    scores: Floats
+
+    def __post_init__(self) -> None:
+        keypoints, scores = _checked("Poses2D", self.keypoints_px, self.scores, components=2)
+        object.__setattr__(self, "keypoints_px", keypoints)
+        object.__setattr__(self, "scores", scores)
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    @classmethod
+    def empty(cls, num_joints: int) -> Poses2D:
+        """Return a view in which nobody was seen."""
+        return cls(np.zeros((0, num_joints, 2)), np.zeros((0, num_joints)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Poses3D:
+    """The people of one slot in the world, before identity.
+
+    Attributes:
+        joints_m: `(num_persons, num_joints, 3)` metres; NaN where fewer than two views saw the joint.
+        scores: `(num_persons, num_joints)` in [0, 1]; 0 where missing.
+
+    Raises:
+        InputError: on a wrong shape, or a score outside [0, 1].
+    """
+
+    joints_m: Floats
+    scores: Floats
+
+    def __post_init__(self) -> None:
+        joints, scores = _checked("Poses3D", self.joints_m, self.scores, components=3)
+        object.__setattr__(self, "joints_m", joints)
+        object.__setattr__(self, "scores", scores)
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+    @classmethod
+    def empty(cls, num_joints: int) -> Poses3D:
+        """Return a slot in which nobody was found."""
+        return cls(np.zeros((0, num_joints, 3)), np.zeros((0, num_joints)))
+
+
+def _checked(name: str, positions: Any, scores: Any, components: int) -> tuple[Floats, Floats]:
+    positions = np.asarray(positions, dtype=np.float64)
+    scores = np.asarray(scores, dtype=np.float64)
+    if positions.ndim != 3 or positions.shape[2] != components:
+        raise InputError(
+            f"{name}: positions have shape {positions.shape}, "
+            f"expected (num_persons, num_joints, {components})"
+        )
+    if scores.shape != positions.shape[:2]:
+        raise InputError(
+            f"{name}: scores have shape {scores.shape}, expected {positions.shape[:2]}"
+        )
+    if not ((scores >= 0) & (scores <= 1)).all():
+        raise InputError(f"{name}: a score lies outside [0, 1] or is NaN")
+    present = (scores > 0) & np.isfinite(positions).all(axis=-1)
+    if present.all():
+        return positions, scores
+    return np.where(present[..., None], positions, np.nan), np.where(present, scores, 0.0)

@@ -1,0 +1,163 @@
+"""A recording in memory: what every camera's detector saw, when, and optionally the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+from e3pose.pose import Poses2D
+from e3pose.skeleton import Skeleton
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewSeries:
+    """One camera's views over time, people of all frames in one array.
+
+    Attributes:
+        slots: `(num_frames,)` rising slot indices for which the camera has a view; others were lost.
+        times_s: `(num_frames,)` capture times since the recording began.
+        starts: `(num_frames + 1,)` frame i owns people `starts[i]:starts[i + 1]`.
+        keypoints_px: `(num_poses, num_joints, 2)` pixels in the real image, NaN where missing.
+        scores: `(num_poses, num_joints)` in [0, 1], 0 where missing.
+    """
+
+    slots: NDArray[np.int64]
+    times_s: Floats
+    starts: NDArray[np.int64]
+    keypoints_px: Floats
+    scores: Floats
+
+    @classmethod
+    def from_views(
+        cls,
+        views: Sequence[Poses2D],
+        slots: Sequence[int],
+        times_s: Sequence[float],
+        num_joints: int,
+    ) -> ViewSeries:
+        """Gather single views, in slot order, into a series."""
+        counts = [len(view) for view in views]
+        empty = Poses2D.empty(num_joints)
+        return cls(
+            np.asarray(slots, dtype=np.int64),
+            np.asarray(times_s, dtype=np.float64),
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+            np.concatenate([empty.keypoints_px, *(view.keypoints_px for view in views)]),
+            np.concatenate([empty.scores, *(view.scores for view in views)]),
+        )
+
+    def view(self, slot: int) -> Poses2D | None:
+        """Return what the camera saw in `slot`, or None if that view does not exist."""
+        frame = int(np.searchsorted(self.slots, slot))
+        if frame == len(self.slots) or self.slots[frame] != slot:
+            return None
+        people = slice(int(self.starts[frame]), int(self.starts[frame + 1]))
+        return Poses2D(self.keypoints_px[people], self.scores[people])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """Known 3D poses, for evaluation only: no stage may see them.
+
+    Attributes:
+        skeleton: the convention of the truth, which need not be the detector's.
+        person_ids: one name per person, such as `actor1`.
+        joints_m: `(num_slots, num_persons, num_joints, 3)` metres, NaN where not annotated.
+    """
+
+    skeleton: Skeleton
+    person_ids: tuple[str, ...]
+    joints_m: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """What a rig saw over `num_slots` slots of `1 / fps` seconds.
+
+    Attributes:
+        name: a title for people.
+        rig: the calibrated cameras.
+        fps: slots a second.
+        num_slots: length of the recording.
+        skeleton: the convention of the keypoints.
+        views: one series per camera, in rig order.
+        truth: exact or annotated 3D poses, if any.
+        truth_complete: whether everybody in the scene is annotated, so that false positives and AP
+            can be scored; Shelf labels only some of the people present.
+        scored_slots: half-open range of the slots that evaluation scores; all by default.
+        videos: camera id to a file name inside the recording's `videos` folder, or an absolute path.
+        source: where it comes from and under what terms, for people.
+
+    Raises:
+        InputError: when shapes, counts or ids do not fit together.
+    """
+
+    name: str
+    rig: Rig
+    fps: float
+    num_slots: int
+    skeleton: Skeleton
+    views: tuple[ViewSeries, ...]
+    truth: Truth | None = None
+    truth_complete: bool = True
+    scored_slots: tuple[int, int] | None = None
+    videos: Mapping[str, str] = field(default_factory=dict)
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.fps) and 0 < self.fps <= 1000):
+            raise InputError(f"recording: fps is {self.fps}, expected a rate in (0, 1000]")
+        if not 0 <= self.num_slots <= 100_000_000:
+            raise InputError(f"recording: num_slots is {self.num_slots}, expected 0 to 100 million")
+        if len(self.views) != len(self.rig):
+            raise InputError(
+                f"recording: has views of {len(self.views)} cameras, expected {len(self.rig)}"
+            )
+        for camera_id, series in zip(self.rig.camera_ids, self.views, strict=True):
+            self._check_series(camera_id, series)
+        if self.truth is not None and self.truth.joints_m.shape != (
+            self.num_slots,
+            len(self.truth.person_ids),
+            len(self.truth.skeleton),
+            3,
+        ):
+            raise InputError(
+                f"recording: truth has shape {self.truth.joints_m.shape}, expected "
+                "(num_slots, num_persons, num_joints, 3)"
+            )
+        for camera_id in self.videos:
+            self.rig.index(camera_id)
+
+    @property
+    def interval_s(self) -> float:
+        """Length of a slot in seconds."""
+        return 1.0 / self.fps
+
+    def view(self, slot: int, camera: int) -> Poses2D | None:
+        """Return what camera index `camera` saw in `slot`, or None if that view was lost."""
+        return self.views[camera].view(slot)
+
+    def _check_series(self, camera_id: str, series: ViewSeries) -> None:
+        frames = len(series.slots)
+        where = f"recording: camera {camera_id}"
+        if len(series.times_s) != frames or len(series.starts) != frames + 1:
+            raise InputError(f"{where}: slots, times and starts have different lengths")
+        if (np.diff(series.slots) <= 0).any():
+            raise InputError(f"{where}: slots do not rise")
+        if frames and not 0 <= series.slots[0] <= series.slots[-1] < self.num_slots:
+            raise InputError(
+                f"{where}: slots {series.slots[0]}..{series.slots[-1]} lie outside "
+                f"0..{self.num_slots - 1}"
+            )
+        if series.keypoints_px.shape[1:] != (len(self.skeleton), 2):
+            raise InputError(
+                f"{where}: poses of {series.keypoints_px.shape[1]} joints, expected "
+                f"{len(self.skeleton)} ({self.skeleton.name})"
+            )
