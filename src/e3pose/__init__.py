@@ -1,1 +1,56 @@
+"""Multi-camera 3D human pose that wakes only the cameras worth waking.
+
+The public names below are imported when they are first used, so that `import e3pose` stays quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from e3pose.calibration import load_rig as load_rig
+    from e3pose.calibration import save_rig as save_rig
+    from e3pose.camera import Camera as Camera
+    from e3pose.camera import Rig as Rig
+    from e3pose.errors import InputError as InputError
+    from e3pose.evaluate.replay import ReplaySettings as ReplaySettings
+    from e3pose.evaluate.replay import replay as replay
+    from e3pose.fuse import Fuser as Fuser
+    from e3pose.pose import Poses2D as Poses2D
+    from e3pose.pose import Poses3D as Poses3D
+    from e3pose.recording import Recording as Recording
+    from e3pose.recording import load_recording as load_recording
+    from e3pose.recording import save_recording as save_recording
+    from e3pose.skeleton import SKELETONS as SKELETONS
+    from e3pose.skeleton import Skeleton as Skeleton
+
+_HOMES = {
+    "Camera": "camera",
+    "Fuser": "fuse",
+    "InputError": "errors",
+    "Poses2D": "pose",
+    "Poses3D": "pose",
+    "Recording": "recording",
+    "ReplaySettings": "evaluate.replay",
+    "Rig": "camera",
+    "SKELETONS": "skeleton",
+    "Skeleton": "skeleton",
+    "load_recording": "recording",
+    "load_rig": "calibration",
+    "replay": "evaluate.replay",
+    "save_recording": "recording",
+    "save_rig": "calibration",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'e3pose' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"e3pose.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

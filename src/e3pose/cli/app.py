@@ -1,4 +1,4 @@
-"""The verbs of `e3pose`; each lives in a module of its own that is imported only when it is called."""
+"""The verbs of `e3pose`: each lives in a module that is imported only when it is called."""
 
 from __future__ import annotations
 

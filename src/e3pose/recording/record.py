@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +16,17 @@ from e3pose.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
 
+MAX_NAME = 200
+MAX_SOURCE = 10_000
+MAX_PEOPLE = 1000
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewSeries:
     """One camera's views over time, people of all frames in one array.
 
     Attributes:
-        slots: `(num_frames,)` rising slot indices for which the camera has a view; others were lost.
+        slots: `(num_frames,)` rising slot indices for which the camera has a view.
         times_s: `(num_frames,)` capture times since the recording began.
         starts: `(num_frames + 1,)` frame i owns people `starts[i]:starts[i + 1]`.
         keypoints_px: `(num_poses, num_joints, 2)` pixels in the real image, NaN where missing.
@@ -92,7 +97,7 @@ class Recording:
         truth_complete: whether everybody in the scene is annotated, so that false positives and AP
             can be scored; Shelf labels only some of the people present.
         scored_slots: half-open range of the slots that evaluation scores; all by default.
-        videos: camera id to a file name inside the recording's `videos` folder, or an absolute path.
+        videos: camera id to a file name in the recording's `videos` folder, or an absolute path.
         source: where it comes from and under what terms, for people.
 
     Raises:
@@ -132,8 +137,20 @@ class Recording:
                 f"recording: truth has shape {self.truth.joints_m.shape}, expected "
                 "(num_slots, num_persons, num_joints, 3)"
             )
-        for camera_id in self.videos:
+        if self.truth is not None:
+            self._check_people(self.truth.person_ids)
+        if self.scored_slots is not None:
+            first, end = self.scored_slots
+            if not 0 <= first <= end <= self.num_slots:
+                raise InputError(
+                    f"recording: scored_slots: found {first}..{end}, expected a half-open range "
+                    f"within 0..{self.num_slots}"
+                )
+        _check_text("name", self.name, MAX_NAME, more="")
+        _check_text("source", self.source, MAX_SOURCE, more="\n")
+        for camera_id, name in self.videos.items():
             self.rig.index(camera_id)
+            _check_video(camera_id, name)
 
     @property
     def interval_s(self) -> float:
@@ -144,11 +161,34 @@ class Recording:
         """Return what camera index `camera` saw in `slot`, or None if that view was lost."""
         return self.views[camera].view(slot)
 
+    def _check_people(self, person_ids: tuple[str, ...]) -> None:
+        if len(person_ids) > MAX_PEOPLE or len(set(person_ids)) != len(person_ids):
+            raise InputError(
+                f"recording: truth.person_ids: found {len(person_ids)} names of which "
+                f"{len(set(person_ids))} differ, expected at most {MAX_PEOPLE} unique names"
+            )
+        for name in person_ids:
+            if not 1 <= len(name) <= 64 or not name.isprintable():
+                raise InputError(
+                    f"recording: truth.person_ids: found {name[:64]!r}, "
+                    "expected 1 to 64 printable characters"
+                )
+
     def _check_series(self, camera_id: str, series: ViewSeries) -> None:
         frames = len(series.slots)
         where = f"recording: camera {camera_id}"
         if len(series.times_s) != frames or len(series.starts) != frames + 1:
             raise InputError(f"{where}: slots, times and starts have different lengths")
+        if not np.isfinite(series.times_s).all():
+            raise InputError(f"{where}: a time is not a number")
+        people = len(series.scores)
+        if (
+            series.starts[0] != 0
+            or series.starts[-1] != people
+            or (np.diff(series.starts) < 0).any()
+            or series.scores.shape != series.keypoints_px.shape[:-1]
+        ):
+            raise InputError(f"{where}: starts, keypoints and scores do not fit together")
         if (np.diff(series.slots) <= 0).any():
             raise InputError(f"{where}: slots do not rise")
         if frames and not 0 <= series.slots[0] <= series.slots[-1] < self.num_slots:
@@ -161,3 +201,22 @@ class Recording:
                 f"{where}: poses of {series.keypoints_px.shape[1]} joints, expected "
                 f"{len(self.skeleton)} ({self.skeleton.name})"
             )
+
+
+def _check_text(field: str, text: str, limit: int, more: str) -> None:
+    # Control characters could rewrite the terminal that shows them.
+    if len(text) > limit or not all(char.isprintable() or char in more for char in text):
+        raise InputError(
+            f"recording: {field}: found {len(text)} characters {text[:40]!r}, expected at most "
+            f"{limit} printable ones"
+        )
+
+
+def _check_video(camera_id: str, name: str) -> None:
+    path = PurePath(name)
+    inside = len(path.parts) == 1 and name not in ("", ".", "..")
+    if len(name) > 4096 or not name.isprintable() or not (path.is_absolute() or inside):
+        raise InputError(
+            f"recording: videos.{camera_id}: found {name[:80]!r}, expected the name of a file in "
+            "the videos folder or an absolute path"
+        )

@@ -1,0 +1,76 @@
+"""3D poses as a table of rows `slot, time, track, joint, x, y, z, score`: CSV or Parquet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from e3pose.atomic import atomic_file
+from e3pose.errors import InputError
+from e3pose.pipeline import SlotRecord
+from e3pose.skeleton import Skeleton
+
+FORMATS = (".csv", ".parquet")
+DECIMALS_M = 5  # hundredths of a millimetre: below any camera's noise
+
+
+def check_poses_path(path: Path) -> Path:
+    """Return `path` if its ending names a format; raise `InputError` if not."""
+    if path.suffix not in FORMATS:
+        raise InputError(f"{path}: ending {path.suffix!r}, expected {' or '.join(FORMATS)}")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, expected a file to write")
+    return path
+
+
+def write_poses(records: Sequence[SlotRecord], skeleton: Skeleton, path: Path) -> None:
+    """Write every estimated joint of every slot; a missing joint has no row.
+
+    Args:
+        records: of a replay or a live run, in slot order.
+        skeleton: names the joints, snake_case.
+        path: a `.csv` or `.parquet` file, metres; it appears whole or not at all.
+
+    Raises:
+        InputError: when the file's ending names no known format.
+    """
+    import pyarrow
+    from pyarrow import csv, parquet
+
+    check_poses_path(path)
+    table = pyarrow.table(_columns(records, skeleton))
+    with atomic_file(path) as temporary:
+        if path.suffix == ".csv":
+            csv.write_csv(table, temporary, csv.WriteOptions(quoting_style="none"))
+        else:
+            parquet.write_table(table, temporary, compression="zstd")
+
+
+def _columns(records: Sequence[SlotRecord], skeleton: Skeleton) -> dict[str, Any]:
+    joints = np.concatenate(
+        [np.zeros((0, len(skeleton), 3)), *(record.poses.joints_m for record in records)]
+    )
+    scores = np.concatenate(
+        [np.zeros((0, len(skeleton))), *(record.poses.scores for record in records)]
+    )
+    counts = [len(record.poses) for record in records]
+    person, joint = np.nonzero(scores > 0)
+    slots = np.repeat(np.array([r.slot for r in records], dtype=np.int64), counts)
+    times = np.repeat(np.array([r.time_s for r in records], dtype=np.float64), counts)
+    tracks = np.concatenate(
+        [np.zeros(0, dtype=np.int64), *(record.track_ids for record in records)]
+    )
+    positions = joints[person, joint].round(DECIMALS_M)
+    return {
+        "slot": slots[person],
+        "time": times[person].round(6),
+        "track": tracks[person],
+        "joint": np.array(skeleton.joints, dtype=str)[joint].tolist(),
+        "x": positions[:, 0],
+        "y": positions[:, 1],
+        "z": positions[:, 2],
+        "score": scores[person, joint].round(4),
+    }

@@ -1,0 +1,176 @@
+"""Replay: the live loop with blinkers, handed a recording slot by slot, selected views only."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from e3pose.fuse import Fuser, FusionSettings
+
+from e3pose.energy import check_budget
+from e3pose.errors import InputError
+from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
+from e3pose.policies import PolicySettings, policy_row
+from e3pose.policies.base import Selection
+from e3pose.pose import Poses2D
+from e3pose.predictors import make_predictor
+from e3pose.recording import Recording
+
+PIPELINES = ("paper",)
+BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
+MAX_LEAD = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class ReplaySettings:
+    """How to run a recording.
+
+    Attributes:
+        pipeline: `paper`, the estimator without memory.
+        policy: a name of `POLICIES`.
+        num_selected: the paper's C.
+        budget: the paper's E_n, the share of slots each camera may be active; C/N + 0.2 by default.
+        quality_weight: the paper's V.
+        lead_slots: the paper's tau.
+        warmup_slots: the paper's M, in which all cameras detect.
+        predictor: a name of `PREDICTORS`; the policy's own by default.
+        reject_outliers: drop views that disagree with the others.
+        seed: of random choices.
+        phase: offset of turns and ties.
+        occlusion_limit: threshold of `independent`.
+        round_trip_s: network and server delay that `central-2d` waits for.
+        backend: `numba` kernels or the numpy `reference`.
+    """
+
+    pipeline: str = "paper"
+    policy: str = "e3pose"
+    num_selected: int = 3
+    budget: float | None = None
+    quality_weight: float = 1.0
+    lead_slots: int = 1
+    warmup_slots: int = 10
+    predictor: str | None = None
+    reject_outliers: bool = False
+    seed: int = 0
+    phase: int = 0
+    occlusion_limit: float = 0.1
+    round_trip_s: float = 0.05
+    backend: str = "numba"
+
+
+def make_pipeline(
+    recording: Recording,
+    settings: ReplaySettings,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Pipeline:
+    """Build the parts that `settings` ask for.
+
+    Raises:
+        InputError: naming the option that cannot be had for this recording.
+    """
+    num_cameras = len(recording.rig)
+    if settings.pipeline not in PIPELINES:
+        raise InputError(
+            f"pipeline {settings.pipeline[:40]!r} is unknown, "
+            f"expected one of {', '.join(PIPELINES)}"
+        )
+    if not 1 <= settings.num_selected <= num_cameras:
+        raise InputError(
+            f"cameras: asked for {settings.num_selected} a slot, "
+            f"expected 1 to the rig's {num_cameras}"
+        )
+    if not 1 <= settings.lead_slots <= MAX_LEAD:
+        raise InputError(f"lead: {settings.lead_slots} slots, expected 1 to {MAX_LEAD}")
+    if not 0 <= settings.warmup_slots <= MAX_LEAD:
+        raise InputError(f"warmup: {settings.warmup_slots} slots, expected 0 to {MAX_LEAD}")
+    for name, value in (
+        ("quality weight", settings.quality_weight),
+        ("occlusion limit", settings.occlusion_limit),
+        ("round trip", settings.round_trip_s),
+    ):
+        if not (np.isfinite(value) and value >= 0):
+            raise InputError(f"{name}: {value}, expected a number of at least 0")
+    if settings.seed < 0 or settings.phase < 0:
+        raise InputError(
+            f"seed and phase: {settings.seed} and {settings.phase}, expected 0 or more"
+        )
+    row = policy_row(settings.policy)
+    policy = row.make(
+        PolicySettings(
+            num_selected=settings.num_selected,
+            quality_weight=settings.quality_weight,
+            seed=settings.seed,
+            phase=settings.phase,
+            occlusion_limit=settings.occlusion_limit,
+            round_trip_s=settings.round_trip_s,
+        )
+    )
+    return Pipeline(
+        rig=recording.rig,
+        num_joints=len(recording.skeleton),
+        interval_s=recording.interval_s,
+        fuser=Fuser(
+            recording.rig,
+            len(recording.skeleton),
+            FusionSettings(reject_outliers=settings.reject_outliers),
+            backend=settings.backend,
+        ),
+        predictor=make_predictor(settings.predictor or row.predictor),
+        policy=policy,
+        budget=_budget(settings, num_cameras, row.counts),
+        clock=clock,
+        lead_slots=settings.lead_slots,
+        warmup_slots=settings.warmup_slots,
+        holds=row.holds,
+    )
+
+
+def selected_views(recording: Recording, slot: int, selection: Selection) -> Mapping[int, Poses2D]:
+    """Return the views of `slot` from selected cameras only; a lost view is simply not there."""
+    views = {}
+    for camera in np.flatnonzero(selection):
+        view = recording.view(slot, int(camera))
+        if view is not None:
+            views[int(camera)] = view
+    return views
+
+
+def replay(
+    recording: Recording,
+    settings: ReplaySettings,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Iterator[SlotRecord]:
+    """Run the recording through `pipeline.step` and yield one record per slot.
+
+    The estimator and the policy are given the views of selected cameras and nothing else: no other
+    view and no truth is even read.
+
+    Raises:
+        InputError: naming the option that cannot be had for this recording.
+    """
+    pipeline = make_pipeline(recording, settings, clock)
+    return _run(recording, pipeline)
+
+
+def _run(recording: Recording, pipeline: Pipeline) -> Iterator[SlotRecord]:
+    state = initial_state(pipeline)
+    online = np.ones(len(recording.rig), dtype=bool)
+    for slot in range(recording.num_slots):
+        views = selected_views(recording, slot, state.selections[0] & online)
+        state, record = step(pipeline, state, views, online)
+        yield record
+
+
+def _budget(settings: ReplaySettings, num_cameras: int, counts: bool) -> NDArray[np.float64]:
+    share = settings.num_selected / num_cameras
+    if settings.budget is None:
+        return np.full(num_cameras, min(1.0, share + BUDGET_MARGIN))
+    if not 0 < settings.budget <= 1:
+        raise InputError(f"budget: {settings.budget}, expected a share of the slots in (0, 1]")
+    budget = np.full(num_cameras, float(settings.budget))
+    if counts:
+        check_budget(budget, settings.num_selected)
+    return budget

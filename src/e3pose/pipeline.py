@@ -1,0 +1,221 @@
+"""One slot, left to right: the only loop body, live and in replay.
+
+    views -> fuse -> track -> predict -> occlusion -> select -> the cameras of a slot to come
+
+The state is a value: `step` takes one and returns the next, so that it can be kept, restored and
+replayed. Only `track` and the deficit queues remember.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import Rig
+from e3pose.energy import advance_deficit
+from e3pose.fuse import Fuser
+from e3pose.occlusion import inside_image, occlusion, person_boxes
+from e3pose.policies.base import Policy, Selection, Situation
+from e3pose.pose import Poses2D, Poses3D
+from e3pose.predictors.base import Predictor
+from e3pose.sight import Sight, look, own_occlusion
+from e3pose.track import Tracks, update_tracks
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pipeline:
+    """The parts of a running system, which do not change from slot to slot.
+
+    Attributes:
+        rig: the cameras.
+        num_joints: joints of the detectors' skeleton.
+        interval_s: seconds a slot.
+        fuser: matching and triangulation.
+        predictor: looks `lead_slots` ahead.
+        policy: selects.
+        budget: `(num_cameras,)` the paper's E_n.
+        lead_slots: the paper's tau, at least 1.
+        warmup_slots: the paper's M, the slots at the start in which every camera detects; also the
+            length of the history that the predictor is given.
+        holds: show the poses of the slot before in slots for which no camera was selected.
+        clock: seconds, for stage times only.
+    """
+
+    rig: Rig
+    num_joints: int
+    interval_s: float
+    fuser: Fuser
+    predictor: Predictor
+    policy: Policy
+    budget: Floats
+    clock: Callable[[], float]
+    lead_slots: int = 1
+    warmup_slots: int = 10
+    holds: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlotState:
+    """Everything that one slot hands to the next.
+
+    Attributes:
+        slot: the slot to come.
+        selections: `(lead_slots, num_cameras)` decided for `slot` and the slots after it.
+        deficit: `(num_cameras,)` the virtual queues before the next decision.
+        tracks: the people and their history.
+        sights: what every camera remembers of its own views.
+        shown: the poses and track ids of the slot before.
+    """
+
+    slot: int
+    selections: NDArray[np.bool_]
+    deficit: Floats
+    tracks: Tracks
+    sights: tuple[Sight, ...]
+    shown: tuple[Poses3D, NDArray[np.int64]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlotRecord:
+    """What one slot left behind.
+
+    Attributes:
+        slot: index of the slot.
+        time_s: its time since the start.
+        selected: `(num_cameras,)` cameras that were ordered to detect in this slot and were online.
+        arrived: `(num_cameras,)` selected cameras whose view came.
+        poses: the people estimated, world metres.
+        track_ids: `(num_persons,)` their identities.
+        occlusion: `(num_cameras,)` paper eq. (4) predicted for slot + lead.
+        deficit: `(num_cameras,)` queues after the decision for slot + lead.
+        next_selection: `(num_cameras,)` the decision for slot + lead.
+        stage_s: seconds spent in fuse, track, predict, occlusion, select.
+    """
+
+    slot: int
+    time_s: float
+    selected: Selection
+    arrived: Selection
+    poses: Poses3D
+    track_ids: NDArray[np.int64]
+    occlusion: Floats
+    deficit: Floats
+    next_selection: Selection
+    stage_s: Mapping[str, float] = field(default_factory=dict)
+
+
+def initial_state(pipeline: Pipeline) -> SlotState:
+    """Return the state before slot 0: no tracks, empty queues, all cameras ordered."""
+    num_cameras = len(pipeline.rig)
+    return SlotState(
+        slot=0,
+        selections=np.ones((pipeline.lead_slots, num_cameras), dtype=bool),
+        deficit=np.zeros(num_cameras),
+        tracks=Tracks.empty(max(pipeline.warmup_slots, 2), pipeline.num_joints),
+        sights=(Sight.none(),) * num_cameras,
+        shown=(Poses3D.empty(pipeline.num_joints), np.zeros(0, dtype=np.int64)),
+    )
+
+
+def step(
+    pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D], online: Selection
+) -> tuple[SlotState, SlotRecord]:
+    """Advance one slot (paper Algorithm 1).
+
+    Args:
+        pipeline: the parts.
+        state: what the slot before handed over.
+        views: camera index to what it saw in `state.slot`; views that were not ordered are ignored.
+        online: `(num_cameras,)` cameras that can be reached.
+
+    Returns:
+        The next state and the record of this slot, with the selection for `slot + lead_slots`.
+    """
+    slot, clock = state.slot, pipeline.clock
+    selected = state.selections[0] & online
+    views = {camera: view for camera, view in views.items() if selected[camera]}
+    times = [clock()]
+
+    fusion = pipeline.fuser.fuse(views)
+    times.append(clock())
+
+    tracks, track_ids = update_tracks(state.tracks, fusion.poses, pipeline.interval_s)
+    shown = (fusion.poses, track_ids)
+    if pipeline.holds and not selected.any():
+        shown = state.shown
+    times.append(clock())
+
+    predicted_m = pipeline.predictor.predict(
+        tracks.history_m, pipeline.interval_s, pipeline.lead_slots
+    )[-1]
+    times.append(clock())
+
+    sights = _look(pipeline.rig, state.sights, views, slot)
+    situation = _situation(pipeline, state, predicted_m, sights, online)
+    times.append(clock())
+
+    if situation.slot < pipeline.warmup_slots:
+        decision, deficit = np.ones(len(online), dtype=bool), state.deficit
+    else:
+        decision = pipeline.policy.select(situation)
+        deficit = advance_deficit(state.deficit, pipeline.budget, decision)
+    times.append(clock())
+
+    arrived = np.zeros(len(online), dtype=bool)
+    arrived[list(views)] = True
+    stages = ("fuse", "track", "predict", "occlusion", "select")
+    record = SlotRecord(
+        slot=slot,
+        time_s=slot * pipeline.interval_s,
+        selected=selected,
+        arrived=arrived,
+        poses=shown[0],
+        track_ids=shown[1],
+        occlusion=situation.occlusion,
+        deficit=deficit,
+        next_selection=decision,
+        stage_s=dict(zip(stages, np.diff(times).tolist(), strict=True)),
+    )
+    selections = np.concatenate([state.selections[1:], decision[None]])
+    return SlotState(slot + 1, selections, deficit, tracks, sights, shown), record
+
+
+def _situation(
+    pipeline: Pipeline,
+    state: SlotState,
+    predicted_m: Floats,
+    sights: tuple[Sight, ...],
+    online: Selection,
+) -> Situation:
+    """Gather what a policy may know about the slot that is decided now."""
+    target = state.slot + pipeline.lead_slots
+    expected, visibility = [], []
+    for camera in pipeline.rig.cameras:
+        pixels = camera.project(predicted_m)
+        expected.append(occlusion(person_boxes(pixels, camera.image_size)))
+        visibility.append(inside_image(pixels, camera.image_size).mean(axis=-1))
+    return Situation(
+        slot=target,
+        interval_s=pipeline.interval_s,
+        online=online,
+        occlusion=np.array(expected),
+        own_occlusion=np.array([own_occlusion(sight, target) for sight in sights]),
+        unseen_slots=np.array([target - sight.slot for sight in sights], dtype=np.int64),
+        visibility=np.stack(visibility),
+        deficit=state.deficit,
+        budget=pipeline.budget,
+    )
+
+
+def _look(
+    rig: Rig, sights: tuple[Sight, ...], views: Mapping[int, Poses2D], slot: int
+) -> tuple[Sight, ...]:
+    return tuple(
+        look(sight, views[index], slot, camera.image_size) if index in views else sight
+        for index, (sight, camera) in enumerate(zip(sights, rig.cameras, strict=True))
+    )

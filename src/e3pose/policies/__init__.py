@@ -1,0 +1,91 @@
+"""Policies: the situation before a slot -> the cameras that detect in it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from e3pose.errors import InputError
+from e3pose.policies.base import Policy as Policy
+from e3pose.policies.base import Selection as Selection
+from e3pose.policies.base import Situation as Situation
+from e3pose.policies.drift_plus_penalty import Central2D, DriftPlusPenalty
+from e3pose.policies.fixed import All, Random, RoundRobin
+from e3pose.policies.independent import Independent
+
+
+@dataclass(frozen=True, slots=True)
+class PolicySettings:
+    """What a user may say about a policy.
+
+    Attributes:
+        num_selected: the paper's C, cameras a slot.
+        quality_weight: the paper's V.
+        seed: of random choices.
+        phase: offset of turns and ties.
+        occlusion_limit: of `independent`.
+        round_trip_s: of `central-2d`.
+    """
+
+    num_selected: int = 3
+    quality_weight: float = 1.0
+    seed: int = 0
+    phase: int = 0
+    occlusion_limit: float = 0.1
+    round_trip_s: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyRow:
+    """One policy of the table.
+
+    Attributes:
+        make: settings -> policy.
+        counts: whether it wakes exactly `num_selected` cameras in every slot, or all that are
+            online if they are fewer.
+        budgeted: whether it keeps every camera within its budget in the long run.
+        predictor: the predictor it uses unless told otherwise.
+        holds: whether slots without a view show the poses of the slot before, being lost frames of
+            a lower frame rate rather than failed estimates.
+        about: one line for `--help` and tables.
+    """
+
+    make: Callable[[PolicySettings], Policy]
+    about: str
+    counts: bool = True
+    budgeted: bool = True
+    predictor: str = "constant-velocity"
+    holds: bool = False
+
+
+POLICIES: dict[str, PolicyRow] = {
+    "all": PolicyRow(
+        lambda s: All(), "every camera in every slot (SA)", counts=False, budgeted=False
+    ),
+    "random": PolicyRow(lambda s: Random(s.num_selected, s.seed), "C cameras at random (RS)"),
+    "round-robin": PolicyRow(lambda s: RoundRobin(s.num_selected, s.phase), "C cameras in turn"),
+    "independent": PolicyRow(
+        lambda s: Independent(s.occlusion_limit),
+        "each camera for itself, by its own 2D motion vectors and a threshold (ID)",
+        counts=False,
+    ),
+    "central-2d": PolicyRow(
+        lambda s: Central2D(s.num_selected, s.quality_weight, s.round_trip_s, s.phase),
+        "cameras predict boxes, the edge selects, a round trip each time",
+        counts=False,
+        holds=True,
+    ),
+    "e3pose-mv": PolicyRow(
+        lambda s: DriftPlusPenalty(s.num_selected, s.quality_weight, s.phase),
+        "drift plus penalty on occlusion predicted by 3D motion vectors",
+    ),
+    "e3pose": PolicyRow(
+        lambda s: DriftPlusPenalty(s.num_selected, s.quality_weight, s.phase),
+        "drift plus penalty on occlusion predicted by the best predictor there is",
+    ),
+}
+
+
+def policy_row(name: str) -> PolicyRow:
+    """Return the row of the policy called `name`; raise `InputError` listing the known ones."""
+    if name not in POLICIES:
+        raise InputError(f"policy {name[:40]!r} is unknown, expected one of {', '.join(POLICIES)}")
+    return POLICIES[name]

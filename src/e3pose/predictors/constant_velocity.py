@@ -1,0 +1,41 @@
+"""The paper's E3Pose-MV baseline: 3D motion vectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantVelocity:
+    """Carry every joint on with its motion between the two newest slots (paper section 4.3).
+
+    A joint that is missing in one of the two moves with the mean motion of the person's other
+    joints, from where it was last known.
+    """
+
+    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Floats:
+        """See `Predictor.predict`."""
+        newest = history_m[-1]
+        before = history_m[-2] if len(history_m) > 1 else np.full_like(newest, np.nan)
+        motion = newest - before
+        measured = np.isfinite(motion).all(axis=-1)[..., None]
+        count = np.maximum(measured.sum(axis=1, keepdims=True), 1)
+        mean_motion = np.where(measured, motion, 0.0).sum(axis=1, keepdims=True) / count
+        motion = np.where(measured, motion, mean_motion)
+        position, age = _last_known(history_m)
+        ahead = np.arange(1, lead_slots + 1)[:, None, None, None]
+        predicted: Floats = position + (ahead + age[..., None]) * motion
+        return predicted
+
+
+def _last_known(history_m: Floats) -> tuple[Floats, Floats]:
+    """Return each joint's newest position `(num_tracks, num_joints, 3)` and its age in slots."""
+    present = np.asarray(np.isfinite(history_m).all(axis=-1))[::-1]
+    age = np.argmax(present, axis=0)
+    position = np.take_along_axis(history_m[::-1], age[None, ..., None], axis=0)[0]
+    return position, age.astype(np.float64)

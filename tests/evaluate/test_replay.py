@@ -1,0 +1,129 @@
+"""Replay hands over the selected views and nothing else, and refuses what cannot be had."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from e3pose.camera import Camera, Rig
+from e3pose.errors import InputError
+from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
+from e3pose.policies import POLICIES
+from e3pose.pose import Poses2D
+from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.skeleton import COCO17
+
+NUM_SLOTS, NUM_CAMERAS = 40, 4
+SETTINGS = ReplaySettings(num_selected=2, backend="reference")
+
+
+def recording() -> Recording:
+    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
+    cameras = []
+    for index, angle in enumerate(np.linspace(0.3, 4.5, NUM_CAMERAS)):
+        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
+        forward = -centre / np.linalg.norm(centre) + [0, 0, 0.2]
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
+    rig = Rig(tuple(cameras))
+    rng = np.random.default_rng(0)
+    body = rng.normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
+    truth = np.stack([[body + [0.01 * s, 0, 0], body + [0, 0.9, 0]] for s in range(NUM_SLOTS)])
+    series = []
+    for camera in rig.cameras:
+        views = [Poses2D(camera.project(people), np.ones((2, 17))) for people in truth]
+        series.append(ViewSeries.from_views(views, range(NUM_SLOTS), np.arange(NUM_SLOTS) / 25, 17))
+    return Recording(
+        "two people", rig, 25.0, NUM_SLOTS, COCO17, tuple(series),
+        truth=Truth(COCO17, ("a", "b"), truth),
+    )  # fmt: skip
+
+
+RECORDING = recording()
+
+
+@pytest.mark.parametrize("policy", sorted(POLICIES))
+def test_every_policy_replays_the_whole_recording(policy: str) -> None:
+    records = list(replay(RECORDING, replace(SETTINGS, policy=policy)))
+    assert [record.slot for record in records] == list(range(NUM_SLOTS))
+    assert all((record.arrived <= record.selected).all() for record in records)
+    assert records[0].selected.all()
+
+
+class Blinkers:
+    """A recording that fails when a view is read that was not selected."""
+
+    def __init__(self, whole: Recording) -> None:
+        self.whole = whole
+        self.allowed: set[tuple[int, int]] = set()
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "truth":
+            raise AssertionError("the truth was read")
+        return getattr(self.whole, name)
+
+    def view(self, slot: int, camera: int) -> Poses2D | None:
+        assert slot < 10 or (slot, camera) in self.allowed, f"view {camera} of slot {slot} was read"
+        return self.whole.view(slot, camera)
+
+
+@pytest.mark.parametrize("policy", ["e3pose", "random", "independent"])
+def test_unselected_views_and_truth_are_not_even_read(policy: str) -> None:
+    blinkers = Blinkers(RECORDING)
+    records = []
+    for record in replay(blinkers, replace(SETTINGS, policy=policy, lead_slots=1)):  # type: ignore[arg-type]
+        records.append(record)
+        for camera in np.flatnonzero(record.next_selection):
+            blinkers.allowed.add((record.slot + 1, int(camera)))
+    assert len(records) == NUM_SLOTS
+
+
+def test_lost_view_is_not_handed_over() -> None:
+    series = RECORDING.views[1]
+    lost = ViewSeries(
+        series.slots[1:],
+        series.times_s[1:],
+        series.starts[1:] - 0,
+        series.keypoints_px,
+        series.scores,
+    )
+    views = (RECORDING.views[0], lost, *RECORDING.views[2:])
+    damaged = replace(RECORDING, views=views)
+    assert set(selected_views(damaged, 0, np.ones(NUM_CAMERAS, dtype=bool))) == {0, 2, 3}
+
+
+def test_replays_repeat_to_the_last_bit() -> None:
+    runs = [list(replay(RECORDING, replace(SETTINGS, policy="random", seed=3))) for _ in range(2)]
+    for first, second in zip(*runs, strict=True):
+        np.testing.assert_array_equal(first.poses.joints_m, second.poses.joints_m)
+        np.testing.assert_array_equal(first.next_selection, second.next_selection)
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"pipeline": "none"}, "pipeline"),
+        ({"policy": "none"}, "policy"),
+        ({"predictor": "none"}, "predictor"),
+        ({"num_selected": 0}, "cameras"),
+        ({"num_selected": 5}, "cameras"),
+        ({"budget": 0.3}, "budget"),
+        ({"budget": 1.5}, "budget"),
+        ({"budget": float("nan")}, "budget"),
+        ({"lead_slots": 0}, "lead"),
+        ({"warmup_slots": -1}, "warmup"),
+        ({"quality_weight": -1.0}, "quality weight"),
+        ({"quality_weight": float("nan")}, "quality weight"),
+        ({"round_trip_s": float("inf")}, "round trip"),
+        ({"seed": -1}, "seed"),
+    ],
+)
+def test_impossible_settings_are_named(changes: dict[str, Any], named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        replay(RECORDING, replace(SETTINGS, **changes))

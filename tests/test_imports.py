@@ -1,0 +1,71 @@
+"""The layers: what each part may import, proven in a fresh interpreter, and shown to bite."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = {"torch", "cv2", "onnxruntime", "numba", "av", "plotly", "pyarrow", "joblib", "asyncio"}
+# The pure part: nouns, stages, policies, predictors. numpy, scipy and the standard library only.
+PURE = [
+    "camera",
+    "distortion",
+    "skeleton",
+    "pose",
+    "match",
+    "triangulate",
+    "fuse",
+    "track",
+    "occlusion",
+    "sight",
+    "energy",
+    "pipeline",
+    "policies",
+    "predictors",
+    "evaluate.metrics",
+    "recording.record",
+]
+LAYERS = {"edge", "node", "evaluate", "train", "cli", "report", "demo", "simulate", "datasets"}
+
+
+def loaded_by(module: str) -> set[str]:
+    """Return the top-level and e3pose modules that a fresh interpreter holds after one import."""
+    code = f"import {module}, sys, json; print(json.dumps(sorted(sys.modules)))"
+    output = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    return set(json.loads(output))
+
+
+@pytest.mark.parametrize("module", ["e3pose", *(f"e3pose.{name}" for name in PURE)])
+def test_pure_module_imports_nothing_heavy(module: str) -> None:
+    assert HEAVY & loaded_by(module) == set()
+
+
+@pytest.mark.parametrize("name", [n for n in PURE if not n.startswith("evaluate")])
+def test_imports_point_inward(name: str) -> None:
+    outward = {
+        m for m in loaded_by(f"e3pose.{name}") if m.split(".")[1:2] and m.startswith("e3pose.")
+    }
+    assert {m.split(".")[1] for m in outward} & LAYERS == set()
+
+
+def test_guard_bites_on_a_shell() -> None:
+    assert "numba" in HEAVY & loaded_by("e3pose.kernels")
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys\nfrom e3pose.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print('LOADED', *sorted(m for m in sys.modules if '.' not in m))"
+    )
+    output = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
+    loaded = set(output.rsplit("LOADED", 1)[1].split())
+    assert "cyclopts" in loaded
+    assert (HEAVY - {"asyncio"}) & loaded == set()

@@ -1,0 +1,199 @@
+"""The loop body: Algorithm 1, its lead, its warm-up, its queues, and its blinkers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from e3pose.camera import Camera, Rig
+from e3pose.fuse import Fuser
+from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
+from e3pose.policies import POLICIES, PolicySettings, Selection, Situation
+from e3pose.pose import Poses2D
+from e3pose.predictors import make_predictor
+
+NUM_CAMERAS, NUM_JOINTS = 5, 17
+ONLINE = np.ones(NUM_CAMERAS, dtype=bool)
+BODY = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(NUM_JOINTS, 3)) + [0, 0, 1]
+
+
+def ring() -> Rig:
+    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
+    cameras = []
+    for index, angle in enumerate(np.linspace(0, 2 * np.pi, NUM_CAMERAS, endpoint=False)):
+        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 2.0])
+        forward = np.array([0, 0, 1.0]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        cameras.append(Camera.from_world_to_camera(f"cam{index}", (1000, 800), K, R, -R @ centre))
+    return Rig(tuple(cameras))
+
+
+RIG = ring()
+
+
+def scene(slot: int) -> dict[int, Poses2D]:
+    """Two people, one of them walking, seen exactly by all cameras."""
+    people = np.stack([BODY, BODY + [0.8, 0.02 * slot, 0]])
+    return {
+        index: Poses2D(camera.project(people), np.ones((2, NUM_JOINTS)))
+        for index, camera in enumerate(RIG.cameras)
+    }
+
+
+def make(policy: str = "e3pose", **changes: object) -> Pipeline:
+    pipeline = Pipeline(
+        rig=RIG,
+        num_joints=NUM_JOINTS,
+        interval_s=0.04,
+        fuser=Fuser(RIG, NUM_JOINTS, backend="reference"),
+        predictor=make_predictor("constant-velocity"),
+        policy=POLICIES[policy].make(PolicySettings(num_selected=2)),
+        budget=np.full(NUM_CAMERAS, 0.6),
+        clock=lambda: 0.0,
+        lead_slots=2,
+        warmup_slots=4,
+        holds=POLICIES[policy].holds,
+    )
+    return replace(pipeline, **changes)  # type: ignore[arg-type]
+
+
+def run(
+    pipeline: Pipeline, views: list[Mapping[int, Poses2D]], online: Selection = ONLINE
+) -> list[SlotRecord]:
+    state, records = initial_state(pipeline), []
+    for slot_views in views:
+        state, record = step(pipeline, state, slot_views, online)
+        records.append(record)
+    return records
+
+
+def test_people_are_where_they_are_and_keep_their_identity() -> None:
+    records = run(make(), [scene(slot) for slot in range(30)])
+    for record in records:
+        order = np.argsort(record.poses.joints_m[:, 0, 0])
+        expected = np.stack([BODY, BODY + [0.8, 0.02 * record.slot, 0]])
+        by_x = np.argsort(expected[:, 0, 0])
+        np.testing.assert_allclose(record.poses.joints_m[order], expected[by_x], atol=1e-6)
+    assert len({tuple(sorted(record.track_ids)) for record in records}) == 1
+
+
+def test_all_cameras_warm_up_then_exactly_c_detect() -> None:
+    counts = [int(r.selected.sum()) for r in run(make(), [scene(s) for s in range(20)])]
+    assert counts == [5] * 4 + [2] * 16
+
+
+def test_a_decision_is_used_lead_slots_later() -> None:
+    records = run(make(), [scene(slot) for slot in range(20)])
+    for earlier, later in zip(records, records[2:], strict=False):
+        np.testing.assert_array_equal(earlier.next_selection, later.selected)
+
+
+def test_queues_follow_the_paper() -> None:
+    records = run(make(), [scene(slot) for slot in range(25)])
+    deficit = np.zeros(NUM_CAMERAS)
+    for record in records:
+        if record.slot + 2 >= 4:  # the warm-up is not charged
+            deficit = np.maximum(deficit - 0.6, 0) + record.next_selection
+        np.testing.assert_allclose(record.deficit, deficit)
+
+
+@dataclass
+class Recorder:
+    """A policy that keeps what it was shown."""
+
+    seen: list[Situation]
+
+    def select(self, situation: Situation) -> Selection:
+        self.seen.append(situation)
+        return np.arange(NUM_CAMERAS) < 2
+
+
+def test_a_policy_cannot_see_an_unselected_view() -> None:
+    """Whatever unselected cameras see, estimate and situation are the same to the last bit."""
+    rng = np.random.default_rng(5)
+    outcomes = []
+    for garbage in (False, True):
+        policy = Recorder([])
+        views = [scene(slot) for slot in range(15)]
+        if garbage:
+            for slot in range(4, 15):
+                for camera in (2, 3, 4):
+                    pixels = rng.uniform(0, 800, (3, NUM_JOINTS, 2))
+                    views[slot][camera] = Poses2D(pixels, np.ones((3, NUM_JOINTS)))
+        records = run(replace(make(), policy=policy), views)
+        outcomes.append((records, policy.seen))
+    for clean, dirty in zip(outcomes[0][0], outcomes[1][0], strict=True):
+        np.testing.assert_array_equal(clean.poses.joints_m, dirty.poses.joints_m)
+        np.testing.assert_array_equal(clean.arrived, dirty.arrived)
+    for clean_now, dirty_now in zip(outcomes[0][1], outcomes[1][1], strict=True):
+        for name in ("occlusion", "own_occlusion", "visibility", "deficit", "unseen_slots"):
+            np.testing.assert_array_equal(getattr(clean_now, name), getattr(dirty_now, name))
+
+
+def test_the_guard_bites_when_a_selected_view_changes() -> None:
+    views = [scene(slot) for slot in range(15)]
+    before = run(replace(make(), policy=Recorder([])), views)
+    shifted = views[10][0]
+    views[10][0] = Poses2D(shifted.keypoints_px + 5, shifted.scores)
+    after = run(replace(make(), policy=Recorder([])), views)
+    assert (before[10].poses.joints_m != after[10].poses.joints_m).any()
+
+
+def test_a_saved_state_continues_exactly() -> None:
+    pipeline = make("random")
+    state, rest = initial_state(pipeline), []
+    for slot in range(20):
+        if slot == 10:
+            saved = state
+        state, record = step(pipeline, state, scene(slot), ONLINE)
+        rest.append(record)
+    state = saved
+    for slot in range(10, 20):
+        state, record = step(make("random"), state, scene(slot), ONLINE)
+        np.testing.assert_array_equal(record.next_selection, rest[slot].next_selection)
+        np.testing.assert_array_equal(record.poses.joints_m, rest[slot].poses.joints_m)
+        np.testing.assert_array_equal(record.track_ids, rest[slot].track_ids)
+
+
+@pytest.mark.parametrize("views", [{}, {0: Poses2D.empty(NUM_JOINTS)}])
+def test_nobody_and_nothing_are_normal(views: Mapping[int, Poses2D]) -> None:
+    for record in run(make(), [views] * 10):
+        assert len(record.poses) == 0
+        assert (record.occlusion == 0).all()
+
+
+def test_offline_cameras_are_neither_read_nor_ordered() -> None:
+    online = np.array([True, True, False, True, True])
+    records = run(make(), [scene(slot) for slot in range(20)], online)
+    assert not any(record.selected[2] or record.arrived[2] for record in records)
+    assert all(record.next_selection[online].sum() == 2 for record in records[2:])
+
+
+def test_held_slots_show_the_last_poses() -> None:
+    pipeline = make("central-2d")  # a round trip of 0.05 s is two slots
+    records = run(pipeline, [scene(slot) for slot in range(12)])
+    asleep = [record for record in records if not record.selected.any()]
+    assert asleep
+    for record in asleep:
+        before = records[record.slot - 1]
+        np.testing.assert_array_equal(record.poses.joints_m, before.poses.joints_m)
+
+
+def test_slots_without_a_camera_are_failures_for_other_policies() -> None:
+    nobody = replace(make(), policy=Asleep())
+    assert [len(record.poses) for record in run(nobody, [scene(s) for s in range(8)])][4:] == [
+        0
+    ] * 4
+
+
+class Asleep:
+    """A policy that never wakes a camera."""
+
+    def select(self, situation: Situation) -> Selection:
+        return np.zeros(NUM_CAMERAS, dtype=bool)
