@@ -1,0 +1,121 @@
+"""2D pose from pixels: a family of detectors behind one protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from e3pose.detectors.base import Detector as Detector
+from e3pose.detectors.base import Image as Image
+from e3pose.errors import InputError
+
+Factory = Callable[[Path | None, str, int | None], Detector]
+
+__all__ = ["DETECTORS", "Detector", "Image", "identify", "make_detector"]
+
+
+def _movenet(model: Path | None, provider: str, threads: int | None) -> Detector:
+    from e3pose.detectors.inference import load_network
+    from e3pose.detectors.movenet import NAME, MoveNet
+
+    return MoveNet(load_network(_weights(NAME, model), provider, threads))
+
+
+def _openpose(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
+    from e3pose.detectors.inference import load_network
+    from e3pose.detectors.openpose import OpenPose
+    from e3pose.detectors.topology import TOPOLOGIES
+
+    return OpenPose(load_network(_weights(name, model), provider, threads), TOPOLOGIES[name])
+
+
+def _yolo(model: Path | None, provider: str, threads: int | None) -> Detector:
+    from e3pose.detectors.inference import load_network
+    from e3pose.detectors.yolo import NAME, YoloPose
+
+    return YoloPose(load_network(_weights(NAME, model), provider, threads))
+
+
+def _rtmlib(model: Path | None, provider: str, threads: int | None) -> Detector:
+    from e3pose.detectors.rtmlib_adapter import make_rtmlib
+
+    if model is not None:
+        raise InputError(f"{model}: rtmlib brings its own weights, expected no model file")
+    return make_rtmlib(provider)
+
+
+DETECTORS: dict[str, Factory] = {
+    "movenet-multipose": _movenet,
+    "openpose-thin": partial(_openpose, "openpose-thin"),
+    "trt-pose": partial(_openpose, "trt-pose"),
+    "yolo-pose": _yolo,
+    "rtmlib": _rtmlib,
+}
+
+
+def make_detector(
+    name: str, model: Path | None = None, provider: str = "auto", threads: int | None = None
+) -> Detector:
+    """Load a detector.
+
+    Args:
+        name: a key of `DETECTORS`, or the path of a network file, whose kind is then told from its
+            inputs and outputs.
+        model: a network file to use instead of the one that `name` has in the user's cache.
+        provider: `auto` (TensorRT, CUDA, CPU, whichever is there first), or one of `tensorrt`,
+            `cuda`, `cpu`, which must then be there.
+        threads: CPU threads for the network; None uses all cores.
+
+    Raises:
+        InputError: when the name is unknown, the weights are not there or not what they should be,
+            or the provider cannot be had.
+    """
+    if name not in DETECTORS:
+        path = Path(name)
+        if model is not None or not (path.suffix in (".onnx", ".pb") or path.is_file()):
+            raise InputError(
+                f"detector {name[:80]!r} is unknown, expected one of {', '.join(DETECTORS)} or the "
+                "path of an .onnx or .pb file"
+            )
+        name, model = identify(path), path
+    return DETECTORS[name](model, provider, threads)
+
+
+def identify(path: Path) -> str:
+    """Tell which detector a network file is for from its inputs and outputs.
+
+    Raises:
+        InputError: when it is for none.
+    """
+    from e3pose.detectors.inference import load_network
+    from e3pose.detectors.movenet import MoveNet
+    from e3pose.detectors.openpose import check_maps
+    from e3pose.detectors.topology import TOPOLOGIES
+    from e3pose.detectors.yolo import YoloPose
+
+    if path.suffix == ".pb":
+        return "openpose-thin"  # the only one published as a TensorFlow graph
+    network = load_network(path, "cpu", 1)
+    checks: dict[str, Callable[[], object]] = {
+        "movenet-multipose": lambda: MoveNet(network),
+        "yolo-pose": lambda: YoloPose(network),
+        **{name: partial(check_maps, network, row) for name, row in TOPOLOGIES.items()},
+    }
+    for name, check in checks.items():
+        try:
+            check()
+        except InputError:
+            continue
+        return name
+    raise InputError(
+        f"{path}: found input {list(network.input_shape)} and outputs "
+        f"{[list(shape) for shape in network.output_shapes]}, expected a network of one of "
+        f"{', '.join(checks)}"
+    )
+
+
+def _weights(name: str, model: Path | None) -> Path:
+    from e3pose.weights import find_weights
+
+    return find_weights(name) if model is None else model

@@ -1,0 +1,223 @@
+"""Run a network file: ONNX Runtime on the best provider there is, OpenCV for a TensorFlow graph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+
+# Best first; `auto` takes every one that this installation of ONNX Runtime has, in this order.
+PROVIDERS = {
+    "tensorrt": "TensorrtExecutionProvider",
+    "cuda": "CUDAExecutionProvider",
+    "cpu": "CPUExecutionProvider",
+}
+MAX_MODEL_BYTES = 2**31  # protobuf's own limit
+ERRORS_ONLY = 3  # ONNX Runtime's log severity
+
+
+class Network(Protocol):
+    """A loaded network file with one input."""
+
+    @property
+    def path(self) -> Path:
+        """The file, for messages."""
+        ...
+
+    @property
+    def input_shape(self) -> tuple[int | None, ...]:
+        """The input's declared shape, None where it is free."""
+        ...
+
+    @property
+    def input_dtype(self) -> str:
+        """The input's element type: `float`, `float16`, `int32`, ..."""
+        ...
+
+    @property
+    def output_shapes(self) -> tuple[tuple[int | None, ...], ...]:
+        """The declared shape of each output, None where it is free or unknown."""
+        ...
+
+    def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
+        """Return the outputs for one input tensor, in the file's order."""
+        ...
+
+
+def choose_providers(
+    provider: str, available: Sequence[str], engine_cache: Path
+) -> list[str | tuple[str, dict[str, Any]]]:
+    """Return what to ask ONNX Runtime for.
+
+    Args:
+        provider: `auto` or a key of `PROVIDERS`.
+        available: the providers this installation has.
+        engine_cache: folder for TensorRT's engines, which take minutes to build and fit one device
+            and version only.
+
+    Raises:
+        InputError: when the provider is unknown or not installed.
+    """
+    if provider != "auto" and provider not in PROVIDERS:
+        raise InputError(f"provider: found {provider!r}, expected auto, {', '.join(PROVIDERS)}")
+    wanted = list(PROVIDERS) if provider == "auto" else [provider]
+    present = [name for name in wanted if PROVIDERS[name] in available]
+    if not present:
+        have = [name for name, full in PROVIDERS.items() if full in available]
+        raise InputError(
+            f"provider: {provider} is not in this ONNX Runtime, which has {', '.join(have)}; "
+            "onnxruntime-gpu brings cuda and tensorrt"
+        )
+    options = {
+        "trt_fp16_enable": True,
+        "trt_engine_cache_enable": True,
+        "trt_engine_cache_path": str(engine_cache),
+    }
+    # TensorRT hands what it cannot do to the next provider, so a forced one keeps CUDA behind it.
+    if present == ["tensorrt"] and PROVIDERS["cuda"] in available:
+        present.append("cuda")
+    return [
+        (PROVIDERS[name], options) if name == "tensorrt" else PROVIDERS[name] for name in present
+    ]
+
+
+def load_network(path: Path, provider: str = "auto", threads: int | None = None) -> Network:
+    """Load an `.onnx` file or a frozen TensorFlow `.pb` graph.
+
+    Args:
+        path: the network.
+        provider: `auto`, `tensorrt`, `cuda` or `cpu`; a `.pb` runs on the CPU only.
+        threads: CPU threads; None lets the library use all cores.
+
+    Raises:
+        InputError: when the file is not a network, or the provider cannot be had.
+    """
+    _check_file(path)
+    if threads is not None and not 1 <= threads <= 1024:
+        raise InputError(f"threads: found {threads}, expected 1 to 1024")
+    if path.suffix == ".onnx":
+        return _load_onnx(path, provider, threads)
+    if path.suffix == ".pb":
+        if provider not in ("auto", "cpu"):
+            raise InputError(
+                f"{path}: provider: a TensorFlow graph runs on the cpu only, found {provider!r}; "
+                "use an .onnx file of the network"
+            )
+        return _load_tensorflow(path, threads)
+    raise InputError(f"{path}: found suffix {path.suffix!r}, expected a network in .onnx or .pb")
+
+
+def _check_file(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(f"{path}: no such file, expected a network in .onnx or .pb")
+    size = path.stat().st_size
+    if not 0 < size <= MAX_MODEL_BYTES:
+        raise InputError(
+            f"{path}: found {size} bytes, expected a network of 1 to {MAX_MODEL_BYTES}"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Onnx:
+    path: Path
+    session: Any
+    input_name: str
+    input_shape: tuple[int | None, ...]
+    input_dtype: str
+    output_shapes: tuple[tuple[int | None, ...], ...]
+
+    def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
+        try:
+            outputs = self.session.run(None, {self.input_name: tensor})
+        except Exception as error:  # ONNX Runtime's errors share no base but Exception
+            raise InputError(
+                f"{self.path}: input {self.input_name}: shape {tensor.shape} does not run: "
+                f"{_brief(error)}"
+            ) from None
+        return [np.asarray(output) for output in outputs]
+
+
+def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
+    import onnxruntime
+
+    from e3pose.weights import cache_folder
+
+    engine_cache = cache_folder() / "tensorrt"
+    providers = choose_providers(provider, onnxruntime.get_available_providers(), engine_cache)
+    if any(isinstance(entry, tuple) for entry in providers):
+        engine_cache.mkdir(parents=True, exist_ok=True)
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = ERRORS_ONLY
+    options.intra_op_num_threads = threads or 0
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
+    except Exception as error:
+        raise InputError(f"{path}: not a network ONNX Runtime can load: {_brief(error)}") from None
+    # ONNX Runtime falls back without a word when a provider's own libraries are missing.
+    if provider != "auto" and session.get_providers()[0] != PROVIDERS[provider]:
+        raise InputError(
+            f"provider: {provider} did not start, ONNX Runtime fell back to "
+            f"{session.get_providers()[0]}; are its libraries installed?"
+        )
+    inputs = session.get_inputs()
+    if len(inputs) != 1:
+        raise InputError(f"{path}: found {len(inputs)} inputs, expected a network with one image")
+    return _Onnx(
+        path,
+        session,
+        inputs[0].name,
+        _shape(inputs[0].shape),
+        inputs[0].type.removeprefix("tensor(").removesuffix(")"),
+        tuple(_shape(output.shape) for output in session.get_outputs()),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TensorFlow:
+    path: Path
+    net: Any
+    input_shape: tuple[int | None, ...] = (1, 3, None, None)
+    input_dtype: str = "float"
+    output_shapes: tuple[tuple[int | None, ...], ...] = ((None, None, None, None),)
+
+    def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
+        import cv2
+
+        try:
+            self.net.setInput(tensor)
+            return [np.asarray(self.net.forward())]
+        except cv2.error as error:
+            raise InputError(
+                f"{self.path}: shape {tensor.shape} does not run: {_brief(error)}"
+            ) from None
+
+
+def _load_tensorflow(path: Path, threads: int | None) -> Network:
+    import cv2
+
+    try:
+        net = cv2.dnn.readNetFromTensorflow(str(path))
+    except cv2.error as error:
+        raise InputError(
+            f"{path}: not a TensorFlow graph OpenCV can load: {_brief(error)}"
+        ) from None
+    if net.empty() or len(net.getUnconnectedOutLayersNames()) != 1:
+        raise InputError(f"{path}: found no network, expected a graph with one output")
+    if threads is not None:
+        cv2.setNumThreads(threads)  # OpenCV has one pool for the whole process
+    return _TensorFlow(path, net)
+
+
+def _shape(declared: Sequence[Any]) -> tuple[int | None, ...]:
+    return tuple(side if isinstance(side, int) else None for side in declared)
+
+
+def _brief(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text if len(text) <= 160 else text[:157] + "..."

@@ -1,0 +1,63 @@
+"""MoveNet MultiPose Lightning: up to six people, COCO-17."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from e3pose.detectors.base import Image, check_image, poses_in_image
+from e3pose.detectors.fit import letterbox, letterbox_to_side
+from e3pose.detectors.inference import Network
+from e3pose.errors import InputError
+from e3pose.pose import Poses2D
+from e3pose.skeleton import COCO17
+
+NAME = "movenet-multipose"
+LONG_SIDE = 512  # pixels; more finds smaller people and costs in proportion to its square
+MULTIPLE = 32
+VALUES = 56  # 17 x (y, x, score), four of a box, a person's score
+MIN_PERSON_SCORE = 0.2
+MIN_KEYPOINT_SCORE = 0.2
+
+
+class MoveNet:
+    """The published network: int32 `(1, height, width, 3)` in, float32 `(1, people, 56)` out.
+
+    Raises:
+        InputError: when the network's input or output is another.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self.skeleton = COCO17
+        self._network = network
+        shape = network.input_shape
+        if len(shape) != 4 or shape[3] not in (3, None) or network.input_dtype != "int32":
+            raise InputError(
+                f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected int32 "
+                f"[1, height, width, 3] for {NAME}"
+            )
+        output = network.output_shapes[0]
+        if len(output) != 3 or output[2] not in (VALUES, None):
+            raise self._error(output)
+
+    def detect(self, image: Image) -> Poses2D:
+        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
+        size = check_image(image)
+        height, width = self._network.input_shape[1:3]
+        if height is None or width is None:
+            fit = letterbox_to_side(size, LONG_SIDE, MULTIPLE)
+        else:
+            fit = letterbox(size, (width, height))
+        people = self._network.run(fit.apply(image, 0)[None].astype(np.int32))[0]
+        if people.ndim != 3 or people.shape[2] != VALUES:
+            raise self._error(people.shape)
+        people = people[0][people[0, :, 55] > MIN_PERSON_SCORE]
+        triples = people[:, :51].reshape(-1, 17, 3).astype(np.float64)
+        # Fractions of the padded input, 0 at the outer edge of the first pixel.
+        keypoints = fit.to_image(triples[..., 1::-1] * fit.input_size - 0.5)
+        return poses_in_image(keypoints, triples[..., 2], size, MIN_KEYPOINT_SCORE)
+
+    def _error(self, found: tuple[int | None, ...]) -> InputError:
+        return InputError(
+            f"{self._network.path}: output: found {list(found)}, expected [1, people, {VALUES}] "
+            f"for {NAME}"
+        )

@@ -1,0 +1,94 @@
+"""Any YOLO-pose network by its output format; the weights are the user's own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.detectors.base import Image, check_image, poses_in_image
+from e3pose.detectors.fit import letterbox
+from e3pose.detectors.inference import Network
+from e3pose.errors import InputError
+from e3pose.pose import Poses2D
+from e3pose.skeleton import COCO17
+
+NAME = "yolo-pose"
+SIDE = 640  # pixels, where the network leaves it free
+VALUES = 56  # box centre x, y, width, height, score, 17 x (x, y, score)
+GREY = 114  # what these networks saw beyond the border in training
+MIN_PERSON_SCORE = 0.25
+MIN_KEYPOINT_SCORE = 0.25
+MAX_OVERLAP = 0.5  # IoU of boxes above which two are one person
+MAX_CANDIDATES = 1000  # before boxes are compared, best first
+
+
+class YoloPose:
+    """Float `(1, 3, height, width)` RGB of 0..1 in; `(1, 56, N)` or `(1, N, 56)` out.
+
+    Raises:
+        InputError: when the network's input or output is another.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self.skeleton = COCO17
+        self._network = network
+        shape = network.input_shape
+        if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in _DTYPES:
+            raise InputError(
+                f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected float "
+                f"[1, 3, height, width] for {NAME}"
+            )
+        output = network.output_shapes[0]
+        if len(output) != 3 or not {VALUES, None} & set(output[1:]):
+            raise self._error(output)
+
+    def detect(self, image: Image) -> Poses2D:
+        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
+        size = check_image(image)
+        height, width = self._network.input_shape[2:]
+        fit = letterbox(size, (width or SIDE, height or SIDE), centred=True)
+        pixels = fit.apply(image, GREY).transpose(2, 0, 1)[None] / np.float32(255)
+        dtype = _DTYPES[self._network.input_dtype]
+        rows = self._rows(self._network.run(np.ascontiguousarray(pixels, dtype=dtype))[0])
+        rows = rows[keep_people(rows[:, :4], rows[:, 4])]
+        triples = rows[:, 5:].reshape(-1, 17, 3)
+        # Measured from the outer edge of the first pixel.
+        keypoints = fit.to_image(triples[..., :2] - 0.5)
+        return poses_in_image(keypoints, triples[..., 2], size, MIN_KEYPOINT_SCORE)
+
+    def _rows(self, output: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the `(N, 56)` candidates, whichever way round the network gives them."""
+        if output.ndim != 3 or VALUES not in output.shape[1:]:
+            raise self._error(output.shape)
+        rows = output[0].T if output.shape[1] == VALUES else output[0]
+        return np.asarray(rows, dtype=np.float64)
+
+    def _error(self, found: tuple[int | None, ...]) -> InputError:
+        return InputError(
+            f"{self._network.path}: output: found {list(found)}, expected [1, {VALUES}, N] or "
+            f"[1, N, {VALUES}] for {NAME}"
+        )
+
+
+_DTYPES = {"float": np.float32, "float16": np.float16}
+
+
+def keep_people(boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the indices of boxes that are people, one each, best first.
+
+    Args:
+        boxes: `(N, 4)` centre x, y, width, height in pixels.
+        scores: `(N,)`.
+    """
+    import cv2
+
+    sound = np.isfinite(boxes).all(axis=1) & (scores > MIN_PERSON_SCORE)
+    best = np.flatnonzero(sound)
+    best = best[np.argsort(-scores[best], kind="stable")][:MAX_CANDIDATES]
+    if not len(best):
+        return best
+    corners = np.concatenate([boxes[best, :2] - boxes[best, 2:] / 2, boxes[best, 2:]], axis=1)
+    kept = cv2.dnn.NMSBoxes(corners.tolist(), scores[best].tolist(), MIN_PERSON_SCORE, MAX_OVERLAP)
+    return best[np.asarray(kept, dtype=np.int64).reshape(-1)]

