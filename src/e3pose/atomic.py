@@ -14,7 +14,7 @@ from e3pose.errors import InputError
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path`; it becomes `path` when the block ends without an error."""
+    """Yield a temporary path beside `path` that becomes `path` if the block ends without error."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
     os.close(handle)
@@ -28,34 +28,73 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(path: Path, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary folder beside `path`; it becomes `path` when the block ends without an error.
+def atomic_folder(
+    path: Path, overwrite: bool = False, ours: tuple[str, ...] = ("recording.toml",)
+) -> Iterator[Path]:
+    """Yield a temporary folder beside `path` that becomes `path` if the block ends without error.
+
+    What stood at `path` is moved aside, and deleted only once the new folder is in its place; if
+    that fails it is moved back.
+
+    Args:
+        path: the folder to make.
+        overwrite: whether a folder of ours may be replaced, with all that is in it.
+        ours: file names, any of which marks a folder as one that this program wrote.
 
     Raises:
-        InputError: when `path` exists and is not an empty folder, unless `overwrite`.
+        InputError: when `path` is neither free nor an empty folder, unless `overwrite` and the
+            folder is ours; a symbolic link is never replaced.
     """
-    check_free(path, overwrite)
+    check_free(path, overwrite, ours)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     try:
         yield temporary
         temporary.chmod(0o777 & ~_umask())
-        if path.is_dir():
-            shutil.rmtree(path)
-        os.replace(temporary, path)
+        check_free(path, overwrite, ours)  # hours may have passed since the first look
+        _replace(temporary, path)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def check_free(path: Path, overwrite: bool = False) -> None:
-    """Raise `InputError` if something other than an empty folder stands at `path`, unless `overwrite`."""
+def check_free(
+    path: Path, overwrite: bool = False, ours: tuple[str, ...] = ("recording.toml",)
+) -> None:
+    """Raise `InputError` unless `atomic_folder` with these arguments may write at `path`."""
+    if path.is_symlink():
+        raise InputError(f"{path}: a symbolic link stands where a folder is to be written")
     if path.is_dir():
-        if not overwrite and any(path.iterdir()):
+        if not any(path.iterdir()):
+            return
+        if not overwrite:
             raise InputError(
                 f"{path}: folder exists and is not empty, pass --overwrite to replace it"
             )
+        if not any((path / name).is_file() for name in ours):
+            raise InputError(
+                f"{path}: folder holds no {' or '.join(ours)}, so it will not be replaced; "
+                "remove it yourself or choose another name"
+            )
     elif path.exists():
         raise InputError(f"{path}: a file stands where a folder is to be written")
+
+
+def _replace(temporary: Path, path: Path) -> None:
+    if not path.is_dir():
+        os.replace(temporary, path)
+        return
+    aside = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
+    old = aside / "old"
+    try:
+        os.replace(path, old)
+        try:
+            os.replace(temporary, path)
+        except OSError:
+            os.replace(old, path)
+            raise
+    finally:
+        if path.exists():  # otherwise the old folder could not be put back: keep it
+            shutil.rmtree(aside, ignore_errors=True)
 
 
 def _umask() -> int:

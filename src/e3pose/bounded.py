@@ -1,0 +1,63 @@
+"""Read files of strangers: regular and of a bounded size, so that nothing hangs or fills memory."""
+
+from __future__ import annotations
+
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from e3pose.errors import InputError
+
+MAX_LINE_BYTES = 16 * 2**20
+
+
+def open_regular(path: Path, limit_bytes: int) -> BinaryIO:
+    """Open a regular file for reading bytes.
+
+    Raises:
+        InputError: when `path` is missing, no regular file (a pipe would wait for ever, a device
+            never ends), larger than `limit_bytes`, or not readable.
+    """
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        raise InputError(f"{path}: file not found") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{str(path)[:300]!r}: cannot be read ({_reason(error)})") from None
+    if not stat.S_ISREG(status.st_mode):
+        found = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
+        raise InputError(f"{path}: found {found}, expected a file")
+    if status.st_size > limit_bytes:
+        raise InputError(f"{path}: found {status.st_size} bytes, expected at most {limit_bytes}")
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({_reason(error)})") from None
+
+
+def read_bytes(path: Path, limit_bytes: int) -> bytes:
+    """Return the whole content of a regular file of at most `limit_bytes`."""
+    with open_regular(path, limit_bytes) as file:
+        content = file.read(limit_bytes + 1)
+    if len(content) > limit_bytes:
+        raise InputError(f"{path}: grew while it was read, expected at most {limit_bytes} bytes")
+    return content
+
+
+def read_lines(path: Path, limit_bytes: int) -> Iterator[tuple[int, bytes]]:
+    """Yield `(line number from 1, line without its newline)` of a regular file of bounded lines."""
+    with open_regular(path, limit_bytes) as file:
+        number = 0
+        while line := file.readline(MAX_LINE_BYTES + 1):
+            number += 1
+            if len(line) > MAX_LINE_BYTES:
+                raise InputError(
+                    f"{path}:{number}: line is longer than {MAX_LINE_BYTES} bytes, "
+                    "expected one frame a line"
+                )
+            yield number, line.rstrip(b"\r\n")
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

@@ -1,0 +1,281 @@
+"""A recording as a folder; `docs/recording-format.md` describes every file."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from e3pose.atomic import atomic_folder
+from e3pose.bounded import read_bytes, read_lines
+from e3pose.camera import check_camera_id
+from e3pose.errors import InputError
+from e3pose.pose import Poses2D
+from e3pose.recording.lines import decode_truth, decode_view, encode_truth, encode_view
+from e3pose.recording.record import Recording, Truth, ViewSeries
+from e3pose.skeleton import Skeleton, skeleton_by_name
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+FORMAT = "e3pose-recording"
+VERSION = 1
+HEADER = "recording.toml"
+RIG = "calibration.toml"
+TRUTH = "truth.jsonl"
+MAX_HEADER_BYTES = 2**20
+MAX_LINES_BYTES = 8 * 2**30
+MAX_TRUTH_VALUES = 2**28  # 2 GiB of float64
+
+
+class TruthHeader(msgspec.Struct, forbid_unknown_fields=True):
+    """What recording.toml says of the truth."""
+
+    skeleton: str
+    person_ids: list[str]
+    complete: bool = True
+
+
+class Header(msgspec.Struct, forbid_unknown_fields=True):
+    """The content of recording.toml."""
+
+    format: Literal["e3pose-recording"]
+    version: Literal[1]
+    name: str
+    fps: float
+    num_slots: int
+    skeleton: str
+    source: str = ""
+    scored_slots: tuple[int, int] | None = None
+    frames: dict[str, int] | None = None
+    truth: TruthHeader | None = None
+    videos: dict[str, str] = {}
+
+
+def load_recording(path: Path | str) -> Recording:
+    """Load a recording folder.
+
+    Args:
+        path: the folder, which holds `recording.toml`.
+
+    Raises:
+        InputError: one line naming the file, line and field that is wrong.
+    """
+    from e3pose.calibration import load_rig
+
+    folder = Path(path)
+    if not folder.is_dir():
+        what = "a file, expected a recording folder" if folder.exists() else "no such folder"
+        raise InputError(f"{folder}: found {what}")
+    header = _read_header(folder / HEADER)
+    rig = load_rig(folder / RIG)
+    skeleton = _skeleton(folder / HEADER, header.skeleton)
+    _check_cameras(folder, header, rig.camera_ids)
+    frames = header.frames
+    views = tuple(
+        read_series(
+            folder / "keypoints" / f"{check_camera_id(camera_id)}.jsonl",
+            num_joints=len(skeleton),
+            num_slots=header.num_slots,
+            num_frames=None if frames is None else frames.get(camera_id, 0),
+        )
+        for camera_id in rig.camera_ids
+    )
+    truth = None
+    if header.truth is not None:
+        truth = _read_truth(folder / TRUTH, header.truth, header.num_slots)
+    elif (folder / TRUTH).exists():
+        raise InputError(f"{folder / HEADER}: truth: missing, expected a table for {TRUTH}")
+    try:
+        return Recording(
+            name=header.name,
+            rig=rig,
+            fps=header.fps,
+            num_slots=header.num_slots,
+            skeleton=skeleton,
+            views=views,
+            truth=truth,
+            truth_complete=header.truth.complete if header.truth else True,
+            scored_slots=header.scored_slots,
+            videos=header.videos,
+            source=header.source,
+        )
+    except InputError as error:
+        raise InputError(f"{folder / HEADER}: {error}") from None
+
+
+def save_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
+    """Write a recording folder, whole or not at all.
+
+    Args:
+        recording: what to write. Videos are referred to, not copied.
+        path: the folder to make; its parents are made too.
+        overwrite: whether to replace a recording that stands there, with all that is in it.
+
+    Raises:
+        InputError: when `path` is not free, or a value cannot be written.
+    """
+    from e3pose.calibration import save_rig
+
+    with atomic_folder(Path(path), overwrite=overwrite, ours=(HEADER,)) as folder:
+        save_rig(recording.rig, folder / RIG)
+        (folder / "keypoints").mkdir()
+        for camera_id, series in zip(recording.rig.camera_ids, recording.views, strict=True):
+            with (folder / "keypoints" / f"{camera_id}.jsonl").open("wb") as file:
+                for slot, time_s in zip(
+                    series.slots.tolist(), series.times_s.tolist(), strict=True
+                ):
+                    view = series.view(slot)
+                    file.write(encode_view(slot, time_s, view or Poses2D.empty(0)))
+        if recording.truth is not None:
+            with (folder / TRUTH).open("wb") as file:
+                for slot, joints_m in enumerate(recording.truth.joints_m):
+                    file.write(encode_truth(slot, recording.truth.person_ids, joints_m))
+        (folder / HEADER).write_bytes(tomli_w.dumps(_header(recording)).encode())
+
+
+def read_series(
+    path: Path, num_joints: int, num_slots: int, num_frames: int | None = None
+) -> ViewSeries:
+    """Read one camera's `keypoints/<camera_id>.jsonl`.
+
+    Args:
+        path: the file.
+        num_joints: joints of the skeleton.
+        num_slots: length of the recording; slots must rise and stay below it.
+        num_frames: lines to expect, or None to take at least one.
+
+    Raises:
+        InputError: naming the file and line.
+    """
+    slots: list[int] = []
+    times_s: list[float] = []
+    views: list[Poses2D] = []
+    last = -1
+    for number, line in read_lines(path, MAX_LINES_BYTES):
+        where = f"{path}:{number}"
+        slot, time_s, view = decode_view(line, num_joints, where)
+        if not last < slot < num_slots:
+            raise InputError(
+                f"{where}: slot: found {slot}, expected more than {last} and less than {num_slots}"
+            )
+        last = slot
+        slots.append(slot)
+        times_s.append(time_s)
+        views.append(view)
+    if num_frames is not None and len(slots) != num_frames:
+        raise InputError(
+            f"{path}: found {len(slots)} lines, expected {num_frames} "
+            "as recording.toml says in frames"
+        )
+    if num_frames is None and not slots:
+        raise InputError(f"{path}: is empty, expected one line a frame")
+    return ViewSeries.from_views(views, slots, times_s, num_joints)
+
+
+def _read_header(path: Path) -> Header:
+    try:
+        table = tomllib.loads(read_bytes(path, MAX_HEADER_BYTES).decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: {str(error)[:200]}, expected TOML") from None
+    if table.get("format") != FORMAT:
+        raise InputError(
+            f"{path}: format: found {str(table.get('format'))[:40]!r}, expected {FORMAT!r}"
+        )
+    if table.get("version") != VERSION or isinstance(table["version"], bool):
+        raise InputError(
+            f"{path}: version: found {str(table.get('version'))[:40]}, expected {VERSION}; "
+            "a newer e3pose may read it"
+        )
+    try:
+        header = msgspec.convert(table, Header)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}: {str(error)[:300]}") from None
+    if not 0 <= header.num_slots <= 100_000_000:
+        raise InputError(f"{path}: num_slots: found {header.num_slots}, expected 0 to 100 million")
+    return header
+
+
+def _check_cameras(folder: Path, header: Header, camera_ids: tuple[str, ...]) -> None:
+    """Every camera that the header or a file names must be in the rig."""
+    named = {"frames": list(header.frames or ()), "videos": list(header.videos)}
+    for field, names in named.items():
+        for camera_id in names:
+            if camera_id not in camera_ids:
+                raise InputError(
+                    f"{folder / HEADER}: {field}: found camera {camera_id[:64]!r}, expected one of "
+                    f"{', '.join(camera_ids)}"
+                )
+    for file in sorted((folder / "keypoints").glob("*.jsonl")):
+        if file.stem not in camera_ids:
+            raise InputError(
+                f"{file}: camera {file.stem[:64]!r} is not in {RIG}, "
+                f"which has {', '.join(camera_ids)}"
+            )
+
+
+def _read_truth(path: Path, header: TruthHeader, num_slots: int) -> Truth:
+    where = path.parent / HEADER
+    skeleton = _skeleton(where, header.skeleton)
+    values = num_slots * len(header.person_ids) * len(skeleton) * 3
+    if values > MAX_TRUTH_VALUES:
+        raise InputError(
+            f"{where}: num_slots: {num_slots} slots of {len(header.person_ids)} people are too "
+            f"many for a truth, expected at most {MAX_TRUTH_VALUES} coordinates"
+        )
+    slots = []
+    for number, line in read_lines(path, MAX_LINES_BYTES):
+        slot, joints_m = decode_truth(line, header.person_ids, len(skeleton), f"{path}:{number}")
+        if slot != number - 1 or slot >= num_slots:
+            raise InputError(
+                f"{path}:{number}: slot: found {slot}, expected {number - 1} of {num_slots} slots, "
+                "one line each in order"
+            )
+        slots.append(joints_m)
+    if len(slots) != num_slots:
+        raise InputError(
+            f"{path}: found {len(slots)} lines, expected one for each of {num_slots} slots"
+        )
+    shape = (num_slots, len(header.person_ids), len(skeleton), 3)
+    joints: NDArray[np.float64] = np.stack(slots) if slots else np.zeros(shape)
+    return Truth(skeleton, tuple(header.person_ids), joints)
+
+
+def _skeleton(where: Path, name: str) -> Skeleton:
+    try:
+        return skeleton_by_name(name)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _header(recording: Recording) -> Mapping[str, Any]:
+    table: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": recording.name,
+        "fps": float(recording.fps),
+        "num_slots": int(recording.num_slots),
+        "skeleton": recording.skeleton.name,
+        "source": recording.source,
+    }
+    if recording.scored_slots is not None:
+        table["scored_slots"] = [int(slot) for slot in recording.scored_slots]
+    lengths = [len(series.slots) for series in recording.views]
+    table["frames"] = dict(zip(recording.rig.camera_ids, lengths, strict=True))
+    if recording.truth is not None:
+        table["truth"] = {
+            "skeleton": recording.truth.skeleton.name,
+            "person_ids": list(recording.truth.person_ids),
+            "complete": bool(recording.truth_complete),
+        }
+    if recording.videos:
+        table["videos"] = dict(recording.videos)
+    return table
