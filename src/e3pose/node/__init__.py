@@ -1,0 +1,1 @@
+"""The camera node: frames in, 2D poses out."""

@@ -1,0 +1,74 @@
+"""Turn decoded pictures the way their display matrix says they are to be shown.
+
+A phone films with its sensor lying and writes into the file how to hold the picture. Players obey,
+so a calibration made from what a player showed is of the turned picture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Orientation:
+    """How a decoded picture becomes the shown one: transpose first, then mirror.
+
+    Attributes:
+        transpose: whether rows become columns.
+        flip_x: whether the result is mirrored left to right.
+        flip_y: whether the result is mirrored top to bottom.
+    """
+
+    transpose: bool = False
+    flip_x: bool = False
+    flip_y: bool = False
+
+    @classmethod
+    def from_matrix(cls, matrix: NDArray[np.int32], where: str) -> Orientation:
+        """Read a display matrix: shown (x, y) = decoded (x, y) @ [[a, b], [c, d]] in 16.16.
+
+        Args:
+            matrix: `(9,)` a b u, c d v, x y w.
+            where: the file, for the message.
+
+        Raises:
+            InputError: when the matrix turns by anything but a multiple of 90 degrees.
+        """
+        (a, b), (c, d) = (np.asarray(matrix, dtype=np.float64).reshape(3, 3)[:2, :2] / 65536).round(
+            3
+        )
+        if b == c == 0 and abs(a) == abs(d) > 0:
+            return cls(False, bool(a < 0), bool(d < 0))
+        if a == d == 0 and abs(b) == abs(c) > 0:
+            return cls(True, bool(c < 0), bool(b < 0))
+        raise InputError(
+            f"{where}: display matrix: found {[[a, b], [c, d]]}, "
+            "expected a rotation by a multiple of 90 degrees"
+        )
+
+    def apply(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the `(height, width, 3)` image as it is to be shown."""
+        if self.transpose:
+            image = image.swapaxes(0, 1)
+        rows = slice(None, None, -1 if self.flip_y else 1)
+        columns = slice(None, None, -1 if self.flip_x else 1)
+        return np.ascontiguousarray(image[rows, columns])
+
+    def size(self, width: int, height: int) -> tuple[int, int]:
+        """Return `(width, height)` of the shown image."""
+        return (height, width) if self.transpose else (width, height)
+
+
+def display_orientation(side_data: Iterable[Any], where: str) -> Orientation:
+    """Return the orientation that a picture's side data asks for; upright if it asks nothing."""
+    for item in side_data:
+        if getattr(item.type, "name", "") == "DISPLAYMATRIX":
+            return Orientation.from_matrix(np.frombuffer(bytes(item), dtype=np.int32)[:9], where)
+    return Orientation()
