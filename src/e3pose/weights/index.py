@@ -152,23 +152,33 @@ def _fetch(
     from unearth import PackageFinder
 
     what = f"{kind} of {project}=={version}"
+    if not settings.index_urls + settings.find_links:
+        raise InputError(f"{what}: pip is configured to use no index, pass --index-url")
     with _client(settings) as client:
-        finder = PackageFinder(
-            session=client,
-            index_urls=settings.index_urls,
-            find_links=settings.find_links,
-            trusted_hosts=settings.trusted_hosts,
-            ignore_compatibility=True,
-            no_binary=[project] if kind == "sdist" else [],
-            only_binary=[project] if kind == "wheel" else [],
-        )
-        if not finder.sources:
-            raise InputError(f"{what}: pip is configured to use no index, pass --index-url")
-        candidates = list(finder.find_matches(f"{project}=={version}"))
+
+        def finder_for(**source: Sequence[str]) -> Any:
+            return PackageFinder(
+                session=client,
+                trusted_hosts=settings.trusted_hosts,
+                ignore_compatibility=True,
+                no_binary=[project] if kind == "sdist" else [],
+                only_binary=[project] if kind == "wheel" else [],
+                **source,
+            )
+
+        # One source after the other, because a dead one must not hide what the next one has.
+        candidates: list[Any] = []
+        sources = [{"index_urls": [url]} for url in settings.index_urls]
+        sources += [{"find_links": [link]} for link in settings.find_links]
+        for source in sources:
+            try:
+                candidates += finder_for(**source).find_matches(f"{project}=={version}")
+            except Exception as error:  # the HTTP library's and unearth's share no other base
+                (where,) = next(iter(source.values()))
+                complaints.lines.append(_without_login(f"{where}: {_brief(error)}"))
         if not candidates:
             heard = f" ({'; '.join(complaints.lines)})" if complaints.lines else ""
-            sources = (*settings.index_urls, *settings.find_links)
-            looked = ", ".join(_without_login(url) for url in sources)
+            looked = ", ".join(map(_without_login, settings.index_urls + settings.find_links))
             raise InputError(f"{what}: not found in {looked}{heard}")
 
         # The one whose announced checksum is right, else the first.
@@ -187,6 +197,7 @@ def _fetch(
             atomic_file(dest) as temporary,
         ):
             # An empty table: the file is checked against our checksum below, not the index's.
+            finder = finder_for(index_urls=settings.index_urls)
             found = finder.download(link, folder, hashes={}, download_reporter=report)
             with found.open("rb") as source, temporary.open("wb") as file:
                 chunks = iter(lambda: source.read(CHUNK_BYTES), b"")

@@ -1,0 +1,292 @@
+"""Network files: providers, what is refused, and the detectors by output format."""
+
+from __future__ import annotations
+
+import struct
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.camera import Camera, Rig
+from e3pose.detectors import DETECTORS, identify, make_detector
+from e3pose.detectors.inference import choose_providers, load_network
+from e3pose.detectors.recorded import Recorded
+from e3pose.detectors.rtmlib_adapter import RtmlibBody, make_rtmlib
+from e3pose.detectors.yolo import keep_people
+from e3pose.errors import InputError
+from e3pose.pose import Poses2D
+from e3pose.recording import Recording, ViewSeries
+from e3pose.skeleton import COCO17
+
+FLOAT, INT32 = 1, 6
+IMAGE = np.full((480, 640, 3), 50, np.uint8)
+
+
+def field(number: int, value: int | bytes | str) -> bytes:
+    """One protobuf field."""
+    if isinstance(value, int):
+        return varint(number << 3) + varint(value)
+    data = value.encode() if isinstance(value, str) else value
+    return varint(number << 3 | 2) + varint(len(data)) + data
+
+
+def varint(value: int) -> bytes:
+    out = b""
+    while value > 127:
+        out += bytes([value & 127 | 128])
+        value >>= 7
+    return out + bytes([value])
+
+
+def value_info(name: str, kind: int, shape: tuple[int | str, ...]) -> bytes:
+    dims = b"".join(
+        field(1, field(1, side) if isinstance(side, int) else field(2, side)) for side in shape
+    )
+    return field(1, name) + field(2, field(1, field(1, kind) + field(2, dims)))
+
+
+def write_onnx(
+    path: Path,
+    input_shape: tuple[int | str, ...],
+    *outputs: NDArray[np.float32],
+    kind: int = FLOAT,
+) -> Path:
+    """Write a network that gives `outputs` whatever it is shown."""
+    graph = field(2, "constant")
+    for index, array in enumerate(outputs):
+        node = field(1, f"c{index}") + field(2, f"o{index}") + field(4, "Identity")
+        tensor = b"".join(field(1, side) for side in array.shape) + field(2, FLOAT)
+        raw = struct.pack(f"<{array.size}f", *array.ravel())
+        graph += field(1, node) + field(5, tensor + field(8, f"c{index}") + field(9, raw))
+        graph += field(12, value_info(f"o{index}", FLOAT, array.shape))
+    graph += field(11, value_info("image", kind, input_shape))
+    path.write_bytes(field(1, 8) + field(8, field(2, 13)) + field(7, graph))
+    return path
+
+
+def people_in(image_size: tuple[int, int], count: int) -> NDArray[np.float64]:
+    """`(count, 17, 2)` pixels of people side by side."""
+    generator = np.random.default_rng(count)
+    keypoints = generator.uniform(0.1, 0.9, (count, 17, 2))
+    keypoints[..., 0] = (keypoints[..., 0] + np.arange(count)[:, None]) / max(count, 1)
+    return np.asarray(keypoints * image_size)
+
+
+def test_movenet_reads_fractions_of_the_padded_input(tmp_path: Path) -> None:
+    truth = people_in((640, 480), 2)
+    rows = np.zeros((1, 6, 56), np.float32)
+    # 640 x 480 fills 512 x 384 of the input, whose first pixel begins at fraction 0.
+    rows[0, :2, 0:51:3] = ((truth[..., 1] + 0.5) * 0.8) / 384
+    rows[0, :2, 1:51:3] = ((truth[..., 0] + 0.5) * 0.8) / 512
+    rows[0, :2, 2:51:3] = 0.9
+    rows[0, 0, 2] = 0.1  # a nose nobody believes
+    rows[0, :3, 55] = 0.8, 0.3, 0.1  # the third person neither
+    path = write_onnx(tmp_path / "m.onnx", (1, "h", "w", 3), rows, kind=INT32)
+    assert identify(path) == "movenet-multipose"
+    poses = make_detector("movenet-multipose", path, "cpu", 1).detect(IMAGE)
+    assert len(poses) == 2 and poses.scores[0, 0] == 0 and np.isnan(poses.keypoints_px[0, 0, 0])
+    assert np.abs(poses.keypoints_px[0, 1:] - truth[0, 1:]).max() < 1e-3
+    assert np.abs(poses.keypoints_px[1] - truth[1]).max() < 1e-3
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_yolo_reads_either_orientation(tmp_path: Path, turned: bool) -> None:
+    truth = people_in((640, 480), 3)
+    # 640 x 480 lies unscaled in 640 x 640, 80 rows of grey above it.
+    points = truth + 0.5 + [0, 80]
+    rows = np.zeros((200, 56), np.float32)
+    for index, person in enumerate(points):
+        low, high = person.min(axis=0), person.max(axis=0)
+        rows[index, :5] = *(low + high) / 2, *(high - low), 0.9 - 0.1 * index
+        rows[index, 5::3], rows[index, 6::3], rows[index, 7::3] = person[:, 0], person[:, 1], 0.8
+        rows[index + 10] = rows[index]  # the same person again, a little off and less sure
+        rows[index + 10, :5] += 2, 2, 0, 0, -0.05
+    output = (rows if turned else rows.T)[None]
+    path = write_onnx(tmp_path / "y.onnx", (1, 3, 640, 640), np.ascontiguousarray(output))
+    assert identify(path) == "yolo-pose"
+    poses = make_detector(str(path), None, "cpu").detect(IMAGE)
+    assert len(poses) == 3
+    assert np.abs(poses.keypoints_px - truth).max() < 1e-3
+    np.testing.assert_allclose(poses.scores, 0.8, atol=1e-6)
+
+
+def test_boxes_that_are_not_numbers_are_nobody() -> None:
+    boxes = np.array([[5, 5, 4, 4], [np.nan, 5, 4, 4], [50, 5, 4, 4]], dtype=np.float64)
+    assert keep_people(boxes, np.array([0.5, 0.9, 0.8])).tolist() == [2, 0]
+    assert keep_people(boxes[:0], np.zeros(0)).tolist() == []
+
+
+def test_a_kind_is_told_from_its_outputs(tmp_path: Path) -> None:
+    thin = write_onnx(tmp_path / "a.onnx", (1, 3, "h", "w"), np.zeros((1, 57, 4, 4), np.float32))
+    assert identify(thin) == "openpose-thin"
+    maps = [np.zeros((1, count, 8, 8), np.float32) for count in (18, 42)]
+    trt = write_onnx(tmp_path / "b.onnx", (1, 3, 224, 224), *maps)
+    assert identify(trt) == "trt-pose"
+    assert len(make_detector(str(trt)).detect(IMAGE)) == 0
+    other = write_onnx(tmp_path / "c.onnx", (1, 3, 8, 8), np.zeros((1, 1000), np.float32))
+    with pytest.raises(InputError, match=r"c\.onnx: found input \[1, 3, 8, 8\].*expected"):
+        identify(other)
+
+
+@pytest.mark.parametrize("name", ["movenet-multipose", "openpose-thin", "trt-pose", "yolo-pose"])
+def test_another_network_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    path = write_onnx(tmp_path / "c.onnx", (1, 3, 8, 8), np.zeros((1, 1000), np.float32))
+    with pytest.raises(InputError, match=rf"c\.onnx: (in|out)put: found .* expected .* for {name}"):
+        make_detector(name, path)
+
+
+@pytest.mark.parametrize("suffix", [".onnx", ".pb"])
+@pytest.mark.parametrize("content", [b"", b"garbage" * 100, b"\x08\x08\x3a\xff\xff\xff\x7f", b"\0"])
+def test_a_damaged_file_is_named(tmp_path: Path, suffix: str, content: bytes) -> None:
+    path = tmp_path / f"broken{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        make_detector("openpose-thin", path).detect(IMAGE)
+    assert "broken" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_truncated_network_is_named(tmp_path: Path) -> None:
+    whole = write_onnx(tmp_path / "a.onnx", (1, 3, "h", "w"), np.zeros((1, 57, 9, 9), np.float32))
+    half = tmp_path / "half.onnx"
+    half.write_bytes(whole.read_bytes()[:3000])
+    with pytest.raises(InputError, match=r"half\.onnx: not a network"):
+        make_detector("openpose-thin", half)
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "message"),
+    [
+        ("mediapipe", None, "detector 'mediapipe' is unknown, expected one of movenet-multipose"),
+        ("trt-pose", None, "trt-pose: bring your own"),
+        ("openpose-thin", "gone.onnx", r"gone\.onnx: no such file"),
+        ("gone.onnx", None, r"gone\.onnx: no such file"),
+        ("openpose-thin", "model.h5", "found suffix '.h5'"),
+        ("rtmlib", "model.h5", "rtmlib brings its own weights"),
+    ],
+)
+def test_wrong_names_and_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, model: str | None, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("model.h5").write_bytes(b"x")
+    with pytest.raises(InputError, match=message):
+        make_detector(name, Path(model) if model else None)
+
+
+def test_the_best_provider_is_taken_and_a_forced_one_must_be_there(tmp_path: Path) -> None:
+    tensorrt, cuda, cpu = (f"{n}ExecutionProvider" for n in ("Tensorrt", "CUDA", "CPU"))
+
+    def names(provider: str, *available: str) -> list[str]:
+        chosen = choose_providers(provider, available, tmp_path)
+        return [entry if isinstance(entry, str) else entry[0] for entry in chosen]
+
+    assert names("auto", "AzureExecutionProvider", cpu) == [cpu]
+    assert names("auto", cpu, cuda) == [cuda, cpu]
+    assert names("auto", cpu, cuda, tensorrt) == [tensorrt, cuda, cpu]
+    assert names("cpu", cpu, cuda, tensorrt) == [cpu]
+    assert names("tensorrt", cpu, cuda, tensorrt) == [tensorrt, cuda]
+    options = choose_providers("tensorrt", [tensorrt], tmp_path)[0][1]
+    assert isinstance(options, dict) and options["trt_engine_cache_path"] == str(tmp_path)
+    with pytest.raises(InputError, match="cuda is not in this ONNX Runtime, which has cpu"):
+        names("cuda", cpu)
+    with pytest.raises(InputError, match="found 'gpu', expected auto, tensorrt, cuda, cpu"):
+        names("gpu", cpu)
+
+
+def test_forcing_a_provider_that_is_absent_is_one_clear_line(tmp_path: Path) -> None:
+    path = write_onnx(tmp_path / "a.onnx", (1, 3, "h", "w"), np.zeros((1, 57, 4, 4), np.float32))
+    import onnxruntime
+
+    if "TensorrtExecutionProvider" in onnxruntime.get_available_providers():
+        pytest.skip("this machine has TensorRT")
+    with pytest.raises(InputError, match="tensorrt is not in this ONNX Runtime"):
+        make_detector("openpose-thin", path, "tensorrt")
+    graph = tmp_path / "g.pb"
+    graph.write_bytes(b"x")
+    with pytest.raises(InputError, match=r"g\.pb: provider: a TensorFlow graph runs on the cpu"):
+        load_network(graph, "cuda")
+    with pytest.raises(InputError, match="threads: found 0"):
+        load_network(path, threads=0)
+
+
+class FakeBody:
+    """Stands for rtmlib.Body: its person detector and its pose model."""
+
+    one_stage = False
+
+    def __init__(self, keypoints: NDArray[Any], scores: NDArray[Any]) -> None:
+        self.answer = keypoints, scores
+        self.boxes: list[list[float]] = [[0, 0, 9, 9]] * len(keypoints)
+        self.seen: NDArray[Any] = np.zeros(0)
+
+    def det_model(self, image: NDArray[Any]) -> list[list[float]]:
+        self.seen = image
+        return self.boxes
+
+    def pose_model(self, image: NDArray[Any], bboxes: Any = None) -> Any:
+        assert bboxes is None or len(bboxes), "without boxes it invents a person"
+        return self.answer
+
+
+def test_rtmlib_people_are_taken_over() -> None:
+    truth = people_in((640, 480), 2)
+    body = FakeBody(truth, np.full((2, 17), 1.3))
+    image = IMAGE.copy()
+    image[..., 0] = 200
+    poses = RtmlibBody(body).detect(image)
+    np.testing.assert_allclose(poses.keypoints_px, truth)
+    assert (poses.scores == 1).all() and body.seen[0, 0].tolist() == [50, 50, 200]  # BGR
+    body.boxes = []
+    assert len(RtmlibBody(body).detect(image)) == 0
+    body.one_stage = True
+    assert len(RtmlibBody(body).detect(image)) == 2
+
+
+def test_rtmlib_absent_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rtmlib", None)
+    with pytest.raises(InputError, match="expected `pip install rtmlib`"):
+        make_detector("rtmlib")
+
+
+def test_rtmlib_without_its_weights_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    def body(**_options: Any) -> None:
+        raise OSError("no route to host")
+
+    monkeypatch.setitem(sys.modules, "rtmlib", types.SimpleNamespace(Body=body))
+    with pytest.raises(InputError, match="could not fetch its weights: no route to host"):
+        make_rtmlib()
+    with pytest.raises(InputError, match="provider: found 'tensorrt'"):
+        make_rtmlib("tensorrt")
+
+
+def test_recorded_plays_back_slot_by_slot() -> None:
+    cameras = tuple(
+        Camera.from_world_to_camera(name, (640, 480), np.diag([500, 500, 1]), np.eye(3), (0, 0, i))
+        for i, name in enumerate(("left", "right"))
+    )
+    views = [Poses2D(people_in((640, 480), n), np.full((n, 17), 0.5)) for n in (1, 2)]
+    seen = ViewSeries.from_views(views, [0, 2], [0.0, 0.2], 17)
+    nothing = ViewSeries.from_views([], [], [], 17)
+    recording = Recording("r", Rig(cameras), 10.0, 3, COCO17, (nothing, seen))
+    detector = Recorded(recording, "right")
+    assert detector.skeleton == COCO17
+    assert [len(detector.detect(IMAGE)) for _ in range(3)] == [1, 0, 2]
+    with pytest.raises(InputError, match="camera right: the recording has ended after 3 slots"):
+        detector.detect(IMAGE)
+    detector.seek(2)
+    np.testing.assert_array_equal(detector.detect().keypoints_px, views[1].keypoints_px)
+    with pytest.raises(InputError, match="slot 4 is outside"):
+        detector.seek(4)
+    with pytest.raises(InputError, match="'middle' is not in the rig"):
+        Recorded(recording, "middle")
+
+
+def test_every_fetchable_network_has_a_detector() -> None:
+    from e3pose.weights import MODELS
+
+    assert set(MODELS) <= set(DETECTORS)
