@@ -1,0 +1,259 @@
+"""What everybody does from the first slot to the last: the paths of a group over time.
+
+Each person lives a small script, drawn at random from the scene's habits: walk there, stand and
+gesture, take a seat, leave through a door and come back. `steering.py` moves them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.simulate.gestures import CALM, GESTURES, Gesturing
+from e3pose.simulate.scenes import Scene
+from e3pose.simulate.steering import NOWHERE, PERSON_RADIUS_M, Group, advance
+
+Floats = NDArray[np.float64]
+
+GRID_HZ = 50.0  # lives do not depend on the frame rate of the recording
+SIT_S = 1.7  # time to sit down, and to get up
+SEAT_FRONT_M = 0.42  # people turn and sit down so far before the middle of the seat
+ARRIVED_M = 0.06
+PASSED_M = 0.35  # near enough for somebody who walks on
+ROOM_M = 0.75  # places to stand are so far from other people
+DOOR_FACTOR = 1.9  # doors are so many times the radius of the area away
+PATIENCE_S = 5.0
+NUM_DOORS = 3
+
+
+@dataclass(slots=True)
+class Life:
+    """One person over the grid.
+
+    Attributes:
+        xy: `(num_times, 2)` metres.
+        heading: `(num_times,)` radians.
+        present: `(num_times,)` whether the person is in the scene.
+        seated: `(num_times,)` 0 standing to 1 seated.
+        gestures: what the arms do.
+    """
+
+    xy: Floats
+    heading: Floats
+    present: NDArray[np.bool_]
+    seated: Floats
+    gestures: list[Gesturing] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _Task:
+    """What a person is doing: `kind` is walk, face, wait, sit or away."""
+
+    kind: str
+    since_s: float
+    until_s: float
+    then: list[tuple[str, float]] = field(default_factory=list)
+
+
+class Play:
+    """A scene with its people, played on a grid of `GRID_HZ`."""
+
+    def __init__(self, scene: Scene, number: int, rng: np.random.Generator) -> None:
+        self.scene = scene
+        self.rng = rng
+        self.group = Group.of(number)
+        self.seats = np.array(scene.seats, dtype=np.float64).reshape(-1, 3)
+        angles = 2 * np.pi * (np.arange(NUM_DOORS) + rng.uniform()) / NUM_DOORS
+        self.doors = DOOR_FACTOR * scene.area_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        self.tasks = [_Task("away", 0.0, 0.0) for _ in range(number)]
+
+    def run(self, seconds: float, progress: Callable[[float], None]) -> tuple[Floats, list[Life]]:
+        """Play; return the grid `(num_times,)` in seconds and everybody's life."""
+        number = len(self.tasks)
+        times = np.arange(int(np.ceil(seconds * GRID_HZ)) + 2) / GRID_HZ
+        xy, heading = np.empty((len(times), number, 2)), np.empty((len(times), number))
+        present = np.zeros((len(times), number), dtype=bool)
+        self.lives = [
+            Life(xy[:, i], heading[:, i], present[:, i], np.zeros(len(times)))
+            for i in range(number)
+        ]
+        self.times = times
+        self._begin()
+        for index, time_s in enumerate(times):
+            for person, task in enumerate(self.tasks):
+                if self._finished(person, task, float(time_s)):
+                    self.tasks[person] = self._next(person, task, float(time_s))
+            xy[index], heading[index] = self.group.xy, self.group.heading
+            present[index] = [task.kind != "away" for task in self.tasks]
+            if number:
+                advance(self.group, self._seat_xy(), self.scene.occluders, 1 / GRID_HZ)
+            if index % 250 == 0:
+                progress(index / len(times))
+        return times, self.lives
+
+    def _begin(self) -> None:
+        """Most people are there from the start; if people come and go, some arrive later."""
+        for person in range(len(self.tasks)):
+            later = self.scene.habits.leave > 0 and person % 4 == 3
+            place = None if later else self._free_place(person, ROOM_M)
+            if place is None:
+                self.tasks[person] = _Task("away", 0.0, float(self.rng.uniform(1, 10)))
+            else:
+                self.group.xy[person] = place
+                self.group.heading[person] = self.rng.uniform(-np.pi, np.pi)
+                self.tasks[person] = _Task("wait", 0.0, float(self.rng.uniform(0, 1.5)))
+
+    def _finished(self, person: int, task: _Task, time_s: float) -> bool:
+        if time_s >= task.until_s:
+            return True
+        group = self.group
+        if task.kind == "walk":
+            near = ARRIVED_M if group.stops[person] else PASSED_M
+            return bool(np.hypot(*(group.goal[person] - group.xy[person])) < near)
+        if task.kind == "face":
+            error = (group.facing[person] - group.heading[person] + np.pi) % (2 * np.pi) - np.pi
+            return bool(abs(error) < 0.06 and abs(group.turning[person]) < 0.1)
+        return False
+
+    def _next(self, person: int, task: _Task, time_s: float) -> _Task:
+        """Choose what follows a finished task."""
+        group, rng = self.group, self.rng
+        group.pace[person] = 0.0
+        if task.kind == "away":
+            return self._arrive(person, time_s)
+        if task.kind == "walk" and task.then:
+            late = time_s >= task.until_s
+            if task.then[0][0] == "away":
+                return self._walk_off(person, time_s, late)
+            if late:  # somebody was in the way
+                group.own_seat[person] = -1
+                return self._wander(person, time_s)
+            group.facing[person] = task.then[0][1]
+            return _Task("face", time_s, time_s + PATIENCE_S, task.then[1:])
+        if task.kind == "face" and task.then:
+            kind, duration = task.then[0]
+            if kind == "sit":
+                self._sit(person, time_s, duration)
+            elif rng.uniform() < 0.6:
+                self._gesture(person, time_s, duration, tuple(GESTURES))
+            return _Task("wait", time_s, time_s + duration)
+        group.own_seat[person] = -1
+        return self._choose(person, time_s)
+
+    def _choose(self, person: int, time_s: float) -> _Task:
+        habits, rng = self.scene.habits, self.rng
+        draw = rng.uniform()
+        if draw < habits.leave:
+            door = self.doors[rng.integers(NUM_DOORS)]
+            return self._walk(person, time_s, door, [("away", 0.0)], stops=False)
+        draw -= habits.leave
+        free = sorted(set(range(len(self.seats))) - set(self.group.own_seat.tolist()))
+        if draw < habits.sit and free:
+            seat = int(rng.choice(free))
+            self.group.own_seat[person] = seat
+            x, y, heading = self.seats[seat]
+            front = np.array([x, y]) + SEAT_FRONT_M * np.array([np.cos(heading), np.sin(heading)])
+            duration = float(rng.uniform(*habits.sit_s)) + 2 * SIT_S
+            return self._walk(
+                person, time_s, front, [("face", float(heading)), ("sit", duration)], stops=True
+            )
+        place = self._free_place(person, ROOM_M) if draw < habits.sit + habits.stand else None
+        if place is not None:
+            # People who stop look roughly to the middle, where the others are.
+            facing = np.arctan2(*-place[::-1]) + rng.normal(0, 0.6)
+            duration = float(rng.uniform(*habits.stand_s))
+            then = [("face", float(facing)), ("stand", duration)]
+            return self._walk(person, time_s, place, then, stops=True)
+        return self._wander(person, time_s)
+
+    def _wander(self, person: int, time_s: float) -> _Task:
+        """Walk somewhere and on from there without a stop."""
+        here = self.group.xy[person]
+        if self.scene.habits.cross:
+            angle = np.arctan2(here[1], here[0]) + np.pi + self.rng.normal(0, 0.35)
+            place = 0.95 * self.scene.area_m * np.array([np.cos(angle), np.sin(angle)])
+        else:
+            places = [self._place() for _ in range(4)]
+            place = max(places, key=lambda p: float(np.hypot(*(p - here))))
+        return self._walk(person, time_s, place, [], stops=False)
+
+    def _walk(
+        self,
+        person: int,
+        time_s: float,
+        goal: Floats,
+        then: list[tuple[str, float]],
+        stops: bool,
+    ) -> _Task:
+        group = self.group
+        group.goal[person], group.stops[person] = goal, stops
+        group.pace[person] = self.rng.uniform(*self.scene.habits.speed_mps)
+        group.facing[person] = np.nan
+        way_s = float(np.hypot(*(goal - group.xy[person])) / group.pace[person])
+        return _Task("walk", time_s, time_s + 1.6 * way_s + PATIENCE_S, then)
+
+    def _walk_off(self, person: int, time_s: float, late: bool) -> _Task:
+        if late:
+            return self._wander(person, time_s)
+        self.group.xy[person] = NOWHERE * (1 + person)
+        self.group.velocity[person] = 0.0
+        return _Task("away", time_s, time_s + float(self.rng.uniform(3, 10)))
+
+    def _arrive(self, person: int, time_s: float) -> _Task:
+        """Come in through a door that nobody stands in, or wait a moment longer."""
+        door = self.doors[self.rng.integers(NUM_DOORS)]
+        if np.hypot(*(self.group.xy - door).T).min() < 4 * PERSON_RADIUS_M:
+            return _Task("away", time_s, time_s + 0.5)
+        self.group.xy[person] = door
+        self.group.heading[person] = np.arctan2(-door[1], -door[0])
+        self.group.turning[person] = 0.0
+        task = self._wander(person, time_s)
+        inwards = np.array([np.cos(self.group.heading[person]), np.sin(self.group.heading[person])])
+        self.group.velocity[person] = self.group.pace[person] * inwards
+        return task
+
+    def _sit(self, person: int, time_s: float, duration: float) -> None:
+        """Sit down now and be up again after `duration` seconds, with a calm gesture in between."""
+        down = np.clip((self.times - time_s) / SIT_S, 0, 1)
+        up = np.clip((time_s + duration - self.times) / SIT_S, 0, 1)
+        seated = np.minimum(down, up)
+        life = self.lives[person]
+        life.seated = np.maximum(life.seated, seated)
+        if self.rng.uniform() < 0.7 and duration > 2 * SIT_S + 3:
+            start = time_s + SIT_S + float(self.rng.uniform(0, 1.5))
+            self._gesture(person, start, time_s + duration - SIT_S - start, CALM)
+
+    def _gesture(
+        self, person: int, start_s: float, duration: float, names: tuple[str, ...]
+    ) -> None:
+        name = names[int(self.rng.integers(len(names)))]
+        stop_s = start_s + min(duration, float(self.rng.uniform(3, 9)))
+        left = bool(self.rng.uniform() < 0.4)
+        self.lives[person].gestures.append(Gesturing(name, start_s, stop_s, left))
+
+    def _place(self) -> Floats:
+        """Return a floor point inside the area that is clear of seats and occluders."""
+        place = np.zeros(2)
+        for _ in range(50):
+            angle, radius = self.rng.uniform(-np.pi, np.pi), np.sqrt(self.rng.uniform())
+            place = self.scene.area_m * radius * np.array([np.cos(angle), np.sin(angle)])
+            things = [o.nearest(place) for o in self.scene.occluders] + list(self._seat_xy())
+            if all(np.hypot(*(thing - place)) > 2.2 * PERSON_RADIUS_M for thing in things):
+                break
+        return place
+
+    def _free_place(self, person: int, room_m: float) -> Floats | None:
+        """Return a place away from other people and from where they go, or None if it is too full."""
+        others = np.arange(len(self.tasks)) != person
+        taken = np.concatenate([self.group.xy[others], self.group.goal[others]])
+        for _ in range(30):
+            place = self._place()
+            if len(taken) == 0 or np.hypot(*(taken - place).T).min() > room_m:
+                return place
+        return None
+
+    def _seat_xy(self) -> Floats:
+        return self.seats[:, :2]

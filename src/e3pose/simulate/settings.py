@@ -1,0 +1,123 @@
+"""What to simulate: the scene, its people and cameras, and how imperfect the detectors are."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+
+MAX_PEOPLE = 50
+MAX_CAMERAS = 64
+MAX_SLOTS = 1_000_000
+MAX_VIEW_PEOPLE = 20_000_000  # slots x cameras x people: what fits a small machine's memory
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorSettings:
+    """How a simulated detector errs; the defaults resemble OpenPose on Shelf.
+
+    Attributes:
+        noise: factor on the keypoint noise; 0 puts every keypoint where the joint projects.
+        joint_miss: share of joints in plain sight that are missed.
+        self_occluded_miss: share missed of joints hidden by the person's own body.
+        occluded_miss: share missed of joints hidden by somebody or something else.
+        person_miss: share of person-views missed as a whole, in episodes.
+        swap: share of person-views with left and right exchanged, in episodes.
+        merge: share of the views of two overlapping people in which they become one detection.
+        ghosts: expected false people in a view.
+        perfect: report every joint inside the image at its exact pixel with score 1, hidden or
+            not, and nobody else; all the above is then without effect.
+    """
+
+    noise: float = 1.0
+    joint_miss: float = 0.03
+    self_occluded_miss: float = 0.45
+    occluded_miss: float = 0.8
+    person_miss: float = 0.01
+    swap: float = 0.01
+    merge: float = 0.15
+    ghosts: float = 0.05
+    perfect: bool = False
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            if item.name == "perfect":
+                continue
+            high = {"noise": 100.0, "ghosts": 20.0}.get(item.name, 1.0)
+            check_number(f"detector {item.name}", getattr(self, item.name), 0.0, high)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneSettings:
+    """What to simulate.
+
+    Attributes:
+        scene: a name in `SCENES`.
+        people: how many individuals take part; the scene's own number by default.
+        seconds: length of the recording.
+        fps: slots a second.
+        cameras: how many cameras stand in the ring around the scene.
+        radius_m: distance of the ring's cameras from the centre; the scene's own by default.
+        height_m: height of the ring's cameras; the scene's own by default.
+        image_size: `(width, height)` of the ring's images in pixels.
+        rig: a user's own rig, used instead of the ring; its world has z up and the floor at z = 0.
+        detector: how imperfect the detections are.
+
+    Raises:
+        InputError: when a value is out of range.
+    """
+
+    scene: str = "ring"
+    people: int | None = None
+    seconds: float = 60.0
+    fps: float = 25.0
+    cameras: int = 5
+    radius_m: float | None = None
+    height_m: float | None = None
+    image_size: tuple[int, int] = (1032, 776)
+    rig: Rig | None = None
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
+
+    def __post_init__(self) -> None:
+        if self.people is not None:
+            check_number("people", self.people, 0, MAX_PEOPLE, whole=True)
+        check_number("cameras", self.cameras, 1, MAX_CAMERAS, whole=True)
+        check_number("fps", self.fps, 0.5, 1000)
+        check_number("seconds", self.seconds, 0, MAX_SLOTS)
+        check_number("slots (seconds x fps)", self.seconds * self.fps, 1, MAX_SLOTS)
+        for name, value, high in (
+            ("radius", self.radius_m, 100.0),
+            ("height", self.height_m, 50.0),
+        ):
+            if value is not None:
+                check_number(name, value, {"radius": 1.0, "height": 0.1}[name], high)
+        for name, size in zip(("image width", "image height"), self.image_size, strict=True):
+            check_number(name, size, 64, 20_000, whole=True)
+
+    @property
+    def num_slots(self) -> int:
+        """Length of the recording in slots."""
+        return max(1, round(self.seconds * self.fps))
+
+    def check_size(self, num_cameras: int, num_people: int) -> None:
+        """Raise `InputError` if so many cameras and people over this time would not fit memory."""
+        size = self.num_slots * num_cameras * num_people
+        if size > MAX_VIEW_PEOPLE:
+            raise InputError(
+                f"simulate: slots x cameras x people: found {size}, expected at most "
+                f"{MAX_VIEW_PEOPLE}; make it shorter or smaller"
+            )
+
+
+def check_number(name: str, value: float, low: float, high: float, whole: bool = False) -> None:
+    """Raise `InputError` unless `value` is a number in [low, high], and whole if asked."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if is_number and math.isfinite(value) and low <= value <= high:
+        if not whole or value == int(value):
+            return
+    kind = "a whole number" if whole else "a number"
+    raise InputError(
+        f"simulate: {name}: found {value!r}, expected {kind} from {low:g} to {high:.10g}"
+    )
