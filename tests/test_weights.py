@@ -8,6 +8,7 @@ import os
 import socket
 import tarfile
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -161,6 +162,21 @@ def test_an_interruption_leaves_nothing(site: Site, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         fetch_file(f"{site.url}/w", SHA256, tmp_path / "w.onnx", interrupt)
     assert not files_in(tmp_path)
+
+
+def test_leavings_of_a_power_cut_are_swept_away(
+    site: Site, cache: Path, thin: bytes, tmp_path: Path
+) -> None:
+    index = publish(site, thin)
+    path = weights_path("openpose-thin")
+    path.parent.mkdir(parents=True)
+    for name, age_s in (("old", 7200), ("new", 60)):
+        partial = path.parent / f".{path.name}.{name}.pb"
+        partial.write_bytes(b"part")
+        os.utime(partial, (time.time() - age_s,) * 2)
+    assert pull_weights("openpose-thin", index_url=index) == path
+    # Another process may still be writing the younger one.
+    assert sorted(files_in(cache)) == [path.parent / f".{path.name}.new.pb", path]
 
 
 def test_no_server_and_no_web_address_are_named(tmp_path: Path) -> None:

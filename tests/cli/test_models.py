@@ -2,6 +2,11 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
+import socket
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -87,3 +92,33 @@ def test_altered_weights_are_not_handed_out(
     put(cache, WEIGHTS[::-1])
     assert run("models", "path", "movenet-multipose") == 2
     assert "not the published weights" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGINT])
+def test_a_stopped_pull_leaves_nothing(tmp_path: Path, sign: signal.Signals) -> None:
+    """A server that sends half and then waits; the pull is stopped while it waits too."""
+    listener = socket.create_server(("127.0.0.1", 0))
+    listener.settimeout(30)
+    url = f"http://127.0.0.1:{listener.getsockname()[1]}/model.onnx"
+    program = f"""
+from dataclasses import replace
+from e3pose.cli import main
+from e3pose.weights import MODELS
+from e3pose.weights.catalogue import MOVENET, FromUrl
+MODELS["movenet-multipose"] = replace(MOVENET, source=FromUrl({url!r}))
+main(["models", "pull", "movenet-multipose"])
+"""
+    folder = tmp_path / "cache" / "weights" / "movenet-multipose"
+    process = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE)
+    with listener, listener.accept()[0] as connection:
+        connection.recv(4096)
+        head = f"HTTP/1.1 200 OK\r\nContent-Length: {MOVENET.size_bytes}\r\n\r\n"
+        connection.sendall(head.encode() + bytes(1_000_000))
+        deadline = time.monotonic() + 20
+        while not any(path.stat().st_size for path in folder.glob(".*")):
+            assert time.monotonic() < deadline, "nothing is being written"
+            time.sleep(0.02)
+        process.send_signal(sign)
+        process.communicate(timeout=20)
+    assert process.returncode == 128 + sign
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]

