@@ -88,7 +88,7 @@ def savings(
     idle_mode: Mode = "power-saving",
     battery_wh: float = DEFAULT_BATTERY_WH,
 ) -> Savings:
-    """Compute what cameras save that are active in a share of the slots and in `idle_mode` otherwise.
+    """Compute what is saved by cameras that are active in a share of the slots only.
 
     Args:
         duty: `(num_cameras,)` share of slots each camera was active, [0, 1].
@@ -97,7 +97,7 @@ def savings(
         battery_wh: capacity of each camera's battery in watt-hours.
 
     Raises:
-        InputError: when there is no camera, a duty lies outside [0, 1] or the battery is not positive.
+        InputError: without a camera, with a duty outside [0, 1] or a battery of no capacity.
     """
     shares = np.asarray(duty, dtype=np.float64)
     if shares.ndim != 1 or len(shares) == 0 or not ((shares >= 0) & (shares <= 1)).all():

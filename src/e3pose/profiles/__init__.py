@@ -1,4 +1,4 @@
-"""Power profiles: what a camera node draws in each mode, by component, and where each figure is from."""
+"""Power profiles: what a camera node draws in each mode, with the source of each figure."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Component:
 
     Attributes:
         name: such as `gpu`.
-        group: where the paper's comparison counts it: `cpu_gpu`, `wifi`, `ddr`, or `rest` if it does not.
+        group: where the paper's comparison counts it: `cpu_gpu`, `wifi`, `ddr`, or `rest` (not).
         watts: power by mode.
         sources: where each figure comes from, by mode.
     """

@@ -1,0 +1,1 @@
+"""Offline evaluation: replay a recording, score it against the truth, compare policies."""

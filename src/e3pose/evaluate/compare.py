@@ -1,0 +1,136 @@
+"""Compare policies: every policy over several seeds, in parallel processes, mean and spread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from e3pose.energy import DEFAULT_BATTERY_WH
+from e3pose.evaluate.summary import summarise
+from e3pose.profiles import DeviceProfile, Mode
+from e3pose.recording import Recording
+
+if TYPE_CHECKING:
+    from e3pose.evaluate.replay import ReplaySettings
+    from e3pose.pipeline import SlotRecord
+
+Replay = Callable[..., Iterator["SlotRecord"]]
+
+# Not averaged over seeds: what is asked for, rather than what came out.
+ASKED = ("settings", "recording")
+
+
+def tasks(
+    base: ReplaySettings, policies: Sequence[str], counts: Sequence[int], seeds: int
+) -> list[ReplaySettings]:
+    """List the settings of every replay: per policy and camera count, seed i with phase i."""
+    return [
+        replace(base, policy=policy, num_selected=count, seed=base.seed + i, phase=base.phase + i)
+        for policy in policies
+        for count in counts
+        for i in range(seeds)
+    ]
+
+
+def compare(
+    recording: Recording,
+    settings: Sequence[ReplaySettings],
+    profile: DeviceProfile,
+    *,
+    idle_mode: Mode = "power-saving",
+    battery_wh: float = DEFAULT_BATTERY_WH,
+    jobs: int = -1,
+    run: Replay | None = None,
+) -> Iterator[dict[str, Any]]:
+    """Replay under each of `settings` and yield their summaries in order, as they become ready.
+
+    Args:
+        recording: what to replay; fresh state every time.
+        settings: such as `tasks` lists.
+        profile: what the cameras draw.
+        idle_mode: what a camera does that is not selected.
+        battery_wh: capacity of each camera's battery.
+        jobs: parallel processes; all processor cores if -1.
+        run: the replay function, `e3pose.evaluate.replay.replay` unless given.
+
+    Yields:
+        One dictionary of `summarise` per entry of `settings`.
+    """
+    from joblib import Parallel, delayed, parallel_config
+
+    # Replays are many and small: one thread each, or the processes fight for the cores.
+    with parallel_config(backend="loky", n_jobs=jobs, inner_max_num_threads=1):
+        yield from Parallel(return_as="generator", batch_size=1)(
+            delayed(_one)(recording, each, profile, idle_mode, battery_wh, run) for each in settings
+        )
+
+
+def rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Gather summaries into one row per policy and camera count.
+
+    Returns:
+        Rows of `policy`, `cameras`, `seeds` and every figure of the summaries as
+        `{"mean": , "sd": }`: the sample standard deviation over seeds, 0 for one seed. A figure
+        that only some seeds have also tells the `count` of those.
+    """
+    groups: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
+    for summary in summaries:
+        key = (summary["policy"], summary["settings"]["num_selected"])
+        groups.setdefault(key, []).append(summary)
+    return [
+        {
+            "policy": policy,
+            "cameras": count,
+            "seeds": len(group),
+            **_averaged(
+                [{k: v for k, v in s.items() if k not in (*ASKED, "policy")} for s in group]
+            ),
+        }
+        for (policy, count), group in groups.items()
+    ]
+
+
+def _one(
+    recording: Recording,
+    settings: ReplaySettings,
+    profile: DeviceProfile,
+    idle_mode: Mode,
+    battery_wh: float,
+    run: Replay | None,
+) -> dict[str, Any]:
+    if run is None:
+        from e3pose.evaluate.replay import replay
+
+        run = replay
+    records = list(run(recording, settings))
+    return summarise(
+        recording, settings, records, profile, idle_mode=idle_mode, battery_wh=battery_wh
+    )
+
+
+def _averaged(figures: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Average the numbers of dictionaries of one shape; keep what is no number, if all agree."""
+    keys = list(dict.fromkeys(key for each in figures for key in each))
+    averaged: dict[str, Any] = {}
+    for key in keys:
+        values = [each[key] for each in figures if key in each]
+        if isinstance(values[0], Mapping):
+            averaged[key] = _averaged(values)
+        elif isinstance(values[0], int | float) and not isinstance(values[0], bool):
+            averaged[key] = _spread(values, len(figures))
+        elif all(value == values[0] for value in values):
+            averaged[key] = values[0]
+    return averaged
+
+
+def _spread(values: Sequence[float], expected: int) -> dict[str, float]:
+    spread: dict[str, float] = {
+        "mean": float(np.mean(values)),
+        "sd": float(np.std(values, ddof=1)) if len(values) > 1 else 0.0,
+    }
+    if len(values) < expected:
+        spread["count"] = len(values)
+    return spread

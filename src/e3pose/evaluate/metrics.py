@@ -1,0 +1,175 @@
+"""How well poses agree with the truth: AP_K, MPJPE, recall, identity switches (docs/metrics.md).
+
+Every function takes poses of one skeleton, slot by slot: `predicted[slot]` is
+`(num_persons, num_joints, 3)` and `truth` is `(num_slots, num_actors, num_joints, 3)`, metres, NaN
+where missing or not annotated. An actor with no annotated joint in a slot is not there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MATCH_LIMIT_M = 0.5  # of MPJPE and recall in the Panoptic protocol
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Every prediction beside the truth nearest to it, over all slots, by falling score.
+
+    Attributes:
+        errors_m: `(num_predictions,)` mean joint error to that truth; inf if there was none.
+        actors: `(num_predictions,)` which labelled actor of which slot, one number; -1 if none.
+        coverage: `(num_predictions,)` share of that truth's joints which the prediction has.
+        num_truths: labelled actors over all slots.
+    """
+
+    errors_m: Floats
+    actors: Ints
+    coverage: Floats
+    num_truths: int
+
+
+def mean_errors_m(predicted: Floats, truth: Floats) -> Floats:
+    """Return `(num_persons, num_actors)` mean distances over the joints both have; inf if none.
+
+    Args:
+        predicted: `(num_persons, num_joints, 3)` metres.
+        truth: `(num_actors, num_joints, 3)` metres.
+    """
+    distances = np.linalg.norm(predicted[:, None] - truth[None], axis=-1)
+    both = np.isfinite(distances)
+    total = np.where(both, distances, 0.0).sum(axis=-1)
+    return np.where(both.any(axis=-1), total / np.maximum(both.sum(axis=-1), 1), np.inf)
+
+
+def candidates(predicted: Sequence[Floats], scores: Sequence[Floats], truth: Floats) -> Candidates:
+    """Give each prediction the truth of smallest mean error, as the Panoptic protocol does.
+
+    Not one to one: two predictions may take the same truth. Ties in score keep the order of slots
+    and people.
+
+    Args:
+        predicted: per slot `(num_persons, num_joints, 3)` metres.
+        scores: per slot `(num_persons,)` confidence in the person.
+        truth: `(num_slots, num_actors, num_joints, 3)` metres.
+    """
+    if truth.shape[1] == 0:  # a scene without actors is one with an actor that is never there
+        truth = np.full((len(truth), 1, *truth.shape[2:]), np.nan)
+    annotated: NDArray[np.bool_] = np.asarray(np.isfinite(truth).all(axis=-1))
+    labelled = annotated.any(axis=-1)
+    number = np.cumsum(labelled.ravel()).reshape(labelled.shape) - 1
+    errors: list[float] = []
+    actors: list[int] = []
+    coverage: list[float] = []
+    for people, actors_m, wanted, numbers in zip(predicted, truth, annotated, number, strict=True):
+        distance = mean_errors_m(people, actors_m)
+        for person, nearest in enumerate(distance.argmin(axis=1)):
+            error = float(distance[person, nearest])
+            matched = error < np.inf
+            has = np.isfinite(people[person]).all(axis=-1) & wanted[nearest]
+            errors.append(error)
+            actors.append(int(numbers[nearest]) if matched else -1)
+            coverage.append(float(has.sum() / wanted[nearest].sum()) if matched else 0.0)
+    order = np.argsort(-np.concatenate([*scores, np.zeros(0)]), kind="stable")
+    return Candidates(
+        np.array(errors, dtype=np.float64)[order],
+        np.array(actors, dtype=np.int64)[order],
+        np.array(coverage, dtype=np.float64)[order],
+        int(labelled.sum()),
+    )
+
+
+def first_matches(found: Candidates, limit_m: float) -> NDArray[np.bool_]:
+    """Return `(num_predictions,)`: error below `limit_m` and first by score to take its truth."""
+    good = found.errors_m < limit_m
+    taken: set[int] = set()
+    first = np.zeros(len(good), dtype=bool)
+    for index in np.flatnonzero(good):
+        actor = int(found.actors[index])
+        first[index] = actor not in taken
+        taken.add(actor)
+    return first
+
+
+def average_precision(found: Candidates, limit_m: float) -> float | None:
+    """Return AP in percent at an error below `limit_m`, or None if there is no truth.
+
+    The precision envelope summed over recall steps. Meaningful only where everybody is annotated.
+    """
+    if found.num_truths == 0:
+        return None
+    right = first_matches(found, limit_m)
+    if not right.any():
+        return 0.0
+    recall = np.cumsum(right) / found.num_truths
+    precision = np.cumsum(right) / np.arange(1, len(right) + 1)
+    envelope = np.maximum.accumulate(precision[::-1])[::-1]
+    return float(100 * (np.diff(recall, prepend=0.0) * envelope).sum())
+
+
+def mpjpe_mm(found: Candidates) -> float | None:
+    """Return the mean error in mm of first matches below 500 mm, or None if there is none."""
+    first = first_matches(found, MATCH_LIMIT_M)
+    return float(1000 * found.errors_m[first].mean()) if first.any() else None
+
+
+def recall_500mm(found: Candidates) -> float | None:
+    """Return the share of labelled actors found within 500 mm, [0, 1], or None without truth."""
+    if found.num_truths == 0:
+        return None
+    return float(first_matches(found, MATCH_LIMIT_M).sum() / found.num_truths)
+
+
+def precision_500mm(found: Candidates) -> float | None:
+    """Return the share of predictions that are first matches within 500 mm, or None without any.
+
+    Meaningful only where everybody is annotated.
+    """
+    if len(found.errors_m) == 0 or found.num_truths == 0:
+        return None
+    return float(first_matches(found, MATCH_LIMIT_M).mean())
+
+
+def joint_coverage(found: Candidates) -> float | None:
+    """Return the share of matched actors' joints that were estimated, or None without a match.
+
+    MPJPE averages over estimated joints only; this says how many those are.
+    """
+    first = first_matches(found, MATCH_LIMIT_M)
+    return float(found.coverage[first].mean()) if first.any() else None
+
+
+def id_switches(
+    predicted: Sequence[Floats], track_ids: Sequence[Ints], truth: Floats
+) -> int | None:
+    """Count how often the track that follows an actor changes, or return None without truth.
+
+    In each slot actors and predictions are paired one to one, at the smallest total of mean errors
+    below 500 mm. An actor that is lost and found again under another id counts once.
+
+    Args:
+        predicted: per slot `(num_persons, num_joints, 3)` metres.
+        track_ids: per slot `(num_persons,)`.
+        truth: `(num_slots, num_actors, num_joints, 3)` metres.
+    """
+    from scipy.optimize import linear_sum_assignment
+
+    if not np.isfinite(truth).all(axis=-1).any():
+        return None
+    known: dict[int, int] = {}
+    switches = 0
+    for people, ids, actors in zip(predicted, track_ids, truth, strict=True):
+        gain = np.maximum(MATCH_LIMIT_M - mean_errors_m(people, actors), 0.0)
+        for person, actor in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
+            if gain[person, actor] > 0:
+                track = int(ids[person])
+                switches += known.get(int(actor), track) != track
+                known[int(actor)] = track
+    return switches

@@ -1,0 +1,114 @@
+"""Figures as tables for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+# Heading, path inside a row, digits. Columns that no row has are left out.
+COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
+    ("cameras on", ("selection", "mean_cameras"), 2),
+    ("PCP 1 %", ("metrics", "pcp", "actor1"), 1),
+    ("PCP 2 %", ("metrics", "pcp", "actor2"), 1),
+    ("PCP 3 %", ("metrics", "pcp", "actor3"), 1),
+    ("PCP avg %", ("metrics", "pcp", "average"), 2),
+    ("AP25 %", ("metrics", "ap", "25"), 1),
+    ("AP50 %", ("metrics", "ap", "50"), 1),
+    ("AP100 %", ("metrics", "ap", "100"), 1),
+    ("AP150 %", ("metrics", "ap", "150"), 1),
+    ("MPJPE mm", ("metrics", "mpjpe_mm"), 1),
+    ("recall", ("metrics", "recall_500mm"), 3),
+    ("saving %", ("energy", "saving_percent"), 1),
+    ("ms a slot", ("stage_ms", "slot", "median"), 2),
+)
+FIGURE_NAMES = {
+    "cameras on": "cameras on, mean a slot",
+    "PCP 1 %": "PCP actor 1, %",
+    "PCP 2 %": "PCP actor 2, %",
+    "PCP 3 %": "PCP actor 3, %",
+    "PCP avg %": "PCP average of actors 1-3, %",
+    "recall": "recall within 500 mm",
+    "saving %": "energy saved (CPU, GPU, WiFi, DDR), %",
+    "ms a slot": "edge time, median ms a slot",
+}
+
+
+def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None = None) -> None:
+    """Print the rows of a comparison: means, with the spread over seeds where there are several."""
+    from rich.table import Table
+
+    table = Table(title="mean +- standard deviation over seeds", title_justify="left")
+    table.add_column("policy", no_wrap=True)
+    table.add_column("C", justify="right")
+    table.add_column("seeds", justify="right")
+    columns = [column for column in COLUMNS if any(_find(row, column[1]) for row in rows)]
+    for heading, _, _ in columns:
+        table.add_column(heading, justify="right")
+    for row in rows:
+        cells = [_cell(_find(row, path), digits) for _, path, digits in columns]
+        table.add_row(row["policy"], str(row["cameras"]), str(row["seeds"]), *cells)
+    _print(table, console)
+
+
+def print_summary(summary: Mapping[str, Any], console: Console | None = None) -> None:
+    """Print the figures of one replay and what every camera did."""
+    from rich.table import Table
+
+    title = f"{summary['policy']} over {summary['slots']} slots"
+    figures = Table(title=title, title_justify="left", show_header=False)
+    figures.add_column()
+    figures.add_column(justify="right")
+    for heading, path, digits in COLUMNS:
+        value = _find(summary, path)
+        if value is not None:
+            figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
+    _print(figures, console)
+    duty = summary["selection"].get("duty", {})
+    if not duty:
+        return
+    energy = summary["energy"]
+    cameras = Table(
+        title=f"cameras as {energy['profile']}, batteries of {energy['battery_wh']:g} Wh",
+        title_justify="left",
+    )
+    cameras.add_column("camera", no_wrap=True)
+    for heading in ("slots on %", "saving %", "mean W", "battery h"):
+        cameras.add_column(heading, justify="right")
+    for camera_id, share in duty.items():
+        figure = energy["cameras"][camera_id]
+        cameras.add_row(
+            camera_id,
+            f"{100 * share:.1f}",
+            f"{figure['saving_percent']:.1f}",
+            f"{figure['mean_watts']:.2f}",
+            f"{figure['battery_hours']:.2f}",
+        )
+    _print(cameras, console)
+
+
+def _print(table: Table, console: Console | None) -> None:
+    from rich.console import Console
+
+    if console is None:
+        console = Console()
+        if not console.is_terminal:  # a file or a pipe has no width to fit
+            console = Console(width=240)
+    console.print(table)
+
+
+def _find(figures: Mapping[str, Any], path: Sequence[str]) -> Any:
+    value: Any = figures
+    for key in path:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value
+
+
+def _cell(spread: Mapping[str, float] | None, digits: int) -> str:
+    if spread is None:
+        return "-"
+    mean = f"{spread['mean']:.{digits}f}"
+    return f"{mean} +- {spread['sd']:.{digits}f}" if spread["sd"] > 0 else mean

@@ -1,0 +1,199 @@
+"""The figures of one replay: accuracy against the truth, selection, energy, stage times."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.energy import DEFAULT_BATTERY_WH, savings
+from e3pose.evaluate import metrics
+from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
+from e3pose.profiles import GROUPS, DeviceProfile, Mode
+from e3pose.recording import Recording
+from e3pose.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
+
+if TYPE_CHECKING:
+    from e3pose.evaluate.replay import ReplaySettings
+    from e3pose.pipeline import SlotRecord
+
+Floats = NDArray[np.float64]
+
+AP_LIMITS_MM = (25, 50, 75, 100, 125, 150)
+PANOPTIC_JOINTS = 15  # the protocol leaves out eyes and ears
+
+
+def summarise(
+    recording: Recording,
+    settings: ReplaySettings,
+    records: Sequence[SlotRecord],
+    profile: DeviceProfile,
+    *,
+    idle_mode: Mode = "power-saving",
+    battery_wh: float = DEFAULT_BATTERY_WH,
+) -> dict[str, Any]:
+    """Summarise a replay as a dictionary for JSON; `docs/metrics.md` says what each figure is.
+
+    Args:
+        recording: what was replayed; its truth is first read here.
+        settings: how it was replayed.
+        records: one per slot.
+        profile: what the cameras draw.
+        idle_mode: what a camera does in slots for which it is not selected.
+        battery_wh: capacity of each camera's battery.
+
+    Returns:
+        Nested figures. One that cannot be had (no truth, no match) is absent, never 0.
+    """
+    return {
+        "recording": recording.name,
+        "slots": len(records),
+        "policy": settings.policy,
+        "settings": {k: v for k, v in asdict(settings).items() if v is not None},
+        "metrics": accuracy(recording, records),
+        "selection": _selection(recording, records),
+        "deficits": _deficits(recording, records),
+        "energy": _energy(recording, records, profile, idle_mode, battery_wh),
+        "stage_ms": _stage_ms(records),
+    }
+
+
+def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+    """Return the metrics that the recording's truth allows, over its scored slots.
+
+    A scored slot without a record counts as one without predictions. AP, precision and identity
+    switches need a truth that holds everybody in the scene; PCP is of Shelf-14 truth alone.
+    """
+    truth = recording.truth
+    if truth is None:
+        return {}
+    first, stop = recording.scored_slots or (0, recording.num_slots)
+    true_joints = truth.joints_m[first:stop]
+    by_slot = {record.slot: record for record in records}
+    scored = [by_slot.get(slot) for slot in range(first, stop)]
+    predicted = _converted(scored, recording.skeleton, truth.skeleton)
+    scores = [_person_scores(record) for record in scored]
+    figures: dict[str, Any] = {"scored_slots": len(scored)}
+    if truth.skeleton == SHELF14:
+        counts = count_parts(predicted, true_joints)
+        pcp: dict[str, Any] = dict(pcp_percent(counts, truth.person_ids))
+        if pcp:
+            figures["pcp"] = {**pcp, "groups": group_percent(counts, truth.person_ids)}
+    kept = slice(0, PANOPTIC_JOINTS if truth.skeleton == PANOPTIC19 else None)
+    rooted = np.where(_has_root(true_joints, truth.skeleton)[..., None, None], true_joints, np.nan)
+    rooted = rooted[..., kept, :]
+    people = [joints[:, kept] for joints in predicted]
+    found = metrics.candidates(people, scores, rooted)
+    figures["mpjpe_mm"] = metrics.mpjpe_mm(found)
+    figures["recall_500mm"] = metrics.recall_500mm(found)
+    figures["joint_coverage"] = metrics.joint_coverage(found)
+    if found.num_truths:
+        ids = [np.zeros(0, np.int64) if r is None else r.track_ids for r in scored]
+        figures["id_switches"] = metrics.id_switches(people, ids, rooted)
+    if recording.truth_complete:
+        figures["precision_500mm"] = metrics.precision_500mm(found)
+        precision = {f"{k}": metrics.average_precision(found, k / 1000) for k in AP_LIMITS_MM}
+        figures["ap"] = None if None in precision.values() else precision
+    return {name: figure for name, figure in figures.items() if figure is not None}
+
+
+def _converted(
+    scored: Sequence[SlotRecord | None], source: Skeleton, target: Skeleton
+) -> list[Floats]:
+    """Express the people of all slots in the truth's skeleton, in one conversion."""
+    counts = [0 if record is None else len(record.poses) for record in scored]
+    poses = [record.poses for record in scored if record is not None]
+    joints = np.concatenate([np.zeros((0, len(source), 3)), *(p.joints_m for p in poses)])
+    scores = np.concatenate([np.zeros((0, len(source))), *(p.scores for p in poses)])
+    people, _ = convert(joints, scores, source, target)
+    return np.split(people, np.cumsum(counts)[:-1]) if counts else []
+
+
+def _person_scores(record: SlotRecord | None) -> Floats:
+    """Return `(num_persons,)` mean joint score, in which a missing joint counts 0."""
+    return np.zeros(0) if record is None else record.poses.scores.mean(axis=-1)
+
+
+def _has_root(joints_m: Floats, skeleton: Skeleton) -> NDArray[np.bool_]:
+    """Return `(*batch)`: whether the body centre, or both hips in its stead, is annotated."""
+    names = ("mid_hip",) if "mid_hip" in skeleton.joints else ("left_hip", "right_hip")
+    roots = joints_m[..., [skeleton.index(name) for name in names], :]
+    return np.asarray(np.isfinite(roots).all(axis=(-1, -2)))
+
+
+def _selection(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+    if not records:
+        return {}
+    selected = np.stack([record.selected for record in records])
+    arrived = np.stack([record.arrived for record in records])
+    return {
+        "mean_cameras": float(selected.sum(axis=1).mean()),
+        "mean_views": float(arrived.sum(axis=1).mean()),
+        "duty": _by_camera(recording, selected.mean(axis=0)),
+    }
+
+
+def _deficits(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+    if not records:
+        return {}
+    deficit = np.stack([record.deficit for record in records])
+    return {
+        "final": _by_camera(recording, deficit[-1]),
+        "highest": _by_camera(recording, deficit.max(axis=0)),
+    }
+
+
+def _energy(
+    recording: Recording,
+    records: Sequence[SlotRecord],
+    profile: DeviceProfile,
+    idle_mode: Mode,
+    battery_wh: float,
+) -> dict[str, Any]:
+    if not records:
+        return {}
+    duty = np.stack([record.selected for record in records]).mean(axis=0)
+    saved = savings(duty, profile, idle_mode, battery_wh)
+    seconds = len(records) * recording.interval_s
+    return {
+        "profile": profile.name,
+        "idle_mode": idle_mode,
+        "saving_percent": saved.paper_percent,
+        "device_saving_percent": saved.device_percent,
+        "components": {
+            group: {"saving_percent": saved.group_percent[group]}
+            for group in GROUPS
+            if group in saved.group_percent
+        },
+        "cameras": {
+            camera_id: {
+                "saving_percent": float(saved.camera_percent[n]),
+                "mean_watts": float(saved.camera_watts[n]),
+                "energy_j": float(saved.camera_watts[n] * seconds),
+                "battery_hours": float(saved.battery_h[n]),
+            }
+            for n, camera_id in enumerate(recording.rig.camera_ids)
+        },
+        "battery_wh": battery_wh,
+        "battery_hours_always_active": saved.battery_active_h,
+    }
+
+
+def _stage_ms(records: Sequence[SlotRecord]) -> dict[str, dict[str, float]]:
+    stages: dict[str, list[float]] = {}
+    for record in records:
+        for stage, seconds in record.stage_s.items():
+            stages.setdefault(stage, []).append(1000 * seconds)
+    if records and stages:
+        stages["slot"] = [1000 * sum(record.stage_s.values()) for record in records]
+    return {
+        stage: {"median": float(np.median(times)), "p99": float(np.percentile(times, 99))}
+        for stage, times in stages.items()
+    }
+
+
+def _by_camera(recording: Recording, values: NDArray[Any]) -> Mapping[str, float]:
+    return {c: float(v) for c, v in zip(recording.rig.camera_ids, values, strict=True)}
