@@ -18,7 +18,8 @@ class Poses2D:
     """One view: the people a camera saw in one frame.
 
     Attributes:
-        keypoints_px: `(num_persons, num_joints, 2)` pixels in the real (distorted) image; NaN where missing.
+        keypoints_px: `(num_persons, num_joints, 2)` pixels in the real (distorted) image; NaN where
+            missing.
         scores: `(num_persons, num_joints)` in [0, 1]; 0 where missing.
 
     Raises:
@@ -47,7 +48,8 @@ class Poses3D:
     """The people of one slot in the world, before identity.
 
     Attributes:
-        joints_m: `(num_persons, num_joints, 3)` metres; NaN where fewer than two views saw the joint.
+        joints_m: `(num_persons, num_joints, 3)` metres; NaN where fewer than two views saw the
+            joint.
         scores: `(num_persons, num_joints)` in [0, 1]; 0 where missing.
 
     Raises:

@@ -71,18 +71,19 @@ def _skeleton(name: str, joints: str, limbs: tuple[tuple[str, str], ...]) -> Ske
 _COCO17 = """nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow
 right_elbow left_wrist right_wrist left_hip right_hip left_knee right_knee left_ankle right_ankle"""
 _COCO18 = """nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist
-right_hip right_knee right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear left_ear"""
+right_hip right_knee right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear
+left_ear"""
 _BODY25 = """nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist
 mid_hip right_hip right_knee right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear
 left_ear left_big_toe left_small_toe left_heel right_big_toe right_small_toe right_heel"""
 _SHELF14 = """right_ankle right_knee right_hip left_hip left_knee left_ankle right_wrist right_elbow
 right_shoulder left_shoulder left_elbow left_wrist bottom_head top_head"""
-_PANOPTIC19 = """neck nose mid_hip left_shoulder left_elbow left_wrist left_hip left_knee left_ankle
-right_shoulder right_elbow right_wrist right_hip right_knee right_ankle left_eye left_ear right_eye
-right_ear"""
+_PANOPTIC19 = """neck nose mid_hip left_shoulder left_elbow left_wrist left_hip left_knee
+left_ankle right_shoulder right_elbow right_wrist right_hip right_knee right_ankle left_eye
+left_ear right_eye right_ear"""
 # A CMU bone is named after itself and placed at its far end: `lfemur` ends in the knee.
-_CMU31 = """mid_hip left_hip right_hip lower_back left_knee left_ankle left_foot left_toes right_knee
-right_ankle right_foot right_toes upper_back thorax neck left_shoulder right_shoulder upper_neck
+_CMU31 = """mid_hip left_hip right_hip lower_back left_knee left_ankle left_foot left_toes
+right_knee right_ankle right_foot right_toes upper_back thorax neck left_shoulder right_shoulder upper_neck
 top_head left_elbow left_wrist left_palm left_hand left_thumb left_fingers right_elbow right_wrist
 right_palm right_hand right_thumb right_fingers"""
 
@@ -112,7 +113,7 @@ SKELETONS = {s.name: s for s in (COCO17, COCO18, BODY25, SHELF14, PANOPTIC19, CM
 
 
 def skeleton_by_name(name: str) -> Skeleton:
-    """Return the skeleton called `name`; raise `InputError` listing the known ones if there is none."""
+    """Return the skeleton called `name`; raise `InputError` listing the known ones if none is."""
     if name not in SKELETONS:
         raise InputError(
             f"skeleton {name[:40]!r} is unknown, expected one of {', '.join(SKELETONS)}"
