@@ -89,9 +89,9 @@ def test_lost_view_is_not_handed_over() -> None:
     lost = ViewSeries(
         series.slots[1:],
         series.times_s[1:],
-        series.starts[1:] - 0,
-        series.keypoints_px,
-        series.scores,
+        series.starts[1:] - 2,
+        series.keypoints_px[2:],
+        series.scores[2:],
     )
     views = (RECORDING.views[0], lost, *RECORDING.views[2:])
     damaged = replace(RECORDING, views=views)

@@ -1,0 +1,124 @@
+"""`e3pose replay` as a user runs it."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose.camera import Camera, Rig
+from e3pose.cli import main
+from e3pose.pose import Poses2D
+from e3pose.recording import Recording, Truth, ViewSeries, save_recording
+from e3pose.skeleton import COCO17
+
+NUM_SLOTS = 25
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One person seen exactly by four cameras, so that every number is known."""
+    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
+    cameras = []
+    for index, angle in enumerate([0.2, 1.7, 3.4, 4.9]):
+        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
+        forward = np.array([0, 0, 1.0]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
+    body = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
+    truth = np.stack([[body + [0.01 * slot, 0, 0]] for slot in range(NUM_SLOTS)])
+    series = tuple(
+        ViewSeries.from_views(
+            [Poses2D(camera.project(people), np.ones((1, 17))) for people in truth],
+            range(NUM_SLOTS),
+            (np.arange(NUM_SLOTS) / 25).tolist(),
+            17,
+        )
+        for camera in cameras
+    )
+    recording = Recording(
+        "one person", Rig(tuple(cameras)), 25.0, NUM_SLOTS, COCO17, series,
+        truth=Truth(COCO17, ("anna",), truth),
+    )  # fmt: skip
+    path = tmp_path_factory.mktemp("replay") / "recording"
+    save_recording(recording, path)
+    return path
+
+
+def run(*tokens: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([*tokens])
+        raise SystemExit(0)
+    return int(stop.value.code or 0)
+
+
+def test_figures_and_poses_are_written(folder: Path, tmp_path: Path) -> None:
+    figures, poses = tmp_path / "figures.json", tmp_path / "poses.csv"
+    code = run(
+        "replay", str(folder), "--policy", "round-robin", "--cameras", "2",
+        "--json", str(figures), "--poses", str(poses),
+    )  # fmt: skip
+    assert code == 0
+    summary = json.loads(figures.read_text())
+    assert summary["slots"] == NUM_SLOTS
+    assert summary["policy"] == "round-robin"
+    assert summary["metrics"]["mpjpe_mm"] < 0.1
+    assert summary["metrics"]["recall_500mm"] == 1.0
+    assert summary["selection"]["mean_cameras"] == pytest.approx((10 * 4 + 15 * 2) / 25)
+    assert 0 < summary["energy"]["saving_percent"] < 100
+    rows = list(csv.DictReader(poses.open()))
+    assert list(rows[0]) == ["slot", "time", "track", "joint", "x", "y", "z", "score"]
+    assert len(rows) == NUM_SLOTS * 17
+    assert {row["joint"] for row in rows} == set(COCO17.joints)
+    assert {row["track"] for row in rows} == {"0"}
+    nose = [row for row in rows if row["joint"] == "nose"]
+    steps = np.diff([float(row["x"]) for row in nose])
+    np.testing.assert_allclose(steps, 0.01, atol=1e-4)
+
+
+def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    poses = tmp_path / "poses.parquet"
+    assert run("replay", str(folder), "--cameras", "2", "--poses", str(poses)) == 0
+    table = parquet.read_table(poses)
+    assert table.column_names == ["slot", "time", "track", "joint", "x", "y", "z", "score"]
+    assert table.num_rows == NUM_SLOTS * 17
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--policy", "best"], "policy"),
+        (["--cameras", "9"], "cameras"),
+        (["--cameras", "2.5"], "cameras"),
+        (["--budget", "0.1"], "budget"),
+        (["--profile", "toaster"], "toaster"),
+        (["--poses", "poses.xlsx"], ".xlsx"),
+        (["--bogus", "1"], "bogus"),
+    ],
+)
+def test_wrong_option_is_one_line_and_nothing_is_written(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    named: str,
+) -> None:
+    figures = tmp_path / "figures.json"
+    assert run("replay", str(folder), "--json", str(figures), *options) == 2
+    error = capsys.readouterr().err
+    assert named in error
+    assert len(error.strip().splitlines()) == 1
+    assert not figures.exists()
+
+
+def test_missing_recording_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("replay", str(tmp_path / "nothing")) == 2
+    assert "nothing" in capsys.readouterr().err
