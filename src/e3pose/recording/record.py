@@ -81,6 +81,11 @@ class Truth:
     person_ids: tuple[str, ...]
     joints_m: Floats
 
+    @property
+    def annotated(self) -> NDArray[np.bool_]:
+        """`(num_slots, num_persons, num_joints)`: which joints are known."""
+        return np.asarray(np.isfinite(self.joints_m).all(axis=-1))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:

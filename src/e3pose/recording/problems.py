@@ -1,0 +1,242 @@
+"""What is wrong with a recording that can be read, in words that say what to do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from e3pose.camera import Camera
+from e3pose.recording.geometry import epipolar_distances_px, truth_distances_px
+from e3pose.recording.record import Recording, ViewSeries
+
+# Limits beyond which something deserves a line.
+OUTSIDE_SHARE = 0.02  # of keypoints outside the image
+RATE_SHARE = 0.005  # difference between the times and fps
+JITTER_SHARE = 0.25  # of a slot, 95th percentile
+SAME_PLACE_M = 0.02
+RIG_SPAN_M = (0.2, 200.0)  # largest distance between two cameras
+UP_SHARE = 0.3  # mean of the cameras' up directions along world z
+# Shares of the image diagonal. Right calibrations measure 0.2 to 1 percent, wrong ones 5 and more.
+EPIPOLAR_SHARE = 0.025
+TRUTH_SHARE = 0.06
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong.
+
+    Attributes:
+        kind: a short stable name, for programs.
+        where: the camera, or `recording`, `rig`, `truth`.
+        message: for people.
+    """
+
+    kind: str
+    where: str
+    message: str
+
+
+def find_problems(recording: Recording, folder: Path | None = None) -> list[Problem]:
+    """Return what is wrong with a recording, the worst of each camera first.
+
+    Args:
+        recording: the recording.
+        folder: where it was loaded from, to look for its videos.
+    """
+    if recording.num_slots == 0:
+        return [Problem("empty", "recording", "holds no slot")]
+    problems: list[Problem] = []
+    for camera, series in zip(recording.rig.cameras, recording.views, strict=True):
+        problems += _view_problems(camera, series, recording)
+        problems += _time_problems(camera.camera_id, series, recording)
+        problems += _keypoint_problems(camera, series)
+    problems += _copied_views(recording)
+    problems += _rig_problems(recording)
+    problems += _consistency_problems(recording)
+    problems += _truth_problems(recording)
+    if folder is not None:
+        for camera_id, name in recording.videos.items():
+            if not (folder / "videos" / name).is_file():
+                message = f"video {name} is not there"
+                problems.append(Problem("missing-video", camera_id, message))
+    return problems
+
+
+def _view_problems(camera: Camera, series: ViewSeries, recording: Recording) -> list[Problem]:
+    where = camera.camera_id
+    lost = recording.num_slots - len(series.slots)
+    if len(series.slots) == 0:
+        return [Problem("no-views", where, "has no view at all")]
+    problems = []
+    if lost:
+        edges = np.concatenate([[-1], series.slots, [recording.num_slots]])
+        gaps = np.diff(edges) - 1
+        longest = int(gaps.argmax())
+        first = int(edges[longest]) + 1
+        problems.append(
+            Problem(
+                "lost-views",
+                where,
+                f"{lost} of {recording.num_slots} views are lost in {int((gaps > 0).sum())} gaps; "
+                f"the longest is slots {first} to {first + int(gaps[longest]) - 1}",
+            )
+        )
+    if len(series.scores) == 0:
+        problems.append(Problem("sees-nobody", where, "sees nobody in any of its views"))
+    return problems
+
+
+def _time_problems(where: str, series: ViewSeries, recording: Recording) -> list[Problem]:
+    if len(series.slots) < 3:
+        return []
+    interval_s = recording.interval_s
+    problems = []
+    if (np.diff(series.times_s) <= 0).any():
+        slot = int(series.slots[1:][np.diff(series.times_s) <= 0][0])
+        problems.append(Problem("time-order", where, f"time does not rise at slot {slot}"))
+    slots = series.slots.astype(np.float64)
+    slope, start_s = np.polyfit(slots, series.times_s, 1)
+    if abs(slope / interval_s - 1) > RATE_SHARE:
+        rate = f"{1 / slope:.3f} fps" if slope > 0 else "no steady rate"
+        problems.append(
+            Problem("rate", where, f"times run at {rate}, the recording says {recording.fps:g}")
+        )
+    jitter_s = float(np.percentile(np.abs(series.times_s - (slope * slots + start_s)), 95))
+    if jitter_s > JITTER_SHARE * interval_s:
+        problems.append(
+            Problem(
+                "jitter",
+                where,
+                f"times stray by {1000 * jitter_s:.1f} ms (95th percentile) from a steady rate, "
+                f"a slot is {1000 * interval_s:.1f} ms",
+            )
+        )
+    offset_s = float(np.median(series.times_s - slots * interval_s))
+    if abs(offset_s) > interval_s:
+        problems.append(
+            Problem("offset", where, f"times are {offset_s:+.3f} s from what slot and fps say")
+        )
+    return problems
+
+
+def _keypoint_problems(camera: Camera, series: ViewSeries) -> list[Problem]:
+    where = camera.camera_id
+    seen = series.scores > 0
+    if len(series.scores) == 0:
+        return []
+    problems = []
+    blank = int((~seen.any(axis=1)).sum())
+    if blank:
+        message = f"{blank} of {len(seen)} people have no keypoint: all scores are 0"
+        problems.append(Problem("blank-people", where, message))
+    if not seen.any():
+        return problems
+    scores = series.scores[seen]
+    if scores.min() == scores.max() == 1 and scores.size > 100:
+        message = "all scores are 1, so that nothing tells good keypoints from bad ones"
+        problems.append(Problem("flat-scores", where, message))
+    pixels = series.keypoints_px[seen]
+    width, height = camera.image_size
+    outside = ((pixels < -0.5) | (pixels > np.array([width, height]) - 0.5)).any(axis=-1)
+    if outside.mean() > OUTSIDE_SHARE:
+        problems.append(
+            Problem(
+                "outside-image",
+                where,
+                f"{100 * outside.mean():.0f} % of keypoints lie outside the {width} x {height} "
+                f"image (they reach {pixels[:, 0].max():.0f}, {pixels[:, 1].max():.0f}); "
+                "is the size, the rotation or the camera right?",
+            )
+        )
+    return problems
+
+
+def _copied_views(recording: Recording) -> list[Problem]:
+    problems = []
+    for index, series in enumerate(recording.views):
+        for other in range(index):
+            same = recording.views[other]
+            if len(series.scores) > 0 and np.array_equal(
+                series.keypoints_px, same.keypoints_px, equal_nan=True
+            ):
+                ids = recording.rig.camera_ids
+                message = f"has the very keypoints of {ids[other]}; was one file copied?"
+                problems.append(Problem("copied-views", ids[index], message))
+                break
+    return problems
+
+
+def _rig_problems(recording: Recording) -> list[Problem]:
+    rig = recording.rig
+    if len(rig) < 2:
+        return [Problem("one-camera", "rig", "has one camera, 3D needs at least two")]
+    problems = []
+    distances_m = np.linalg.norm(rig.centers_m[:, None] - rig.centers_m[None], axis=-1)
+    close = np.argwhere(np.triu(distances_m < SAME_PLACE_M, k=1))
+    for first, second in close.tolist():
+        message = f"stands in the same place as {rig.camera_ids[first]}"
+        problems.append(Problem("same-place", rig.camera_ids[second], message))
+    span_m = float(distances_m.max())
+    if not RIG_SPAN_M[0] <= span_m <= RIG_SPAN_M[1]:
+        message = f"cameras are at most {span_m:.3g} m apart; is the calibration in metres?"
+        problems.append(Problem("rig-span", "rig", message))
+    up = float(np.mean([-camera.R[1, 2] for camera in rig.cameras]))
+    if up < UP_SHARE:
+        message = (
+            f"the images' up points {up:+.2f} along world z on average, expected near 1; "
+            "is the world z up?"
+        )
+        problems.append(Problem("not-z-up", "rig", message))
+    for camera in rig.cameras:
+        width, height = camera.image_size
+        if not (0 < camera.K[0, 2] < width and 0 < camera.K[1, 2] < height):
+            message = "the principal point lies outside the image; is the image size right?"
+            problems.append(Problem("principal-point", camera.camera_id, message))
+    return problems
+
+
+def _consistency_problems(recording: Recording) -> list[Problem]:
+    problems = []
+    distances_px = epipolar_distances_px(recording)
+    for index, camera in enumerate(recording.rig.cameras):
+        # A wrong camera disagrees with most others, a right one only with the wrong.
+        pairs = np.sort(distances_px[index][np.isfinite(distances_px[index])])
+        limit_px = EPIPOLAR_SHARE * float(np.hypot(*camera.image_size))
+        middle_px = float(pairs[(len(pairs) - 1) // 2]) if len(pairs) else 0.0
+        if middle_px > limit_px:
+            problems.append(
+                Problem(
+                    "epipolar",
+                    camera.camera_id,
+                    f"people lie {middle_px:.0f} px or more off where most other cameras "
+                    f"say they can be, expected below {limit_px:.0f}; check calibration, "
+                    "units, camera order and synchronisation",
+                )
+            )
+    return problems
+
+
+def _truth_problems(recording: Recording) -> list[Problem]:
+    truth = recording.truth
+    if truth is None:
+        return []
+    problems = []
+    for name, annotated in zip(truth.person_ids, np.moveaxis(truth.annotated, 1, 0), strict=True):
+        if not annotated.any():
+            problems.append(Problem("no-truth", "truth", f"{name} is annotated in no slot"))
+    for camera, distance_px in zip(
+        recording.rig.cameras, truth_distances_px(recording).tolist(), strict=True
+    ):
+        limit_px = TRUTH_SHARE * float(np.hypot(*camera.image_size))
+        if distance_px > limit_px:
+            problems.append(
+                Problem(
+                    "truth-off",
+                    camera.camera_id,
+                    f"the truth projects {distance_px:.0f} px (median) from the nearest person "
+                    f"seen, expected below {limit_px:.0f}; check its units, axes and slots",
+                )
+            )
+    return problems
