@@ -1,0 +1,234 @@
+"""One slot in one compiled call, with the working memory that it needs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import Rig
+from e3pose.kernels.compile import kernel
+from e3pose.kernels.group import group_poses
+from e3pose.kernels.pairs import LANES, PLANES, gather, measure_pairs
+from e3pose.kernels.place import place_person
+from e3pose.triangulate import MIN_VIEWS
+
+if TYPE_CHECKING:
+    from e3pose.fuse import Fused, FusionSettings
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Memory(NamedTuple):
+    """Scratch of a slot of at most `capacity` poses, allocated once."""
+
+    pixels: Floats  # (capacity, num_joints, 2)
+    scores: Floats  # (capacity, num_joints)
+    tiles: Floats
+    tile_centers: Floats
+    lanes: Floats
+    sums: Floats  # (capacity, capacity)
+    weights: Floats  # (capacity, capacity)
+    distance: Floats  # (capacity,)
+    strength: Floats  # (capacity,)
+    precisions: Floats  # (num_cameras,)
+    small: Floats  # (4, 4, 4)
+    integers: Integers  # (7, capacity)
+    in_group: Integers  # (2, num_cameras)
+    joints_m: Floats  # (capacity // 2, num_joints, 3)
+    joint_scores: Floats  # (capacity // 2, num_joints)
+    errors_px: Floats  # (capacity // 2, num_joints)
+    members: Integers  # (capacity // 2, num_cameras)
+
+
+def make_memory(num_cameras: int, num_joints: int, capacity: int) -> Memory:
+    """Allocate scratch; `capacity` is rounded up to whole tiles."""
+    num_tiles = max(1, -(-capacity // LANES))
+    capacity = num_tiles * LANES
+    people = capacity // MIN_VIEWS
+    return Memory(
+        pixels=np.zeros((capacity, num_joints, 2)),
+        scores=np.zeros((capacity, num_joints)),
+        tiles=np.zeros((num_tiles, num_joints * PLANES * LANES)),
+        tile_centers=np.zeros((num_tiles, 3 * LANES)),
+        lanes=np.zeros(5 * LANES),
+        sums=np.zeros((capacity, capacity)),
+        weights=np.zeros((capacity, capacity)),
+        distance=np.zeros(capacity),
+        strength=np.zeros(capacity),
+        precisions=np.zeros(num_cameras),
+        small=np.zeros((4, 4, 4)),
+        integers=np.zeros((7, capacity), np.int64),
+        in_group=np.zeros((2, num_cameras), np.int64),
+        joints_m=np.zeros((people, num_joints, 3)),
+        joint_scores=np.zeros((people, num_joints)),
+        errors_px=np.zeros((people, num_joints)),
+        members=np.zeros((people, num_cameras), np.int64),
+    )
+
+
+class SlotKernel:
+    """The numba backend of `Fuser`: keeps what is constant per rig, and the working memory."""
+
+    def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings) -> None:
+        from e3pose.fuse import MAX_PIXEL, ray_matrices
+
+        self._rig = (
+            np.ascontiguousarray(ray_matrices(rig)),
+            np.ascontiguousarray(rig.centers_m),
+            np.ascontiguousarray(rig.projections),
+        )
+        self._settings = (
+            MAX_PIXEL,
+            settings.max_distance_m,
+            settings.cap_m,
+            settings.duplicate_m,
+            min(settings.min_joints, num_joints),
+            settings.steps,
+            settings.reject_outliers,
+        )
+        self._memory = make_memory(len(rig), num_joints, 8 * len(rig))
+
+    def __call__(self, keypoints_px: Floats, scores: Floats, counts: Integers) -> Fused:
+        """Fuse one slot; the arguments are those of `Fuser.fuse_arrays`, undistorted."""
+        memory = self._memory
+        if counts.sum() > len(memory.strength):
+            num_cameras, num_joints = len(counts), scores.shape[2]
+            memory = make_memory(num_cameras, num_joints, 2 * int(counts.sum()))
+            self._memory = memory
+        people = fuse_slot(keypoints_px, scores, counts, *self._rig, *self._settings, memory)
+        return (
+            memory.joints_m[:people].copy(),
+            memory.joint_scores[:people].copy(),
+            memory.members[:people].copy(),
+            memory.errors_px[:people].copy(),
+        )
+
+
+@kernel
+def fuse_slot(
+    keypoints_px: Floats,
+    scores: Floats,
+    counts: Integers,
+    ray_matrices: Floats,
+    centers_m: Floats,
+    projections: Floats,
+    max_pixel: float,
+    max_distance_m: float,
+    cap_m: float,
+    duplicate_m: float,
+    min_joints: int,
+    steps: int,
+    reject_outliers: bool,
+    memory: Memory,
+) -> int:
+    """Match and triangulate one slot into the last four arrays of `memory`; return the people."""
+    cameras, rows, labels, nearest, alive, sizes, starts = (
+        memory.integers[0],
+        memory.integers[1],
+        memory.integers[2],
+        memory.integers[3],
+        memory.integers[4],
+        memory.integers[5],
+        memory.integers[6],
+    )
+    num_poses = gather(
+        keypoints_px,
+        scores,
+        counts,
+        ray_matrices,
+        centers_m,
+        max_pixel,
+        memory.pixels,
+        memory.scores,
+        cameras,
+        rows,
+        memory.tiles,
+        memory.tile_centers,
+    )
+    measure_pairs(
+        num_poses,
+        scores.shape[2],
+        cameras,
+        memory.tiles,
+        memory.tile_centers,
+        cap_m,
+        memory.lanes,
+        memory.sums,
+        memory.weights,
+    )
+    group_poses(
+        num_poses,
+        memory.sums,
+        memory.weights,
+        max_distance_m,
+        cap_m,
+        labels,
+        nearest,
+        memory.distance,
+        alive,
+    )
+    for pose in range(num_poses):
+        memory.strength[pose] = 0.0
+        sizes[pose] = 0
+    for pose in range(num_poses):
+        sizes[labels[pose]] += 1
+        for joint in range(scores.shape[2]):
+            memory.strength[labels[pose]] += memory.scores[pose, joint]
+    people = 0
+    while True:
+        label = -1
+        for pose in range(num_poses):
+            strongest = label < 0 or memory.strength[pose] > memory.strength[label]
+            if sizes[pose] >= MIN_VIEWS and strongest:
+                label = pose
+        if label < 0:
+            return people
+        group = starts[: sizes[label]]
+        count = 0
+        for pose in range(num_poses):  # poses are stored by camera, so the group is too
+            if labels[pose] == label:
+                group[count] = pose
+                count += 1
+        sizes[label] = 0
+        found = place_person(
+            group,
+            cameras,
+            memory.pixels,
+            memory.scores,
+            projections,
+            steps,
+            reject_outliers,
+            memory.in_group[0],
+            memory.precisions,
+            memory.small,
+            memory.joints_m[people],
+            memory.joint_scores[people],
+            memory.errors_px[people],
+        )
+        if found < min_joints or _is_duplicate(memory.joints_m, people, duplicate_m):
+            continue
+        memory.members[people] = -1
+        for index in range(len(group)):
+            memory.members[people, cameras[group[index]]] = rows[group[index]]
+        people += 1
+
+
+@kernel
+def _is_duplicate(joints_m: Floats, person: int, duplicate_m: float) -> bool:
+    for other in range(person):
+        shared = 0
+        total = 0.0
+        for joint in range(joints_m.shape[1]):
+            squares = 0.0
+            for axis in range(3):
+                squares += (joints_m[person, joint, axis] - joints_m[other, joint, axis]) ** 2
+            if math.isfinite(squares):
+                shared += 1
+                total += math.sqrt(squares)
+        if shared > 0 and total < duplicate_m * shared:
+            return True
+    return False

@@ -1,0 +1,102 @@
+"""Match 2D poses across views: which poses of different cameras show the same person.
+
+The epipolar constraint is tested in the world: two keypoints of one joint span two rays, and the
+rays of the same point pass each other closely. Its distance is in metres, so one threshold serves
+near and far people and every camera. `docs/decisions/0001-matching.md` explains the choice.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# Squared sine of the angle under which two rays count as parallel: their distance says nothing.
+PARALLEL_SINE2 = 1e-9
+# Only the poses that meet have a link; this many joints of evidence at `cap_m` are added to each,
+# so that a scrap of two joints needs more than a lucky coincidence.
+PRIOR_JOINTS = 1.0
+
+
+def ray_distances(
+    rays: Floats, centers_m: Floats, scores: Floats, cap_m: float
+) -> tuple[Floats, Floats]:
+    """Measure how closely the rays of all pairs of poses pass each other.
+
+    Args:
+        rays: `(num_poses, num_joints, 3)` unit world directions; anything where not seen.
+        centers_m: `(num_poses, 3)` optical centre of the camera that saw the pose.
+        scores: `(num_poses, num_joints)` in [0, 1]; 0 where not seen.
+        cap_m: the most that one joint may count, so that one wild keypoint does not decide; also
+            what a joint counts whose rays are closest behind a camera.
+
+    Returns:
+        `(num_poses, num_poses)` weighted sums of the distances over the joints, in metres, and the
+        sums of the weights. A joint weighs the lower of its two scores.
+    """
+    rays = np.where((scores > 0)[..., None], rays, 0.0)
+    baseline = (centers_m[None, :] - centers_m[:, None])[:, :, None, :]
+    normal = np.cross(rays[:, None], rays[None, :])  # (num_poses, num_poses, num_joints, 3)
+    sine2 = (normal**2).sum(axis=-1)
+    cosine = (rays[:, None] * rays[None, :]).sum(axis=-1)
+    along_first = (baseline * rays[:, None]).sum(axis=-1)
+    along_second = (baseline * rays[None, :]).sum(axis=-1)
+    crossing = sine2 > PARALLEL_SINE2
+    distance = np.abs((baseline * normal).sum(axis=-1)) / np.sqrt(np.where(crossing, sine2, 1.0))
+    in_front = (along_first > cosine * along_second) & (cosine * along_first > along_second)
+    distance = np.where(in_front, np.minimum(distance, cap_m), cap_m)
+    weights = np.where(crossing, np.minimum(scores[:, None], scores[None, :]), 0.0)
+    return (weights * distance).sum(axis=-1), weights.sum(axis=-1)
+
+
+def match(
+    rays: Floats,
+    centers_m: Floats,
+    scores: Floats,
+    cameras: NDArray[np.int64],
+    max_distance_m: float,
+    cap_m: float,
+) -> list[list[int]]:
+    """Group the poses of all views by person, greedily and closest first.
+
+    Every pose begins as a group of its own. Again and again the two closest groups are merged, by
+    the mean ray distance over all their pairs of poses and joints (average link), unless both hold
+    a pose of the same view, until the closest two are further apart than `max_distance_m`. No view
+    comes first, so the order of views and people does not matter.
+
+    Args:
+        rays: `(num_poses, num_joints, 3)` unit world directions; anything where not seen.
+        centers_m: `(num_poses, 3)` optical centre of the camera that saw the pose.
+        scores: `(num_poses, num_joints)` in [0, 1]; 0 where not seen.
+        cameras: `(num_poses,)` camera index of each pose.
+        max_distance_m: the largest mean distance at which two groups are one person.
+        cap_m: the most that one joint may count.
+
+    Returns:
+        Groups of pose indices, strongest (sum of all scores) first; a person seen once is a group
+        of one.
+    """
+    if len(cameras) == 0:
+        return []
+    sums, weights = ray_distances(rays, centers_m, scores, cap_m)
+    sums[cameras[:, None] == cameras[None, :]] = np.inf
+    groups = [[pose] for pose in range(len(cameras))]
+    links = _links(sums, weights, cap_m)
+    while True:
+        first, second = divmod(int(np.argmin(links)), len(cameras))
+        if not links[first, second] <= max_distance_m:
+            break
+        groups[first] += groups[second]
+        groups[second] = []
+        for total in (sums, weights):
+            total[first] += total[second]
+            total[:, first] = total[first]
+        sums[second] = sums[:, second] = np.inf
+        links = _links(sums, weights, cap_m)
+    strength = scores.sum(axis=-1)
+    return sorted((g for g in groups if g), key=lambda g: -float(strength[g].sum()))
+
+
+def _links(sums: Floats, weights: Floats, cap_m: float) -> Floats:
+    return (sums + PRIOR_JOINTS * cap_m) / (weights + PRIOR_JOINTS)
