@@ -106,13 +106,15 @@ def joints_of(body: Body, posture: Posture) -> Floats:
         wrist = elbow + body.forearm * np.einsum("tij,tj->ti", torso, lower)
         hip = posture.pelvis_m + side * body.hip_half * pelvis[:, :, 1]
         knee, ankle = _leg(body, hip, posture.ankles_m[:, index], forward)
-        for row, points in zip((5, 7, 9, 11, 13, 15), (shoulder, elbow, wrist, hip, knee, ankle), strict=True):
+        for row, points in zip(
+            (5, 7, 9, 11, 13, 15), (shoulder, elbow, wrist, hip, knee, ankle), strict=True
+        ):
             joints[:, row + index] = points
     return joints
 
 
 def rotation(angles: Floats) -> Floats:
-    """Return `(num_times, 3, 3)` matrices that turn by yaw, then pitch, then roll `(num_times, 3)`."""
+    """Return `(num_times, 3, 3)` matrices for yaw, then pitch, then roll `(num_times, 3)`."""
     (cy, cp, cr), (sy, sp, sr) = np.cos(angles).T, np.sin(angles).T
     rows = [
         [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],

@@ -1,8 +1,8 @@
 """Feet for a moving body: where each ankle is while a person walks, turns on the spot and stands.
 
 Steps are planned from the path of the body, so a foot on the floor stays where it was put. Time is
-measured in steps: the progress of a bout of walking runs from 0 to its number of steps, one of which
-more than the way needs, since the last foot closes up to the other.
+measured in steps: the progress of a bout of walking runs from 0 to its number of steps, one more
+than the way needs, since the last foot closes up to the other.
 """
 
 from __future__ import annotations
@@ -75,9 +75,7 @@ def plan_gait(
             travelled + 0.5 * smoothstep(travelled) + 0.5 * smoothstep(travelled - (ways - 1))
         )
         part = slice(start, stop)
-        _walk(
-            ankles, part, progress, travelled, root_m[part], heading[part], left, ankle_height_m
-        )
+        _walk(ankles, part, progress, travelled, root_m[part], heading[part], left, ankle_height_m)
         sign = 1.0 if left else -1.0
         strength = np.minimum(1.0, speed[part] / 0.8) * _edges(progress, ways + 1.0)
         rhythm[part] = -sign * np.cos(np.pi * progress) * strength
@@ -136,9 +134,7 @@ def _walk(
         ankles[part.start + end :, foot, 2] = ankle_height_m
 
 
-def _pace(
-    root: Floats, heading: Floats, interval: float, leg_m: float
-) -> tuple[Floats, Floats]:
+def _pace(root: Floats, heading: Floats, interval: float, leg_m: float) -> tuple[Floats, Floats]:
     """Return steps a second and metres a second, `(num_times,)` each."""
     if len(root) < 2:
         return np.zeros(len(root)), np.zeros(len(root))

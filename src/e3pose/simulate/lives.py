@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.simulate.gestures import CALM, GESTURES, Gesturing
+from e3pose.simulate.gestures import CALM, GESTURES, RAMP_S, Gesturing
 from e3pose.simulate.scenes import Scene
 from e3pose.simulate.steering import NOWHERE, PERSON_RADIUS_M, Group, advance
 
@@ -137,8 +137,8 @@ class Play:
             kind, duration = task.then[0]
             if kind == "sit":
                 self._sit(person, time_s, duration)
-            elif rng.uniform() < 0.6:
-                self._gesture(person, time_s, duration, tuple(GESTURES))
+            elif rng.uniform() < 0.7:
+                self._gestures(person, time_s, duration, tuple(GESTURES))
             return _Task("wait", time_s, time_s + duration)
         group.own_seat[person] = -1
         return self._choose(person, time_s)
@@ -222,17 +222,20 @@ class Play:
         seated = np.minimum(down, up)
         life = self.lives[person]
         life.seated = np.maximum(life.seated, seated)
-        if self.rng.uniform() < 0.7 and duration > 2 * SIT_S + 3:
-            start = time_s + SIT_S + float(self.rng.uniform(0, 1.5))
-            self._gesture(person, start, time_s + duration - SIT_S - start, CALM)
+        if self.rng.uniform() < 0.8:
+            self._gestures(person, time_s + SIT_S, duration - 2 * SIT_S, CALM)
 
-    def _gesture(
+    def _gestures(
         self, person: int, start_s: float, duration: float, names: tuple[str, ...]
     ) -> None:
-        name = names[int(self.rng.integers(len(names)))]
-        stop_s = start_s + min(duration, float(self.rng.uniform(3, 9)))
-        left = bool(self.rng.uniform() < 0.4)
-        self.lives[person].gestures.append(Gesturing(name, start_s, stop_s, left))
+        """Fill a stop or a time on a seat with gestures and rests in between."""
+        end_s = start_s + duration
+        while end_s - start_s > 2 * RAMP_S:
+            name = names[int(self.rng.integers(len(names)))]
+            stop_s = min(end_s, start_s + float(self.rng.uniform(3, 9)))
+            left = bool(self.rng.uniform() < 0.4)
+            self.lives[person].gestures.append(Gesturing(name, start_s, stop_s, left))
+            start_s = stop_s + float(self.rng.uniform(0, 4))
 
     def _place(self) -> Floats:
         """Return a floor point inside the area that is clear of seats and occluders."""
@@ -246,7 +249,7 @@ class Play:
         return place
 
     def _free_place(self, person: int, room_m: float) -> Floats | None:
-        """Return a place away from other people and from where they go, or None if it is too full."""
+        """Return a place away from other people and their goals, or None if it is too full."""
         others = np.arange(len(self.tasks)) != person
         taken = np.concatenate([self.group.xy[others], self.group.goal[others]])
         for _ in range(30):

@@ -54,9 +54,7 @@ def _stay(
     root = _smooth(life.xy[stay])
     heading = _smooth(np.unwrap(life.heading[stay])[:, None])[:, 0]
     seated = smoothstep(life.seated[stay])
-    gait = plan_gait(
-        times_s, root, heading, body.leg, body.ankle_height, bool(rng.uniform() < 0.5)
-    )
+    gait = plan_gait(times_s, root, heading, body.leg, body.ankle_height, bool(rng.uniform() < 0.5))
     speed = np.linalg.norm(np.gradient(root, times_s, axis=0), axis=-1)
     gestures = tuple(g for g in life.gestures if times_s[0] <= g.start_s <= times_s[-1])
     arms = move_arms(times_s, gait.rhythm, seated, gestures)
@@ -115,7 +113,9 @@ def _pelvis(
 
 def _lean(progress: Floats, seated: Floats, speed: Floats) -> Floats:
     """Return how far the torso leans forward: most while sitting down or getting up."""
-    return 0.03 + 0.04 * np.minimum(speed, 1.5) + 0.55 * np.sin(np.pi * progress) ** 2 - 0.1 * seated
+    return (
+        0.03 + 0.04 * np.minimum(speed, 1.5) + 0.55 * np.sin(np.pi * progress) ** 2 - 0.1 * seated
+    )
 
 
 def _drift(times_s: Floats, rng: np.random.Generator, number: int) -> Floats:

@@ -24,7 +24,7 @@ class Occluder(Protocol):
         ...
 
     def nearest(self, xy_m: Floats) -> Floats:
-        """Return `(*batch, 2)`: the point of its footprint nearest to floor points `(*batch, 2)`."""
+        """Return `(*batch, 2)`: the points of its footprint nearest to `(*batch, 2)`."""
         ...
 
 
@@ -54,7 +54,7 @@ class Pillar:
         return np.asarray(meets & ((inside > 0) | (a == 0)))
 
     def nearest(self, xy_m: Floats) -> Floats:
-        """Return `(*batch, 2)`: the point of the footprint nearest to floor points `(*batch, 2)`."""
+        """Return `(*batch, 2)`: the points of its footprint nearest to `(*batch, 2)`."""
         offset = xy_m - (self.x_m, self.y_m)
         distance = np.maximum(np.linalg.norm(offset, axis=-1, keepdims=True), 1e-12)
         return np.asarray(offset * np.minimum(self.radius_m / distance, 1) + (self.x_m, self.y_m))
@@ -83,7 +83,7 @@ class Box:
         return np.asarray(np.maximum(enter, 0.0) < np.minimum(leave, 1.0))
 
     def nearest(self, xy_m: Floats) -> Floats:
-        """Return `(*batch, 2)`: the point of the footprint nearest to floor points `(*batch, 2)`."""
+        """Return `(*batch, 2)`: the points of its footprint nearest to `(*batch, 2)`."""
         half = np.array([self.length_m, self.width_m]) / 2
         local = np.clip(self._local(xy_m), -half, half)
         return np.asarray(local @ self._rotation().T + (self.x_m, self.y_m))

@@ -67,10 +67,14 @@ class Scene:
         return replace(self, area_m=area_m, seats=seats)
 
 
-def _circle_of_seats(number: int, radius_m: float, first: float = 0.4) -> tuple[tuple[float, float, float], ...]:
+def _circle_of_seats(
+    number: int, radius_m: float, first: float = 0.4
+) -> tuple[tuple[float, float, float], ...]:
     """Seats on a circle, facing its middle."""
     angles = first + 2 * np.pi * np.arange(number) / number
-    return tuple((float(radius_m * np.cos(a)), float(radius_m * np.sin(a)), float(a + np.pi)) for a in angles)
+    return tuple(
+        (float(radius_m * np.cos(a)), float(radius_m * np.sin(a)), float(a + np.pi)) for a in angles
+    )
 
 
 SCENES: dict[str, Scene] = {
@@ -110,7 +114,7 @@ SCENES: dict[str, Scene] = {
 
 
 def scene_by_name(name: str) -> Scene:
-    """Return the scene called `name`; raise `InputError` listing the known ones if there is none."""
+    """Return the scene called `name`; raise `InputError` with the known ones if there is none."""
     if name not in SCENES:
         raise InputError(
             f"simulate: scene: found {name[:40]!r}, expected one of {', '.join(SCENES)}"

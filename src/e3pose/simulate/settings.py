@@ -11,7 +11,9 @@ from e3pose.errors import InputError
 MAX_PEOPLE = 50
 MAX_CAMERAS = 64
 MAX_SLOTS = 1_000_000
-MAX_VIEW_PEOPLE = 20_000_000  # slots x cameras x people: what fits a small machine's memory
+MAX_VIEW_PEOPLE = 4_000_000  # slots x cameras x people: what fits a small machine's memory
+MAX_SECONDS = 4 * 3600.0
+MAX_PERSON_SECONDS = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +24,7 @@ class DetectorSettings:
         noise: factor on the keypoint noise; 0 puts every keypoint where the joint projects.
         joint_miss: share of joints in plain sight that are missed.
         self_occluded_miss: share missed of joints hidden by the person's own body.
+        behind_head_miss: the same for the face, when the head is seen from behind.
         occluded_miss: share missed of joints hidden by somebody or something else.
         person_miss: share of person-views missed as a whole, in episodes.
         swap: share of person-views with left and right exchanged, in episodes.
@@ -34,6 +37,7 @@ class DetectorSettings:
     noise: float = 1.0
     joint_miss: float = 0.03
     self_occluded_miss: float = 0.45
+    behind_head_miss: float = 0.85
     occluded_miss: float = 0.8
     person_miss: float = 0.01
     swap: float = 0.01
@@ -85,7 +89,7 @@ class SceneSettings:
             check_number("people", self.people, 0, MAX_PEOPLE, whole=True)
         check_number("cameras", self.cameras, 1, MAX_CAMERAS, whole=True)
         check_number("fps", self.fps, 0.5, 1000)
-        check_number("seconds", self.seconds, 0, MAX_SLOTS)
+        check_number("seconds", self.seconds, 0, MAX_SECONDS)
         check_number("slots (seconds x fps)", self.seconds * self.fps, 1, MAX_SLOTS)
         for name, value, high in (
             ("radius", self.radius_m, 100.0),
@@ -93,6 +97,10 @@ class SceneSettings:
         ):
             if value is not None:
                 check_number(name, value, {"radius": 1.0, "height": 0.1}[name], high)
+        if len(self.image_size) != 2:
+            raise InputError(
+                f"simulate: image size: found {self.image_size!r}, expected (width, height)"
+            )
         for name, size in zip(("image width", "image height"), self.image_size, strict=True):
             check_number(name, size, 64, 20_000, whole=True)
 
@@ -103,20 +111,25 @@ class SceneSettings:
 
     def check_size(self, num_cameras: int, num_people: int) -> None:
         """Raise `InputError` if so many cameras and people over this time would not fit memory."""
-        size = self.num_slots * num_cameras * num_people
-        if size > MAX_VIEW_PEOPLE:
-            raise InputError(
-                f"simulate: slots x cameras x people: found {size}, expected at most "
-                f"{MAX_VIEW_PEOPLE}; make it shorter or smaller"
-            )
+        for name, size, most in (
+            (
+                "slots x cameras x people",
+                self.num_slots * num_cameras * num_people,
+                MAX_VIEW_PEOPLE,
+            ),
+            ("seconds x people", self.seconds * num_people, MAX_PERSON_SECONDS),
+        ):
+            if size > most:
+                raise InputError(
+                    f"simulate: {name}: found {size:.0f}, expected at most {most}; "
+                    "make it shorter or smaller"
+                )
 
 
 def check_number(name: str, value: float, low: float, high: float, whole: bool = False) -> None:
     """Raise `InputError` unless `value` is a number in [low, high], and whole if asked."""
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    if is_number and math.isfinite(value) and low <= value <= high:
-        if not whole or value == int(value):
-            return
+    if math.isfinite(value) and low <= value <= high and (not whole or value == int(value)):
+        return
     kind = "a whole number" if whole else "a number"
     raise InputError(
         f"simulate: {name}: found {value!r}, expected {kind} from {low:g} to {high:.10g}"

@@ -114,7 +114,7 @@ def _turn(group: Group, walking: NDArray[np.bool_], direction: Floats, interval_
 def _neighbours(
     group: Group, seats_xy: Floats, occluders: Sequence[Occluder]
 ) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-    """Return offsets `(num_people, num_others, 2)`, their velocities, the clearances and who moves."""
+    """Return offsets `(num_people, num_others, 2)`, velocities, clearances and who moves."""
     number = len(group.xy)
     offsets = [group.xy[None] - group.xy[:, None]]
     clearances = [np.full((number, number), 2 * PERSON_RADIUS_M)]
@@ -143,7 +143,7 @@ def _give_way(
     clearance: Floats,
     moves: NDArray[np.bool_],
 ) -> Floats:
-    """Return the sideways acceleration `(num_people, 2)` that avoids the passes that are too close."""
+    """Return the acceleration `(num_people, 2)` sideways that avoids passing too closely."""
     closing = velocity[:, None] - other
     rate = (closing**2).sum(axis=-1)
     when = np.clip((offset * closing).sum(axis=-1) / np.maximum(rate, 1e-6), 0.0, FORESIGHT_S)
@@ -157,7 +157,7 @@ def _give_way(
     right /= np.sqrt(np.maximum(rate, 1e-6))[..., None]
     away = -miss / np.maximum(gap, 1e-9)[..., None]
     away = np.where((gap < 0.05)[..., None], right, away)
-    return GIVE_WAY_MPS2 * (away * urgency[..., None]).sum(axis=1)
+    return np.asarray(GIVE_WAY_MPS2 * (away * urgency[..., None]).sum(axis=1))
 
 
 def _keep_apart(

@@ -1,0 +1,174 @@
+"""What one camera's detector makes of the people before it, mistakes included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import Camera
+from e3pose.recording import ViewSeries
+from e3pose.simulate.hiding import behind_things, covered_by_others, covered_by_self
+from e3pose.simulate.mistakes import episodes, haunt, merge_people, swap_sides
+from e3pose.simulate.noise import correlated, normal_cdf, residuals
+from e3pose.simulate.occluders import Occluder
+from e3pose.simulate.settings import DetectorSettings
+
+Floats = NDArray[np.float64]
+
+MIN_JOINTS = 3  # with fewer a detector does not speak of a person
+MIN_SCORE = 0.1
+FACE = slice(0, 5)
+BEST_SCORE = 0.98
+# Log-odds of the score of a joint in plain sight, and what takes away from it.
+CLEAR = 1.75
+SPREAD = 0.75
+SELF_COVERED = 1.3
+COVERED = 2.4
+# Log-odds for halving or doubling the distance beyond the range in which the lens is sharp.
+OUT_OF_FOCUS = 0.7
+FOCUS_RANGE = 1.8  # the sharp range is the focus distance divided and multiplied by this
+SMALL_PX_PER_M = 120.0  # smaller people score lower and, far smaller, are missed altogether
+TINY_PX_PER_M = 30.0
+# Face and wrists are small, hips have no mark: what a joint scores more or less than the others.
+JOINT_BIAS = np.array(
+    [0.0, 0.0, 0.0, -0.1, -0.1, 0.25, 0.25, 0.0, 0.0, -0.3, -0.3, -0.2, -0.2, 0.1, 0.1, 0.0, 0.0]
+)
+SCORE_MEMORY = ((0.2, 0.0), (0.4, 0.25), (0.4, 3.0))  # share of the variance, seconds
+MISS_MEMORY = ((0.3, 0.0), (0.7, 0.3))
+
+
+def detect_people(
+    camera: Camera,
+    joints_m: Floats,
+    offset_m: Floats,
+    occluders: Sequence[Occluder],
+    area_m: float,
+    fps: float,
+    settings: DetectorSettings,
+    seed: np.random.SeedSequence,
+) -> ViewSeries:
+    """Simulate the views of one camera.
+
+    Args:
+        camera: the camera, in the world.
+        joints_m: `(num_slots, num_persons, 17, 3)` in the scene, NaN for people who are away.
+        offset_m: `(3,)` where the origin of the scene lies in the world.
+        occluders: things of the scene.
+        area_m: radius of the floor in use.
+        fps: slots a second.
+        settings: how the detector errs.
+        seed: each kind of error has a stream of its own, so that one can be changed by itself.
+    """
+    num_slots = len(joints_m)
+    streams = [np.random.default_rng(child) for child in seed.spawn(8)]
+    world_m = joints_m + offset_m
+    keypoints = camera.project(world_m)
+    inside = camera.sees(world_m)
+    if settings.perfect:
+        scores = inside.astype(np.float64)
+        slots, people = np.nonzero(inside.any(axis=-1))
+        found = keypoints[slots, people], scores[slots, people]
+        return _gathered(slots, *found, fps, num_slots, streams[7])
+    centre = camera.center_m - offset_m
+    depth = _depth(camera, world_m)
+    px_per_m = 0.5 * (camera.K[0, 0] + camera.K[1, 1]) / depth
+    own = covered_by_self(centre, joints_m)
+    other = np.maximum(
+        covered_by_others(centre, joints_m), behind_things(centre, joints_m, occluders)
+    )
+    focus = float(np.hypot(*centre[:2]))
+    scores = _scores(own, other, depth / max(focus, 1.0), px_per_m, fps, streams[0])
+    seen = inside & ~_missed(own, other, px_per_m, fps, settings, streams[1:3])
+    keypoints = keypoints + settings.noise * _errors(scores, px_per_m, fps, streams[3])
+    in_image = (keypoints >= -0.5) & (keypoints < np.array(camera.image_size) - 0.5)
+    seen &= in_image.all(axis=-1) & (scores > MIN_SCORE)
+    seen &= seen.sum(axis=-1, keepdims=True) >= MIN_JOINTS
+    scores = np.where(seen, scores, 0.0)
+    keypoints = np.where(seen[..., None], keypoints, np.nan)
+    keypoints, scores = swap_sides(keypoints, scores, streams[4], 1 / fps, settings.swap)
+    keypoints, scores = merge_people(keypoints, scores, depth, streams[5], 1 / fps, settings.merge)
+    ghost_slots, ghosts, ghost_scores = haunt(
+        camera, num_slots, fps, (offset_m[:2], area_m), streams[6], settings.ghosts
+    )
+    slots, people = np.nonzero(scores.any(axis=-1))
+    fake = np.flatnonzero((ghost_scores > 0).sum(axis=-1) >= MIN_JOINTS)
+    return _gathered(
+        np.concatenate([slots, ghost_slots[fake]]),
+        np.concatenate([keypoints[slots, people], ghosts[fake]]),
+        np.concatenate([scores[slots, people], ghost_scores[fake]]),
+        fps,
+        num_slots,
+        streams[7],
+    )
+
+
+def _depth(camera: Camera, world_m: Floats) -> Floats:
+    """Return `(num_slots, num_persons)` metres of the hips before the camera, 0.3 at the least."""
+    hips = world_m[:, :, 11:13].mean(axis=2)
+    depth = np.linalg.norm(hips - camera.center_m, axis=-1)
+    return np.asarray(np.maximum(np.nan_to_num(depth, nan=1.0), 0.3))
+
+
+def _scores(
+    own: Floats,
+    other: Floats,
+    relative_depth: Floats,
+    px_per_m: Floats,
+    fps: float,
+    rng: np.random.Generator,
+) -> Floats:
+    """Return scores `(num_slots, num_persons, 17)`: lower where covered, blurred or small."""
+    blur = np.maximum(np.abs(np.log2(relative_depth)) - np.log2(FOCUS_RANGE), 0.0)
+    small = np.maximum(np.log2(SMALL_PX_PER_M / px_per_m), 0.0)
+    odds = CLEAR + JOINT_BIAS + SPREAD * correlated(rng, own.shape, 1 / fps, SCORE_MEMORY)
+    odds = odds - SELF_COVERED * own - COVERED * other
+    odds -= (OUT_OF_FOCUS * blur + small)[..., None]
+    return np.asarray(BEST_SCORE / (1 + np.exp(-odds)))
+
+
+def _missed(
+    own: Floats,
+    other: Floats,
+    px_per_m: Floats,
+    fps: float,
+    settings: DetectorSettings,
+    rngs: Sequence[np.random.Generator],
+) -> NDArray[np.bool_]:
+    """Return `(num_slots, num_persons, 17)`: joints that are missed, alone or with the person."""
+    own_miss = np.full(17, settings.self_occluded_miss)
+    own_miss[FACE] = settings.behind_head_miss
+    share = settings.joint_miss + (own_miss - settings.joint_miss) * own
+    share = share + (settings.occluded_miss - share) * other
+    missed = normal_cdf(correlated(rngs[0], own.shape, 1 / fps, MISS_MEMORY)) < share
+    tiny = np.clip(2 * (1 - px_per_m / TINY_PX_PER_M), 0.0, 1.0)
+    nobody = episodes(rngs[1], px_per_m.shape, 1 / fps, np.maximum(settings.person_miss, tiny))
+    return np.asarray(missed | nobody[..., None])
+
+
+def _errors(scores: Floats, px_per_m: Floats, fps: float, rng: np.random.Generator) -> Floats:
+    """Return keypoint errors `(num_slots, num_persons, 17, 2)` in pixels, correlated in time."""
+    direction = correlated(rng, (*scores.shape, 2), 1 / fps)
+    gross = normal_cdf(correlated(rng, scores.shape, 1 / fps))
+    return residuals(direction, gross, scores, px_per_m[..., None])
+
+
+def _gathered(
+    slots: NDArray[np.int64],
+    keypoints: Floats,
+    scores: Floats,
+    fps: float,
+    num_slots: int,
+    rng: np.random.Generator,
+) -> ViewSeries:
+    """Sort detections by slot, in a random order within each."""
+    order = np.lexsort((rng.uniform(size=len(slots)), slots))
+    scores = scores[order]
+    return ViewSeries(
+        np.arange(num_slots, dtype=np.int64),
+        np.arange(num_slots) / fps,
+        np.searchsorted(slots[order], np.arange(num_slots + 1)).astype(np.int64),
+        np.where(scores[..., None] > 0, keypoints[order], np.nan),
+        scores,
+    )
