@@ -72,7 +72,7 @@ def test_figures_and_poses_are_written(folder: Path, tmp_path: Path) -> None:
     assert summary["metrics"]["recall_500mm"] == 1.0
     assert summary["selection"]["mean_cameras"] == pytest.approx((10 * 4 + 15 * 2) / 25)
     assert 0 < summary["energy"]["saving_percent"] < 100
-    rows = list(csv.DictReader(poses.open()))
+    rows = list(csv.DictReader(poses.read_text().splitlines()))
     assert list(rows[0]) == ["slot", "time", "track", "joint", "x", "y", "z", "score"]
     assert len(rows) == NUM_SLOTS * 17
     assert {row["joint"] for row in rows} == set(COCO17.joints)

@@ -41,7 +41,7 @@ def test_rows_name_slot_track_and_joint(tmp_path: Path) -> None:
         record(3, Poses3D(joints, scores), [7, 4]),
     ]
     write_poses(records, COCO17, tmp_path / "poses.csv")
-    rows = list(csv.DictReader((tmp_path / "poses.csv").open()))
+    rows = list(csv.DictReader((tmp_path / "poses.csv").read_text().splitlines()))
     assert [(r["slot"], r["time"], r["track"], r["joint"]) for r in rows] == [
         ("3", "0.12", "7", "left_shoulder"),
         ("3", "0.12", "4", "nose"),
