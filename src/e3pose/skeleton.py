@@ -83,9 +83,9 @@ left_ankle right_shoulder right_elbow right_wrist right_hip right_knee right_ank
 left_ear right_eye right_ear"""
 # A CMU bone is named after itself and placed at its far end: `lfemur` ends in the knee.
 _CMU31 = """mid_hip left_hip right_hip lower_back left_knee left_ankle left_foot left_toes
-right_knee right_ankle right_foot right_toes upper_back thorax neck left_shoulder right_shoulder upper_neck
-top_head left_elbow left_wrist left_palm left_hand left_thumb left_fingers right_elbow right_wrist
-right_palm right_hand right_thumb right_fingers"""
+right_knee right_ankle right_foot right_toes upper_back thorax neck left_shoulder right_shoulder
+upper_neck top_head left_elbow left_wrist left_palm left_hand left_thumb left_fingers
+right_elbow right_wrist right_palm right_hand right_thumb right_fingers"""
 
 _NECK_LIMBS = (("neck", "nose"), *BODY_LIMBS)
 _FEET_LIMBS = tuple(
