@@ -98,6 +98,8 @@ def evaluate(
         raise InputError(f"--seeds: found {seeds}, expected 1 to {MAX_SEEDS}")
     if jobs == 0 or jobs < -1:
         raise InputError(f"--jobs: found {jobs}, expected 1 or more, or -1 for all cores")
+    if not 0 < battery_wh < float("inf"):
+        raise InputError(f"--battery-wh: found {battery_wh:g}, expected more than 0")
     names = _names(policies)
     device = load_profile(profile)
     source = load_recording(recording)

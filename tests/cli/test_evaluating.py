@@ -1,0 +1,120 @@
+"""`e3pose evaluate` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose.camera import Camera, Rig
+from e3pose.cli import main
+from e3pose.pose import Poses2D
+from e3pose.recording import Recording, Truth, ViewSeries, save_recording
+from e3pose.skeleton import COCO17
+
+NUM_SLOTS = 30
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One person seen exactly by four cameras, so that every policy gets everything right."""
+    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
+    cameras = []
+    for index, angle in enumerate([0.3, 1.5, 3.1, 4.4]):
+        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
+        forward = (np.array([0, 0, 1.0]) - centre) / np.linalg.norm(np.array([0, 0, 1.0]) - centre)
+        right = np.cross(forward, [0, 0, 1.0]) / np.linalg.norm(np.cross(forward, [0, 0, 1.0]))
+        R = np.stack([right, np.cross(forward, right), forward])
+        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
+    body = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
+    truth = np.stack([[body + [0.01 * slot, 0, 0]] for slot in range(NUM_SLOTS)])
+    series = tuple(
+        ViewSeries.from_views(
+            [Poses2D(camera.project(people), np.ones((1, 17))) for people in truth],
+            range(NUM_SLOTS),
+            (np.arange(NUM_SLOTS) / 25).tolist(),
+            17,
+        )
+        for camera in cameras
+    )
+    path = tmp_path_factory.mktemp("evaluate") / "recording"
+    recording = Recording(
+        "one person", Rig(tuple(cameras)), 25.0, NUM_SLOTS, COCO17, series,
+        truth=Truth(COCO17, ("anna",), truth),
+    )  # fmt: skip
+    save_recording(recording, path)
+    return path
+
+
+def run(*tokens: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([*tokens])
+        raise SystemExit(0)
+    return int(stop.value.code or 0)
+
+
+def test_comparison_in_parallel_processes(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figures = tmp_path / "figures.json"
+    code = run(
+        "evaluate", str(folder), "--policies", "all,random,round-robin", "--cameras", "2,3",
+        "--seeds", "2", "--jobs", "2", "--battery-wh", "20", "--json", str(figures),
+    )  # fmt: skip
+    assert code == 0
+    rows = json.loads(figures.read_text())["rows"]
+    assert [(row["policy"], row["cameras"], row["seeds"]) for row in rows] == [
+        (policy, count, 2) for policy in ("all", "random", "round-robin") for count in (2, 3)
+    ]
+    for row in rows:
+        asked = 4 if row["policy"] == "all" else row["cameras"]
+        expected = (10 * 4 + 20 * asked) / NUM_SLOTS  # ten slots of all cameras come first
+        assert row["selection"]["mean_cameras"]["mean"] == pytest.approx(expected)
+        assert row["metrics"]["mpjpe_mm"]["mean"] < 0.1
+        assert row["metrics"]["ap"]["25"]["mean"] == pytest.approx(100)
+        assert row["energy"]["battery_wh"]["mean"] == 20
+    # Drawn anew with every seed: some camera was on for another share of the slots.
+    duty = rows[2]["selection"]["duty"]
+    assert any(share["sd"] > 0 for share in duty.values())
+    output = capsys.readouterr().out
+    assert "round-robin" in output
+    assert "MPJPE" in output
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--policies", "all,best"], "'best'"),
+        (["--policies", ""], "policy"),
+        (["--cameras", "2,x"], "--cameras"),
+        (["--cameras", "2,9"], "cameras"),
+        (["--cameras", "0"], "cameras"),
+        (["--seeds", "0"], "--seeds"),
+        (["--seeds", "1000000000"], "--seeds"),
+        (["--jobs", "0"], "--jobs"),
+        (["--budget", "0.1", "--policies", "e3pose"], "budget"),
+        (["--profile", "toaster"], "toaster"),
+        (["--battery-wh", "0"], "battery"),
+        (["--idle-mode", "asleep"], "idle-mode"),
+    ],
+)
+def test_wrong_option_is_one_line_and_nothing_is_written(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    named: str,
+) -> None:
+    figures = tmp_path / "figures.json"
+    assert run("evaluate", str(folder), "--jobs", "1", "--json", str(figures), *options) == 2
+    error = capsys.readouterr().err
+    assert named in error
+    assert len(error.strip().splitlines()) == 1
+    assert not figures.exists()
+
+
+def test_missing_recording_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("evaluate", str(tmp_path / "nothing")) == 2
+    assert "nothing" in capsys.readouterr().err

@@ -1,0 +1,123 @@
+"""Comparisons: which replays are run, what is averaged, what the table shows."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from e3pose.camera import Camera, Rig
+from e3pose.energy import load_profile
+from e3pose.evaluate.compare import compare, rows, tasks
+from e3pose.evaluate.replay import ReplaySettings
+from e3pose.evaluate.report import print_comparison, print_summary
+from e3pose.pipeline import SlotRecord
+from e3pose.pose import Poses3D
+from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.skeleton import COCO17
+
+BODY = np.random.default_rng(1).normal(size=(17, 3))
+
+
+def recording() -> Recording:
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    camera = Camera.from_world_to_camera("only", (640, 480), K, np.eye(3), [0, 0, 5])
+    lost = ViewSeries.from_views([], [], [], 17)
+    truth = Truth(COCO17, ("anna",), np.stack([BODY[None]] * 2))
+    return Recording("test", Rig((camera,)), 10.0, 2, COCO17, (lost,), truth=truth)
+
+
+def off_by_seed(source: Recording, settings: ReplaySettings) -> Iterator[SlotRecord]:
+    """Stand in for a replay: wrong by 10 mm times the seed, nobody found at seed 2."""
+    for slot in range(source.num_slots):
+        joints = BODY[None] + [0.01 * settings.seed, 0, 0]
+        joints = joints[: 0 if settings.seed == 2 else 1]
+        yield SlotRecord(
+            slot=slot,
+            time_s=0.1 * slot,
+            selected=np.ones(1, dtype=bool),
+            arrived=np.ones(1, dtype=bool),
+            poses=Poses3D(joints, np.ones(joints.shape[:2])),
+            track_ids=np.arange(len(joints)),
+            occlusion=np.zeros(1),
+            deficit=np.zeros(1),
+            next_selection=np.ones(1, dtype=bool),
+            stage_s={"fuse": 0.001},
+        )
+
+
+def summaries(seeds: int) -> list[dict[str, Any]]:
+    settings = tasks(ReplaySettings(), ["random"], [1], seeds)
+    profile = load_profile("tx2")
+    return list(compare(recording(), settings, profile, jobs=1, run=off_by_seed))
+
+
+def test_every_policy_and_count_has_every_seed_and_phase() -> None:
+    settings = tasks(ReplaySettings(seed=5, lead_slots=2), ["all", "e3pose"], [2, 3], 2)
+    assert [(s.policy, s.num_selected, s.seed, s.phase) for s in settings] == [
+        ("all", 2, 5, 0), ("all", 2, 6, 1), ("all", 3, 5, 0), ("all", 3, 6, 1),
+        ("e3pose", 2, 5, 0), ("e3pose", 2, 6, 1), ("e3pose", 3, 5, 0), ("e3pose", 3, 6, 1),
+    ]  # fmt: skip
+    assert all(s.lead_slots == 2 for s in settings)
+
+
+def test_mean_and_sample_deviation_over_seeds() -> None:
+    (row,) = rows(summaries(2))
+    assert row["policy"] == "random"
+    assert row["cameras"] == 1
+    assert row["seeds"] == 2
+    assert row["metrics"]["mpjpe_mm"]["mean"] == pytest.approx(5.0)
+    assert row["metrics"]["mpjpe_mm"]["sd"] == pytest.approx(10 / np.sqrt(2))
+    assert row["selection"]["duty"]["only"] == {"mean": 1.0, "sd": 0.0}
+    assert row["energy"]["profile"] == "tx2"
+    assert row["slots"] == {"mean": 2.0, "sd": 0.0}
+    assert "settings" not in row
+
+
+def test_figure_that_some_seeds_lack_tells_how_many_have_it() -> None:
+    (row,) = rows(summaries(3))
+    assert row["metrics"]["mpjpe_mm"]["mean"] == pytest.approx(5.0)
+    assert row["metrics"]["mpjpe_mm"]["count"] == 2
+    assert row["metrics"]["recall_500mm"]["mean"] == pytest.approx(2 / 3)
+    assert "count" not in row["metrics"]["recall_500mm"]
+
+
+def test_one_seed_has_no_spread() -> None:
+    (row,) = rows(summaries(1))
+    assert row["metrics"]["mpjpe_mm"] == {"mean": pytest.approx(0.0), "sd": 0.0}
+
+
+def test_rows_are_apart_by_policy_and_camera_count() -> None:
+    one = summaries(1)[0]
+    other = {**one, "policy": "all"}
+    more = {**one, "settings": {**one["settings"], "num_selected": 2}}
+    table = rows([one, other, more, one])
+    assert [(r["policy"], r["cameras"], r["seeds"]) for r in table] == [
+        ("random", 1, 2), ("all", 1, 1), ("random", 2, 1),
+    ]  # fmt: skip
+
+
+def printed(show: Any, figures: Any) -> str:
+    stream = io.StringIO()
+    show(figures, Console(file=stream, width=240))
+    return stream.getvalue()
+
+
+def test_table_shows_mean_and_spread_and_only_what_there_is() -> None:
+    text = printed(print_comparison, rows(summaries(2)))
+    assert "5.0 +- 7.1" in text
+    assert "random" in text
+    assert "MPJPE" in text
+    assert "PCP" not in text
+
+
+def test_summary_shows_every_camera() -> None:
+    text = printed(print_summary, summaries(1)[0])
+    assert "only" in text
+    assert "100.0" in text
+    assert "tx2" in text
+    assert "random over 2 slots" in text

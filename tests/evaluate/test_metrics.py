@@ -1,0 +1,156 @@
+"""AP, MPJPE, recall and identity switches against values worked out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.evaluate.metrics import (
+    Candidates,
+    average_precision,
+    candidates,
+    id_switches,
+    joint_coverage,
+    mean_errors_m,
+    mpjpe_mm,
+    precision_500mm,
+    recall_500mm,
+)
+
+Floats = NDArray[np.float64]
+
+HOMES = [0.0, 10.0, 20.0, 30.0]  # where actors stand, far from each other
+
+
+def person(x: float, missing: bool = False) -> Floats:
+    """Return two joints 1 m apart whose mean error is the distance to where it should be."""
+    joints = np.array([[x, 0, 0], [x, 0, 1]])
+    if missing:
+        joints[1] = np.nan
+    return joints
+
+
+def people(*xs: float) -> Floats:
+    return np.stack([person(x) for x in xs]) if xs else np.zeros((0, 2, 3))
+
+
+def found(slots: list[list[tuple[float, float]]], truth: list[list[float]]) -> Candidates:
+    """Predictions as (x, score) per slot, truth as x per slot; NaN is an unlabelled actor."""
+    return candidates(
+        [people(*(x for x, _ in slot)) for slot in slots],
+        [np.array([score for _, score in slot], dtype=np.float64) for slot in slots],
+        np.stack([people(*slot) for slot in truth]),
+    )
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("name", "slots", "truth", "ap", "mpjpe", "recall", "precision"),
+    [
+        ("everybody exact", [[(0, 0.9), (10, 0.8)]], [[0, 10]], 100.0, 0.0, 1.0, 1.0),
+        # Right, wrong, right of four people: recall .25 .25 .5, envelope 1, 2/3, 2/3.
+        (
+            "a false one between two right ones",
+            [[(0, 0.9), (5, 0.8), (10, 0.7)]], [HOMES],
+            100 * (0.25 + 0.25 * 2 / 3), 0.0, 0.5, 2 / 3,
+        ),
+        # The envelope lifts the first step: precision 0, 1/2, 2/3 becomes 2/3, 2/3, 2/3.
+        (
+            "a false one first",
+            [[(5, 0.9), (0, 0.8), (10, 0.7)]], [[0, 10]], 100 * 2 / 3, 0.0, 1.0, 2 / 3,
+        ),
+        ("a false one last costs nothing", [[(0, 0.9), (5, 0.1)]], [[0]], 100.0, 0.0, 1.0, 0.5),
+        ("the second of a person is false", [[(0, 0.9), (0.01, 0.95)]], [[0]], 100, 10, 1, 0.5),
+        ("slots are apart", [[(0, 0.9)], [(0, 0.8)]], [[0], [0]], 100.0, 0.0, 1.0, 1.0),
+        ("wrong slot", [[(0, 0.9)], []], [[NAN], [0]], 0.0, None, 0.0, 0.0),
+        ("no prediction at all", [[], []], [[0], [0]], 0.0, None, 0.0, None),
+        ("exactly at the threshold of AP", [[(0.0625, 0.9)]], [[0]], 0.0, 62.5, 1.0, 1.0),
+        ("just below it", [[(0.0624, 0.9)]], [[0]], 100.0, 62.4, 1.0, 1.0),
+        ("exactly at 500 mm", [[(0.5, 0.9)]], [[0]], 0.0, None, 0.0, 0.0),
+        # Of equal scores the first in slot order takes the truth, better or not.
+        ("tied scores", [[(0.03, 0.5), (0.01, 0.5)]], [[0]], 100.0, 30.0, 1.0, 0.5),
+        # At 62.5 mm the best is found; for MPJPE the first below 500 mm, by score, is 100 mm off.
+        ("score decides, not error", [[(0.1, 0.9), (0, 0.8)]], [[0]], 50.0, 100.0, 1.0, 0.5),
+        ("an unlabelled actor is nobody", [[(0, 0.9)]], [[0, NAN]], 100.0, 0.0, 1.0, 1.0),
+        (
+            "MPJPE is over matches",
+            [[(0.02, 0.9), (10.04, 0.8)]], [[0, 10, 20]], 200 / 3, 30.0, 2 / 3, 1.0,
+        ),
+    ],
+)  # fmt: skip
+def test_metrics_by_hand(
+    name: str,
+    slots: list[list[tuple[float, float]]],
+    truth: list[list[float]],
+    ap: float,
+    mpjpe: float | None,
+    recall: float,
+    precision: float | None,
+) -> None:
+    result = found(slots, truth)
+    assert average_precision(result, 0.0625) == pytest.approx(ap), name
+    assert mpjpe_mm(result) == (None if mpjpe is None else pytest.approx(mpjpe, abs=1e-9)), name
+    assert recall_500mm(result) == pytest.approx(recall), name
+    assert precision_500mm(result) == (None if precision is None else pytest.approx(precision)), (
+        name
+    )
+
+
+@pytest.mark.parametrize("truth", [[[NAN]], [[]]])
+def test_nothing_can_be_said_without_truth(truth: list[list[float]]) -> None:
+    result = found([[(0, 0.9)]], truth)
+    assert result.num_truths == 0
+    assert average_precision(result, 0.1) is None
+    assert mpjpe_mm(result) is None
+    assert recall_500mm(result) is None
+    assert precision_500mm(result) is None
+    assert joint_coverage(result) is None
+
+
+def test_missing_joints_are_left_out_of_the_error_and_told() -> None:
+    predicted = np.stack([person(0.02, missing=True), person(10.0)])
+    result = candidates([predicted], [np.array([0.9, 0.8])], people(0, 10)[None])
+    assert mpjpe_mm(result) == pytest.approx(10.0)  # of 20 mm and 0 mm
+    assert joint_coverage(result) == pytest.approx(0.75)  # of 1/2 and 1
+
+
+def test_unannotated_joints_are_left_out_too() -> None:
+    truth = np.stack([person(0.0, missing=True)])
+    result = candidates([people(0.02)], [np.array([0.9])], truth[None])
+    assert mpjpe_mm(result) == pytest.approx(20.0)
+    assert joint_coverage(result) == 1.0
+
+
+def test_people_without_a_joint_in_common_are_infinitely_far() -> None:
+    upper, lower = people(0.0)[0], people(0.0)[0]
+    upper[0], lower[1] = np.nan, np.nan
+    assert np.isinf(mean_errors_m(upper[None], lower[None])).all()
+    assert mean_errors_m(people(), people(0.0)).shape == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "slots", "truth", "switches"),
+    [
+        ("kept", [[(0, 1), (10, 2)], [(10, 2), (0, 1)]], [[0, 10], [0, 10]], 0),
+        ("swapped", [[(0, 1), (10, 2)], [(0, 2), (10, 1)]], [[0, 10], [0, 10]], 2),
+        ("lost and found again", [[(0, 1)], [], [(0, 1)]], [[0], [0], [0]], 0),
+        ("lost and found as another", [[(0, 1)], [], [(0, 3)]], [[0], [0], [0]], 1),
+        ("too far to be the same", [[(0, 1)], [(0.5, 3)]], [[0], [0]], 0),
+        ("unlabelled in between", [[(0, 1)], [(0, 5)], [(0, 1)]], [[0], [NAN], [0]], 0),
+        ("one each, at the least in all", [[(0, 1), (0.3, 2)], [(0.1, 2), (0.0, 1)]],
+         [[0, 0.3], [0, 0.3]], 0),
+    ],
+)  # fmt: skip
+def test_identity_switches_by_hand(
+    name: str, slots: list[list[tuple[float, int]]], truth: list[list[float]], switches: int
+) -> None:
+    predicted = [people(*(x for x, _ in slot)) for slot in slots]
+    ids = [np.array([track for _, track in slot], dtype=np.int64) for slot in slots]
+    assert id_switches(predicted, ids, np.stack([people(*slot) for slot in truth])) == switches
+
+
+def test_identity_switches_need_truth() -> None:
+    assert id_switches([people(0)], [np.array([1])], people(NAN)[None]) is None

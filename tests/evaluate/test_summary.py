@@ -1,0 +1,202 @@
+"""The figures of a replay, from records whose every number is known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.camera import Camera, Rig
+from e3pose.energy import load_profile
+from e3pose.evaluate.replay import ReplaySettings
+from e3pose.evaluate.summary import summarise
+from e3pose.pipeline import SlotRecord
+from e3pose.pose import Poses3D
+from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.skeleton import COCO17, PANOPTIC19, SHELF14, Skeleton
+
+Floats = NDArray[np.float64]
+
+BODY = np.random.default_rng(1).normal(size=(17, 3))  # COCO-17, metres, every joint somewhere else
+SELECTED = np.array([[1, 1], [1, 0], [1, 0], [0, 1]], dtype=bool)
+
+
+def rig() -> Rig:
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    return Rig(
+        tuple(
+            Camera.from_world_to_camera(name, (640, 480), K, np.eye(3), [x, 0, 5])
+            for name, x in (("left", 0.0), ("right", 1.0))
+        )
+    )
+
+
+def recording(
+    truth: Truth | None,
+    complete: bool = True,
+    scored: tuple[int, int] | None = None,
+) -> Recording:
+    lost = ViewSeries.from_views([], [], [], 17)
+    return Recording(
+        "test", rig(), 10.0, 4, COCO17, (lost, lost), truth=truth, truth_complete=complete,
+        scored_slots=scored,
+    )  # fmt: skip
+
+
+def record(slot: int, people: Sequence[Floats], ids: Sequence[int] | None = None) -> SlotRecord:
+    joints = np.stack(people) if people else np.zeros((0, 17, 3))
+    return SlotRecord(
+        slot=slot,
+        time_s=slot / 10,
+        selected=SELECTED[slot],
+        arrived=SELECTED[slot] & [True, slot != 3],
+        poses=Poses3D(joints, np.where(np.isfinite(joints).all(axis=-1), 0.5, 0.0)),
+        track_ids=np.arange(len(people)) if ids is None else np.array(ids, dtype=np.int64),
+        occlusion=np.zeros(2),
+        deficit=np.array([slot, 1.0]),
+        next_selection=np.ones(2, dtype=bool),
+        stage_s={"fuse": 0.001 * (slot + 1), "select": 0.0005},
+    )
+
+
+def summary(source: Recording, people: Sequence[Sequence[Floats]], **options: Any) -> Any:
+    records = [record(slot, each) for slot, each in enumerate(people)]
+    settings = ReplaySettings(policy="random", num_selected=1, seed=3)
+    figures = summarise(source, settings, records, load_profile("generic"), **options)
+    return json.loads(json.dumps(figures, allow_nan=False))
+
+
+def same(skeleton: Skeleton, *people: Floats) -> Truth:
+    joints = np.stack(people)
+    return Truth(
+        skeleton,
+        tuple(f"actor{n + 1}" for n in range(len(people))),
+        np.broadcast_to(joints, (4, *joints.shape)).copy(),
+    )
+
+
+def test_selection_energy_deficits_and_times() -> None:
+    figures = summary(recording(None), [[]] * 4, battery_wh=52.0)
+    assert figures["slots"] == 4
+    assert figures["policy"] == "random"
+    assert figures["settings"]["seed"] == 3
+    assert figures["metrics"] == {}
+    assert figures["selection"] == {
+        "mean_cameras": 1.25, "mean_views": 1.0, "duty": {"left": 0.75, "right": 0.5}
+    }  # fmt: skip
+    assert figures["deficits"]["final"] == {"left": 3.0, "right": 1.0}
+    assert figures["deficits"]["highest"] == {"left": 3.0, "right": 1.0}
+    # The generic device draws 10 W or 5.2 W, of which the paper's components 7.8 W or 3 W.
+    energy = figures["energy"]
+    assert energy["saving_percent"] == pytest.approx(100 * 0.375 * 4.8 / 7.8)
+    assert energy["device_saving_percent"] == pytest.approx(37.5 * 0.48)
+    assert energy["cameras"]["right"]["mean_watts"] == pytest.approx(7.6)
+    assert energy["cameras"]["right"]["energy_j"] == pytest.approx(7.6 * 0.4)
+    assert energy["cameras"]["right"]["battery_hours"] == pytest.approx(52 / 7.6)
+    assert energy["battery_hours_always_active"] == pytest.approx(5.2)
+    assert energy["components"]["cpu_gpu"]["saving_percent"] == pytest.approx(37.5 * 3.7 / 6)
+    assert energy["components"]["rest"]["saving_percent"] == pytest.approx(0)
+    assert figures["stage_ms"]["fuse"]["median"] == pytest.approx(2.5)
+    assert figures["stage_ms"]["fuse"]["p99"] == pytest.approx(3.97)
+    assert figures["stage_ms"]["slot"]["median"] == pytest.approx(3.0)
+
+
+def test_complete_truth_of_the_same_skeleton() -> None:
+    shifted = BODY + [0.03, 0, 0]
+    figures = summary(recording(same(COCO17, BODY)), [[shifted]] * 3 + [[]])["metrics"]
+    assert "pcp" not in figures
+    assert figures["scored_slots"] == 4
+    assert figures["mpjpe_mm"] == pytest.approx(30.0)
+    assert figures["recall_500mm"] == 0.75
+    assert figures["precision_500mm"] == 1.0
+    assert figures["ap"]["25"] == 0.0
+    assert figures["ap"]["50"] == pytest.approx(75.0)
+    assert figures["id_switches"] == 0
+
+
+def test_partial_truth_gives_neither_ap_nor_precision() -> None:
+    figures = summary(recording(same(COCO17, BODY), complete=False), [[BODY, BODY + 9]] * 4)
+    assert figures["metrics"]["recall_500mm"] == 1.0
+    assert {"ap", "precision_500mm"}.isdisjoint(figures["metrics"])
+
+
+def test_only_scored_slots_count() -> None:
+    figures = summary(recording(same(COCO17, BODY), scored=(2, 4)), [[], [], [BODY], [BODY]])
+    assert figures["metrics"]["recall_500mm"] == 1.0
+    assert figures["metrics"]["scored_slots"] == 2
+    assert figures["slots"] == 4
+
+
+def test_slots_without_a_record_are_slots_without_people() -> None:
+    figures = summary(recording(same(COCO17, BODY)), [[BODY]])
+    assert figures["metrics"]["recall_500mm"] == 0.25
+
+
+def test_no_match_leaves_mpjpe_out() -> None:
+    figures = summary(recording(same(COCO17, BODY)), [[]] * 4)["metrics"]
+    assert "mpjpe_mm" not in figures
+    assert "precision_500mm" not in figures
+    assert figures["recall_500mm"] == 0.0
+    assert set(figures["ap"].values()) == {0.0}
+
+
+def test_truth_without_labels_says_nothing() -> None:
+    unlabelled = np.full((17, 3), np.nan)
+    figures = summary(recording(same(COCO17, unlabelled)), [[BODY]] * 4)["metrics"]
+    assert figures == {"scored_slots": 4}
+    shelf = summary(recording(same(SHELF14, np.full((14, 3), np.nan))), [[BODY]] * 4)["metrics"]
+    assert shelf == {"scored_slots": 4}
+
+
+@pytest.mark.parametrize("missing", ["left_hip", "right_hip"])
+def test_people_without_a_root_are_dropped(missing: str) -> None:
+    rootless = BODY.copy()
+    rootless[COCO17.index(missing)] = np.nan
+    figures = summary(recording(same(COCO17, BODY, rootless + 7)), [[BODY]] * 4)["metrics"]
+    assert figures["recall_500mm"] == 1.0
+
+
+def test_panoptic_leaves_out_eyes_and_ears() -> None:
+    truth = np.full((19, 3), 100.0)  # eyes and ears are absurd, and must not matter
+    for index, joint in enumerate(PANOPTIC19.joints[:15]):
+        sources = {
+            "neck": ("left_shoulder", "right_shoulder"),
+            "mid_hip": ("left_hip", "right_hip"),
+        }
+        names = sources.get(joint, (joint,))
+        truth[index] = np.mean([BODY[COCO17.index(name)] for name in names], axis=0)
+    figures = summary(recording(same(PANOPTIC19, truth)), [[BODY]] * 4)["metrics"]
+    assert figures["mpjpe_mm"] == pytest.approx(0, abs=1e-9)
+    assert figures["joint_coverage"] == 1.0
+    assert figures["ap"]["25"] == pytest.approx(100.0)
+
+
+def test_shelf_truth_is_scored_by_parts_of_converted_poses() -> None:
+    truth = np.zeros((14, 3))
+    for index, joint in enumerate(SHELF14.joints[:12]):
+        truth[index] = BODY[COCO17.index(joint)]
+    truth[12:] = [[50, 0, 0], [51, 0, 0]]  # a head that is not where the protocol puts it
+    source = recording(same(SHELF14, truth, truth, truth), complete=False)
+    pcp = summary(source, [[BODY]] * 3 + [[]])["metrics"]["pcp"]
+    # Nine of ten limbs in three of four slots; the torso is longer than its end is wrong by half.
+    assert pcp["groups"]["head"]["average"] == 0.0
+    assert pcp["groups"]["lower_arms"]["average"] == 75.0
+    assert pcp["groups"]["upper_legs"]["actor1"] == 75.0
+    assert set(pcp) == {"actor1", "actor2", "actor3", "average", "groups"}
+
+
+def test_changed_identity_is_counted() -> None:
+    source = recording(same(COCO17, BODY))
+    records = [record(slot, [BODY], [1 if slot < 2 else 7]) for slot in range(4)]
+    figures = summarise(source, ReplaySettings(), records, load_profile("tx2"))
+    assert figures["metrics"]["id_switches"] == 1
+
+
+def test_an_empty_replay_is_summarised() -> None:
+    figures = summarise(recording(None), ReplaySettings(), [], load_profile("tx2"))
+    assert figures["slots"] == 0
+    assert figures["selection"] == figures["energy"] == figures["stage_ms"] == {}
