@@ -135,7 +135,7 @@ def convert(
     Returns:
         Positions and scores with the target's joint axis; a joint that the source cannot give is
         NaN with score 0. A mean of joints takes the lowest of their scores. COCO-17 to Shelf-14 in
-        3D estimates the head from nose, ears and shoulders (z up), as the Shelf protocol does.
+        3D estimates the head from face and shoulders (z up), as the Shelf protocol does.
     """
     if positions.shape[-2] != len(source) or scores.shape != positions.shape[:-1]:
         raise InputError(
@@ -158,11 +158,18 @@ def convert(
 
 
 def _shelf14(joints_m: Floats, scores: Floats) -> tuple[Floats, Floats]:
-    """Map COCO-17 in metres, z up, to Shelf-14 by the formulas of the Shelf PCP protocol."""
+    """Map COCO-17 in metres, z up, to Shelf-14 by the formulas of the Shelf PCP protocol.
+
+    The protocol takes the nose and both ears. Few cameras seldom see them all, so the nearest face
+    joints that were seen stand in: for the mid-ear one ear, else the eyes, else the nose; for the
+    nose the eyes, else the ears. With nose and ears seen this is the protocol to the letter.
+    """
     body = [COCO17.joints.index(name) for name in SHELF14.joints[:12]]
-    nose = joints_m[..., 0, :]
+    face = [_mean_seen(joints_m, scores, columns) for columns in ([3, 4], [1, 2], [0])]
+    ears, eyes, nose_seen = face
+    head_centre, centre_score = _first_seen(ears, eyes, nose_seen)
+    nose, nose_score = _first_seen(nose_seen, eyes, ears)
     middle_shoulder = joints_m[..., [5, 6], :].mean(axis=-2)
-    head_centre = joints_m[..., [3, 4], :].mean(axis=-2)
     head_bottom = (middle_shoulder + head_centre) / 2
     head_top = head_bottom + 2 * (head_centre - head_bottom)
     forward = nose - middle_shoulder
@@ -171,6 +178,24 @@ def _shelf14(joints_m: Floats, scores: Floats) -> tuple[Floats, Floats]:
     new_joints = np.concatenate(
         [joints_m[..., body, :], bottom[..., None, :], top[..., None, :]], axis=-2
     )
-    head_score = scores[..., [0, 3, 4, 5, 6]].min(axis=-1, keepdims=True)
+    shoulder_score = scores[..., [5, 6]].min(axis=-1)
+    head_score = np.minimum(np.minimum(centre_score, nose_score), shoulder_score)[..., None]
     new_scores = np.concatenate([scores[..., body], head_score, head_score], axis=-1)
     return np.where(new_scores[..., None] > 0, new_joints, np.nan), new_scores
+
+
+def _mean_seen(joints_m: Floats, scores: Floats, columns: list[int]) -> tuple[Floats, Floats]:
+    """Return the mean `(*batch, 3)` of those joints that were seen and the best of their scores."""
+    seen = scores[..., columns] > 0
+    total = np.where(seen[..., None], joints_m[..., columns, :], 0.0).sum(axis=-2)
+    count = seen.sum(axis=-1)
+    mean = total / np.maximum(count, 1)[..., None]
+    return np.where(count[..., None] > 0, mean, np.nan), scores[..., columns].max(axis=-1)
+
+
+def _first_seen(*choices: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    position, score = choices[-1]
+    for earlier_position, earlier_score in choices[-2::-1]:
+        position = np.where(earlier_score[..., None] > 0, earlier_position, position)
+        score = np.where(earlier_score > 0, earlier_score, score)
+    return position, score
