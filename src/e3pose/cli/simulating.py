@@ -32,8 +32,8 @@ def simulate(
 
     Example: `e3pose simulate my-scene --scene crossing --people 6 --cameras 8 --seed 3`
 
-    People walk, stop and gesture, sit, leave and come back; the detections err as OpenPose's do on a
-    real recording. The same options and seed give the same recording.
+    People walk, stop and gesture, sit, leave and come back; the detections err as those of a real
+    detector do. The same options and seed give the same recording.
 
     Parameters
     ----------
@@ -102,7 +102,8 @@ def _size(resolution: str) -> tuple[int, int]:
     match = RESOLUTION.fullmatch(resolution.strip())
     if match is None:
         raise InputError(
-            f"simulate: resolution: found {resolution[:40]!r}, expected WIDTHxHEIGHT such as 1032x776"
+            f"simulate: resolution: found {resolution[:40]!r}, "
+            "expected WIDTHxHEIGHT such as 1032x776"
         )
     return int(match[1]), int(match[2])
 

@@ -11,7 +11,7 @@ from e3pose.camera import Camera
 from e3pose.recording import ViewSeries
 from e3pose.simulate.hiding import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.mistakes import episodes, haunt, merge_people, swap_sides
-from e3pose.simulate.noise import correlated, normal_cdf, residuals
+from e3pose.simulate.noise import GROSS_MEMORY, correlated, normal_cdf, residuals
 from e3pose.simulate.occluders import Occluder
 from e3pose.simulate.settings import DetectorSettings
 
@@ -150,7 +150,7 @@ def _missed(
 def _errors(scores: Floats, px_per_m: Floats, fps: float, rng: np.random.Generator) -> Floats:
     """Return keypoint errors `(num_slots, num_persons, 17, 2)` in pixels, correlated in time."""
     direction = correlated(rng, (*scores.shape, 2), 1 / fps)
-    gross = normal_cdf(correlated(rng, scores.shape, 1 / fps))
+    gross = normal_cdf(correlated(rng, scores.shape, 1 / fps, GROSS_MEMORY))
     return residuals(direction, gross, scores, px_per_m[..., None])
 
 

@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 
 STEP_BASE_M = 0.34  # step length at a standstill and its growth with speed, for a leg of 0.84 m
 STEP_GROWTH_S = 0.28
-TURN_STEP = 0.7  # radians turned on the spot in one step
+TURN_STEP = 1.0  # radians turned on the spot in one step
 LIFT_OFF = 1.3  # a foot starts to leave the floor so many steps before the end of its own
 LANDING = 0.1  # and is down again so much before the end
 BEHIND = 0.12  # share of a step by which feet land behind the place the body will have
@@ -24,6 +24,7 @@ WALKING_HALF_M = 0.06  # half the distance between the lines on which the feet l
 STANDING_HALF_M = 0.10
 MIN_PACE = 0.03  # steps a second below which a person stands
 SWING_LIFT_M = 0.13
+HALT_S = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,21 +60,21 @@ def plan_gait(
         ankle_height_m: of an ankle whose foot is flat on the floor.
         first_left: whether the first step is the left foot's.
     """
-    interval = times_s[1] - times_s[0] if len(times_s) > 1 else 1.0
+    number = len(times_s)
+    interval = float(times_s[1] - times_s[0]) if number > 1 else 1.0
+    root_m, heading = _walked_on(root_m, heading, interval)
     pace, speed = _pace(root_m, heading, interval, leg_m)
-    ankles = np.empty((len(times_s), 2, 3))
+    ankles = np.empty((len(root_m), 2, 3))
     feet = _beside(root_m[0], heading[0], STANDING_HALF_M)
     ankles[:, :, :2] = feet
     ankles[:, :, 2] = ankle_height_m
-    rhythm, sway = np.zeros(len(times_s)), np.zeros(len(times_s))
+    rhythm, sway = np.zeros(len(root_m)), np.zeros(len(root_m))
     left = first_left
     for start, stop in _bouts(pace > MIN_PACE):
         travelled = np.concatenate([[0.0], np.cumsum(pace[start : stop - 1]) * interval])
         ways = max(1, round(float(travelled[-1])))
         travelled *= ways / max(float(travelled[-1]), 1e-9)
-        progress = (
-            travelled + 0.5 * smoothstep(travelled) + 0.5 * smoothstep(travelled - (ways - 1))
-        )
+        progress = _progress(travelled, ways)
         part = slice(start, stop)
         _walk(ankles, part, progress, travelled, root_m[part], heading[part], left, ankle_height_m)
         sign = 1.0 if left else -1.0
@@ -81,13 +82,33 @@ def plan_gait(
         rhythm[part] = -sign * np.cos(np.pi * progress) * strength
         sway[part] = -sign * np.sin(np.pi * progress) * strength
         left = left if ways % 2 else not left
-    return Gait(ankles, rhythm, sway)
+    return Gait(ankles[:number], rhythm[:number], sway[:number])
 
 
 def smoothstep(x: Floats) -> Floats:
     """Rise from 0 at x = 0 to 1 at x = 1 with flat ends."""
     x = np.clip(x, 0.0, 1.0)
     return np.asarray(x * x * x * (10 + x * (6 * x - 15)))
+
+
+def _walked_on(root: Floats, heading: Floats, interval: float) -> tuple[Floats, Floats]:
+    """Append how somebody who is out of sight in mid-stride would come to a halt."""
+    if len(root) < 2:
+        return root, heading
+    times = interval * np.arange(1, int(6 * HALT_S / interval))[:, None]
+    way = (root[-1] - root[-2]) / interval * HALT_S * (1 - np.exp(-times / HALT_S))
+    return np.concatenate([root, root[-1] + way]), np.pad(heading, (0, len(times)), mode="edge")
+
+
+def _progress(travelled: Floats, ways: int) -> Floats:
+    """Return steps done `(num_times,)`, from 0 to `ways + 1`, where the body has gone `travelled`.
+
+    On the way a foot lands half a step before the body gets there; the half step is gained softly
+    at the start, and the last foot's closing step at the end.
+    """
+    soft = min(max(ways / 2, 1.0), 2.0)
+    gained = smoothstep(travelled / soft) + smoothstep((travelled - (ways - soft)) / soft)
+    return np.asarray(travelled + 0.5 * gained)
 
 
 def _walk(
@@ -122,13 +143,12 @@ def _walk(
         first, end = np.searchsorted(progress, [begin, step - LANDING])
         origin = ankles[part.start + first, foot, :2].copy()
         share = (progress[first:end] - begin) / (step - LANDING - begin)
-        # Slow to leave, as the heel rises first; quick in the middle; soft to land.
-        eased = share**3 * (4 - 3 * share)
+        eased = smoothstep(share)  # slow to leave, as the heel rises first, and soft to land
         rows = slice(part.start + first, part.start + end)
         ankles[rows, foot, :2] = origin + (target - origin) * eased[:, None]
         stride = float(np.linalg.norm(target - origin))
         lift = (0.03 + (SWING_LIFT_M - 0.03) * min(1.0, stride / 1.2)) * min(1.0, stride / 0.05)
-        bump = share**2 * (1 - share) ** 3 / 0.03456
+        bump = 16 * (share * (1 - share)) ** 2
         ankles[rows, foot, 2] = ankle_height_m + lift * bump
         ankles[part.start + end :, foot, :2] = target
         ankles[part.start + end :, foot, 2] = ankle_height_m

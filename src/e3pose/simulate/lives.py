@@ -210,10 +210,7 @@ class Play:
         self.group.xy[person] = door
         self.group.heading[person] = np.arctan2(-door[1], -door[0])
         self.group.turning[person] = 0.0
-        task = self._wander(person, time_s)
-        inwards = np.array([np.cos(self.group.heading[person]), np.sin(self.group.heading[person])])
-        self.group.velocity[person] = self.group.pace[person] * inwards
-        return task
+        return self._wander(person, time_s)
 
     def _sit(self, person: int, time_s: float, duration: float) -> None:
         """Sit down now and be up again after `duration` seconds, with a calm gesture in between."""

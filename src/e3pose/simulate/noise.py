@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 MEMORY = ((0.10, 0.0), (0.45, 0.1), (0.45, 2.5))  # share of the variance, seconds
+GROSS_MEMORY = ((1.0, 2.5),)  # a detector that has taken a chair for a leg keeps doing so
 SCORES = np.array([0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95])
 MEDIAN_PX = np.array([16.6, 14.9, 14.0, 11.1, 9.6, 7.6, 5.5, 3.7, 2.7])
 GROSS_SHARE = np.array([0.19, 0.17, 0.13, 0.065, 0.032, 0.027, 0.013, 0.009, 0.004])
