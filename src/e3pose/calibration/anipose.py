@@ -1,0 +1,107 @@
+"""Calibration as aniposelib writes it, which is e3pose's own format too; Pose2Sim's is close.
+
+One table a camera with `name`, `size`, `matrix`, `distortions`, `rotation` (Rodrigues vector),
+`translation` (world to camera) and optional `fisheye`. aniposelib states no units: metres are
+assumed unless `units` under `[metadata]` says otherwise.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from e3pose.atomic import atomic_file
+from e3pose.calibration import fields
+from e3pose.camera import Camera, Rig
+from e3pose.errors import InputError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+
+def load(path: Path) -> Rig:
+    """Read aniposelib's or Pose2Sim's TOML."""
+    return read(path, parse(path, fields.read_text(path)))
+
+
+def parse(path: Path, text: str) -> dict[str, Any]:
+    """Return the tables of a TOML file."""
+    try:
+        tables: dict[str, Any] = tomllib.loads(text)
+        return tables
+    except (ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: found text that is not TOML: {reason}") from None
+
+
+def read(path: Path, tables: Mapping[str, Any]) -> Rig:
+    """Make a rig of aniposelib's tables, in the order of the file."""
+    metadata = fields.table(tables.get("metadata", {}), f"{path}: metadata")
+    metres_per_unit = 1.0
+    if "units" in metadata:
+        metres_per_unit = fields.units_of(metadata["units"], f"{path}: metadata")
+    cameras = []
+    for section, entry in tables.items():
+        if section == "metadata":
+            continue
+        shown = section[:80].encode("unicode_escape").decode()
+        camera = fields.table(entry, f"{path}: camera {shown}")
+        name = fields.name_of(camera.get("name", section))
+        cameras.append(read_camera(path, shown, name, camera, metres_per_unit))
+    return fields.make_rig(path, cameras, None if "units" in metadata else "metres")
+
+
+def read_camera(
+    path: Path, section: str, name: str, camera: Mapping[str, Any], metres_per_unit: float
+) -> Camera:
+    """Make a camera of one table.
+
+    Args:
+        path: for messages.
+        section: the table's name, for messages.
+        name: the camera id to give.
+        camera: the table.
+        metres_per_unit: of `translation`.
+    """
+    where = f"{path}: camera {section}"
+
+    def numbers(key: str, *shapes: tuple[int, ...]) -> fields.Floats:
+        return fields.numbers(fields.field(camera, key, where), shapes, f"{where}: {key}")
+
+    fisheye = camera.get("fisheye", False)
+    if not isinstance(fisheye, bool):
+        raise InputError(f"{where}: fisheye: found {fisheye!r:.40}, expected true or false")
+    return fields.make_camera(
+        path,
+        name,
+        numbers("size", (2,)),
+        numbers("matrix", (3, 3)),
+        numbers("rotation", (3,), (3, 3)),
+        numbers("translation", (3,)) * metres_per_unit,
+        numbers("distortions"),
+        fisheye,
+    )
+
+
+def save(rig: Rig, path: Path) -> None:
+    """Write a rig; the file appears whole or not at all, and names its units."""
+    import tomli_w
+
+    tables: dict[str, Any] = {}
+    for index, camera in enumerate(rig.cameras):
+        tables[f"cam_{index}"] = {
+            "name": camera.camera_id,
+            "size": list(camera.image_size),
+            "matrix": camera.K.tolist(),
+            "distortions": camera.distortion.tolist(),
+            "rotation": fields.rotation_vector(camera.R).tolist(),
+            "translation": camera.t.tolist(),
+            "fisheye": camera.fisheye,
+        }
+    tables["metadata"] = {"units": "m", "up": "z"}
+    with atomic_file(path) as temporary:
+        temporary.write_text(tomli_w.dumps(tables), encoding="utf-8")

@@ -1,0 +1,86 @@
+"""Calibration as EasyMocap keeps it: `intri.yml` and `extri.yml` in one folder, metres.
+
+`names` lists the cameras; `K_<name>` and `dist_<name>` are in the first file, `R_<name>` (Rodrigues
+vector) or `Rot_<name>` (matrix) and `T_<name>` in the second. `H_<name>` and `W_<name>` give the
+image size; without them it is taken from the principal point, see `guess_size`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from e3pose.calibration import fields
+from e3pose.calibration.nodes import load_nodes
+from e3pose.camera import Camera, Rig
+from e3pose.errors import InputError
+
+USUAL_SIZES = (
+    (640, 480), (800, 600), (1024, 768), (1280, 720), (1280, 960), (1280, 1024), (1440, 1080),
+    (1920, 1080), (1920, 1200), (2048, 2048), (2560, 1440), (2704, 1520), (3840, 2160),
+)  # fmt: skip
+SIZE_TOLERANCE = 0.05  # of a side: how far a principal point may lie from twice the middle
+
+
+def load(path: Path) -> Rig:
+    """Read EasyMocap's pair of files, given either of them or their folder."""
+    folder = path if path.is_dir() else path.parent
+    intrinsics_path, extrinsics_path = folder / "intri.yml", folder / "extri.yml"
+    intrinsics, extrinsics = load_nodes(intrinsics_path), load_nodes(extrinsics_path)
+    names = fields.field(intrinsics, "names", f"{intrinsics_path}")
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise InputError(f"{intrinsics_path}: names: found something else, expected a list")
+    if len(names) > fields.MAX_CAMERAS:
+        raise InputError(f"{intrinsics_path}: names: found {len(names)} cameras")
+    cameras = [
+        _camera((intrinsics_path, intrinsics), (extrinsics_path, extrinsics), name)
+        for name in names
+    ]
+    return fields.make_rig(folder, cameras, "metres")
+
+
+def _camera(
+    intrinsics: tuple[Path, Mapping[str, Any]],
+    extrinsics: tuple[Path, Mapping[str, Any]],
+    name: str,
+) -> Camera:
+    shown = name[:80].encode("unicode_escape").decode()
+
+    def numbers(
+        file: tuple[Path, Mapping[str, Any]], key: str, *shapes: tuple[int, ...]
+    ) -> fields.Floats:
+        where = f"{file[0]}: camera {shown}"
+        node = fields.field(file[1], f"{key}_{name}", where)
+        return fields.numbers(node, shapes, f"{where}: {key}_{shown}")
+
+    K = numbers(intrinsics, "K", (3, 3))
+    if f"H_{name}" in intrinsics[1] or f"W_{name}" in intrinsics[1]:
+        size = (float(numbers(intrinsics, "W", ())), float(numbers(intrinsics, "H", ())))
+    else:
+        size = guess_size(float(K[0, 2]), float(K[1, 2]))
+    if f"Rot_{name}" in extrinsics[1]:
+        rotation = numbers(extrinsics, "Rot", (3, 3))
+    else:
+        rotation = numbers(extrinsics, "R", (3,), (3, 3))
+    return fields.make_camera(
+        intrinsics[0].parent,
+        name,
+        size,
+        K,
+        rotation,
+        numbers(extrinsics, "T", (3,)),
+        numbers(intrinsics, "dist"),
+    )
+
+
+def guess_size(center_u: float, center_v: float) -> tuple[float, float]:
+    """Return the usual image size with its middle near the principal point, else twice that."""
+    wanted = (2 * center_u, 2 * center_v)
+    for width, height in (*USUAL_SIZES, *((h, w) for w, h in USUAL_SIZES)):
+        if (
+            abs(wanted[0] - width) <= SIZE_TOLERANCE * width
+            and abs(wanted[1] - height) <= SIZE_TOLERANCE * height
+        ):
+            return (float(width), float(height))
+    return (float(round(wanted[0])), float(round(wanted[1])))

@@ -1,0 +1,259 @@
+"""Fields of untrusted calibration files: read within bounds, checked, and named when wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from e3pose.camera import Camera, Rig
+from e3pose.errors import InputError
+
+Floats = NDArray[np.float64]
+
+MAX_BYTES = 2_000_000  # a thousand cameras fit
+MAX_CAMERAS = 2000
+MAX_VALUES = 64  # no field of a camera has more numbers
+MAX_ANGLE = 100.0  # radians; beyond, a "rotation vector" is something else
+PLAUSIBLE_M = 100.0  # cameras farther apart are more likely in other units
+METRES_PER_UNIT = {
+    "m": 1.0, "meter": 1.0, "meters": 1.0, "metre": 1.0, "metres": 1.0,
+    "cm": 0.01, "centimeter": 0.01, "centimeters": 0.01, "centimetre": 0.01, "centimetres": 0.01,
+    "mm": 0.001, "millimeter": 0.001, "millimeters": 0.001, "millimetre": 0.001,
+    "millimetres": 0.001,
+}  # fmt: skip
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a calibration file; raise `InputError` if it cannot be one."""
+    try:
+        if not path.is_file():
+            raise InputError(f"{path}: found no such file, expected a calibration")
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    if len(data) > MAX_BYTES:
+        raise InputError(f"{path}: file is larger than {MAX_BYTES} bytes, expected a calibration")
+    if not data.strip():
+        raise InputError(f"{path}: file is empty, expected a calibration")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: found bytes that are not UTF-8 text") from None
+
+
+def table(value: object, where: str) -> Mapping[str, Any]:
+    """Return `value` if it is a table of named fields."""
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where}: found {_shown(value)}, expected named fields")
+    return value
+
+
+def field(fields: Mapping[str, Any], name: str, where: str) -> Any:
+    """Return a field that must be there."""
+    if name not in fields:
+        raise InputError(f"{where}: {name}: found nothing, expected a value")
+    return fields[name]
+
+
+def numbers(value: object, shapes: Sequence[tuple[int, ...]], where: str) -> Floats:
+    """Return finite numbers in one of the `shapes`; an empty sequence of shapes asks for a list.
+
+    Values may be numbers or, from formats that keep text, strings of numbers. A matrix of the right
+    number of values in another arrangement, such as a column for a row, is rearranged only if that
+    arrangement has one dimension of size one.
+    """
+    flat: list[float] = []
+    shape = _flatten(value, flat, where, depth=0)
+    array = np.array(flat, dtype=np.float64)
+    if not np.isfinite(array).all():
+        raise InputError(f"{where}: found a value that is not finite, expected numbers")
+    squeezed = tuple(size for size in shape if size != 1)
+    if not shapes:
+        if len(squeezed) > 1:
+            raise InputError(f"{where}: found numbers of shape {shape}, expected a list")
+        return array
+    for wanted in shapes:
+        if shape == wanted or squeezed == tuple(size for size in wanted if size != 1):
+            return array.reshape(wanted)
+    expected = " or ".join(str(wanted) for wanted in shapes)
+    raise InputError(f"{where}: found numbers of shape {shape}, expected {expected}")
+
+
+def scalar(value: object, where: str) -> float:
+    """Return one finite number."""
+    number = _number(value, where)
+    if not math.isfinite(number):
+        raise InputError(f"{where}: found a value that is not finite, expected a number")
+    return number
+
+
+def name_of(value: object) -> str:
+    """Return a camera's name as text; whether it is a safe one, `Camera` judges."""
+    return value if isinstance(value, str) else _shown(value)
+
+
+def units_of(value: object, where: str) -> float:
+    """Return how many metres a unit has."""
+    key = value.strip().lower() if isinstance(value, str) else ""
+    if key not in METRES_PER_UNIT:
+        raise InputError(f"{where}: units: found {_shown(value)}, expected m, cm or mm")
+    return METRES_PER_UNIT[key]
+
+
+def rotation_matrix(rotation: Floats) -> Floats:
+    """Return `(3, 3)` from a rotation matrix or a `(3,)` Rodrigues vector (axis times angle)."""
+    if rotation.shape == (3, 3):
+        return rotation
+    if np.abs(rotation).max() > MAX_ANGLE:
+        return np.zeros((3, 3))  # refused as not orthonormal
+    angle = float(np.linalg.norm(rotation))
+    x, y, z = rotation
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    # np.sinc(x) is sin(pi x) / (pi x): smooth through angle zero
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + first * skew + second * (skew @ skew), dtype=np.float64)
+
+
+def rotation_vector(rotation: Floats) -> Floats:
+    """Return the `(3,)` Rodrigues vector of a `(3, 3)` rotation, angle in [0, pi]."""
+    # The axis by the quaternion: well conditioned for every angle, pi included.
+    gram = np.empty((4, 4))
+    r = rotation
+    gram[0] = [r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
+    gram[1, 1:] = [r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]]
+    gram[2, 2:] = [r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]]
+    gram[3, 3] = r[2, 2] - r[0, 0] - r[1, 1]
+    quaternion = np.linalg.eigh(gram, UPLO="U")[1][:, -1]
+    if quaternion[0] < 0:
+        quaternion = -quaternion
+    sine = float(np.linalg.norm(quaternion[1:]))
+    if sine == 0:
+        return np.zeros(3)
+    return np.asarray(quaternion[1:] * (2 * np.arctan2(sine, quaternion[0]) / sine))
+
+
+def make_camera(
+    path: Path,
+    name: str,
+    image_size: ArrayLike,
+    K: Floats,
+    rotation: Floats,
+    translation_m: Floats,
+    distortion: Floats,
+    fisheye: bool = False,
+) -> Camera:
+    """Make a camera from a file's fields; an error names the file besides camera and field."""
+    width, height = np.asarray(image_size, dtype=np.float64)
+    try:
+        if width != int(width) or height != int(height):
+            raise InputError(
+                f"camera {name[:80]}: image size: found ({width:g}, {height:g}), "
+                "expected whole pixels"
+            )
+        return Camera.from_world_to_camera(
+            name,
+            (int(width), int(height)),
+            K,
+            rotation_matrix(rotation),
+            translation_m,
+            distortion,
+            fisheye,
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def make_rig(path: Path, cameras: Sequence[Camera], assumed_units: str | None) -> Rig:
+    """Make the rig of a file.
+
+    Args:
+        path: for messages.
+        cameras: as read, in metres.
+        assumed_units: what the lengths were taken for, checked for plausibility; None if the file
+            states its units, which is trusted.
+    """
+    if len(cameras) > MAX_CAMERAS:
+        raise InputError(f"{path}: found {len(cameras)} cameras, expected at most {MAX_CAMERAS}")
+    if not cameras:
+        raise InputError(f"{path}: found no camera, expected at least one")
+    try:
+        rig = Rig(tuple(cameras))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    if assumed_units is not None:
+        extent = float(np.linalg.norm(rig.centers_m - rig.centers_m[0], axis=1).max())
+        if extent > PLAUSIBLE_M:
+            farthest = int(np.argmax(np.linalg.norm(rig.centers_m - rig.centers_m[0], axis=1)))
+            raise InputError(
+                f"{path}: camera {rig.camera_ids[farthest]}: translation: found cameras "
+                f"{extent:.4g} m apart when lengths are read as {assumed_units}, expected at most "
+                f"{PLAUSIBLE_M:g} m; are they millimetres or centimetres? "
+                '(a TOML file can say so: [metadata] units = "mm")'
+            )
+        if len(rig) > 1 and extent < 0.01:
+            raise InputError(
+                f"{path}: camera {rig.camera_ids[1]}: translation: found all cameras within "
+                f"{extent * 1000:.2g} mm when lengths are read as {assumed_units}, "
+                "expected at least 10 mm; is the file in other units, or not yet calibrated?"
+            )
+    return rig
+
+
+def _flatten(value: object, flat: list[float], where: str, depth: int) -> tuple[int, ...]:
+    if isinstance(value, Mapping):
+        return _flatten_matrix(value, flat, where)
+    if not isinstance(value, (list, tuple)):
+        flat.append(_number(value, where))
+        if len(flat) > MAX_VALUES:
+            raise InputError(f"{where}: found more than {MAX_VALUES} numbers")
+        return ()
+    if depth >= 3:
+        raise InputError(f"{where}: found lists within lists, expected at most a matrix")
+    if len(value) > MAX_VALUES:
+        raise InputError(f"{where}: found {len(value)} values, expected at most {MAX_VALUES}")
+    shapes = {_flatten(item, flat, where, depth + 1) for item in value}
+    if len(shapes) > 1:
+        raise InputError(f"{where}: found rows of different lengths, expected a matrix")
+    return (len(value), *(shapes.pop() if shapes else ()))
+
+
+def _flatten_matrix(value: Mapping[Any, Any], flat: list[float], where: str) -> tuple[int, ...]:
+    """Read OpenCV's matrix: rows, cols and the data row by row."""
+    if not {"rows", "cols", "data"} <= set(value) or not isinstance(value["data"], list):
+        raise InputError(f"{where}: found named fields, expected a matrix of rows, cols and data")
+    rows, cols = (scalar(value[key], f"{where}: {key}") for key in ("rows", "cols"))
+    data = value["data"]
+    if rows * cols != len(data) or len(data) > MAX_VALUES:
+        raise InputError(
+            f"{where}: found {len(data)} numbers, expected {rows:g} x {cols:g} "
+            f"(at most {MAX_VALUES})"
+        )
+    flat.extend(_number(item, where) for item in data)
+    return (int(rows), int(cols))
+
+
+def _number(value: object, where: str) -> float:
+    if not isinstance(value, (int, float, str)) or isinstance(value, bool):
+        raise InputError(f"{where}: found {_shown(value)}, expected a number")
+    try:
+        return float(value)
+    except (ValueError, OverflowError):
+        raise InputError(f"{where}: found {_shown(value)}, expected a number") from None
+
+
+def _shown(value: object) -> str:
+    """Return a short form that no hostile value can blow up or break into lines."""
+    if isinstance(value, str):
+        return repr(value[:60])
+    if isinstance(value, int) and abs(value) >= 10**18:
+        return "a huge number"
+    if value is None or isinstance(value, (int, float)):
+        return str(value)
+    return f"a {type(value).__name__}"

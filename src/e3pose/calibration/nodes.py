@@ -1,0 +1,63 @@
+"""YAML as OpenCV's FileStorage writes it, read without OpenCV.
+
+Every scalar stays text and every tag is ignored, so nothing in a file can name a Python object and
+a camera called `01` does not become the number 1. Aliases, which can make a small file expand to a
+huge one, are refused.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from e3pose.calibration import fields
+from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    import yaml
+
+MAX_NODES = 200_000
+
+
+def load_nodes(path: Path) -> dict[str, Any]:
+    """Return the named nodes of an OpenCV YAML file."""
+    return parse(path, fields.read_text(path))
+
+
+def parse(path: Path, text: str) -> dict[str, Any]:
+    """Return the named nodes of OpenCV YAML text."""
+    try:
+        import yaml
+    except ImportError:
+        raise InputError(
+            f"{path}: reading YAML needs PyYAML, which `pip install e3pose[edge]` brings"
+        ) from None
+
+    class Loader(yaml.BaseLoader):
+        nodes = 0
+
+        def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+            self.nodes += 1
+            if self.nodes > MAX_NODES:
+                raise InputError(f"{path}: found more than {MAX_NODES} values")
+            if self.check_event(yaml.events.AliasEvent):
+                raise InputError(f"{path}: found a YAML alias, expected plain values")
+            return super().compose_node(parent, index)
+
+        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+            names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+            if len(set(names)) < len(node.value):
+                line = node.start_mark.line + 1
+                raise InputError(f"{path}: line {line}: found a field that is given twice")
+            return super().construct_mapping(node, deep=deep)
+
+    # OpenCV's first line is `%YAML:1.0`, which is not the directive YAML knows.
+    body = "\n".join(line for line in text.splitlines() if not line.startswith("%YAML"))
+    try:
+        document = yaml.load(body, Loader)
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: found text that is not YAML: {reason}") from None
+    return dict(fields.table(document, f"{path}"))

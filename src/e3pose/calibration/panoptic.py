@@ -1,0 +1,71 @@
+"""Calibration as CMU's Panoptic Studio publishes it (JSON): centimetres, and y points down."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from e3pose.calibration import fields
+from e3pose.camera import Camera, Rig
+from e3pose.errors import InputError
+
+METRES_PER_UNIT = 0.01
+# From Panoptic's world axes to z up: x stays, z becomes y, down becomes minus z.
+WORLD_FROM_PANOPTIC = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def load(path: Path) -> Rig:
+    """Read a Panoptic calibration, all its cameras."""
+    document = fields.table(_parse(path, fields.read_text(path)), f"{path}")
+    entries = fields.field(document, "cameras", f"{path}")
+    if not isinstance(entries, list):
+        raise InputError(f"{path}: cameras: found something else, expected a list")
+    if len(entries) > fields.MAX_CAMERAS:
+        raise InputError(f"{path}: found {len(entries)} cameras")
+    cameras = [_camera(path, index, entry) for index, entry in enumerate(entries)]
+    return fields.make_rig(path, cameras, "centimetres")
+
+
+def world_points(points_cm: fields.Floats) -> fields.Floats:
+    """Bring `(*batch, 3)` Panoptic points to metres with z up."""
+    return np.asarray(points_cm @ WORLD_FROM_PANOPTIC.T * METRES_PER_UNIT, dtype=np.float64)
+
+
+def _camera(path: Path, index: int, entry: object) -> Camera:
+    camera = fields.table(entry, f"{path}: camera number {index + 1}")
+    name = fields.name_of(fields.field(camera, "name", f"{path}: camera number {index + 1}"))
+    where = f"{path}: camera {name[:80].encode('unicode_escape').decode()}"
+
+    def numbers(key: str, *shapes: tuple[int, ...]) -> fields.Floats:
+        return fields.numbers(fields.field(camera, key, where), shapes, f"{where}: {key}")
+
+    with np.errstate(all="ignore"):
+        rotation = numbers("R", (3, 3)) @ WORLD_FROM_PANOPTIC.T
+    return fields.make_camera(
+        path,
+        name,
+        numbers("resolution", (2,)),
+        numbers("K", (3, 3)),
+        rotation,
+        numbers("t", (3,)) * METRES_PER_UNIT,
+        numbers("distCoef"),
+    )
+
+
+def _parse(path: Path, text: str) -> Any:
+    def unique(pairs: list[tuple[str, Any]]) -> Mapping[str, Any]:
+        named = dict(pairs)
+        if len(named) < len(pairs):
+            raise InputError(f"{path}: found a field that is given twice")
+        return named
+
+    try:
+        return json.loads(text, object_pairs_hook=unique)
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: found text that is not JSON: {str(error)[:120]}") from None
