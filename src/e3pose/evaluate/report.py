@@ -111,4 +111,5 @@ def _cell(spread: Mapping[str, float] | None, digits: int) -> str:
     if spread is None:
         return "-"
     mean = f"{spread['mean']:.{digits}f}"
-    return f"{mean} +- {spread['sd']:.{digits}f}" if spread["sd"] > 0 else mean
+    deviation = f"{spread['sd']:.{digits}f}"
+    return f"{mean} +- {deviation}" if float(deviation) > 0 else mean
