@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tokenize
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import IO
@@ -18,6 +20,23 @@ MAX_FILE_BYTES = 2 * 2**30
 MAX_ARRAY_BYTES = 2 * 2**30
 
 Shape = tuple[int | str, ...]
+
+# What unpacking a zip member and parsing the text header of an .npy raise on broken bytes.
+BROKEN = (
+    ValueError,
+    TypeError,
+    KeyError,
+    OSError,
+    EOFError,
+    RuntimeError,
+    SyntaxError,
+    OverflowError,
+    MemoryError,
+    NotImplementedError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def load_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, NDArray[np.generic]]:
@@ -51,9 +70,9 @@ def load_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, NDArray[np
             try:
                 with archive.open(entry) as member:
                     array = _read(member, entry.file_size)
-            except (ValueError, OSError, EOFError, zipfile.BadZipFile, NotImplementedError,
-                    RuntimeError, SyntaxError, OverflowError, zipfile.zlib.error) as error:  # type: ignore[attr-defined]  # fmt: skip
-                raise InputError(f"{path}: array {name!r}: {str(error)[:200]}") from None
+            except BROKEN as error:
+                reason = " ".join(str(error).split())[:200] or type(error).__name__
+                raise InputError(f"{path}: array {name!r}: {reason}") from None
             _check_shape(f"{path}: array {name!r}", array.shape, shape, lengths)
             arrays[name] = array
     return arrays

@@ -111,7 +111,7 @@ def read_detections(
 
 
 def read_people(path: Path) -> list[list[float]]:
-    """Return x, y, score, x, ... of every person of one file, without those of hands or face only."""
+    """Return x, y, score, x, ... of every person of one file that has a body."""
     content = read_bytes(path, MAX_FILE_BYTES)
     try:
         people = _DECODER.decode(content).people
