@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from e3pose.calibration import save_rig
 
+from e3pose.calibration import save_rig
 from e3pose.camera import Camera, Rig
 from e3pose.datasets.coco import import_coco
 from e3pose.errors import InputError

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from e3pose.bounded import read_bytes
+from e3pose.calibration import load_rig
 from e3pose.camera import Rig
 from e3pose.datasets.openpose import frame_number
 from e3pose.datasets.views import check_fps, poses_from_triples, series_from_frames
@@ -65,8 +66,6 @@ def import_coco(
     Raises:
         InputError: naming the file, entry and field that is wrong.
     """
-    from e3pose.calibration import load_rig
-
     check_fps(fps)
     rig = load_rig(calibration)
     results, table = _read_results(source)

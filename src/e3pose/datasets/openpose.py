@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from e3pose.bounded import read_bytes
+from e3pose.calibration import load_rig
 from e3pose.camera import Rig
 from e3pose.datasets.folders import match_folders
 from e3pose.datasets.views import check_fps, poses_from_triples, series_from_frames
@@ -58,8 +59,6 @@ def import_openpose(
     Raises:
         InputError: naming the file and field that is wrong.
     """
-    from e3pose.calibration import load_rig
-
     check_fps(fps)
     rig = load_rig(calibration)
     skeleton, frames = read_detections(source, rig, folders or {}, progress)

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.calibration import load_rig
+from e3pose.calibration.panoptic import METRES_PER_UNIT, WORLD_FROM_PANOPTIC, world_points
 from e3pose.camera import Camera, Rig
 from e3pose.datasets.arrays import floats, integers, load_arrays
 from e3pose.datasets.openpose import Progress, read_detections
@@ -24,9 +26,6 @@ Bodies = Mapping[int, Mapping[int, Floats]]  # frame number -> person -> (19, 4)
 FPS = 29.97
 PAPER_CAMERAS = ("3", "6", "12", "13", "23")
 MIN_CONFIDENCE = 0.1  # at or below it the published joints are guesses
-# Panoptic's world is in centimetres with y down; ours is in metres with z up.
-METRES = 0.01
-WORLD_FROM_PANOPTIC = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 SOURCE = "CMU Panoptic Studio, Joo et al.; non-commercial research use only."
 MAX_JOINTS = 20_000_000
 
@@ -109,7 +108,7 @@ def truth_from_bodies(bodies: Bodies, where: str) -> tuple[Floats, tuple[str, ..
     for frame, bodies_of_frame in bodies.items():
         for person, body in bodies_of_frame.items():
             known = (body[:, 3] > MIN_CONFIDENCE) & np.isfinite(body).all(axis=-1)
-            world = (body[:, :3] * METRES) @ WORLD_FROM_PANOPTIC.T
+            world = world_points(body[:, :3])
             joints_m[frame - first, people.index(person)] = np.where(known[:, None], world, np.nan)
     return joints_m, tuple(f"person{person}" for person in people), first
 
@@ -140,7 +139,7 @@ def rig_from_arrays(path: Path, cameras: Sequence[str]) -> Rig:
                     (int(size[0]), int(size[1])),
                     K[n],
                     R[n] @ WORLD_FROM_PANOPTIC.T,
-                    t_cm[n] * METRES,
+                    t_cm[n] * METRES_PER_UNIT,
                     dist[n],
                 )
                 for n in camera_indices(names, cameras)
@@ -183,8 +182,6 @@ def _load(
 def _rig(path: Path, cameras: Sequence[str]) -> Rig:
     if path.suffix.lower() == ".npz":
         return rig_from_arrays(path, cameras)
-    from e3pose.calibration import load_rig
-
     rig = load_rig(path)
     return rig.subset(camera_indices(rig.camera_ids, cameras))
 

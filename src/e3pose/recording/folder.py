@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from e3pose.atomic import atomic_folder
 from e3pose.bounded import read_bytes, read_lines
+from e3pose.calibration import load_rig, save_rig
 from e3pose.camera import check_camera_id
 from e3pose.errors import InputError
 from e3pose.pose import Poses2D
@@ -69,8 +70,6 @@ def load_recording(path: Path | str) -> Recording:
     Raises:
         InputError: one line naming the file, line and field that is wrong.
     """
-    from e3pose.calibration import load_rig
-
     folder = Path(path)
     if not folder.is_dir():
         what = "a file, expected a recording folder" if folder.exists() else "no such folder"
@@ -123,8 +122,6 @@ def save_recording(recording: Recording, path: Path | str, overwrite: bool = Fal
     Raises:
         InputError: when `path` is not free, or a value cannot be written.
     """
-    from e3pose.calibration import save_rig
-
     with atomic_folder(Path(path), overwrite=overwrite, ours=(HEADER,)) as folder:
         save_rig(recording.rig, folder / RIG)
         (folder / "keypoints").mkdir()
