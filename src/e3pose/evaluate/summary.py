@@ -64,8 +64,8 @@ def summarise(
 def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
     """Return the metrics that the recording's truth allows, over its scored slots.
 
-    A scored slot without a record counts as one without predictions. AP, precision and identity
-    switches need a truth that holds everybody in the scene; PCP is of Shelf-14 truth alone.
+    A scored slot without a record counts as one without predictions. AP and precision need a truth
+    that holds everybody in the scene; PCP is of Shelf-14 truth alone.
     """
     truth = recording.truth
     if truth is None:
