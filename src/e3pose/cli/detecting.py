@@ -1,0 +1,201 @@
+"""`e3pose detect`: find people in calibrated videos and write a recording."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.detect import DetectReport
+    from e3pose.detectors import Detector
+
+EXIT_INTERRUPTED = 130
+
+Flag = Annotated[bool, Parameter(negative="")]
+
+
+def detect(
+    *paths: str,
+    calibration: Path,
+    model: str = "openpose-thin",
+    family: str | None = None,
+    provider: Literal["auto", "tensorrt", "cuda", "cpu"] = "auto",
+    fps: float | None = None,
+    every: int = 1,
+    start: float = 0.0,
+    max_slots: int | None = None,
+    offset: Annotated[list[str] | None, Parameter(negative="")] = None,
+    threads: int | None = None,
+    link_videos: Flag = False,
+    copy_videos: Flag = False,
+    overwrite: Flag = False,
+) -> None:
+    """Find people in calibrated videos and write a recording.
+
+    Frames go to slots by the times in the files: each slot gets a camera's nearest frame, if it is
+    at most half a slot away. Interrupt it when you like: the work so far stays in DEST.partial, and
+    the same command goes on from there.
+
+    Example: e3pose detect cam1.mp4 cam2.mp4 recordings/walk --calibration Calib.toml
+
+    Parameters
+    ----------
+    paths
+        VIDEO... DEST: the videos, then the recording folder to make. A video belongs to the camera
+        whose id its name holds; CAMERA=FILE says it outright.
+    calibration
+        The rig: TOML, .qca.txt, or another format that `e3pose` reads.
+    model
+        A name from `e3pose models list`, or the path of an .onnx or .pb file, whose kind is told
+        from its inputs and outputs.
+    family
+        With a path: the detector to run it with, by name, instead of telling from the file.
+    provider
+        What the network runs on: the best there is, or this and nothing else.
+    fps
+        Slots a second; the videos' common frame rate by default.
+    every
+        Look at every so many slots of that rate only.
+    start
+        Seconds to skip at the beginning.
+    max_slots
+        Stop after so many slots.
+    offset
+        CAMERA=SECONDS: when that camera's first frame was taken, for cameras that did not start
+        together. Give it once per camera.
+    threads
+        CPU threads for the network; all cores by default.
+    link_videos
+        Link the videos into the recording, instead of naming where they are.
+    copy_videos
+        Copy the videos into the recording.
+    overwrite
+        Replace the recording at DEST, and unfinished work begun with other settings.
+    """
+    if len(paths) < 2:
+        raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST")
+    if link_videos and copy_videos:
+        raise InputError("--link-videos and --copy-videos: found both, expected at most one")
+    from e3pose.atomic import check_free
+    from e3pose.calibration import load_rig
+    from e3pose.detect import DetectSettings, detect_videos
+
+    *videos, last = paths
+    dest = Path(last)
+    settings = DetectSettings(
+        fps=fps,
+        every=every,
+        start_s=start,
+        max_slots=max_slots,
+        offsets_s=_offsets(offset or []),
+        keep_videos="link" if link_videos else "copy" if copy_videos else "refer",
+        overwrite=overwrite,
+    )
+    check_free(dest, overwrite)
+    rig = load_rig(calibration)
+    detector, name = _detector(model, family, provider, threads)
+    with _resumable(dest), frame_bar() as progress:
+        report = detect_videos(videos, rig, detector, dest, settings, name, progress)
+    _print(dest, report)
+
+
+def _detector(
+    model: str, family: str | None, provider: str, threads: int | None
+) -> tuple[Detector, str]:
+    """Load the detector; also say which weights it runs: others do not continue its work."""
+    from e3pose.detectors import DETECTORS, make_detector
+    from e3pose.weights import MODELS, find_weights
+    from e3pose.weights.fetch import file_sha256
+
+    path = Path(model)
+    if model in DETECTORS:
+        if family is not None:
+            raise InputError(f"--family: found {family!r} with --model {model}, expected a path")
+        published = model in MODELS and MODELS[model].source is not None
+        name = f"{model} {file_sha256(find_weights(model))[:16]}" if published else model
+        return make_detector(model, None, provider, threads), name
+    if family is None:
+        detector = make_detector(model, None, provider, threads)
+    else:
+        detector = make_detector(family, path, provider, threads)
+    return detector, f"{family or type(detector).__name__} {file_sha256(path)[:16]}"
+
+
+def _offsets(words: Sequence[str]) -> dict[str, float]:
+    offsets: dict[str, float] = {}
+    for word in words:
+        camera_id, equals, seconds = word.rpartition("=")
+        try:
+            offsets[camera_id] = float(seconds)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise InputError(f"--offset: found {word!r}, expected CAMERA=SECONDS")
+    return offsets
+
+
+@contextmanager
+def _resumable(dest: Path) -> Iterator[None]:
+    """On the way out of an interrupted run, say how to go on."""
+    from e3pose.detect import partial_folder
+
+    try:
+        yield
+    except BaseException as error:
+        kept = partial_folder(dest).is_dir() and not isinstance(error, InputError)
+        hint = f"; {partial_folder(dest)} keeps the work, the same command goes on from there"
+        if isinstance(error, KeyboardInterrupt):
+            print(f"e3pose: interrupted{hint if kept else ''}", file=sys.stderr)
+            raise SystemExit(EXIT_INTERRUPTED) from None
+        if kept:
+            print(f"e3pose: stopped{hint}", file=sys.stderr)
+        raise
+
+
+@contextmanager
+def frame_bar() -> Iterator[Callable[[int, int], None]]:
+    """Show frames done, rate and time left on a terminal; yields what to tell them to."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as TimeLeft
+
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn("detecting"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("frames, {task.fields[rate]:.1f} a second,"),
+        TimeLeft(),
+        TextColumn("left"),
+        console=console,
+        disable=not console.is_terminal,
+    )
+    with bar:
+        task = bar.add_task("detecting", total=None, rate=0.0)
+
+        def progress(done: int, total: int) -> None:
+            speed = bar.tasks[0].speed or 0.0
+            bar.update(task, completed=done, total=max(done, total), rate=speed)
+
+        yield progress
+
+
+def _print(dest: Path, report: DetectReport) -> None:
+    print(f"{dest}: {report.num_slots} slots at {report.fps:g} a second")
+    for camera_id, camera in report.cameras.items():
+        lost = report.num_slots - camera.frames
+        notes = [f"{lost} slots without a frame"] if lost else []
+        notes += [camera.damage] if camera.damage else []
+        tail = "; " + "; ".join(notes) if notes else ""
+        print(f"  {camera_id}: {camera.frames} frames, {camera.people} people in them{tail}")
+    if report.without_video:
+        print(f"  left out, without a video: {', '.join(report.without_video)}")
+    if report.resumed_slots:
+        print(f"  {report.resumed_slots} frames were done before the interruption")

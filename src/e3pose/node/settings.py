@@ -1,0 +1,49 @@
+"""What a detection is asked to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+from typing import Literal
+
+from e3pose.errors import InputError
+
+MAX_SLOTS = 100_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class DetectSettings:
+    """Which frames to look at, and what becomes of the videos.
+
+    Attributes:
+        fps: slots a second; None for the videos' common rate.
+        every: look at every so many slots of that rate only.
+        start_s: where slot 0 lies, in seconds after the common clock's zero.
+        max_slots: at most so many slots; None for all.
+        offsets_s: for each camera, when its video's first frame was taken on the common clock, in
+            seconds; 0 if not given.
+        keep_videos: `refer` to the videos where they are, `link` or `copy` them into the recording.
+        overwrite: replace a recording at the destination, and unfinished work of other settings.
+    """
+
+    fps: float | None = None
+    every: int = 1
+    start_s: float = 0.0
+    max_slots: int | None = None
+    offsets_s: Mapping[str, float] = field(default_factory=dict)
+    keep_videos: Literal["refer", "link", "copy"] = "refer"
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        if self.fps is not None and not 0 < self.fps <= 1000:
+            raise InputError(f"fps: found {self.fps}, expected a rate in (0, 1000]")
+        if not 1 <= self.every <= 100_000:
+            raise InputError(f"every: found {self.every}, expected 1 to 100000")
+        if not (isfinite(self.start_s) and 0 <= self.start_s <= 1e7):
+            raise InputError(f"start: found {self.start_s}, expected seconds, 0 or more")
+        if self.max_slots is not None and not 1 <= self.max_slots <= MAX_SLOTS:
+            raise InputError(f"max slots: found {self.max_slots}, expected 1 to {MAX_SLOTS}")
+        for camera_id, offset_s in self.offsets_s.items():
+            if not abs(offset_s) <= 1e7:
+                raise InputError(f"camera {camera_id}: offset: found {offset_s}, expected seconds")
