@@ -169,3 +169,8 @@ def test_a_wrong_frame_rate_is_named(tmp_path: Path, calibration: Path, fps: flo
 )
 def test_the_last_number_of_a_name_is_the_frame(name: str, number: int) -> None:
     assert frame_number(name) == number
+
+
+def test_a_long_file_name_takes_no_time() -> None:
+    with pytest.raises(InputError, match="no frame number"):
+        frame_number("1" * 1_000_000)

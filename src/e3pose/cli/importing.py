@@ -110,7 +110,7 @@ def openpose(
     folder: Folders = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Import OpenPose JSON: <camera>/<frame>_keypoints.json with BODY_25, COCO-18 or COCO-17.
+    """Import OpenPose JSON: CAMERA/FRAME_keypoints.json with BODY_25, COCO-18 or COCO-17.
 
     The folder of a camera is found by its id: exactly, or with an ending such as _json, or as the
     only one that begins or ends with it. A frame number that a camera lacks is a lost view.
@@ -149,7 +149,7 @@ def coco(
     images: Path | None = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Import COCO keypoint results, or AlphaPose's, whose images are named <camera>/<frame>.
+    """Import COCO keypoint results, or AlphaPose's, whose images are named CAMERA/FRAME.
 
     Example: e3pose import coco results.json recordings/walk --calibration rig.toml --fps 30
 

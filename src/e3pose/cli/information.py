@@ -60,7 +60,6 @@ def _print_json(description: Description, problems: list[Problem]) -> None:
 
 
 def _print_tables(console: Console, description: Description, problems: list[Problem]) -> None:
-    from rich.padding import Padding
     from rich.table import Table
     from rich.text import Text
 
@@ -79,7 +78,9 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
     for label, value in rows.items():
         facts.add_row(Text(label, style="bold"), Text(value))
     console.print(facts)
-    console.print(Padding(_camera_table(description.cameras), (1, 0)))
+    console.print()
+    console.print(_camera_table(description.cameras))
+    console.print()
     if not problems:
         console.print(Text("Nothing looks wrong.", style="green"))
         return

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.bounded import read_bytes
 from e3pose.calibration import load_rig
@@ -23,6 +24,7 @@ MAX_FILE_BYTES = 64 * 2**20
 SKELETONS_BY_COUNT = {3 * len(s): s for s in (BODY25, COCO18, COCO17)}
 FRAME_NUMBER = re.compile(r"(\d{1,18})(?!.*\d)")
 
+Floats = NDArray[np.float64]
 Progress = Callable[[Sequence[Path]], Iterable[Path]]
 
 
@@ -84,18 +86,20 @@ def read_detections(
         for camera, camera_id in enumerate(rig.camera_ids)
         for path in sorted(matched[camera_id].glob("*.json"))
     }
-    people: dict[Path, list[list[float]]] = {}
+    people: dict[Path, Floats] = {}
     count = 0
     example: Path | None = None
     for path in progress(list(files)):
         people[path] = read_people(path)
-        for person in people[path]:
-            if count and len(person) != count:
-                raise InputError(
-                    f"{path}: pose_keypoints_2d: found {len(person)} numbers, expected {count} "
-                    f"as in {example}"
-                )
-            count, example = len(person), path
+        if len(people[path]) == 0:
+            continue
+        numbers = people[path].shape[1]
+        if count and numbers != count:
+            raise InputError(
+                f"{path}: pose_keypoints_2d: found {numbers} numbers, expected {count} "
+                f"as in {example}"
+            )
+        count, example = numbers, path
     if not count:
         raise InputError(f"{source}: found nobody in {len(files)} files, expected a person")
     skeleton = SKELETONS_BY_COUNT[count]
@@ -104,13 +108,13 @@ def read_detections(
         number = frame_number(path.name)
         if number in frames[camera]:
             raise InputError(f"{path}: frame number {number} appears twice in this folder")
-        triples = np.array(people[path], dtype=np.float64).reshape(-1, len(skeleton), 3)
+        triples = people[path].reshape(-1, len(skeleton), 3)
         frames[camera][number] = poses_from_triples(triples, str(path))
     return skeleton, frames
 
 
-def read_people(path: Path) -> list[list[float]]:
-    """Return x, y, score, x, ... of every person of one file that has a body."""
+def read_people(path: Path) -> Floats:
+    """Return `(num_persons, numbers)` x, y, score, x, ... of the people of a file with a body."""
     content = read_bytes(path, MAX_FILE_BYTES)
     try:
         people = _DECODER.decode(content).people
@@ -124,12 +128,16 @@ def read_people(path: Path) -> list[list[float]]:
                 f"{path}: people[{index}].pose_keypoints_2d: found {count} numbers, "
                 "expected 75 (BODY_25), 54 (COCO-18) or 51 (COCO-17)"
             )
-    return [person.pose_keypoints_2d for person in people if person.pose_keypoints_2d]
+    bodies = [person.pose_keypoints_2d for person in people if person.pose_keypoints_2d]
+    if len({len(body) for body in bodies}) > 1:
+        raise InputError(f"{path}: pose_keypoints_2d: found people with different skeletons")
+    return np.array(bodies, dtype=np.float64)
 
 
 def frame_number(file_name: str) -> int:
     """Return the last number in a file name such as `walk_000000000012_keypoints.json`."""
-    match = FRAME_NUMBER.search(file_name.rsplit(".", 1)[0])
+    # The length is checked first: the search takes time with its square.
+    match = FRAME_NUMBER.search(file_name.rsplit(".", 1)[0]) if len(file_name) < 300 else None
     if match is None:
         raise InputError(f"{file_name[:120]!r}: found no frame number in the file name")
     return int(match[1])

@@ -181,7 +181,7 @@ def read_series(
 def _read_header(path: Path) -> Header:
     try:
         table = tomllib.loads(read_bytes(path, MAX_HEADER_BYTES).decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: {str(error)[:200]}, expected TOML") from None
     if table.get("format") != FORMAT:
         raise InputError(
@@ -197,7 +197,9 @@ def _read_header(path: Path) -> Header:
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {str(error)[:300]}") from None
     if not 0 <= header.num_slots <= 100_000_000:
-        raise InputError(f"{path}: num_slots: found {header.num_slots}, expected 0 to 100 million")
+        raise InputError(
+            f"{path}: num_slots: found {str(header.num_slots)[:40]}, expected 0 to 100 million"
+        )
     return header
 
 

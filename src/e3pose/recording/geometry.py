@@ -79,10 +79,9 @@ def truth_distances_px(recording: Recording) -> Floats:
 
 
 def _sampled_slots(recording: Recording) -> list[int]:
-    counts = np.zeros(recording.num_slots, dtype=np.int64)
-    for series in recording.views:
-        counts[series.slots[np.diff(series.starts) > 0]] += 1
-    useful = np.flatnonzero(counts >= 2)
+    peopled = [series.slots[np.diff(series.starts) > 0] for series in recording.views]
+    slots, counts = np.unique(np.concatenate(peopled), return_counts=True)
+    useful = slots[counts >= 2]
     return [int(slot) for slot in useful[:: max(1, len(useful) // SAMPLED_SLOTS)]]
 
 
