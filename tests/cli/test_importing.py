@@ -10,6 +10,8 @@ import pytest
 from e3pose.calibration import save_rig
 from e3pose.camera import Camera, Rig
 from e3pose.cli.app import main
+from e3pose.cli.importing import import_app
+from e3pose.datasets import IMPORTERS
 from e3pose.recording import load_recording
 
 SHARED = os.environ.get("E3POSE_SHARED")
@@ -99,6 +101,10 @@ def test_a_file_that_is_no_archive_is_named(
     assert error.count("\n") == 1
     assert "x.npz" in error
     assert not (tmp_path / "rec").exists()
+
+
+def test_every_importer_has_a_command() -> None:
+    assert {name for name in import_app if not name.startswith("-")} == set(IMPORTERS)
 
 
 @needs_shared

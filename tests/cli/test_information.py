@@ -53,7 +53,7 @@ def test_tables_say_what_is_there_and_what_is_wrong(
     assert left == ["left", "1280", "x", "720", "none", "0.00", "-3.00", "1.00", "3", "0",
                     "1.00", "1", "0.0%", "0.75", "-"]  # fmt: skip
     assert "2 things look wrong:" in text
-    assert "  right: 1 of 3 views are lost in 1 gaps; the longest is slots 2 to 2" in lines
+    assert "  right: 1 of 3 views are lost in 1 gap; the longest is slots 2 to 2" in lines
     assert "  right: sees nobody in any of its views" in lines
 
 

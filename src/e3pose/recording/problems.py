@@ -75,11 +75,12 @@ def _view_problems(camera: Camera, series: ViewSeries, recording: Recording) -> 
         gaps = np.diff(edges) - 1
         longest = int(gaps.argmax())
         first = int(edges[longest]) + 1
+        count = int((gaps > 0).sum())
         problems.append(
             Problem(
                 "lost-views",
                 where,
-                f"{lost} of {recording.num_slots} views are lost in {int((gaps > 0).sum())} gaps; "
+                f"{lost} of {recording.num_slots} views are lost in {count} gap{'s' if count > 1 else ''}; "
                 f"the longest is slots {first} to {first + int(gaps[longest]) - 1}",
             )
         )
