@@ -97,7 +97,7 @@ def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
     [
         (["--policy", "best"], "policy"),
         (["--cameras", "9"], "cameras"),
-        (["--cameras", "2.5"], "cameras"),
+        (["--cameras", "2.5"], "2.5"),
         (["--budget", "0.1"], "budget"),
         (["--profile", "toaster"], "toaster"),
         (["--poses", "poses.xlsx"], ".xlsx"),

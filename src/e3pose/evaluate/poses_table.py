@@ -44,7 +44,10 @@ def write_poses(records: Sequence[SlotRecord], skeleton: Skeleton, path: Path) -
     table = pyarrow.table(_columns(records, skeleton))
     with atomic_file(path) as temporary:
         if path.suffix == ".csv":
-            csv.write_csv(table, temporary, csv.WriteOptions(quoting_style="none"))
+            with temporary.open("wb") as file:
+                file.write(",".join(table.column_names).encode() + b"\n")
+                plain = csv.WriteOptions(include_header=False, quoting_style="none")
+                csv.write_csv(table, file, plain)
         else:
             parquet.write_table(table, temporary, compression="zstd")
 
