@@ -76,11 +76,12 @@ def _view_problems(camera: Camera, series: ViewSeries, recording: Recording) -> 
         longest = int(gaps.argmax())
         first = int(edges[longest]) + 1
         count = int((gaps > 0).sum())
+        plural = "s" if count > 1 else ""
         problems.append(
             Problem(
                 "lost-views",
                 where,
-                f"{lost} of {recording.num_slots} views are lost in {count} gap{'s' if count > 1 else ''}; "
+                f"{lost} of {recording.num_slots} views are lost in {count} gap{plural}; "
                 f"the longest is slots {first} to {first + int(gaps[longest]) - 1}",
             )
         )
