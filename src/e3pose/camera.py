@@ -271,7 +271,7 @@ class Camera:
         if np.abs(center).max() > MAX_DISTANCE_M:
             raise self._error(
                 "translation",
-                f"a centre {np.abs(center).max():.0f} m from the origin",
+                f"a centre {np.abs(center).max():.4g} m from the origin",
                 "metres within 1 km; is the file in millimetres or centimetres?",
             )
         rigid = np.array(T_world_camera)

@@ -225,18 +225,18 @@ def _flatten(value: object, flat: list[float], where: str, depth: int) -> tuple[
 
 
 def _flatten_matrix(value: Mapping[Any, Any], flat: list[float], where: str) -> tuple[int, ...]:
-    """Read OpenCV's matrix: rows, cols and the data row by row."""
-    if not {"rows", "cols", "data"} <= set(value) or not isinstance(value["data"], list):
+    """Read OpenCV's matrix: rows and cols, or the sizes of OpenCV 5, and the data row by row."""
+    data, sizes = value.get("data"), value.get("sizes", [value.get("rows"), value.get("cols")])
+    if not isinstance(data, list) or not isinstance(sizes, list) or len(sizes) > 3:
         raise InputError(f"{where}: found named fields, expected a matrix of rows, cols and data")
-    rows, cols = (scalar(value[key], f"{where}: {key}") for key in ("rows", "cols"))
-    data = value["data"]
-    if rows * cols != len(data) or len(data) > MAX_VALUES:
+    shape = tuple(scalar(size, f"{where}: size") for size in sizes)
+    if len(data) > MAX_VALUES or math.prod(shape) != len(data):
+        expected = " x ".join(f"{size:g}" for size in shape)
         raise InputError(
-            f"{where}: found {len(data)} numbers, expected {rows:g} x {cols:g} "
-            f"(at most {MAX_VALUES})"
+            f"{where}: found {len(data)} numbers, expected {expected} (at most {MAX_VALUES})"
         )
     flat.extend(_number(item, where) for item in data)
-    return (int(rows), int(cols))
+    return tuple(int(size) for size in shape)
 
 
 def _number(value: object, where: str) -> float:

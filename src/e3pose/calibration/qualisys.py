@@ -1,7 +1,8 @@
 """Calibration as Qualisys Track Manager exports it (`.qca.txt`, which is XML).
 
 Lengths are millimetres, pixels are counted in 64ths, `transform` holds the camera's axes as rows
-and its centre, and the camera looks along its negative z axis with y up.
+and its centre, and the camera looks along its negative z axis with y up. The distortion is of
+normalised points, as OpenCV's: its coefficients are not in 64ths.
 """
 
 from __future__ import annotations
@@ -55,6 +56,13 @@ def _camera(path: Path, index: int, entry: ElementTree.Element) -> Camera:
         )
     left, top = value("fov_video", "left"), value("fov_video", "top")
     size = (value("fov_video", "right") - left + 1, value("fov_video", "bottom") - top + 1)
+    resolution = entry.get("video_resolution", "").removesuffix("p")
+    # 1080p cameras have 1088 lines; a field of view cut smaller than the sensor is fine too.
+    if resolution.isdecimal() and int(resolution[:6]) + 8 < min(size):
+        raise InputError(
+            f"{where}: video_resolution: found {resolution[:6]}p for a field of view of "
+            f"{size[0]:g} x {size[1]:g}, expected video at full resolution"
+        )
     fu, fv, cu, cv, skew = (
         value("intrinsic", attribute, default) / SUBPIXELS
         for attribute, default in (

@@ -1,0 +1,258 @@
+"""Whatever is wrong with a calibration, one line names the file, the camera and the field."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from e3pose.calibration import FORMATS, load_rig
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+
+NAMES = sorted(FORMATS)
+INTRINSICS = np.array([[1200.0, 0.0, 960.0], [0.0, 1200.0, 540.0], [0.0, 0.0, 1.0]])
+NAN = float("nan")
+
+
+def refusal(path: Path, format: str | None = None) -> str:
+    with pytest.raises(InputError) as caught:
+        load_rig(path, format)
+    message = str(caught.value)
+    assert str(path.parent) in message, "the file is named"
+    assert "\n" not in message
+    assert len(message) < 900
+    return message
+
+
+def intrinsics(**entries: float) -> Any:
+    K = INTRINSICS.copy()
+    for name, value in entries.items():
+        K[{"fx": (0, 0), "fy": (1, 1), "cx": (0, 2)}[name]] = value
+    return K
+
+
+WRONG_FIELDS: dict[str, tuple[dict[str, Any], tuple[str, ...], tuple[str, ...]]] = {
+    # changes to the second camera, words that tell the field, formats that cannot express it
+    "singular matrix": ({"K": intrinsics(fx=0.0)}, ("positive focal",), ()),
+    "negative focal length": ({"K": intrinsics(fy=-1200.0)}, ("positive focal",), ()),
+    "focal length in millimetres": ({"K": intrinsics(fx=8.0, fy=8.0)}, ("focal length",), ()),
+    "matrix with NaN": ({"K": intrinsics(cx=NAN)}, ("finite", "not TOML", "number"), ()),
+    "infinite matrix": ({"K": intrinsics(fx=float("inf"))}, ("finite", "number"), ()),
+    "enormous matrix": ({"K": intrinsics(fx=1e300)}, ("focal length",), ()),
+    "matrix is absent": ({"K": None}, ("matrix", "K", "intrinsic"), ()),
+    "rotation of zeros": ({"R": np.zeros((3, 3))}, ("rotation", "otation", "Rot", "R:"), ()),
+    "sheared rotation": (
+        {"R": np.array([[1.0, 0.4, 0], [0, 1, 0], [0, 0, 1]])},
+        ("orthonormal",),
+        ("anipose", "pose2sim", "caliscope"),
+    ),
+    "mirror": (
+        {"R": np.diag([1.0, 1.0, -1.0])},
+        ("mirror",),
+        ("anipose", "pose2sim", "caliscope"),
+    ),
+    "rotation is absent": ({"R": None}, ("rotation", "R", "transform"), ()),
+    "translation is absent": ({"t": None}, ("translation", "t:", "T", "transform"), ()),
+    "translation with NaN": ({"t": np.array([0.0, NAN, 4.0])}, ("finite", "number"), ()),
+    "translation of two": (
+        {"t": np.array([1.0, 2.0])},
+        ("shape (2,", "(3,)"),
+        ("qualisys",),
+    ),
+    "translation of 1e300": ({"t": np.array([1e300, 1e300, 0.0])}, ("ranslation", "finite"), ()),
+    "three distortion coefficients": (
+        {"distortion": [0.1, 0.2, 0.3]},
+        ("distortion: found 3 coefficients",),
+        ("qualisys",),
+    ),
+    "NaN distortion": ({"distortion": [NAN, 0.0, 0, 0, 0]}, ("finite", "number"), ()),
+    "enormous distortion": ({"distortion": [1e30, 0.0, 0, 0, 0]}, ("distortion",), ()),
+    "image without width": ({"size": (0, 1080)}, ("size",), ()),
+    "image of a million": ({"size": (10**6, 1080)}, ("size",), ()),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("wrong", WRONG_FIELDS)
+def test_wrong_field_is_named_with_its_camera(
+    tmp_path: Path, files: Any, name: str, wrong: str
+) -> None:
+    changes, words, impossible = WRONG_FIELDS[wrong]
+    if name in impossible:
+        return  # the format cannot say this
+    message = refusal(files.write(name, tmp_path, files.with_second(**changes)), name)
+    assert any(word in message for word in words), message
+    if "not TOML" not in message:
+        camera = {"anipose": "cam_1", "caliscope": "1"}.get(name, "hall_2")
+        assert camera in message or "hall_2" in message or "number 2" in message, message
+
+
+HOSTILE_NAMES = ["../../x", "/etc/passwd", "", ".hidden", "-rf", "a b", "x" * 65, "a\\b", "con:1"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("hostile", HOSTILE_NAMES)
+def test_hostile_camera_name_is_refused(
+    tmp_path: Path, files: Any, name: str, hostile: str
+) -> None:
+    path = files.write(name, tmp_path, files.with_second(name=hostile))
+    message = refusal(path, name)
+    assert "camera id" in message or "YAML" in message, message
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_two_cameras_of_one_name_are_refused(tmp_path: Path, files: Any, name: str) -> None:
+    message = refusal(files.write(name, tmp_path, files.with_second(name="hall_1")), name)
+    assert "twice" in message or "ain" in message or "overwrite" in message, message
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("factor", [1000.0, 100.0], ids=["millimetres", "centimetres"])
+def test_lengths_in_other_units_are_noticed(
+    tmp_path: Path, files: Any, name: str, factor: float
+) -> None:
+    cameras = tuple(type(k)(**{**vars(k), "t": k.t * factor}) for k in files.known)
+    message = refusal(files.write(name, tmp_path, cameras), name)
+    assert "millimetres or centimetres" in message
+    assert "translation" in message
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_cameras_in_one_spot_are_noticed(tmp_path: Path, files: Any, name: str) -> None:
+    cameras = tuple(type(k)(**{**vars(k), "t": k.t / 1000}) for k in files.known)
+    assert "other units" in refusal(files.write(name, tmp_path, cameras), name)
+
+
+@pytest.mark.parametrize("forced", [True, False], ids=["forced", "recognised"])
+@pytest.mark.parametrize("name", NAMES)
+def test_truncated_file_is_refused_or_whole_up_to_there(
+    tmp_path: Path, files: Any, name: str, forced: bool
+) -> None:
+    path = files.write(name, tmp_path)
+    whole = path.read_bytes()
+    refused = 0
+    for cut in np.linspace(0, len(whole) - 2, 25).astype(int):
+        path.write_bytes(whole[:cut])
+        try:
+            rig = load_rig(path, name if forced else None)
+        except InputError as error:
+            refused += 1
+            assert str(tmp_path) in str(error)
+        else:  # a cut between two cameras cannot be told from a smaller rig
+            assert isinstance(rig, Rig)
+            pixels = rig.project(files.points_m)
+            for index in range(len(rig)):
+                np.testing.assert_allclose(pixels[index], files.pixels(files.known[index]))
+    assert refused > 15
+
+
+CONTENTS: dict[str, bytes] = {
+    "empty": b"",
+    "blank": b" \n\n",
+    "binary": bytes(range(256)) * 20,
+    "zeros": bytes(1000),
+    "utf-16": "[cam_0]\nname='a'".encode("utf-16"),
+    "number": b"42",
+    "prose": b"once upon a time there was no calibration",
+    "empty object": b"{}",
+    "no cameras": b'{"cameras": []}',
+    "cameras is a number": b'{"cameras": 3}',
+    "camera is a number": b'{"cameras": [3]}',
+    "null camera": b'{"cameras": [{"name": null}]}',
+    "deep json": b'{"cameras": ' + b"[" * 200_000,
+    "deep toml": b"a = " + b"[" * 100_000,
+    "deep yaml": b"%YAML:1.0\n---\na: " + b"[" * 50_000,
+    "deep xml": b"<a>" * 200_000,
+    "toml without cameras": b"[metadata]\nadjusted = true\n",
+    "toml of a number": b"a = 3\n",
+    "toml with a key twice": b"[cam_0]\nname = 'a'\nname = 'b'\n",
+    "toml with a huge integer": b"[cam_0]\nsize = [1" + b"0" * 5000 + b", 2]\n",
+    "json with a huge integer": b'{"cameras": [{"name": 1' + b"0" * 5000 + b"}]}",
+    "json with a field twice": b'{"cameras": [], "cameras": []}',
+    "other xml": b"<svg/>",
+    "xml without cameras": b"<calibration/>",
+    "camera without anything": b"<calibration><cameras><camera/></cameras></calibration>",
+    "entity bomb": b'<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;">]><calibration>&c;'
+    b"</calibration>",
+    "external entity": b'<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/passwd">]>'
+    b"<calibration>&b;</calibration>",
+    "alias bomb": b"%YAML:1.0\n---\na: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n",
+    "python object": b"%YAML:1.0\n---\na: !!python/object/apply:os.system ['false']\n",
+    "yaml list": b"---\n- 1\n- 2\n",
+    "yaml field twice": b"---\nK: 1\nK: 2\n",
+    "yaml of nulls": b"%YAML:1.0\n---\nnames:\n",
+    "yaml names are lists": b"%YAML:1.0\n---\nnames: [[a], [b]]\n",
+    "yaml matrix lies": b"---\ncamera_matrix: !!opencv-matrix\n  rows: 1000000000\n"
+    b"  cols: 1000000000\n  data: [1.]\nimage_width: 9\nimage_height: 9\n",
+}
+
+
+@pytest.mark.parametrize("forced", [*NAMES, None])
+@pytest.mark.parametrize("content", CONTENTS)
+def test_no_content_gets_past_any_reader(tmp_path: Path, content: str, forced: str | None) -> None:
+    path = tmp_path / ("intri.yml" if forced == "easymocap" else "rig.any")
+    path.write_bytes(CONTENTS[content])
+    (tmp_path / "extri.yml").write_bytes(CONTENTS[content])
+    started = time.perf_counter()
+    refusal(path, forced)
+    assert time.perf_counter() - started < 20
+
+
+@pytest.mark.parametrize("forced", [*NAMES, None])
+def test_enormous_missing_and_unreadable_files(tmp_path: Path, forced: str | None) -> None:
+    huge = tmp_path / "intri.yml"
+    with huge.open("wb") as file:
+        file.truncate(100_000_000)
+    assert "larger than" in refusal(huge, forced)
+    assert "no such file" in refusal(tmp_path / "none" / "intri.yml", forced)
+    (tmp_path / "folder").mkdir()
+    refusal(tmp_path / "folder", forced)
+
+
+def test_unknown_format_lists_the_known(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"anipose.*opencv"):
+        load_rig(tmp_path / "a.toml", format="vicon")
+
+
+@pytest.mark.parametrize("extra", [{"rotation_count": 1}, {"rotation_count": "x"}])
+def test_turned_caliscope_camera_is_refused(
+    tmp_path: Path, files: Any, extra: dict[str, Any]
+) -> None:
+    path = files.write("caliscope", tmp_path, files.with_second(extra=extra))
+    assert "camera 1: rotation_count" in refusal(path)
+
+
+@pytest.mark.parametrize(
+    ("extra", "field"),
+    [
+        ({"viewrotation": "90"}, "viewrotation"),
+        ({"video_resolution": "540p"}, "video_resolution"),
+    ],
+)
+def test_qualisys_video_unlike_its_sensor_is_refused(
+    tmp_path: Path, files: Any, extra: dict[str, str], field: str
+) -> None:
+    path = files.write("qualisys", tmp_path, files.with_second(extra=extra))
+    message = refusal(path)
+    assert field in message
+    assert "hall_2" in message
+
+
+def test_unknown_units_are_refused(tmp_path: Path, files: Any) -> None:
+    path = files.write("anipose", tmp_path)
+    path.write_text(path.read_text() + 'units = "inches"\n')
+    assert "units: found 'inches', expected m, cm or mm" in refusal(path)
+
+
+def test_fisheye_that_is_no_boolean_is_refused(tmp_path: Path, files: Any) -> None:
+    path = files.write("anipose", tmp_path, files.with_second(extra={"fisheye": "yes"}))
+    assert "camera cam_1: fisheye" in refusal(path)
+
+
+def test_unknown_opencv_distortion_model_is_refused(tmp_path: Path, files: Any) -> None:
+    path = files.write("opencv", tmp_path, files.with_second(extra={"distortion_model": "omni"}))
+    assert "hall_2: distortion_model: found 'omni'" in refusal(path)

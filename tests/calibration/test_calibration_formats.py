@@ -1,0 +1,225 @@
+"""Every format is read to the same cameras: those that the test's own arithmetic projects with."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from e3pose.calibration import FORMATS, find_format, load_rig, save_rig
+from e3pose.calibration.easymocap import guess_size
+from e3pose.camera import Camera, Rig
+
+NAMES = ["anipose", "pose2sim", "caliscope", "qualisys", "panoptic", "easymocap", "opencv"]
+
+
+def test_every_format_is_tested_here() -> None:
+    assert sorted(NAMES) == sorted(FORMATS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("forced", [True, False], ids=["forced", "recognised"])
+def test_known_points_land_on_known_pixels(
+    tmp_path: Path, files: Any, name: str, forced: bool
+) -> None:
+    path = files.write(name, tmp_path)
+    rig = load_rig(path, format=name if forced else None)
+    assert rig.camera_ids == ("hall_1", "hall_2", "03")
+    for camera, known in zip(rig.cameras, files.known, strict=True):
+        assert camera.image_size == known.size
+        np.testing.assert_allclose(camera.project(files.points_m), files.pixels(known), atol=1e-6)
+        np.testing.assert_allclose(camera.center_m, -known.R.T @ known.t, atol=1e-9)
+
+
+def test_recognition_does_not_need_the_file_name(tmp_path: Path, files: Any) -> None:
+    for name in set(NAMES) - {"pose2sim", "easymocap"}:
+        path = files.write(name, tmp_path).rename(tmp_path / "unnamed")
+        assert find_format(path) == name
+
+
+def test_easymocap_opens_from_its_folder_and_either_file(tmp_path: Path, files: Any) -> None:
+    files.write("easymocap", tmp_path)
+    for path in (tmp_path, tmp_path / "intri.yml", tmp_path / "extri.yml"):
+        assert load_rig(path).camera_ids == ("hall_1", "hall_2", "03")
+
+
+def test_easymocap_rotation_vector_serves_when_the_matrix_is_absent(
+    tmp_path: Path, files: Any
+) -> None:
+    files.write("easymocap", tmp_path)
+    extrinsics = tmp_path / "extri.yml"
+    extrinsics.write_text(extrinsics.read_text().replace("Rot_", "Unused_"))
+    camera = load_rig(tmp_path).cameras[1]
+    expected = files.pixels(files.known[1])
+    np.testing.assert_allclose(camera.project(files.points_m), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("center", "size"),
+    [
+        ((960.6, 542.9), (1920, 1080)),
+        ((533.0, 948.1), (1080, 1920)),
+        ((1019.0, 1041.0), (2048, 2048)),
+        ((300.0, 300.0), (600, 600)),
+    ],
+)
+def test_size_follows_from_the_principal_point(
+    center: tuple[float, float], size: tuple[int, int]
+) -> None:
+    assert guess_size(*center) == size
+
+
+def test_opencv_folder_has_a_camera_a_file(tmp_path: Path, files: Any) -> None:
+    for known in files.known:
+        text = files.write("opencv", tmp_path, (known,)).read_text()
+        body = [line[5:] for line in text.splitlines()[3:] if "camera_name" not in line]
+        (tmp_path / "rig.yaml").unlink()
+        (tmp_path / "one").mkdir(exist_ok=True)
+        (tmp_path / "one" / f"{known.name}.yml").write_text("%YAML:1.0\n---\n" + "\n".join(body))
+    rig = load_rig(tmp_path / "one")
+    assert sorted(rig.camera_ids) == ["03", "hall_1", "hall_2"]
+    expected = files.pixels(files.known[0])
+    camera = rig.cameras[rig.index("hall_1")]
+    np.testing.assert_allclose(camera.project(files.points_m), expected, atol=1e-6)
+
+
+def test_opencv_reads_what_cv2_writes(tmp_path: Path, files: Any) -> None:
+    cv2 = pytest.importorskip("cv2")
+    known = files.known[0]
+    path = tmp_path / "left.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 1920)
+    storage.write("image_height", 1080)
+    storage.write("camera_matrix", known.K)
+    storage.write("distortion_coefficients", known.distortion)
+    storage.write("rvec", cv2.Rodrigues(known.R)[0])
+    storage.write("tvec", known.t)
+    storage.release()
+    rig = load_rig(path)
+    assert rig.camera_ids == ("left",)
+    np.testing.assert_allclose(rig.project(files.points_m)[0], files.pixels(known), atol=1e-6)
+
+
+@pytest.mark.parametrize(("units", "factor"), [("mm", 1000.0), ("cm", 100.0), ("metres", 1.0)])
+@pytest.mark.parametrize("name", ["anipose", "caliscope"])
+def test_stated_units_are_converted_to_metres(
+    tmp_path: Path, files: Any, name: str, units: str, factor: float
+) -> None:
+    cameras = tuple(replace(known, t=known.t * factor) for known in files.known)
+    path = files.write(name, tmp_path, cameras)
+    text = path.read_text().replace("[metadata]\n", "")
+    path.write_text(f'{text}\n[metadata]\nunits = "{units}"\n'.replace("adjusted = false\n", ""))
+    rig = load_rig(path)
+    expected = [-known.R.T @ known.t for known in files.known]
+    np.testing.assert_allclose(rig.centers_m, expected, atol=1e-9)
+
+
+def test_caliscope_leaves_out_ignored_cameras_and_names_by_port(tmp_path: Path, files: Any) -> None:
+    path = files.write("caliscope", tmp_path, files.with_second(extra={"ignore": True}))
+    path.write_text("\n".join(line for line in path.read_text().splitlines() if "name" not in line))
+    assert load_rig(path).camera_ids == ("cam_0", "cam_2")
+
+
+def test_older_caliscope_tables_are_read(tmp_path: Path, files: Any) -> None:
+    path = files.write("caliscope", tmp_path)
+    text = path.read_text().replace("[cameras.", "[cam_") + "\n[charuco]\ncolumns = 4\n"
+    path.write_text(text)
+    assert find_format(path) == "caliscope"
+    assert load_rig(path).camera_ids == ("hall_1", "hall_2", "03")
+
+
+def test_qualisys_marker_cameras_and_inactive_ones_are_left_out(tmp_path: Path, files: Any) -> None:
+    cameras = files.with_second(extra={"model": "Miqus M3"})
+    path = files.write("qualisys", tmp_path, cameras)
+    assert load_rig(path).camera_ids == ("hall_1", "03")
+    cameras = files.with_second(extra={"active": "0"})
+    path = files.write("qualisys", tmp_path, cameras)
+    assert load_rig(path).camera_ids == ("hall_1", "03")
+
+
+def mixed_rig() -> Rig:
+    generator = np.random.default_rng(3)
+    lenses: list[tuple[list[float], bool]] = [
+        ([], False),
+        ([-0.2, 0.05, 0.001, -0.002], False),
+        ([-0.2, 0.05, 0.001, -0.002, 0.01], False),
+        ([0.3, 0.1, 0.001, 0.002, 0.01, 0.4, 0.08, 0.002], False),
+        ([0.03, -0.01, 0.004, -0.001], True),
+    ]
+    cameras = []
+    for index, (distortion, fisheye) in enumerate(lenses):
+        rotation = np.linalg.qr(generator.normal(size=(3, 3)))[0]
+        rotation *= np.linalg.det(rotation)
+        K = np.array([[900.0 + index, 0.25, 640.0], [0.0, 905.0, 355.0], [0.0, 0.0, 1.0]])
+        t = generator.normal(size=3)
+        name = f"camera-{index}.x"
+        cameras.append(
+            Camera.from_world_to_camera(name, (1280, 720), K, rotation, t, distortion, fisheye)
+        )
+    turned = Camera.from_world_to_camera("half-turn", (64, 48), K / 8 + np.diag([0, 0, 0.875]),
+                                         np.diag([1.0, -1.0, -1.0]), np.zeros(3))  # fmt: skip
+    return Rig((*cameras, turned))
+
+
+def test_native_format_keeps_every_camera(tmp_path: Path) -> None:
+    rig = mixed_rig()
+    path = tmp_path / "calibration.toml"
+    save_rig(rig, path)
+    assert 'units = "m"' in path.read_text()
+    again = load_rig(path)
+    assert again.camera_ids == rig.camera_ids
+    for camera, original in zip(again.cameras, rig.cameras, strict=True):
+        assert camera.image_size == original.image_size
+        assert camera.fisheye == original.fisheye
+        np.testing.assert_array_equal(camera.K, original.K)
+        np.testing.assert_array_equal(camera.distortion, original.distortion)
+        np.testing.assert_allclose(camera.T_world_camera, original.T_world_camera, atol=1e-12)
+
+
+def test_saving_again_changes_nothing(tmp_path: Path) -> None:
+    save_rig(mixed_rig(), tmp_path / "one.toml")
+    save_rig(load_rig(tmp_path / "one.toml"), tmp_path / "two.toml")
+    one, two = load_rig(tmp_path / "one.toml"), load_rig(tmp_path / "two.toml")
+    for a, b in zip(one.cameras, two.cameras, strict=True):
+        np.testing.assert_allclose(a.T_world_camera, b.T_world_camera, atol=1e-14)
+
+
+@pytest.mark.shared
+def test_published_panoptic_calibration_stands_on_its_floor(tmp_path: Path, files: Any) -> None:
+    shared = os.environ.get("E3POSE_SHARED")
+    if not shared:
+        pytest.skip("E3POSE_SHARED is not set")
+    with np.load(Path(shared) / "data/panoptic/160906_band1.npz", allow_pickle=False) as data:
+        K, dist, R, t = (data[key] for key in ("K", "dist", "R", "t_cm"))
+        joints = data["joints19_cm_conf"]
+    file_from_world = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    known = tuple(
+        replace(
+            files.known[0],
+            name=f"hd_{n}",
+            K=K[n],
+            R=R[n] @ file_from_world,
+            t=t[n].reshape(3) / 100,
+            distortion=dist[n].reshape(-1),
+        )
+        for n in range(len(K))
+    )
+    path = files.write("panoptic", tmp_path, known)
+    rig = load_rig(path)
+    assert (rig.centers_m[:, 2] > 0).all(), "every camera hangs above the floor"
+    seen = joints[..., :3][joints[..., 3] > 0.1]
+    points_m = seen @ np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]).T / 100
+    assert points_m[:, 2].min() > -0.2
+    assert points_m[:, 2].max() < 2.5
+    # The same joints, by the published arithmetic in centimetres.
+    in_camera = seen @ R[0].T + t[0].reshape(3)
+    x, y = in_camera[:, 0] / in_camera[:, 2], in_camera[:, 1] / in_camera[:, 2]
+    k1, k2, p1, p2, k3 = dist[0].reshape(-1)
+    r2 = x * x + y * y
+    u = x * (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    expected_u = K[0, 0, 0] * u + K[0, 0, 2]
+    np.testing.assert_allclose(rig.project(points_m)[0, :, 0], expected_u, atol=0.5)
