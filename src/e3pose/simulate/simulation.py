@@ -21,6 +21,7 @@ from e3pose.skeleton import COCO17
 Floats = NDArray[np.float64]
 
 LIVES_SHARE = 0.15  # of the work, for the progress bar
+AFTER_S = 1.0  # life goes on for so long after the last slot
 
 
 def simulate(
@@ -52,7 +53,13 @@ def simulate(
     settings.check_size(len(rig), number)
     slots_s = np.arange(settings.num_slots) / settings.fps
     joints = _lives(
-        scene, number, slots_s, life_seed, body_seed, lambda share: report(LIVES_SHARE * share)
+        scene,
+        number,
+        settings.seconds,
+        slots_s,
+        life_seed,
+        body_seed,
+        lambda share: report(LIVES_SHARE * share),
     )
     offset = np.array([*centre, 0.0])
     views = []
@@ -96,6 +103,7 @@ def _place(
 def _lives(
     scene: Scene,
     number: int,
+    seconds: float,
     slots_s: Floats,
     life_seed: np.random.SeedSequence,
     body_seed: np.random.SeedSequence,
@@ -103,7 +111,7 @@ def _lives(
 ) -> Floats:
     """Return everybody's joints `(num_slots, num_persons, 17, 3)` in the scene."""
     times_s, lives = Play(scene, number, np.random.default_rng(life_seed)).run(
-        float(slots_s[-1]), progress
+        seconds + AFTER_S, progress
     )
     joints = np.full((len(slots_s), number, 17, 3), np.nan)
     for person, (life, child) in enumerate(zip(lives, body_seed.spawn(number), strict=True)):

@@ -1,0 +1,98 @@
+"""`e3pose simulate` from the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose.cli import main
+from e3pose.recording import load_recording
+from e3pose.simulate import SceneSettings, simulate
+
+
+def run(*tokens: str) -> int:
+    try:
+        main(["simulate", *tokens])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def test_writes_the_recording_that_the_library_makes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    dest = tmp_path / "scene"
+    options = ("--scene", "crossing", "--people", "3", "--cameras", "4", "--seconds", "2")
+    assert run(str(dest), *options, "--seed", "7", "--resolution", "640x480") == 0
+    assert "4 cameras, 50 slots at 25 fps" in capsys.readouterr().out
+    loaded = load_recording(dest)
+    settings = SceneSettings(
+        scene="crossing", people=3, cameras=4, seconds=2, image_size=(640, 480)
+    )
+    made = simulate(settings, 7)
+    assert loaded.truth is not None and made.truth is not None
+    assert loaded.truth.person_ids == ("person1", "person2", "person3")
+    assert loaded.truth_complete
+    assert loaded.rig.cameras[0].image_size == (640, 480)
+    np.testing.assert_allclose(loaded.truth.joints_m, made.truth.joints_m, atol=1e-3)
+    for got, wanted in zip(loaded.views, made.views, strict=True):
+        np.testing.assert_array_equal(got.starts, wanted.starts)
+        np.testing.assert_allclose(got.keypoints_px, wanted.keypoints_px, atol=0.1)
+
+
+def test_exact_recording_projects_after_a_round_trip(tmp_path: Path) -> None:
+    assert run(str(tmp_path / "scene"), "--people", "1", "--seconds", "1", "--exact") == 0
+    loaded = load_recording(tmp_path / "scene")
+    assert loaded.truth is not None
+    view = loaded.view(0, 0)
+    assert view is not None and len(view) == 1
+    pixels = loaded.rig.cameras[0].project(loaded.truth.joints_m[0, 0])
+    seen = view.scores[0] == 1
+    assert seen.sum() > 8
+    np.testing.assert_allclose(view.keypoints_px[0][seen], pixels[seen], atol=0.1)
+
+
+def test_takes_a_users_rig(tmp_path: Path) -> None:
+    assert run(str(tmp_path / "first"), "--cameras", "3", "--seconds", "0.2") == 0
+    calibration = tmp_path / "first" / "calibration.toml"
+    assert run(str(tmp_path / "second"), "--calibration", str(calibration), "--seconds", "0.2") == 0
+    first, second = load_recording(tmp_path / "first"), load_recording(tmp_path / "second")
+    assert first.rig.camera_ids == second.rig.camera_ids
+    np.testing.assert_allclose(first.rig.centers_m, second.rig.centers_m, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--people", "-1"], "people: found -1"),
+        (["--scene", "moon"], "scene: found 'moon'"),
+        (["--resolution", "big"], "resolution: found 'big'"),
+        (["--fps", "nan"], "fps: found nan"),
+        (["--seconds", "0"], "slots"),
+        (["--seed", "-2"], "seed: found -2"),
+        (["--calibration", "missing.toml"], "missing.toml"),
+        (["--calibration", "missing.toml", "--cameras", "3"], "--cameras: found 3"),
+    ],
+)
+def test_bad_option_is_one_line_and_leaves_nothing(
+    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(str(tmp_path / "scene"), *options) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_existing_folder_is_kept_and_a_recording_replaced_only_when_asked(tmp_path: Path) -> None:
+    dest, mine = tmp_path / "scene", tmp_path / "mine"
+    mine.mkdir()
+    (mine / "notes.txt").write_text("precious")
+    assert run(str(mine), "--seconds", "0.2") == 2
+    assert (mine / "notes.txt").read_text() == "precious"
+    assert run(str(dest), "--seconds", "0.2") == 0
+    assert run(str(dest), "--seconds", "0.4") == 2
+    assert load_recording(dest).num_slots == 5
+    assert run(str(dest), "--seconds", "0.4", "--overwrite") == 0
+    assert load_recording(dest).num_slots == 10
