@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from cyclopts import Parameter
+
+from e3pose.cli.options import EnergyOptions, LoopOptions, Whole
+
+LOOP, ENERGY = LoopOptions(), EnergyOptions()
 
 MAX_SEEDS = 10_000
 
@@ -16,22 +20,10 @@ def evaluate(
     *,
     policies: str = "all,random,independent,e3pose-mv,e3pose",
     cameras: Annotated[str | None, Parameter(alias="-C")] = None,
-    seeds: int = 5,
-    pipeline: str = "paper",
-    budget: Annotated[float | None, Parameter(alias="-E")] = None,
-    quality_weight: Annotated[float, Parameter(alias="-V")] = 1.0,
-    lead: int = 1,
-    seed: int = 0,
-    phase: int = 0,
-    warmup: int = 10,
-    predictor: str | None = None,
-    reject_outliers: bool = False,
-    occlusion_limit: float = 0.1,
-    round_trip_ms: float = 50.0,
-    profile: str = "xavier-nx",
-    idle_mode: Literal["power-saving", "aggressive-power-saving"] = "power-saving",
-    battery_wh: float = 50.0,
-    jobs: int = -1,
+    seeds: Whole = 5,
+    loop: LoopOptions = LOOP,
+    energy: EnergyOptions = ENERGY,
+    jobs: Whole = -1,
     json_file: Annotated[Path | None, Parameter(name="--json")] = None,
 ) -> None:
     """Compare policies on a recording: accuracy, cameras on and energy saved, mean and spread.
@@ -52,34 +44,6 @@ def evaluate(
         C, how many cameras detect in a slot; several with commas. 3 unless the rig has fewer.
     seeds
         Repetitions of every policy.
-    pipeline
-        The estimator: `paper` matches and triangulates every slot by itself.
-    budget
-        E, the share of slots in which a camera may be active, from C/N to 1; C/N + 0.2 by default.
-    quality_weight
-        V: larger prefers clear views, smaller prefers even batteries.
-    lead
-        tau, how many slots ahead the cameras are told.
-    seed
-        The first seed.
-    phase
-        The first phase: which camera comes first in turns and ties.
-    warmup
-        M, slots at the start in which every camera detects.
-    predictor
-        What foresees the poses: constant-velocity. By default the policy's own.
-    reject_outliers
-        Leave out views that disagree with the others.
-    occlusion_limit
-        The threshold of the policy `independent`.
-    round_trip_ms
-        The delay that the policy `central-2d` waits for in every decision.
-    profile
-        Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file.
-    idle_mode
-        What a camera does in slots for which it is not selected.
-    battery_wh
-        Capacity of each camera's battery in watt-hours.
     jobs
         Parallel processes; as many as there are processor cores by default.
     json_file
@@ -98,30 +62,22 @@ def evaluate(
         raise InputError(f"--seeds: found {seeds}, expected 1 to {MAX_SEEDS}")
     if jobs == 0 or jobs < -1:
         raise InputError(f"--jobs: found {jobs}, expected 1 or more, or -1 for all cores")
-    if not 0 < battery_wh < float("inf"):
-        raise InputError(f"--battery-wh: found {battery_wh:g}, expected more than 0")
+    energy.check()
     names = _names(policies)
-    device = load_profile(profile)
+    device = load_profile(energy.profile)
     source = load_recording(recording)
-    base = ReplaySettings(
-        pipeline=pipeline,
-        budget=budget,
-        quality_weight=quality_weight,
-        lead_slots=lead,
-        warmup_slots=warmup,
-        predictor=predictor,
-        reject_outliers=reject_outliers,
-        seed=seed,
-        phase=phase,
-        occlusion_limit=occlusion_limit,
-        round_trip_s=round_trip_ms / 1000,
-    )
+    base = ReplaySettings(**loop.settings())
     counts = [min(3, len(source.rig))] if cameras is None else _counts(cameras)
     settings = tasks(base, names, counts, seeds)
     for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
         make_pipeline(source, each)
     summaries = compare(
-        source, settings, device, idle_mode=idle_mode, battery_wh=battery_wh, jobs=jobs
+        source,
+        settings,
+        device,
+        idle_mode=energy.idle_mode,
+        battery_wh=energy.battery_wh,
+        jobs=jobs,
     )
     figures = rows(list(track_progress(summaries, len(settings), "evaluate")))
     if json_file is not None:

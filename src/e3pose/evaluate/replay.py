@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from e3pose.fuse import Fuser, FusionSettings
 
 from e3pose.energy import check_budget
 from e3pose.errors import InputError
+from e3pose.fuse import Fuser, FusionSettings
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.policies import PolicySettings, policy_row
 from e3pose.policies.base import Selection
@@ -20,6 +21,7 @@ from e3pose.predictors import make_predictor
 from e3pose.recording import Recording
 
 PIPELINES = ("paper",)
+PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
 BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
 MAX_LEAD = 1000
 
@@ -58,7 +60,7 @@ class ReplaySettings:
     phase: int = 0
     occlusion_limit: float = 0.1
     round_trip_s: float = 0.05
-    backend: str = "numba"
+    backend: Literal["numba", "reference"] = "numba"
 
 
 def make_pipeline(
@@ -115,7 +117,9 @@ def make_pipeline(
         fuser=Fuser(
             recording.rig,
             len(recording.skeleton),
-            FusionSettings(reject_outliers=settings.reject_outliers),
+            FusionSettings(
+                refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
+            ),
             backend=settings.backend,
         ),
         predictor=make_predictor(settings.predictor or row.predictor),

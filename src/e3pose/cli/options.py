@@ -1,0 +1,85 @@
+"""Options that several verbs share, declared once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter, Token
+
+from e3pose.errors import InputError
+
+
+def whole_number(_: Any, tokens: Sequence[Token]) -> int:
+    """Read a whole number and nothing that merely rounds to one."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ValueError(f"{tokens[0].value!r} is not a whole number") from None
+
+
+Whole = Annotated[int, Parameter(converter=whole_number)]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class LoopOptions:
+    """How the loop runs, for every verb that runs it."""
+
+    pipeline: str = "paper"
+    """The estimator: `paper` matches and triangulates every slot by itself."""
+    budget: Annotated[float | None, Parameter(alias="-E")] = None
+    """E, the share of slots a camera may be active in, C/N to 1; C/N + 0.2 by default."""
+    quality_weight: Annotated[float, Parameter(alias="-V")] = 1.0
+    """V: larger prefers clear views, smaller prefers even batteries."""
+    lead: Whole = 1
+    """tau, how many slots ahead the cameras are told."""
+    warmup: Whole = 10
+    """M, slots at the start in which every camera detects."""
+    seed: Whole = 0
+    """Of random choices."""
+    phase: Whole = 0
+    """Which camera comes first in turns and ties."""
+    predictor: str | None = None
+    """What foresees the poses: constant-velocity. By default the policy's own."""
+    reject_outliers: bool = False
+    """Leave out views that disagree with the others."""
+    occlusion_limit: float = 0.1
+    """The threshold of the policy `independent`."""
+    round_trip_ms: float = 50.0
+    """The delay that the policy `central-2d` waits for in every decision."""
+
+    def settings(self) -> dict[str, Any]:
+        """Return the fields of `ReplaySettings` that these options set."""
+        return {
+            "pipeline": self.pipeline,
+            "budget": self.budget,
+            "quality_weight": self.quality_weight,
+            "lead_slots": self.lead,
+            "warmup_slots": self.warmup,
+            "seed": self.seed,
+            "phase": self.phase,
+            "predictor": self.predictor,
+            "reject_outliers": self.reject_outliers,
+            "occlusion_limit": self.occlusion_limit,
+            "round_trip_s": self.round_trip_ms / 1000,
+        }
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class EnergyOptions:
+    """What the cameras draw, for every verb that reports energy."""
+
+    profile: str = "xavier-nx"
+    """Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file."""
+    idle_mode: Literal["power-saving", "aggressive-power-saving"] = "power-saving"
+    """What a camera does in slots for which it is not selected."""
+    battery_wh: float = 50.0
+    """Capacity of each camera's battery in watt-hours."""
+
+    def check(self) -> None:
+        """Raise `InputError` for a battery that cannot be."""
+        if not 0 < self.battery_wh < float("inf"):
+            raise InputError(f"--battery-wh: found {self.battery_wh:g}, expected more than 0")
