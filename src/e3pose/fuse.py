@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.camera import Rig
 from e3pose.errors import InputError
-from e3pose.match import match
+from e3pose.match import MAX_PIXEL, MIN_SCORE, match, ray_matrices
 from e3pose.pose import Poses2D, Poses3D
 from e3pose.triangulate import MIN_VIEWS, refine, reprojection_error, triangulate
 
@@ -22,7 +22,6 @@ Integers = NDArray[np.int64]
 Fused = tuple[Floats, Floats, Integers, Floats]
 
 MAX_POSES = 4096  # in one slot, all views together: 1 GB of working memory at most
-MAX_PIXEL = 1e6  # a keypoint further out than this is missing
 OUTLIER_STEPS = 4  # reweighting converges more slowly than plain least squares
 
 
@@ -50,7 +49,7 @@ class FusionSettings:
     cap_m: float = 0.30
     duplicate_m: float = 0.25
     min_joints: int = 3
-    refine_steps: int = 2
+    refine_steps: int = 1
     reject_outliers: bool = False
 
     def __post_init__(self) -> None:
@@ -123,7 +122,7 @@ class Fuser:
             raise InputError(f"fusion: backend: found {backend!r}, expected numba or reference")
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache, everything a slot needs; takes seconds the first time."""
+        """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""
         shape = (len(self.rig), 1, self.num_joints)
         for score in (0.0, 1.0):
             self.fuse_arrays(
@@ -172,7 +171,8 @@ class Fuser:
         Args:
             keypoints_px: `(num_cameras, max_persons, num_joints, 2)` pixels in the real images.
             scores: `(num_cameras, max_persons, num_joints)` in [0, 1]. A keypoint counts as missing
-                where its score is 0 or NaN or its pixels are not finite; a score above 1 is 1.
+                where its score is NaN or below `match.MIN_SCORE`, or its pixels are not finite; a
+                score above 1 is 1.
             counts: `(num_cameras,)` people in each view; rows from there on are ignored.
 
         Raises:
@@ -201,7 +201,7 @@ class Fuser:
         if self._distorted:
             keypoints = self._undistort(keypoints, people)
         joints, joint_scores, members, error = self._run(keypoints, joint_scores, people)
-        return Fusion(Poses3D(joints, joint_scores), members, error)
+        return Fusion(_trusted(joints, joint_scores), members, error)
 
     def _undistort(self, keypoints: Floats, counts: Integers) -> Floats:
         keypoints = keypoints.copy()
@@ -217,7 +217,7 @@ class Fuser:
         cameras, rows = np.nonzero(present)
         keypoints, scores = keypoints[present], scores[present]  # (num_poses, num_joints, ...)
         with np.errstate(invalid="ignore"):
-            seen = (np.abs(keypoints) <= MAX_PIXEL).all(axis=-1) & (scores > 0)
+            seen = (np.abs(keypoints) <= MAX_PIXEL).all(axis=-1) & (scores >= MIN_SCORE)
         keypoints = np.where(seen[..., None], keypoints, np.nan)
         scores = np.where(seen, np.minimum(scores, 1.0), 0.0)
         settings = self.settings
@@ -277,9 +277,12 @@ class Fuser:
         return joints, joint_scores, reprojection_error(joints, keypoints, scores, projections)
 
 
-def ray_matrices(rig: Rig) -> Floats:
-    """Return `(num_cameras, 3, 3)`: undistorted homogeneous pixels to world directions."""
-    return np.stack([camera.R.T @ np.linalg.inv(camera.K) for camera in rig.cameras])
+def _trusted(joints_m: Floats, scores: Floats) -> Poses3D:
+    """Make poses without checking them, which would take a fifth of the time of a small slot."""
+    poses = object.__new__(Poses3D)
+    object.__setattr__(poses, "joints_m", joints_m)
+    object.__setattr__(poses, "scores", scores)
+    return poses
 
 
 def _check_total(total: int) -> None:

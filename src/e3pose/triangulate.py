@@ -15,6 +15,10 @@ NOISE_PX = (15.0, 3.0, 2.3)
 # Residual, in standard deviations, at which a keypoint's weight is halved when outliers are
 # rejected: 2.5 is the usual compromise, 1 % of normal errors are larger.
 OUTLIER_SIGMAS = 2.5
+# Beyond these a Gauss-Newton step says nothing: its linear picture of a camera holds over a small
+# part of the distance to it. Estimates that break them are left as the DLT made them.
+MIN_DEPTH_M = 0.2
+MAX_STEP_M = 0.5
 
 
 def triangulate(keypoints_px: Floats, scores: Floats, projections: Floats) -> Floats:
@@ -90,20 +94,22 @@ def refine(
     """
     seen = scores > 0
     precision = np.where(seen, 1.0 / noise_px(scores), 0.0)
-    best = points_m
-    points = points_m
+    best = points = points_m
     with np.errstate(all="ignore"):  # a point that runs away is not used
+        tame = _far_enough(points, seen, projections)
         for _ in range(steps):
             error, jacobian = _reprojection(points, keypoints_px, projections, seen)
             weights = precision**2 * _belief(error, precision, reject_outliers)
             weighted = weights[..., None, None] * jacobian
             normal = np.einsum("v...ab,v...ac->...bc", weighted, jacobian)
             gradient = np.einsum("v...ab,v...a->...b", weighted, error)
-            points = points - _solve3(normal, gradient)
+            step = _solve3(normal, gradient)
+            points = points - step
+            tame &= (step**2).sum(axis=-1) <= MAX_STEP_M**2
+            tame &= _far_enough(points, seen, projections)
         first_error = _reprojection(best, keypoints_px, projections, seen)[0]
         last_error = _reprojection(points, keypoints_px, projections, seen)[0]
-        in_front = np.where(seen, _depths(points, projections) > 0, True).all(axis=0)
-        better = in_front & (
+        better = tame & (
             _loss(last_error, precision, reject_outliers)
             <= _loss(first_error, precision, reject_outliers)
         )
@@ -125,6 +131,10 @@ def reprojection_error(
     count = seen.sum(axis=0)
     total = np.linalg.norm(error, axis=-1).sum(axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def _far_enough(points: Floats, seen: NDArray[np.bool_], projections: Floats) -> NDArray[np.bool_]:
+    return np.where(seen, _depths(points, projections) >= MIN_DEPTH_M, True).all(axis=0)
 
 
 def _depths(points: Floats, projections: Floats) -> Floats:

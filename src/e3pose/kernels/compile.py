@@ -1,14 +1,35 @@
-"""How every kernel is compiled."""
+"""How every kernel is compiled, and when a compiled kernel on disk may be used again."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
+
+_PACKAGE = Path(__file__).resolve().parent
+# The kernels, and the modules whose constants they take over.
+SOURCES = (
+    *sorted(_PACKAGE.glob("*.py")),
+    _PACKAGE.parent / "match.py",
+    _PACKAGE.parent / "triangulate.py",
+)
+
+
+def sources_stamp() -> str:
+    """Return a digest of everything that is compiled into a kernel."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in SOURCES:
+        digest.update(path.read_bytes() if path.exists() else b"")
+    return digest.hexdigest()
+
+
+_STAMP = sources_stamp()
 
 
 def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
@@ -17,5 +38,20 @@ def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Resul
     Of the fast-math flags only `contract` is safe: it fuses a product and a sum, with one rounding
     where the reference has two. Reordering or ignoring NaN would break the agreement.
     """
-    jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-    return cast(Callable[Parameters, Result], jit(function))
+    options: dict[str, Any] = {
+        "nogil": True,
+        "error_model": "numpy",
+        "fastmath": {"contract"},
+    }
+    try:
+        dispatcher: Any = numba.njit(cache=True, **options)(function)
+        cache_file = dispatcher._cache._cache_file
+        # numba asks only whether the file of the outermost function changed. A kernel that was
+        # inlined from another file would stay as it was, and disagree with its caller about the
+        # layout of memory.
+        if not hasattr(cache_file, "_source_stamp"):
+            raise AttributeError("numba keeps its stamp elsewhere")
+        cache_file._source_stamp = _STAMP
+    except (RuntimeError, AttributeError):  # nowhere to write, or another numba: compile each time
+        dispatcher = numba.njit(**options)(function)
+    return cast(Callable[Parameters, Result], dispatcher)

@@ -12,7 +12,9 @@ from e3pose.kernels.compile import kernel
 Floats = NDArray[np.float64]
 
 MAX_ITERATIONS = 16
-CONVERGED2 = 1e-26  # squared change of a unit vector
+CONVERGED2 = 1e-22  # squared error, relative to the squared length of the vector
+TINY2 = 1e-26  # the same for a vector that no longer changes but for rounding
+SHRINKING2 = 1e-2  # squared factor by which changes must shrink to foresee the rest
 SINGULAR = 1e-18  # pivots below this share of the trace are rounding errors
 JACOBI_SWEEPS = 12
 
@@ -36,22 +38,26 @@ def null_vector(m: Floats, scratch: Floats, out: Floats) -> None:
     l32 = t32 * i2
     i3 = 1.0 / max(m[3, 3] - l30 * m[0, 3] - l31 * t31 - l32 * t32, floor)
 
-    x, y, z, w = 0.0, 0.0, 0.0, 1.0
+    # Scaled to a last coordinate of 1, as the DLT wants it: a division less than a unit vector.
+    x = y = z = previous = 0.0
     for _ in range(MAX_ITERATIONS):
         b = y - l10 * x
         c = z - l20 * x - l21 * b
-        d = w - l30 * x - l31 * b - l32 * c
-        nw = d * i3
-        nz = c * i2 - l32 * nw
-        ny = b * i1 - l21 * nz - l31 * nw
-        nx = x * i0 - l10 * ny - l20 * nz - l30 * nw
-        scale = 1.0 / math.sqrt(nx * nx + ny * ny + nz * nz + nw * nw)
-        nx, ny, nz, nw = nx * scale, ny * scale, nz * scale, nw * scale
-        change = (nx - x) ** 2 + (ny - y) ** 2 + (nz - z) ** 2 + (nw - w) ** 2
-        x, y, z, w = nx, ny, nz, nw
-        if change < CONVERGED2:
-            out[0], out[1], out[2], out[3] = x, y, z, w
+        w = (1.0 - l30 * x - l31 * b - l32 * c) * i3
+        nz = c * i2 - l32 * w
+        ny = b * i1 - l21 * nz - l31 * w
+        nx = x * i0 - l10 * ny - l20 * nz - l30 * w
+        scale = 1.0 / w
+        nx, ny, nz = nx * scale, ny * scale, nz * scale
+        change = (nx - x) ** 2 + (ny - y) ** 2 + (nz - z) ** 2
+        x, y, z = nx, ny, nz
+        size = 1.0 + x * x + y * y + z * z
+        # Changes shrink by a constant factor, so the next one will be about change^2 / previous.
+        shrinking = change < SHRINKING2 * previous
+        if change <= TINY2 * size or (shrinking and change**2 <= CONVERGED2 * size * previous):
+            out[0], out[1], out[2], out[3] = x, y, z, 1.0
             return
+        previous = change
     _jacobi(m, scratch, out)
 
 

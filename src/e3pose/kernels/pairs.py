@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.kernels.compile import kernel
-from e3pose.match import PARALLEL_SINE2
+from e3pose.kernels.place import noise_px
+from e3pose.match import MAX_PIXEL, MIN_SCORE, PARALLEL_SINE2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -29,9 +30,9 @@ def gather(
     counts: Integers,
     ray_matrices: Floats,
     centers_m: Floats,
-    max_pixel: float,
     pixels: Floats,
     pose_scores: Floats,
+    precisions: Floats,
     cameras: Integers,
     rows: Integers,
     tiles: Floats,
@@ -51,19 +52,23 @@ def gather(
             for joint in range(num_joints):
                 u = keypoints_px[camera, row, joint, 0]
                 v = keypoints_px[camera, row, joint, 1]
-                score = min(scores[camera, row, joint], 1.0)
-                x = y = z = 0.0
-                if score > 0 and abs(u) <= max_pixel and abs(v) <= max_pixel:
+                score = scores[camera, row, joint]
+                if score > 1.0:  # unlike min(), leaves NaN alone
+                    score = 1.0
+                x = y = z = precision = 0.0
+                if score >= MIN_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL:
                     x = m[0, 0] * u + m[0, 1] * v + m[0, 2]
                     y = m[1, 0] * u + m[1, 1] * v + m[1, 2]
                     z = m[2, 0] * u + m[2, 1] * v + m[2, 2]
                     scale = 1.0 / math.sqrt(x * x + y * y + z * z)
                     x, y, z = x * scale, y * scale, z * scale
+                    precision = 1.0 / noise_px(score)
                 else:
                     u = v = score = 0.0
                 pixels[pose, joint, 0] = u
                 pixels[pose, joint, 1] = v
                 pose_scores[pose, joint] = score
+                precisions[pose, joint] = precision
                 at = joint * PLANES * LANES + lane
                 tiles[tile, at] = x
                 tiles[tile, at + LANES] = y

@@ -1,4 +1,8 @@
-"""Triangulate and refine the joints of one person: the loops of `triangulate.py`."""
+"""Triangulate and refine the joints of one person: the loops of `triangulate.py`.
+
+Each function handles all joints of a person and indexes whole arrays: a call with arrays, or a
+slice of one, costs as much as a few rows of arithmetic.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,14 @@ from numpy.typing import NDArray
 
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.nullspace import null_vector
-from e3pose.triangulate import MIN_VIEWS, NOISE_PX, NOISE_SCORES, OUTLIER_SIGMAS
+from e3pose.triangulate import (
+    MAX_STEP_M,
+    MIN_DEPTH_M,
+    MIN_VIEWS,
+    NOISE_PX,
+    NOISE_SCORES,
+    OUTLIER_SIGMAS,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -19,73 +30,8 @@ LOW_PX, MIDDLE_PX, HIGH_PX = NOISE_PX
 
 
 @kernel
-def place_person(
-    group: Integers,
-    cameras: Integers,
-    pixels: Floats,
-    scores: Floats,
-    projections: Floats,
-    steps: int,
-    reject_outliers: bool,
-    seen: Integers,
-    precisions: Floats,
-    scratch: Floats,
-    joints_m: Floats,
-    joint_scores: Floats,
-    errors_px: Floats,
-) -> int:
-    """Place all joints of the person whose poses are `group`; return how many were found.
-
-    `seen` and `precisions` are scratch of one number a camera, `scratch` of `(4, 4, 4)`; the last
-    three are written: `(num_joints, 3)`, `(num_joints,)` and `(num_joints,)`.
-    """
-    found = 0
-    for joint in range(scores.shape[1]):
-        num_views = 0
-        for index in range(len(group)):
-            score = scores[group[index], joint]
-            if score > 0:
-                seen[num_views] = group[index]
-                precisions[num_views] = 1.0 / _noise_px(score)
-                num_views += 1
-        point = joints_m[joint]
-        point[:] = np.nan
-        joint_scores[joint] = 0.0
-        errors_px[joint] = np.nan
-        if num_views < MIN_VIEWS:
-            continue
-        views = seen[:num_views]
-        _triangulate(joint, views, cameras, pixels, scores, projections, scratch, point)
-        if not math.isfinite(point[0] + point[1] + point[2]):
-            continue
-        found += 1
-        _refine(
-            joint,
-            views,
-            cameras,
-            pixels,
-            projections,
-            precisions,
-            steps,
-            reject_outliers,
-            scratch,
-            point,
-        )
-        total = error_sum = 0.0
-        for index in range(num_views):
-            error2 = _error2(projections[cameras[views[index]]], pixels[views[index], joint], point)
-            belief = 1.0
-            if reject_outliers:
-                belief = 1.0 / (1.0 + error2 * (precisions[index] / OUTLIER_SIGMAS) ** 2)
-            total += scores[views[index], joint] * belief
-            error_sum += math.sqrt(error2)
-        joint_scores[joint] = total / num_views
-        errors_px[joint] = error_sum / num_views
-    return found
-
-
-@kernel
-def _noise_px(score: float) -> float:
+def noise_px(score: float) -> float:
+    """Return the expected error of a keypoint, as `triangulate.noise_px` does."""
     if score <= LOW:
         return LOW_PX
     if score <= MIDDLE:
@@ -94,132 +40,210 @@ def _noise_px(score: float) -> float:
 
 
 @kernel
-def _triangulate(
-    joint: int,
-    views: Integers,
+def triangulate_person(
+    group: Integers,
     cameras: Integers,
     pixels: Floats,
     scores: Floats,
     projections: Floats,
     scratch: Floats,
-    point: Floats,
-) -> None:
-    """Write the paper's DLT to `point`; leave it NaN behind a camera that saw it."""
-    m00 = m01 = m02 = m03 = m11 = m12 = m13 = m22 = m23 = m33 = 0.0
-    for index in range(len(views)):
-        p = projections[cameras[views[index]]]
-        score = scores[views[index], joint]
-        for axis in range(2):
-            at = pixels[views[index], joint, axis]
-            a = at * p[2, 0] - p[axis, 0]
-            b = at * p[2, 1] - p[axis, 1]
-            c = at * p[2, 2] - p[axis, 2]
-            d = at * p[2, 3] - p[axis, 3]
-            weight = score * score / (a * a + b * b + c * c + d * d)
-            wa, wb, wc = weight * a, weight * b, weight * c
-            m00 += wa * a
-            m01 += wa * b
-            m02 += wa * c
-            m03 += wa * d
-            m11 += wb * b
-            m12 += wb * c
-            m13 += wb * d
-            m22 += wc * c
-            m23 += wc * d
-            m33 += weight * d * d
-    m = scratch[0]
-    m[0, 0], m[0, 1], m[0, 2], m[0, 3] = m00, m01, m02, m03
-    m[1, 1], m[1, 2], m[1, 3] = m11, m12, m13
-    m[2, 2], m[2, 3], m[3, 3] = m22, m23, m33
-    out = scratch[1, 0]
-    null_vector(m, scratch[2:], out)
-    x, y, z = out[0] / out[3], out[1] / out[3], out[2] / out[3]
-    for index in range(len(views)):
-        p = projections[cameras[views[index]]]
-        if not p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3] > 0:
-            return
-    point[0], point[1], point[2] = x, y, z
+    joints_m: Floats,
+) -> int:
+    """Write the paper's DLT of the poses in `group` to `joints_m`; return how many are not NaN.
+
+    `pixels` and `scores` are of all poses, `scratch` is `(4, 4, 4)`, `joints_m` `(num_joints, 3)`.
+    """
+    m, out, rest = scratch[0], scratch[1, 0], scratch[2:]
+    found = 0
+    for joint in range(scores.shape[1]):
+        m00 = m01 = m02 = m03 = m11 = m12 = m13 = m22 = m23 = m33 = 0.0
+        num_views = 0
+        for index in range(len(group)):
+            pose = group[index]
+            score = scores[pose, joint]
+            if score <= 0:
+                continue
+            num_views += 1
+            k = cameras[pose]
+            for axis in range(2):
+                at = pixels[pose, joint, axis]
+                a = at * projections[k, 2, 0] - projections[k, axis, 0]
+                b = at * projections[k, 2, 1] - projections[k, axis, 1]
+                c = at * projections[k, 2, 2] - projections[k, axis, 2]
+                d = at * projections[k, 2, 3] - projections[k, axis, 3]
+                weight = score * score / (a * a + b * b + c * c + d * d)
+                wa, wb, wc = weight * a, weight * b, weight * c
+                m00 += wa * a
+                m01 += wa * b
+                m02 += wa * c
+                m03 += wa * d
+                m11 += wb * b
+                m12 += wb * c
+                m13 += wb * d
+                m22 += wc * c
+                m23 += wc * d
+                m33 += weight * d * d
+        joints_m[joint, 0] = joints_m[joint, 1] = joints_m[joint, 2] = np.nan
+        if num_views < MIN_VIEWS:
+            continue
+        m[0, 0], m[0, 1], m[0, 2], m[0, 3] = m00, m01, m02, m03
+        m[1, 1], m[1, 2], m[1, 3] = m11, m12, m13
+        m[2, 2], m[2, 3], m[3, 3] = m22, m23, m33
+        null_vector(m, rest, out)
+        x, y, z = out[0] / out[3], out[1] / out[3], out[2] / out[3]
+        usable = math.isfinite(x + y + z)
+        for index in range(len(group)):
+            if scores[group[index], joint] > 0:
+                k = cameras[group[index]]
+                usable &= _depth(projections, k, x, y, z) > 0
+        if usable:
+            joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2] = x, y, z
+            found += 1
+    return found
 
 
 @kernel
-def _refine(
-    joint: int,
-    views: Integers,
+def refine_person(
+    group: Integers,
     cameras: Integers,
     pixels: Floats,
-    projections: Floats,
     precisions: Floats,
+    projections: Floats,
     steps: int,
     reject_outliers: bool,
-    scratch: Floats,
-    point: Floats,
+    joints_m: Floats,
 ) -> None:
-    """Move `point` by Gauss-Newton steps, unless that leads behind a camera or to a larger loss."""
-    if steps == 0:
-        return
-    x, y, z = point[0], point[1], point[2]
-    for _ in range(steps):
-        n00 = n01 = n02 = n11 = n12 = n22 = g0 = g1 = g2 = 0.0
-        for index in range(len(views)):
-            p = projections[cameras[views[index]]]
-            keypoint = pixels[views[index], joint]
-            inverse = 1.0 / (p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3])
-            u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) * inverse
-            v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) * inverse
-            error_u, error_v = u - keypoint[0], v - keypoint[1]
-            weight = precisions[index] * precisions[index]
-            if reject_outliers:
-                error2 = error_u * error_u + error_v * error_v
-                weight /= 1.0 + error2 * (precisions[index] / OUTLIER_SIGMAS) ** 2
-            ua = (p[0, 0] - u * p[2, 0]) * inverse
-            ub = (p[0, 1] - u * p[2, 1]) * inverse
-            uc = (p[0, 2] - u * p[2, 2]) * inverse
-            va = (p[1, 0] - v * p[2, 0]) * inverse
-            vb = (p[1, 1] - v * p[2, 1]) * inverse
-            vc = (p[1, 2] - v * p[2, 2]) * inverse
-            n00 += weight * (ua * ua + va * va)
-            n01 += weight * (ua * ub + va * vb)
-            n02 += weight * (ua * uc + va * vc)
-            n11 += weight * (ub * ub + vb * vb)
-            n12 += weight * (ub * uc + vb * vc)
-            n22 += weight * (uc * uc + vc * vc)
-            g0 += weight * (ua * error_u + va * error_v)
-            g1 += weight * (ub * error_u + vb * error_v)
-            g2 += weight * (uc * error_u + vc * error_v)
-        c00 = n11 * n22 - n12 * n12
-        c01 = n02 * n12 - n01 * n22
-        c02 = n01 * n12 - n02 * n11
-        inverse = 1.0 / (n00 * c00 + n01 * c01 + n02 * c02)
-        c11 = n00 * n22 - n02 * n02
-        c12 = n01 * n02 - n00 * n12
-        c22 = n00 * n11 - n01 * n01
-        x -= (c00 * g0 + c01 * g1 + c02 * g2) * inverse
-        y -= (c01 * g0 + c11 * g1 + c12 * g2) * inverse
-        z -= (c02 * g0 + c12 * g1 + c22 * g2) * inverse
-    last = scratch[1, 1, :3]
-    last[0], last[1], last[2] = x, y, z
-    first_loss = last_loss = 1.0 if reject_outliers else 0.0
-    for index in range(len(views)):
-        p = projections[cameras[views[index]]]
-        if not p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3] > 0:
-            return
-        keypoint = pixels[views[index], joint]
-        first = _error2(p, keypoint, point) * precisions[index] ** 2
-        second = _error2(p, keypoint, last) * precisions[index] ** 2
-        if reject_outliers:
-            first_loss *= 1.0 + first / OUTLIER_SIGMAS**2
-            last_loss *= 1.0 + second / OUTLIER_SIGMAS**2
-        else:
-            first_loss += first
-            last_loss += second
-    if last_loss <= first_loss:
-        point[0], point[1], point[2] = x, y, z
+    """Move `joints_m` `(num_joints, 3)` by Gauss-Newton steps, unless that makes them worse.
+
+    `precisions` `(num_poses, num_joints)` are reciprocals of the noise in pixels, 0 where not seen.
+    """
+    robust = 1.0 / OUTLIER_SIGMAS**2 if reject_outliers else 0.0
+    for joint in range(joints_m.shape[0]):
+        x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
+        if math.isnan(x):
+            continue
+        first_loss = last_loss = 1.0
+        for step in range(steps + 1):
+            n00 = n01 = n02 = n11 = n12 = n22 = g0 = g1 = g2 = 0.0
+            product = 1.0
+            total = 0.0
+            far_enough = True
+            for index in range(len(group)):
+                pose = group[index]
+                weight = precisions[pose, joint] ** 2
+                if weight == 0:
+                    continue
+                k = cameras[pose]
+                depth = _depth(projections, k, x, y, z)
+                far_enough &= depth >= MIN_DEPTH_M
+                inverse = 1.0 / depth
+                u = inverse * (
+                    projections[k, 0, 0] * x
+                    + projections[k, 0, 1] * y
+                    + projections[k, 0, 2] * z
+                    + projections[k, 0, 3]
+                )
+                v = inverse * (
+                    projections[k, 1, 0] * x
+                    + projections[k, 1, 1] * y
+                    + projections[k, 1, 2] * z
+                    + projections[k, 1, 3]
+                )
+                error_u, error_v = u - pixels[pose, joint, 0], v - pixels[pose, joint, 1]
+                squares = weight * (error_u * error_u + error_v * error_v)
+                total += squares
+                if reject_outliers:
+                    product *= 1.0 + robust * squares
+                    weight /= 1.0 + robust * squares
+                if step == steps:
+                    continue
+                ua = (projections[k, 0, 0] - u * projections[k, 2, 0]) * inverse
+                ub = (projections[k, 0, 1] - u * projections[k, 2, 1]) * inverse
+                uc = (projections[k, 0, 2] - u * projections[k, 2, 2]) * inverse
+                va = (projections[k, 1, 0] - v * projections[k, 2, 0]) * inverse
+                vb = (projections[k, 1, 1] - v * projections[k, 2, 1]) * inverse
+                vc = (projections[k, 1, 2] - v * projections[k, 2, 2]) * inverse
+                n00 += weight * (ua * ua + va * va)
+                n01 += weight * (ua * ub + va * vb)
+                n02 += weight * (ua * uc + va * vc)
+                n11 += weight * (ub * ub + vb * vb)
+                n12 += weight * (ub * uc + vb * vc)
+                n22 += weight * (uc * uc + vc * vc)
+                g0 += weight * (ua * error_u + va * error_v)
+                g1 += weight * (ub * error_u + vb * error_v)
+                g2 += weight * (uc * error_u + vc * error_v)
+            if not far_enough:
+                break
+            last_loss = product if reject_outliers else total
+            if step == 0:
+                first_loss = last_loss
+            if step == steps:
+                if last_loss <= first_loss:
+                    joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2] = x, y, z
+                break
+            c00 = n11 * n22 - n12 * n12
+            c01 = n02 * n12 - n01 * n22
+            c02 = n01 * n12 - n02 * n11
+            scale = 1.0 / (n00 * c00 + n01 * c01 + n02 * c02)
+            c12 = n01 * n02 - n00 * n12
+            dx = scale * (c00 * g0 + c01 * g1 + c02 * g2)
+            dy = scale * (c01 * g0 + (n00 * n22 - n02 * n02) * g1 + c12 * g2)
+            dz = scale * (c02 * g0 + c12 * g1 + (n00 * n11 - n01 * n01) * g2)
+            if not dx * dx + dy * dy + dz * dz <= MAX_STEP_M**2:
+                break
+            x, y, z = x - dx, y - dy, z - dz
 
 
 @kernel
-def _error2(p: Floats, keypoint: Floats, point: Floats) -> float:
-    x, y, z = point[0], point[1], point[2]
-    inverse = 1.0 / (p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3])
-    u = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) * inverse - keypoint[0]
-    v = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) * inverse - keypoint[1]
-    return u * u + v * v
+def score_person(
+    group: Integers,
+    cameras: Integers,
+    pixels: Floats,
+    scores: Floats,
+    precisions: Floats,
+    projections: Floats,
+    reject_outliers: bool,
+    joints_m: Floats,
+    joint_scores: Floats,
+    errors_px: Floats,
+) -> None:
+    """Write score `(num_joints,)` and mean reprojection error in pixels `(num_joints,)`."""
+    robust = 1.0 / OUTLIER_SIGMAS**2 if reject_outliers else 0.0
+    for joint in range(joints_m.shape[0]):
+        x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
+        joint_scores[joint] = 0.0
+        errors_px[joint] = np.nan
+        if math.isnan(x):
+            continue
+        num_views = 0
+        total = error_sum = 0.0
+        for index in range(len(group)):
+            pose = group[index]
+            if scores[pose, joint] <= 0:
+                continue
+            num_views += 1
+            k = cameras[pose]
+            inverse = 1.0 / _depth(projections, k, x, y, z)
+            squares = 0.0
+            for axis in range(2):
+                at = inverse * (
+                    projections[k, axis, 0] * x
+                    + projections[k, axis, 1] * y
+                    + projections[k, axis, 2] * z
+                    + projections[k, axis, 3]
+                )
+                squares += (at - pixels[pose, joint, axis]) ** 2
+            error_sum += math.sqrt(squares)
+            total += scores[pose, joint] / (1.0 + squares * robust * precisions[pose, joint] ** 2)
+        joint_scores[joint] = total / num_views
+        errors_px[joint] = error_sum / num_views
+
+
+@kernel
+def _depth(projections: Floats, k: int, x: float, y: float, z: float) -> float:
+    return float(
+        projections[k, 2, 0] * x
+        + projections[k, 2, 1] * y
+        + projections[k, 2, 2] * z
+        + projections[k, 2, 3]
+    )

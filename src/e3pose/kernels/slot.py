@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,8 @@ from e3pose.camera import Rig
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.group import group_poses
 from e3pose.kernels.pairs import LANES, PLANES, gather, measure_pairs
-from e3pose.kernels.place import place_person
+from e3pose.kernels.place import refine_person, score_person, triangulate_person
+from e3pose.match import ray_matrices
 from e3pose.triangulate import MIN_VIEWS
 
 if TYPE_CHECKING:
@@ -34,10 +35,9 @@ class Memory(NamedTuple):
     weights: Floats  # (capacity, capacity)
     distance: Floats  # (capacity,)
     strength: Floats  # (capacity,)
-    precisions: Floats  # (num_cameras,)
+    precisions: Floats  # (capacity, num_joints)
     small: Floats  # (4, 4, 4)
     integers: Integers  # (7, capacity)
-    in_group: Integers  # (2, num_cameras)
     joints_m: Floats  # (capacity // 2, num_joints, 3)
     joint_scores: Floats  # (capacity // 2, num_joints)
     errors_px: Floats  # (capacity // 2, num_joints)
@@ -59,10 +59,9 @@ def make_memory(num_cameras: int, num_joints: int, capacity: int) -> Memory:
         weights=np.zeros((capacity, capacity)),
         distance=np.zeros(capacity),
         strength=np.zeros(capacity),
-        precisions=np.zeros(num_cameras),
+        precisions=np.zeros((capacity, num_joints)),
         small=np.zeros((4, 4, 4)),
         integers=np.zeros((7, capacity), np.int64),
-        in_group=np.zeros((2, num_cameras), np.int64),
         joints_m=np.zeros((people, num_joints, 3)),
         joint_scores=np.zeros((people, num_joints)),
         errors_px=np.zeros((people, num_joints)),
@@ -74,15 +73,13 @@ class SlotKernel:
     """The numba backend of `Fuser`: keeps what is constant per rig, and the working memory."""
 
     def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings) -> None:
-        from e3pose.fuse import MAX_PIXEL, ray_matrices
-
         self._rig = (
             np.ascontiguousarray(ray_matrices(rig)),
             np.ascontiguousarray(rig.centers_m),
             np.ascontiguousarray(rig.projections),
         )
+        self._call: Any = fuse_slot
         self._settings = (
-            MAX_PIXEL,
             settings.max_distance_m,
             settings.cap_m,
             settings.duplicate_m,
@@ -99,7 +96,7 @@ class SlotKernel:
             num_cameras, num_joints = len(counts), scores.shape[2]
             memory = make_memory(num_cameras, num_joints, 2 * int(counts.sum()))
             self._memory = memory
-        people = fuse_slot(keypoints_px, scores, counts, *self._rig, *self._settings, memory)
+        people: int = self._call(keypoints_px, scores, counts, *self._rig, *self._settings, memory)
         return (
             memory.joints_m[:people].copy(),
             memory.joint_scores[:people].copy(),
@@ -116,7 +113,6 @@ def fuse_slot(
     ray_matrices: Floats,
     centers_m: Floats,
     projections: Floats,
-    max_pixel: float,
     max_distance_m: float,
     cap_m: float,
     duplicate_m: float,
@@ -126,7 +122,7 @@ def fuse_slot(
     memory: Memory,
 ) -> int:
     """Match and triangulate one slot into the last four arrays of `memory`; return the people."""
-    cameras, rows, labels, nearest, alive, sizes, starts = (
+    cameras, rows, labels, nearest, alive, sizes, in_group = (
         memory.integers[0],
         memory.integers[1],
         memory.integers[2],
@@ -141,9 +137,9 @@ def fuse_slot(
         counts,
         ray_matrices,
         centers_m,
-        max_pixel,
         memory.pixels,
         memory.scores,
+        memory.precisions,
         cameras,
         rows,
         memory.tiles,
@@ -187,30 +183,44 @@ def fuse_slot(
                 label = pose
         if label < 0:
             return people
-        group = starts[: sizes[label]]
+        group = in_group[: sizes[label]]
         count = 0
         for pose in range(num_poses):  # poses are stored by camera, so the group is too
             if labels[pose] == label:
                 group[count] = pose
                 count += 1
         sizes[label] = 0
-        found = place_person(
+        joints_m = memory.joints_m[people]
+        found = triangulate_person(
+            group, cameras, memory.pixels, memory.scores, projections, memory.small, joints_m
+        )
+        if found < min_joints:
+            continue
+        if steps > 0:
+            refine_person(
+                group,
+                cameras,
+                memory.pixels,
+                memory.precisions,
+                projections,
+                steps,
+                reject_outliers,
+                joints_m,
+            )
+        if _is_duplicate(memory.joints_m, people, duplicate_m):
+            continue
+        score_person(
             group,
             cameras,
             memory.pixels,
             memory.scores,
-            projections,
-            steps,
-            reject_outliers,
-            memory.in_group[0],
             memory.precisions,
-            memory.small,
-            memory.joints_m[people],
+            projections,
+            reject_outliers,
+            joints_m,
             memory.joint_scores[people],
             memory.errors_px[people],
         )
-        if found < min_joints or _is_duplicate(memory.joints_m, people, duplicate_m):
-            continue
         memory.members[people] = -1
         for index in range(len(group)):
             memory.members[people, cameras[group[index]]] = rows[group[index]]
