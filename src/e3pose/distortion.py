@@ -161,7 +161,12 @@ class Distortion:
 
 
 def _first_root(coefficients: Floats) -> float:
-    """Return the smallest positive real root of a polynomial, lowest power first; inf if none."""
-    roots = np.polynomial.polynomial.polyroots(np.trim_zeros(coefficients, "b"))
-    real = roots.real[(np.abs(roots.imag) < 1e-9 * (1 + np.abs(roots.real))) & (roots.real > 0)]
-    return float(real.min(initial=np.inf))
+    """Return the smallest positive root of a polynomial `1 + c1 x + ...`; inf if there is none.
+
+    Its reciprocals are the roots of the reversed polynomial, which leads with the one and so stays
+    well conditioned however small the last coefficients are.
+    """
+    reciprocals = np.polynomial.polynomial.polyroots(coefficients[::-1])
+    real = np.abs(reciprocals.imag) <= 1e-9 * np.abs(reciprocals)
+    largest = float(reciprocals.real[real].max(initial=0.0))
+    return 1 / largest if largest > 1e-300 else np.inf

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from e3pose.bounded import read_bytes
 from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
 
@@ -30,15 +31,7 @@ METRES_PER_UNIT = {
 
 def read_text(path: Path) -> str:
     """Return the text of a calibration file; raise `InputError` if it cannot be one."""
-    try:
-        if not path.is_file():
-            raise InputError(f"{path}: found no such file, expected a calibration")
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(data) > MAX_BYTES:
-        raise InputError(f"{path}: file is larger than {MAX_BYTES} bytes, expected a calibration")
+    data = read_bytes(path, MAX_BYTES)
     if not data.strip():
         raise InputError(f"{path}: file is empty, expected a calibration")
     try:
