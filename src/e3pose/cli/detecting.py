@@ -79,14 +79,14 @@ def detect(
     overwrite
         Replace the recording at DEST, and unfinished work begun with other settings.
     """
-    if len(paths) < 2:
-        raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST")
-    if link_videos and copy_videos:
-        raise InputError("--link-videos and --copy-videos: found both, expected at most one")
     from e3pose.atomic import check_free
     from e3pose.calibration import load_rig
     from e3pose.detect import DetectSettings, detect_videos
 
+    if len(paths) < 2:
+        raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST")
+    if link_videos and copy_videos:
+        raise InputError("--link-videos and --copy-videos: found both, expected at most one")
     *videos, last = paths
     dest = Path(last)
     settings = DetectSettings(

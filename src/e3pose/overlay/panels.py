@@ -21,7 +21,8 @@ ASLEEP_BRIGHTNESS = 0.45
 BORDER_PX = 4
 GAP_PX = 4
 AWAKE_COLOR = (80, 220, 100)
-LABEL_HEIGHT = 0.045  # of the panel
+LABEL_HEIGHT = 0.035  # of the panel
+CAPITAL_PX = 22  # height of OpenCV's capitals at size 1
 
 
 class SlotDrawing(Protocol):
@@ -154,14 +155,16 @@ def _panel(
     colors = [track_color(int(track_id)) for track_id in drawing.track_ids]
     drawn = draw_poses(image, reproject(drawing.poses, camera), recording.skeleton, colors)
     panel = cv2.resize(drawn, (width_px, height_px), interpolation=cv2.INTER_AREA)
+    text = f"{camera.camera_id} {'awake' if awake else 'asleep'}"
+    size = LABEL_HEIGHT * height_px / CAPITAL_PX
+    height = round(LABEL_HEIGHT * height_px)
+    band = panel[BORDER_PX : 6 * BORDER_PX + height]
+    band[:] = band // 2  # so that the label is read on any picture
+    place = (4 * BORDER_PX, 3 * BORDER_PX + height)
+    cv2.putText(panel, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255))
     if awake:
         corner = (width_px - 1, height_px - 1)
         cv2.rectangle(panel, (0, 0), corner, AWAKE_COLOR, 2 * BORDER_PX)
-    text = f"{camera.camera_id} {'awake' if awake else 'asleep'}"
-    size = LABEL_HEIGHT * height_px / 22  # the font's capitals are 22 px high at size 1
-    place = (3 * BORDER_PX, 3 * BORDER_PX + round(22 * size))
-    for color, thickness in (((0, 0, 0), 4), ((255, 255, 255), 1)):
-        cv2.putText(panel, text, place, 0, size, color, thickness, cv2.LINE_AA)
     return np.asarray(panel, dtype=np.uint8)
 
 
