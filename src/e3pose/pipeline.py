@@ -150,13 +150,13 @@ def step(
         shown = state.shown
     times.append(clock())
 
-    predicted_m = pipeline.predictor.predict(
+    prediction = pipeline.predictor.predict(
         tracks.history_m, pipeline.interval_s, pipeline.lead_slots
-    )[-1]
+    )
     times.append(clock())
 
     sights = _look(pipeline.rig, state.sights, views, slot)
-    situation = _situation(pipeline, state, predicted_m, sights, online)
+    situation = _situation(pipeline, state, prediction.joints_m[-1], sights, online)
     times.append(clock())
 
     if situation.slot < pipeline.warmup_slots:

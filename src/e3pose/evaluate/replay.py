@@ -122,7 +122,7 @@ def make_pipeline(
             ),
             backend=settings.backend,
         ),
-        predictor=make_predictor(settings.predictor or row.predictor),
+        predictor=make_predictor(settings.predictor or row.predictor, recording.skeleton),
         policy=policy,
         budget=_budget(settings, num_cameras, row.counts),
         clock=clock,

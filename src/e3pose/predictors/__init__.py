@@ -3,18 +3,21 @@
 from collections.abc import Callable
 
 from e3pose.errors import InputError
+from e3pose.predictors.base import Prediction as Prediction
 from e3pose.predictors.base import Predictor as Predictor
 from e3pose.predictors.constant_velocity import ConstantVelocity
+from e3pose.skeleton import COCO17, Skeleton
 
-PREDICTORS: dict[str, Callable[[], Predictor]] = {
-    "constant-velocity": ConstantVelocity,
+# A predictor is made for the skeleton of the poses that it will be given.
+PREDICTORS: dict[str, Callable[[Skeleton], Predictor]] = {
+    "constant-velocity": lambda skeleton: ConstantVelocity(),
 }
 
 
-def make_predictor(name: str) -> Predictor:
+def make_predictor(name: str, skeleton: Skeleton = COCO17) -> Predictor:
     """Return the predictor called `name`; raise `InputError` listing the known ones."""
     if name not in PREDICTORS:
         raise InputError(
             f"predictor {name[:40]!r} is unknown, expected one of {', '.join(PREDICTORS)}"
         )
-    return PREDICTORS[name]()
+    return PREDICTORS[name](skeleton)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -10,10 +11,30 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Prediction:
+    """Where people will be, and how far off that may be.
+
+    Attributes:
+        joints_m: `(lead_slots, num_tracks, num_joints, 3)` metres: entry i is i + 1 slots ahead;
+            NaN only for joints that the history never shows.
+        error_m: `(lead_slots, num_tracks, num_joints)` expected distance from the truth in metres;
+            NaN where it is unknown, which is everywhere for a predictor that does not estimate it.
+    """
+
+    joints_m: Floats
+    error_m: Floats
+
+    @classmethod
+    def of_unknown_error(cls, joints_m: Floats) -> Prediction:
+        """Return the prediction `joints_m` without a claim about its error."""
+        return cls(joints_m, np.full(joints_m.shape[:-1], np.nan))
+
+
 class Predictor(Protocol):
     """Look a few slots ahead."""
 
-    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Floats:
+    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """Predict where all joints will be.
 
         Args:
@@ -23,7 +44,6 @@ class Predictor(Protocol):
             lead_slots: how many slots to look ahead, the paper's tau, at least 1.
 
         Returns:
-            `(lead_slots, num_tracks, num_joints, 3)` metres: entry i is i + 1 slots ahead; NaN only
-            for joints that the history never shows.
+            The joints of every track in each of the next `lead_slots` slots.
         """
         ...

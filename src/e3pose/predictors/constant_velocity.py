@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.predictors.base import Prediction
+
 Floats = NDArray[np.float64]
 
 
@@ -18,7 +20,7 @@ class ConstantVelocity:
     joints, from where it was last known.
     """
 
-    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Floats:
+    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """See `Predictor.predict`."""
         newest = history_m[-1]
         before = history_m[-2] if len(history_m) > 1 else np.full_like(newest, np.nan)
@@ -29,8 +31,7 @@ class ConstantVelocity:
         motion = np.where(measured, motion, mean_motion)
         position, age = _last_known(history_m)
         ahead = np.arange(1, lead_slots + 1)[:, None, None, None]
-        predicted: Floats = position + (ahead + age[..., None]) * motion
-        return predicted
+        return Prediction.of_unknown_error(position + (ahead + age[..., None]) * motion)
 
 
 def _last_known(history_m: Floats) -> tuple[Floats, Floats]:
