@@ -1,8 +1,9 @@
-"""The verbs of `e3pose`: each lives in a module that is imported only when it is called."""
+"""The verbs of `e3pose`: modules of their own that import little until called."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -10,6 +11,14 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError
 
 from e3pose import __version__
+from e3pose.cli.demonstrating import demo
+from e3pose.cli.detecting import detect
+from e3pose.cli.evaluating import evaluate
+from e3pose.cli.importing import import_app
+from e3pose.cli.information import info
+from e3pose.cli.models import models_app
+from e3pose.cli.replaying import replay
+from e3pose.cli.simulating import simulate
 from e3pose.errors import InputError
 
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -20,18 +29,17 @@ app = App(
     version=__version__,
     help="Multi-camera 3D human pose that wakes only the cameras worth waking.",
 )
-VERBS = {
-    "demo": ("demonstrating:demo", "Real videos in, 3D poses and a page to look at out."),
-    "detect": ("detecting:detect", "Find people in calibrated videos and write a recording."),
-    "import": ("importing:import_app", "Make a recording from another format."),
-    "simulate": ("simulating:simulate", "Make a recording of simulated people, with exact truth."),
-    "info": ("information:info", "Describe a recording and say what is wrong with it."),
-    "replay": ("replaying:replay", "Run one policy over a recording."),
-    "evaluate": ("evaluating:evaluate", "Compare policies over a recording."),
-    "models": ("models:models_app", "List and fetch network weights."),
-}
-for _verb, (_target, _about) in VERBS.items():
-    app.command(f"e3pose.cli.{_target}", name=_verb)
+for _verb, _function in {
+    "demo": demo,
+    "detect": detect,
+    "import": import_app,
+    "simulate": simulate,
+    "info": info,
+    "replay": replay,
+    "evaluate": evaluate,
+    "models": models_app,
+}.items():
+    app.command(_function, name=_verb)
 
 # Which extra brings a module that a smaller install may lack.
 EXTRAS = {
@@ -50,6 +58,8 @@ EXTRAS = {
 
 def main(tokens: Sequence[str] | None = None) -> None:
     """Run one verb; print a wrong input as one line on standard error and exit with code 2."""
+    # A polite kill unwinds like any error, so that temporary files go away with us.
+    signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
     try:
         app(tokens, exit_on_error=False, print_error=False)
     except CycloptsError as error:

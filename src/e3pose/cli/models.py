@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -55,8 +53,6 @@ def pull(name: str, *, index_url: str | None = None) -> None:
     """
     from e3pose.weights import pull_weights
 
-    # A polite kill unwinds like any error, so that the partial download is removed.
-    signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
     with download_bar(name) as progress:
         path = pull_weights(name, progress, index_url)
     print(path)
