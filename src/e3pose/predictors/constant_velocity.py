@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.predictors.base import Prediction
+from e3pose.predictors.newest import newest_known
 
 Floats = NDArray[np.float64]
 
@@ -29,14 +30,6 @@ class ConstantVelocity:
         count = np.maximum(measured.sum(axis=1, keepdims=True), 1)
         mean_motion = np.where(measured, motion, 0.0).sum(axis=1, keepdims=True) / count
         motion = np.where(measured, motion, mean_motion)
-        position, age = _last_known(history_m)
+        position, age = newest_known(history_m)
         ahead = np.arange(1, lead_slots + 1)[:, None, None, None]
         return Prediction.of_unknown_error(position + (ahead + age[..., None]) * motion)
-
-
-def _last_known(history_m: Floats) -> tuple[Floats, Floats]:
-    """Return each joint's newest position `(num_tracks, num_joints, 3)` and its age in slots."""
-    present = np.asarray(np.isfinite(history_m).all(axis=-1))[::-1]
-    age = np.argmax(present, axis=0)
-    position = np.take_along_axis(history_m[::-1], age[None, ..., None], axis=0)[0]
-    return position, age.astype(np.float64)
