@@ -6,7 +6,7 @@ so a calibration made from what a player showed is of the turned picture.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,9 +66,10 @@ class Orientation:
         return (height, width) if self.transpose else (width, height)
 
 
-def display_orientation(side_data: Iterable[Any], where: str) -> Orientation:
+def display_orientation(side_data: Mapping[Any, Any], where: str) -> Orientation:
     """Return the orientation that a picture's side data asks for; upright if it asks nothing."""
-    for item in side_data:
-        if getattr(item.type, "name", "") == "DISPLAYMATRIX":
-            return Orientation.from_matrix(np.frombuffer(bytes(item), dtype=np.int32)[:9], where)
-    return Orientation()
+    # By name: what iterating side data gives, its items or their kinds, depends on PyAV's version.
+    matrix = side_data.get("DISPLAYMATRIX")
+    if matrix is None:
+        return Orientation()
+    return Orientation.from_matrix(np.frombuffer(bytes(matrix), dtype=np.int32)[:9], where)
