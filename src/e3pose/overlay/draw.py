@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +14,12 @@ from e3pose.skeleton import Skeleton
 Image = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
-GOLDEN_TURN = 0.618034  # neighbouring track ids get far-apart hues
+# Told apart with any colour vision (after Okabe and Ito), bright enough for dim pictures, and in
+# the order of the report's, so that a person has much the same colour in both.
+TRACK_COLORS: tuple[Color, ...] = (
+    (60, 150, 255), (255, 115, 25), (0, 225, 150), (255, 140, 205),
+    (130, 220, 255), (255, 205, 40), (215, 215, 215), (190, 120, 70),
+)  # fmt: skip
 SUBPIXEL_BITS = 4  # OpenCV draws lines between sixteenths of a pixel
 MAX_DRAWN_PX = 20_000  # beyond, OpenCV's fixed-point coordinates overflow
 OUTLINE: Color = (0, 0, 0)
@@ -23,8 +27,7 @@ OUTLINE: Color = (0, 0, 0)
 
 def track_color(track_id: int) -> Color:
     """Return the RGB colour of a track: always the same, and unlike those of its neighbours."""
-    red, green, blue = colorsys.hsv_to_rgb((track_id * GOLDEN_TURN + 0.02) % 1.0, 0.85, 1.0)
-    return round(255 * red), round(255 * green), round(255 * blue)
+    return TRACK_COLORS[track_id % len(TRACK_COLORS)]
 
 
 def draw_poses(

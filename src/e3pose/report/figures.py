@@ -1,0 +1,203 @@
+"""The page's charts as Plotly figures: plain data and layout, nothing drawn here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from e3pose.report.words import number
+
+INK = "#1f2937"
+PALE = "#e6e9ee"
+LOST = "#b91c1c"
+FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#374151"}
+# What a camera did: asleep, awake, or ordered while no view came (the codes of `scene.py`).
+STATE_COLOURS = [
+    [0, PALE], [1 / 3, PALE], [1 / 3, INK], [2 / 3, INK], [2 / 3, LOST], [1, LOST],
+]  # fmt: skip
+# One hue each, light to dark, so that they read without colour vision too.
+OCCLUSION_COLOURS = [[0, "#f4f1ee"], [0.5, "#d9905a"], [1, "#7c2d12"]]
+DEFICIT_COLOURS = [[0, "#f0f2f8"], [0.5, "#7b8fd0"], [1, "#1e2f7a"]]
+STATE_WORDS = ("asleep", "awake", "ordered, but no view came")
+HEAD_PX = 34  # above each strip, for its title
+FOOT_PX = 44  # below the last, for the time axis
+GAPS_UNTIL = 160  # slots that are still wide enough for a gap between them
+
+
+def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
+    """Draw cameras over time: selection, predicted occlusion, deficit; one axis of time for all."""
+    cameras: Sequence[str] = scene["cameras"]
+    row_px = 22 if len(cameras) <= 8 else 13
+    strip_px = row_px * len(cameras)
+    height = 3 * (HEAD_PX + strip_px) + FOOT_PX
+    inner = height - FOOT_PX
+    rows = (
+        ("Which cameras were awake", "states", STATE_COLOURS, 2.0, ""),
+        ("Occlusion predicted in each camera (0: nobody hides anybody)", "occlusion",
+         OCCLUSION_COLOURS, max(0.05, _highest(scene["occlusion"])), ".2f"),
+        ("Energy deficit (slots spent above budget, not yet made up for)", "deficit",
+         DEFICIT_COLOURS, max(1.0, _highest(scene["deficit"])), ".1f"),
+    )  # fmt: skip
+    data: list[dict[str, Any]] = []
+    layout: dict[str, Any] = {
+        "height": height,
+        "margin": {"l": 110, "r": 70, "t": 0, "b": FOOT_PX},
+        "font": FONT,
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "annotations": [],
+        "xaxis": {
+            "title": {"text": "slot", "standoff": 6},
+            "fixedrange": True,
+            "showgrid": False,
+            "zeroline": False,
+            "range": _slot_range(scene),
+            "anchor": "y3",
+            "exponentformat": "none",
+        },
+    }
+    for index, (title, key, colours, highest, digits) in enumerate(rows):
+        top = 1 - (index * (HEAD_PX + strip_px) + HEAD_PX) / inner
+        axis = "" if index == 0 else str(index + 1)
+        layout[f"yaxis{axis}"] = {
+            "domain": [max(0.0, top - strip_px / inner), top],
+            "autorange": "reversed",
+            "fixedrange": True,
+            "type": "category",
+            "showgrid": False,
+            "ticks": "",
+            "automargin": False,
+        }
+        layout["annotations"].append(
+            {
+                "text": title, "x": 0, "y": top, "xref": "paper", "yref": "paper",
+                "xanchor": "left", "yanchor": "bottom", "yshift": 3, "showarrow": False,
+                "font": {"size": 14, "color": INK},
+            }
+        )  # fmt: skip
+        trace = {
+            "type": "heatmap",
+            "x": scene["slots"],
+            "y": [_short(camera) for camera in cameras],
+            "z": scene[key],
+            "yaxis": f"y{axis}",
+            "xgap": 1 if len(scene["slots"]) <= GAPS_UNTIL else 0,
+            "ygap": 2,
+            "colorscale": colours,
+            "zmin": 0,
+            "zmax": highest,
+            "hovertemplate": f"%{{y}}, slot %{{x}}: %{{z:{digits}}}<extra></extra>",
+            "colorbar": {
+                "y": top - strip_px / inner / 2, "len": max(strip_px, 50), "lenmode": "pixels",
+                "thickness": 10, "x": 1.01, "nticks": 3, "outlinewidth": 0, "ypad": 0,
+            },
+        }  # fmt: skip
+        if key == "states":
+            trace["showscale"] = False
+            trace["text"] = [[STATE_WORDS[int(v)] for v in row] for row in scene[key]]
+            trace["hovertemplate"] = "%{y}, slot %{x}: %{text}<extra></extra>"
+        data.append(trace)
+    return {"data": data, "layout": layout}
+
+
+def energy_bars(summary: Mapping[str, Any], cameras: Sequence[str]) -> dict[str, Any] | None:
+    """Draw joules spent per camera against always awake; None where the summary has no energy."""
+    hours = number(summary, "energy", "battery_hours_always_active")
+    battery_wh = number(summary, "energy", "battery_wh")
+    spent = [number(summary, "energy", "cameras", c, "energy_j") for c in cameras]
+    watts = [number(summary, "energy", "cameras", c, "mean_watts") for c in cameras]
+    if not hours or not battery_wh or None in spent or not all(watts):
+        return None
+    full_watts = battery_wh / hours
+    full = [full_watts * (j or 0) / (w or 1) for j, w in zip(spent, watts, strict=True)]
+    saved = [100 * (1 - (w or 0) / full_watts) for w in watts]
+    names = [_short(camera) for camera in cameras]
+    bars = [
+        {
+            "type": "bar", "orientation": "h", "y": names, "x": full, "name": "always awake",
+            "marker": {"color": PALE},
+            "hovertemplate": "%{y}: %{x:.1f} J<extra>always awake</extra>",
+        },
+        {
+            "type": "bar", "orientation": "h", "y": names, "x": spent, "name": "in this run",
+            "marker": {"color": INK}, "width": 0.45,
+            "text": [f"−{percent:.0f} %" for percent in saved], "textposition": "inside",
+            "constraintext": "none",
+            "insidetextanchor": "end", "insidetextfont": {"color": "#fff", "size": 12},
+            "hovertemplate": "%{y}: %{x:.1f} J<extra>in this run</extra>",
+        },
+    ]  # fmt: skip
+    return {"data": bars, "layout": _bar_layout(len(cameras), "energy of the whole camera, J")}
+
+
+def duty_bars(
+    duty: Sequence[float], budget: float | None, cameras: Sequence[str]
+) -> dict[str, Any]:
+    """Draw the share of slots each camera was awake, with the budget as a line if there is one."""
+    names = [_short(camera) for camera in cameras]
+    shares = [100 * share for share in duty]
+    bars = [
+        {
+            "type": "bar", "orientation": "h", "y": names, "x": [100.0] * len(names),
+            "marker": {"color": PALE}, "hoverinfo": "skip", "name": "all slots",
+        },
+        {
+            "type": "bar", "orientation": "h", "y": names, "x": shares, "width": 0.45,
+            "marker": {"color": INK}, "text": [f"{share:.0f} %" for share in shares],
+            "textposition": "auto", "name": "awake", "textfont": {"size": 12},
+            "constraintext": "none",
+            "hovertemplate": "%{y}: awake in %{x:.1f} % of the slots<extra></extra>",
+        },
+    ]  # fmt: skip
+    layout = _bar_layout(len(cameras), "share of slots awake, %")
+    layout["xaxis"]["range"] = [0, 101]
+    if budget is not None:
+        line = {"color": LOST, "width": 2, "dash": "dash"}
+        layout["shapes"] = [
+            {"type": "line", "x0": 100 * budget, "x1": 100 * budget, "y0": 0, "y1": 1,
+             "yref": "paper", "line": line}
+        ]  # fmt: skip
+        layout["annotations"] = [
+            {
+                "text": f"budget {100 * budget:.0f} %", "x": 100 * budget, "y": 1,
+                "yref": "paper", "yanchor": "bottom", "showarrow": False,
+                "font": {"color": LOST, "size": 12},
+            }
+        ]  # fmt: skip
+    return {"data": bars, "layout": layout}
+
+
+def _bar_layout(num_cameras: int, title: str) -> dict[str, Any]:
+    row_px = 34 if num_cameras <= 8 else 20
+    return {
+        "height": 24 + row_px * num_cameras + 48,
+        "margin": {"l": 110, "r": 24, "t": 24, "b": 48},
+        "font": FONT,
+        "barmode": "overlay",
+        "bargap": 0.25,
+        "showlegend": False,
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "xaxis": {
+            "title": {"text": title, "standoff": 8},
+            "fixedrange": True,
+            "gridcolor": PALE,
+            "zeroline": False,
+            "rangemode": "tozero",
+        },
+        "yaxis": {"autorange": "reversed", "fixedrange": True, "type": "category"},
+    }
+
+
+def _slot_range(scene: Mapping[str, Any]) -> list[float]:
+    slots, half = scene["slots"], scene["stride"] / 2
+    return [slots[0] - half, slots[-1] + half] if slots else [0, 1]
+
+
+def _highest(rows: Sequence[Sequence[float | None]]) -> float:
+    return max((v for row in rows for v in row if v is not None), default=0.0)
+
+
+def _short(camera_id: str) -> str:
+    """Return a camera's name in the width there is; the id itself is at most 64 characters."""
+    return camera_id if len(camera_id) <= 14 else f"{camera_id[:6]}…{camera_id[-7:]}"

@@ -1,0 +1,168 @@
+"""Assemble the report: one HTML file that needs nothing else and asks the network for nothing.
+
+Whatever comes from a recording is text: escaped in HTML, and in scripts only ever JSON in which no
+character can end the script. The page's content security policy forbids every request besides.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib import resources
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from e3pose.atomic import atomic_file
+from e3pose.pipeline import SlotRecord
+from e3pose.recording import Recording
+from e3pose.report import figures, words
+from e3pose.report.scene import scene
+
+MAX_TEXT = 300  # characters of a name or description
+# What settings are called in the page; those that are not here say little to most readers.
+SETTING_WORDS = {
+    "pipeline": "estimator",
+    "policy": "policy",
+    "num_selected": "cameras to select a slot (C)",
+    "budget": "share of slots a camera may be active (E)",
+    "quality_weight": "quality weight (V)",
+    "lead_slots": "slots told ahead (lead)",
+    "warmup_slots": "slots at the start with all cameras (M)",
+    "predictor": "predictor",
+    "reject_outliers": "outlier views rejected",
+    "seed": "seed",
+}
+# The characters that could end a script or start a comment in it, written as JSON escapes.
+SCRIPT_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
+
+
+def write_report(
+    recording: Recording, records: Sequence[SlotRecord], summary: Mapping[str, Any], path: Path
+) -> None:
+    """Write the page that shows a run to `path`.
+
+    Args:
+        recording: what was replayed.
+        records: one per slot, in order.
+        summary: the figures of `evaluate.summary.summarise`; absent ones are left out of the page.
+        path: the `.html` file to write, replaced if it exists.
+    """
+    text = render(recording, records, summary)
+    with atomic_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def render(recording: Recording, records: Sequence[SlotRecord], summary: Mapping[str, Any]) -> str:
+    """Return the page as text."""
+    from plotly.offline import get_plotlyjs
+
+    drawn = scene(recording, records)
+    charts = _charts(recording, records, summary, drawn)
+    boxes = [f'<div id="{name}"></div>' for name in ("energy", "duty") if name in charts]
+    return Template(_packaged("page.html")).substitute(
+        title=_text(recording.name or "Recording"),
+        sentences=f"<p>{_text(' '.join(words.sentences(recording, records, summary)), 2000)}</p>",
+        thinning=f"<p class='soft'>{words.thinning(drawn['stride'], drawn['numSlots'])}</p>",
+        cards="".join(
+            f"<div><b>{_text(value)}</b><span>{_text(meaning)}</span></div>"
+            for value, meaning in words.cards(recording, records, summary)
+        ),
+        cell=_cell(drawn),
+        truth_box=_truth_box(drawn),
+        energy_words=_text(_energy_words(summary), 1000),
+        energy_boxes="".join(boxes),
+        settings=_settings(recording, summary),
+        source=_text(recording.source),
+        data=embed(drawn),
+        figures=embed(charts),
+        player=_packaged("player.js"),
+        charts=_packaged("charts.js"),
+        plotly=get_plotlyjs(),
+    )
+
+
+def embed(value: Any) -> str:
+    """Return `value` as JSON that may stand inside a script element whatever strings are in it."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+    return text.translate(SCRIPT_ESCAPES)
+
+
+def _charts(
+    recording: Recording,
+    records: Sequence[SlotRecord],
+    summary: Mapping[str, Any],
+    drawn: Mapping[str, Any],
+) -> dict[str, Any]:
+    if not records:
+        return {}
+    cameras = recording.rig.camera_ids
+    duty = words.duty(recording, records).tolist()
+    budget = words.budget(summary, len(cameras))
+    charts = {
+        "strips": figures.strips(drawn),
+        "energy": figures.energy_bars(summary, cameras),
+        "duty": figures.duty_bars(duty, budget, cameras),
+    }
+    return {name: chart for name, chart in charts.items() if chart is not None}
+
+
+def _energy_words(summary: Mapping[str, Any]) -> str:
+    energy = summary.get("energy")
+    if not isinstance(energy, Mapping) or not energy:
+        return "Share of slots in which each camera was awake."
+    said = (
+        f"Dark: what each camera spent; light: what it would have spent had it been awake in every "
+        f"slot. Reckoned with the power profile {energy.get('profile')}, not measured; "
+        f"cameras that are not selected are in {energy.get('idle_mode')} mode."
+    )
+    full = words.number(summary, "energy", "battery_hours_always_active")
+    cameras = energy.get("cameras")
+    hours = [
+        words.number(summary, "energy", "cameras", c, "battery_hours")
+        for c in (cameras if isinstance(cameras, Mapping) else ())
+    ]
+    lasting = [h for h in hours if h is not None]
+    if full is None or not lasting:
+        return said
+    battery = words.number(summary, "energy", "battery_wh") or 0
+    return (
+        f"{said} A {battery:g} Wh battery would last {min(lasting):.1f} to {max(lasting):.1f} h "
+        f"instead of {full:.1f} h."
+    )
+
+
+def _settings(recording: Recording, summary: Mapping[str, Any]) -> str:
+    rows: dict[str, Any] = {
+        "cameras": ", ".join(recording.rig.camera_ids),
+        "slots a second": f"{recording.fps:g}",
+        "skeleton": recording.skeleton.name,
+    }
+    settings = summary.get("settings")
+    if isinstance(settings, Mapping):
+        rows |= {SETTING_WORDS[key]: settings[key] for key in SETTING_WORDS if key in settings}
+    return "".join(
+        f"<tr><td class='soft'>{_text(key)}</td><td>{_text(value, 2000)}</td></tr>"
+        for key, value in rows.items()
+    )
+
+
+def _truth_box(drawn: Mapping[str, Any]) -> str:
+    if not drawn["truthLimbs"]:
+        return ""
+    return "<label class='soft'><input type='checkbox' id='truth'> show the truth (grey)</label>"
+
+
+def _cell(drawn: Mapping[str, Any]) -> str:
+    size = max(high - low for low, high in zip(drawn["low"], drawn["high"], strict=True))
+    return f"{max(1, -(-size // 30_000))} m"  # as `drawFloor` of player.js
+
+
+def _text(value: object, most: int = MAX_TEXT) -> str:
+    text = str(value)
+    return escape(text if len(text) <= most else text[: most - 1] + "…")
+
+
+def _packaged(name: str) -> str:
+    return resources.files("e3pose.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,152 @@
+"""What the page's player and strips draw: a run as lists that JSON can hold. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import Camera, Rig
+from e3pose.pipeline import SlotRecord
+from e3pose.recording import Recording, Truth
+from e3pose.skeleton import Skeleton
+
+Floats = NDArray[np.float64]
+
+MAX_SLOTS = 1500  # a page with more becomes slow to open and its strips too fine to see
+MAX_COORDINATES = 3_000_000  # about 20 MB of page
+MAX_COORDINATE_M = 1000.0  # a joint further out is a mistake, and nothing to look at
+FRUSTUM_SHARE = 0.06  # of the scene's size: how large cameras are drawn
+ASLEEP, AWAKE, LOST = 0, 1, 2  # what a camera did in a slot, as the strip's codes
+
+
+def stride(records: Sequence[SlotRecord]) -> int:
+    """Return how many slots to advance between shown ones so that a page stays light."""
+    coordinates = sum(record.poses.joints_m.size for record in records)
+    return max(1, math.ceil(len(records) / MAX_SLOTS), math.ceil(coordinates / MAX_COORDINATES))
+
+
+def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+    """Gather what is drawn, with only lists, numbers and strings in it.
+
+    Args:
+        recording: the source: cameras, skeleton and, if any, truth.
+        records: what its replay left behind, in slot order.
+
+    Returns:
+        The object that `player.js` and `charts.js` read; coordinates in whole millimetres, missing
+        ones None. Long runs are thinned to every `stride`-th slot.
+    """
+    step = stride(records)
+    shown = records[::step]
+    track_ids = list(dict.fromkeys(int(i) for record in records for i in record.track_ids))
+    number = {track_id: index for index, track_id in enumerate(track_ids)}
+    low, high = bounds(recording.rig, shown)
+    size_m = FRUSTUM_SHARE * float((high - low).max())
+    return {
+        "stride": step,
+        "numSlots": len(records),
+        "slots": [record.slot for record in shown],
+        "times": [round(record.time_s, 4) for record in shown],
+        "start": _telling(recording.rig, shown),
+        "tracks": track_ids,
+        "limbs": [list(limb) for limb in recording.skeleton.limbs],
+        "neck": _neck(recording.skeleton),
+        "people": [
+            [
+                [number[int(track_id)], _millimetres(joints_m)]
+                for track_id, joints_m in zip(record.track_ids, record.poses.joints_m, strict=True)
+            ]
+            for record in shown
+        ],
+        "truth": [_truth(recording.truth, record.slot) for record in shown],
+        "truthLimbs": [list(i) for i in recording.truth.skeleton.limbs] if recording.truth else [],
+        "cameras": list(recording.rig.camera_ids),
+        "frustums": [_millimetres(frustum(camera, size_m)) for camera in recording.rig.cameras],
+        "low": _millimetres(low),
+        "high": _millimetres(high),
+        "floor": round(1000 * floor_m(shown)),
+        "states": _by_camera(recording, [_states(record) for record in shown], digits=0),
+        "occlusion": _by_camera(recording, [record.occlusion for record in shown]),
+        "deficit": _by_camera(recording, [record.deficit for record in shown]),
+    }
+
+
+def bounds(rig: Rig, records: Sequence[SlotRecord]) -> tuple[Floats, Floats]:
+    """Return the `(3,)` low and high corner, metres, of the cameras and all but stray joints."""
+    low, high = rig.centers_m.min(axis=0), rig.centers_m.max(axis=0)
+    joints = _all_joints(records)
+    if len(joints):
+        low = np.minimum(low, np.percentile(joints, 1, axis=0))
+        high = np.maximum(high, np.percentile(joints, 99, axis=0))
+    margin = max(0.5 - float((high - low).max()) / 2, 0.0)
+    return low - margin, high + margin
+
+
+def floor_m(records: Sequence[SlotRecord]) -> float:
+    """Return the height to draw the floor at: 0 unless people stand clearly elsewhere."""
+    joints = _all_joints(records)
+    lowest = float(np.percentile(joints[:, 2], 1)) if len(joints) else 0.0
+    return 0.0 if -0.3 < lowest < 0.5 else lowest
+
+
+def frustum(camera: Camera, depth_m: float) -> Floats:
+    """Return `(5, 3)` metres: the optical centre, then the image corners drawn at `depth_m`."""
+    width, height = camera.image_size
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float64)
+    pixels = np.column_stack([corners - 0.5, np.ones(4)])
+    in_camera = depth_m * pixels @ np.linalg.inv(camera.K).T
+    return np.vstack([camera.center_m, in_camera @ camera.R + camera.center_m])
+
+
+def _all_joints(records: Sequence[SlotRecord]) -> Floats:
+    if not records:
+        return np.zeros((0, 3))
+    joints = np.concatenate([record.poses.joints_m.reshape(-1, 3) for record in records])
+    with np.errstate(invalid="ignore"):
+        return np.asarray(joints[(np.abs(joints) < MAX_COORDINATE_M).all(axis=-1)])
+
+
+def _telling(rig: Rig, records: Sequence[SlotRecord]) -> int:
+    """Return which slot to open the page at: most people, and cameras asleep if they ever are."""
+    scores = [2 * len(r.poses) + (r.selected.sum() < len(rig)) for r in records]
+    return int(np.argmax(scores)) if scores else 0
+
+
+def _neck(skeleton: Skeleton) -> list[int]:
+    """Return nose and shoulders of a skeleton without a neck, whose drawing would be headless."""
+    names = ("nose", "left_shoulder", "right_shoulder")
+    if "neck" in skeleton.joints or not set(names) <= set(skeleton.joints):
+        return []
+    return [skeleton.index(name) for name in names]
+
+
+def _truth(truth: Truth | None, slot: int) -> list[list[int | None]]:
+    if truth is None:
+        return []
+    people = truth.joints_m[slot]
+    return [_millimetres(person) for person in people if np.isfinite(person).any()]
+
+
+def _states(record: SlotRecord) -> Floats:
+    return np.where(record.arrived, AWAKE, np.where(record.selected, LOST, ASLEEP)).astype(float)
+
+
+def _by_camera(
+    recording: Recording, rows: Sequence[Floats], digits: int = 3
+) -> list[list[float | None]]:
+    """Turn one row per slot into one list per camera, missing as None."""
+    columns = np.array(rows, dtype=np.float64).reshape(len(rows), len(recording.rig)).T
+    return [
+        [round(v, digits) if math.isfinite(v) else None for v in row.tolist()] for row in columns
+    ]
+
+
+def _millimetres(points_m: Floats) -> list[int | None]:
+    return [
+        round(1000 * v) if abs(v) < MAX_COORDINATE_M else None
+        for v in np.asarray(points_m, dtype=np.float64).ravel().tolist()
+    ]
