@@ -209,3 +209,15 @@ def test_a_sequence_without_calibration_takes_one() -> None:
         import_panoptic(source)
     recording = import_panoptic(source, calibration=folder / "demo_calibration.npz")
     assert (recording.num_slots, len(recording.rig)) == (5000, 5)
+
+
+def test_a_joint_at_exactly_the_origin_was_not_found(tmp_path: Path) -> None:
+    joints = np.full((3, 19, 3), -50.0)
+    joints[1, 5] = 0.0
+    source = _save_npz(tmp_path / "p.npz", joints19_cm_conf=None, ids=None, joints19_cm=joints)
+    truth = _load(source).truth
+    assert truth is not None
+    known = np.ones((4, 1, 19), dtype=bool)
+    known[2] = False  # there is no frame 12
+    known[1, 0, 5] = False
+    np.testing.assert_array_equal(truth.annotated, known)

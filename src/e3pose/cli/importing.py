@@ -174,6 +174,44 @@ def coco(
     _save(import_coco(source, calibration, fps, images), dest, overwrite)
 
 
+@import_app.command
+def cmu(
+    source: Path,
+    dest: Path,
+    *,
+    clip: str | None = None,
+    fps: float = 30.0,
+    overwrite: Overwrite = False,
+) -> None:
+    """Import clips of the CMU motion capture database: truth to train and measure predictors.
+
+    Nobody filmed these people: the recordings hold truth alone, and made-up cameras around it.
+
+    Example: e3pose import cmu cmu_mocap.npz recordings/cmu
+
+    Parameters
+    ----------
+    source
+        An .npz with joint_names and an array per clip, frames x 31 joints x 3, metres, z up.
+    dest
+        The folder to make recordings in, one of each clip's name; the recording itself with --clip.
+    clip
+        One clip by name, such as 02_01; all of them by default.
+    fps
+        Frames a second of the clips.
+    overwrite
+        Replace recordings at DEST.
+    """
+    from e3pose.cli.progress import track_progress
+    from e3pose.datasets.motion import cmu_clips, import_cmu
+
+    clips = {clip: dest} if clip is not None else {name: dest / name for name in cmu_clips(source)}
+    for path in clips.values():
+        _check_free(path, overwrite)
+    for name, path in track_progress(clips.items(), len(clips), "reading"):
+        _save(import_cmu(source, name, fps), path, overwrite)
+
+
 def _check_free(dest: Path, overwrite: bool) -> None:
     """Refuse before minutes of reading, not after."""
     from e3pose.atomic import check_free

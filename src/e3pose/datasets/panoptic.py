@@ -200,7 +200,9 @@ def _bodies_from_arrays(path: Path) -> Bodies:
         bodies = floats(path, "joints19_cm_conf", arrays["joints19_cm_conf"], finite=False)
     elif "joints19_cm" in arrays:
         joints = floats(path, "joints19_cm", arrays["joints19_cm"], finite=False)[:, None]
-        bodies = np.concatenate([joints, np.ones_like(joints[..., :1])], axis=-1)
+        # Joints that were not found stand at exactly the origin of the dome's axes.
+        found = (joints != 0).any(axis=-1, keepdims=True)
+        bodies = np.concatenate([joints, found.astype(np.float64)], axis=-1)
     else:
         raise InputError(f"{path}: array 'joints19_cm_conf' is missing, and so is 'joints19_cm'")
     frames = integers(path, "frames", arrays["frames"], below=2**31).tolist()
