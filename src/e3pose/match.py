@@ -21,6 +21,7 @@ PARALLEL_SINE2 = 1e-9
 # So many certain joints at the distance `cap_m` are added to what two groups have in common: a
 # scrap of two joints needs more than a lucky coincidence, and larger groups merge before smaller.
 PRIOR_JOINTS = 1.0
+STRENGTH_UNIT = 1e-6  # sums of scores that differ by less are equal; then the first pose leads
 
 
 def ray_matrices(rig: Rig) -> Floats:
@@ -74,6 +75,10 @@ def match(
     a pose of the same view, until the closest two are further apart than `max_distance_m`. No view
     comes first, so the order of views and people does not matter.
 
+    In a crowd, poses of two people can meet by chance more closely than those of one person do. So
+    in the end, weakest first, a group is dissolved if each of its poses is at home in a larger one
+    that has no pose of that view.
+
     Args:
         rays: `(num_poses, num_joints, 3)` unit world directions; anything where not seen.
         centers_m: `(num_poses, 3)` optical centre of the camera that saw the pose.
@@ -90,6 +95,7 @@ def match(
         return []
     sums, weights = ray_distances(rays, centers_m, scores, cap_m)
     sums[cameras[:, None] == cameras[None, :]] = np.inf
+    pair_sums, pair_weights = sums.copy(), weights.copy()
     groups = [[pose] for pose in range(len(cameras))]
     links = _links(sums, weights, cap_m)
     while True:
@@ -104,8 +110,44 @@ def match(
         sums[second] = sums[:, second] = np.inf
         links = _links(sums, weights, cap_m)
     strength = scores.sum(axis=-1)
-    return sorted((g for g in groups if g), key=lambda g: -float(strength[g].sum()))
+    for label in sorted(range(len(groups)), key=lambda i: (_units(strength[groups[i]]), i)):
+        group = groups[label]
+        homes = [
+            _home(pose, len(group), groups, pair_sums, pair_weights, max_distance_m, cap_m)
+            for pose in group
+        ]
+        if len(group) > 1 and None not in homes:
+            for pose, home in zip(group, homes, strict=True):
+                if home is not None:
+                    home.append(pose)
+            group.clear()
+    order = sorted(range(len(groups)), key=lambda i: (-_units(strength[groups[i]]), i))
+    return [groups[label] for label in order if groups[label]]
+
+
+def _units(strength: Floats) -> int:
+    """Return the sum in whole units, so that equal groups are not ordered by rounding errors."""
+    return int(np.floor(strength.sum() / STRENGTH_UNIT + 0.5))
+
+
+def _home(
+    pose: int,
+    size: int,
+    groups: list[list[int]],
+    pair_sums: Floats,
+    pair_weights: Floats,
+    max_distance_m: float,
+    cap_m: float,
+) -> list[int] | None:
+    """Return the closest group of more than `size` poses that `pose` could join, if any."""
+    best, smallest = None, max_distance_m
+    for group in groups:
+        if len(group) > size:
+            link = _links(pair_sums[pose, group].sum(), pair_weights[pose, group].sum(), cap_m)
+            if link <= smallest:
+                best, smallest = group, float(link)
+    return best
 
 
 def _links(sums: Floats, weights: Floats, cap_m: float) -> Floats:
-    return (sums + PRIOR_JOINTS * cap_m) / (weights + PRIOR_JOINTS)
+    return np.asarray((sums + PRIOR_JOINTS * cap_m) / (weights + PRIOR_JOINTS))

@@ -108,7 +108,7 @@ def measure_pairs(
         sums[pose, pose] = np.inf
         weights[pose, pose] = 0.0
         for tile in range(first // LANES, num_tiles):
-            _measure_tile(
+            measure_tile(
                 tiles[pose // LANES],
                 tile_centers[pose // LANES],
                 pose % LANES,
@@ -126,7 +126,7 @@ def measure_pairs(
 
 
 @kernel
-def _measure_tile(
+def measure_tile(
     own: Floats,
     own_center: Floats,
     own_lane: int,
@@ -136,6 +136,7 @@ def _measure_tile(
     cap_m: float,
     lanes: Floats,
 ) -> None:
+    """Measure one pose against the poses of a tile: the fourth and fifth row of `lanes`."""
     for lane in range(LANES):
         lanes[lane] = centers[lane] - own_center[own_lane]
         lanes[LANES + lane] = centers[LANES + lane] - own_center[LANES + own_lane]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.camera import Rig
 from e3pose.kernels.compile import kernel
+from e3pose.kernels.dissolve import dissolve_groups, weigh_groups
 from e3pose.kernels.group import group_poses
 from e3pose.kernels.pairs import LANES, PLANES, gather, measure_pairs
 from e3pose.kernels.place import refine_person, score_person, triangulate_person
@@ -167,13 +168,23 @@ def fuse_slot(
         memory.distance,
         alive,
     )
-    for pose in range(num_poses):
-        memory.strength[pose] = 0.0
-        sizes[pose] = 0
-    for pose in range(num_poses):
-        sizes[labels[pose]] += 1
-        for joint in range(scores.shape[2]):
-            memory.strength[labels[pose]] += memory.scores[pose, joint]
+    weigh_groups(num_poses, labels, memory.scores, sizes, memory.strength)
+    dissolve_groups(
+        num_poses,
+        cameras,
+        memory.scores,
+        memory.tiles,
+        memory.tile_centers,
+        memory.lanes,
+        max_distance_m,
+        cap_m,
+        labels,
+        sizes,
+        nearest,
+        memory.strength,
+        memory.distance,
+        memory.weights[0],
+    )
     people = 0
     while True:
         label = -1

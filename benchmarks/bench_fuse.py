@@ -1,0 +1,226 @@
+"""Measure matching and triangulation: time of the compiled kernels, and quality of the poses.
+
+Without `--shared` (or E3POSE_SHARED) the scenes are made up here; they are of the same kind.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from e3pose.camera import Camera, Rig
+from e3pose.fuse import Fuser, FusionSettings
+from e3pose.pose import Poses3D
+
+Floats = NDArray[np.float64]
+
+SIZES = ((5, 4), (5, 8), (5, 16), (12, 8), (28, 8))
+# Median milliseconds a slot, the 99th percentile, recall, precision and MPJPE in mm, for the
+# workloads of `--shared`; scenes made up here are a little easier or harder.
+TARGETS = {
+    (5, 4): (0.05, 0.1, 0.99, 0.99, 8.7),
+    (5, 8): (None, None, 0.99, 0.99, 11.7),
+    (5, 16): (None, None, 0.985, 0.985, 18.1),
+    (12, 8): (0.35, None, 0.99, 0.99, None),
+    (28, 8): (1.3, None, 0.99, 0.99, None),
+}
+NEAR_M = 0.3  # a found person this close to a true one is that person
+REFERENCE_SLOTS = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Workload:
+    """Detections `(num_slots, num_cameras, max_persons, num_joints, ...)` and the exact truth."""
+
+    rig: Rig
+    keypoints_px: Floats
+    scores: Floats
+    counts: NDArray[np.int64]
+    truth_m: Floats  # (num_slots, num_persons, num_joints, 3)
+
+
+def load_workload(path: Path) -> Workload:
+    with np.load(path, allow_pickle=False) as data:
+        size = (int(data["size"][0]), int(data["size"][1]))
+        rig = Rig(
+            tuple(
+                Camera.from_world_to_camera(f"c{i}", size, K, R, t)
+                for i, (K, R, t) in enumerate(zip(data["K"], data["R"], data["t"], strict=True))
+            )
+        )
+        detections = data["kpts"].astype(np.float64)
+        return Workload(
+            rig,
+            np.ascontiguousarray(detections[..., :2]),
+            np.ascontiguousarray(detections[..., 2]),
+            data["n_det"].astype(np.int64),
+            data["gt3d"].astype(np.float64),
+        )
+
+
+def make_workload(num_cameras: int, num_persons: int, num_slots: int = 40) -> Workload:
+    """Make people who walk in a ring of cameras, seen with 2 px noise, hidden joints with 15 px."""
+    rng = np.random.default_rng([num_cameras, num_persons])
+    radius = 4.5 + 0.15 * num_persons
+    cameras = []
+    for index in range(num_cameras):
+        angle = 2 * np.pi * index / num_cameras
+        center = np.array([radius * np.cos(angle), radius * np.sin(angle), rng.uniform(2.0, 2.8)])
+        forward = np.array([0, 0, 0.9]) - center
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        K = np.array([[1050, 0, 515.5], [0, 1050, 387.5], [0, 0, 1.0]])
+        cameras.append(Camera.from_world_to_camera(f"c{index}", (1032, 776), K, R, -R @ center))
+    rig = Rig(tuple(cameras))
+    body = rng.uniform((-0.2, -0.2, 0.1), (0.2, 0.2, 1.7), (17, 3))
+    grid = np.stack(np.meshgrid(np.arange(4), np.arange(4)), axis=-1).reshape(-1, 2) - 1.5
+    spots = rng.permutation(grid)[:num_persons] * 0.8
+    phase = rng.uniform(0, 2 * np.pi, num_persons)[None] + np.arange(num_slots)[:, None] * 0.05
+    walk = spots[None] + 0.2 * np.stack([np.cos(phase), np.sin(phase)], axis=-1)
+    truth = np.repeat(body[None, None], num_slots, axis=0).repeat(num_persons, axis=1)
+    truth[..., :2] += walk[:, :, None]
+    shape = (num_cameras, num_slots, num_persons, 17)
+    hidden = rng.random(shape) < 0.01 * num_persons
+    scores = np.where(hidden, rng.uniform(0.1, 0.4, shape), rng.uniform(0.7, 1.0, shape))
+    keypoints = rig.project(truth)
+    keypoints += rng.normal(size=keypoints.shape) * np.where(hidden, 15.0, 2.0)[..., None]
+    counts = np.full((num_slots, num_cameras), num_persons, np.int64)
+    return Workload(
+        rig,
+        np.ascontiguousarray(np.swapaxes(keypoints, 0, 1)),
+        np.ascontiguousarray(np.swapaxes(scores, 0, 1)),
+        counts,
+        truth,
+    )
+
+
+def run(
+    bench: Workload,
+    settings: FusionSettings,
+    backend: Literal["numba", "reference"] = "numba",
+    num_slots: int | None = None,
+) -> list[Poses3D]:
+    fuser = Fuser(bench.rig, bench.scores.shape[-1], settings, backend)
+    slots = zip(
+        bench.keypoints_px[:num_slots],
+        bench.scores[:num_slots],
+        bench.counts[:num_slots],
+        strict=True,
+    )
+    return [fuser.fuse_arrays(*slot).poses for slot in slots]
+
+
+def quality(found: list[Poses3D], truth_m: Floats) -> dict[str, float]:
+    """Return recall, precision and MPJPE of people assigned one to one within `NEAR_M`."""
+    right = num_found = num_true = 0
+    errors: list[Floats] = []
+    for poses, truth in zip(found, truth_m, strict=False):
+        num_found, num_true = num_found + len(poses), num_true + len(truth)
+        distance = np.linalg.norm(poses.joints_m[:, None] - truth[None], axis=-1)
+        seen = np.isfinite(distance)
+        mean = np.where(seen, distance, 0).sum(axis=-1) / np.maximum(seen.sum(axis=-1), 1)
+        for row, column in zip(*linear_sum_assignment(np.minimum(mean, 1.0)), strict=True):
+            if mean[row, column] < NEAR_M:
+                right += 1
+                errors.append(distance[row, column][seen[row, column]])
+    return {
+        "recall": right / num_true,
+        "precision": right / max(num_found, 1),
+        "mpjpe_mm": 1000 * float(np.concatenate(errors).mean()) if errors else float("nan"),
+    }
+
+
+def measure(bench: Workload, settings: FusionSettings, seconds: float) -> dict[str, float]:
+    """Time `Fuser.fuse_arrays` over and over the slots, and the reference over a few of them."""
+    num_joints = bench.scores.shape[-1]
+    slots = list(zip(bench.keypoints_px, bench.scores, bench.counts, strict=True))
+    fuser = Fuser(bench.rig, num_joints, settings)
+    fuser.warm_up()
+    for slot in slots:
+        fuser.fuse_arrays(*slot)
+    times: list[float] = []
+    end = time.perf_counter() + seconds
+    while time.perf_counter() < end:
+        for slot in slots:
+            start = time.perf_counter()
+            fuser.fuse_arrays(*slot)
+            times.append(time.perf_counter() - start)
+    reference = Fuser(bench.rig, num_joints, settings, backend="reference")
+    reference_times: list[float] = []
+    worst = 0.0
+    for slot in slots[:REFERENCE_SLOTS]:
+        start = time.perf_counter()
+        expected = reference.fuse_arrays(*slot)
+        reference_times.append(time.perf_counter() - start)
+        joints = fuser.fuse_arrays(*slot).poses.joints_m
+        worst = max(worst, float(np.nanmax(np.abs(joints - expected.poses.joints_m), initial=0.0)))
+    median = float(np.median(times))
+    return {
+        "median_ms": 1e3 * median,
+        "p99_ms": 1e3 * float(np.quantile(times, 0.99)),
+        "reference_ms": 1e3 * float(np.median(reference_times)),
+        "speedup": float(np.median(reference_times)) / median,
+        "difference_m": worst,
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED"))
+    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser.add_argument("--seconds", type=float, default=2.0, help="of timing for each workload")
+    parser.add_argument("--paper", action="store_true", help="the paper's DLT, not refined")
+    parser.add_argument("--reject-outliers", action="store_true")
+    options = parser.parse_args()
+    settings = FusionSettings(
+        refine_steps=0 if options.paper else FusionSettings().refine_steps,
+        reject_outliers=options.reject_outliers,
+    )
+    rows = {}
+    print(f"matching and triangulation, one thread, {settings}")
+    print("scenes: " + ("workloads of --shared" if options.shared else "made up"))
+    print("cameras x people  median ms   p99 ms  reference ms  ratio  recall  precis.  MPJPE mm")
+    for cameras, people in SIZES:
+        if options.shared:
+            name = f"workload_c{cameras}_k{people}.npz"
+            bench = load_workload(Path(options.shared) / "bench" / name)
+        else:
+            bench = make_workload(cameras, people)
+        row = measure(bench, settings, options.seconds)
+        row |= quality(run(bench, settings), bench.truth_m)
+        rows[f"{cameras}x{people}"] = row
+        print(
+            f"{f'{cameras}x{people}':>16}  {row['median_ms']:9.4f}  {row['p99_ms']:7.4f}  "
+            f"{row['reference_ms']:12.2f}  {row['speedup']:5.0f}  {row['recall']:6.3f}  "
+            f"{row['precision']:7.3f}  {row['mpjpe_mm']:8.1f}"
+            + (_missed(cameras, people, row) if options.shared else "")
+        )
+    print(f"load of the machine: {os.getloadavg()[0]:.1f}; other work shows in the p99")
+    if options.json:
+        options.json.write_text(json.dumps(rows, indent=2) + "\n")
+
+
+def _missed(cameras: int, people: int, row: dict[str, float]) -> str:
+    median, p99, recall, precision, mpjpe = TARGETS[cameras, people]
+    misses = [
+        name
+        for name, limit in (("median_ms", median), ("p99_ms", p99), ("mpjpe_mm", mpjpe))
+        if limit is not None and row[name] > limit
+    ]
+    misses += [n for n, least in (("recall", recall), ("precision", precision)) if row[n] < least]
+    return f"  misses its target: {', '.join(misses)}" if misses else ""
+
+
+if __name__ == "__main__":
+    main()
