@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,7 +64,7 @@ def make(policy: str = "e3pose", **changes: object) -> Pipeline:
 
 
 def run(
-    pipeline: Pipeline, views: list[Mapping[int, Poses2D]], online: Selection = ONLINE
+    pipeline: Pipeline, views: Sequence[Mapping[int, Poses2D]], online: Selection = ONLINE
 ) -> list[SlotRecord]:
     state, records = initial_state(pipeline), []
     for slot_views in views:

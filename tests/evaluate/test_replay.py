@@ -38,7 +38,9 @@ def recording() -> Recording:
     series = []
     for camera in rig.cameras:
         views = [Poses2D(camera.project(people), np.ones((2, 17))) for people in truth]
-        series.append(ViewSeries.from_views(views, range(NUM_SLOTS), np.arange(NUM_SLOTS) / 25, 17))
+        series.append(
+            ViewSeries.from_views(views, range(NUM_SLOTS), (np.arange(NUM_SLOTS) / 25).tolist(), 17)
+        )
     return Recording(
         "two people", rig, 25.0, NUM_SLOTS, COCO17, tuple(series),
         truth=Truth(COCO17, ("a", "b"), truth),

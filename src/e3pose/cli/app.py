@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
-from collections.abc import Sequence
-from typing import NoReturn
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
 
 from cyclopts import App, CycloptsError
 
@@ -23,13 +24,14 @@ from e3pose.errors import InputError
 
 EXIT_INPUT = 2  # the input or the options are wrong
 EXIT_INTERRUPTED = 130
+MAX_MESSAGE = 1000
 
 app = App(
     name="e3pose",
     version=__version__,
     help="Multi-camera 3D human pose that wakes only the cameras worth waking.",
 )
-for _verb, _function in {
+VERBS: dict[str, Callable[..., Any]] = {
     "demo": demo,
     "detect": detect,
     "import": import_app,
@@ -38,7 +40,8 @@ for _verb, _function in {
     "replay": replay,
     "evaluate": evaluate,
     "models": models_app,
-}.items():
+}
+for _verb, _function in VERBS.items():
     app.command(_function, name=_verb)
 
 # Which extra brings a module that a smaller install may lack.
@@ -60,8 +63,12 @@ def main(tokens: Sequence[str] | None = None) -> None:
     """Run one verb; print a wrong input as one line on standard error and exit with code 2."""
     # A polite kill unwinds like any error, so that temporary files go away with us.
     signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a name that it cannot show is no reason to stop
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app(tokens, exit_on_error=False, print_error=False)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
     except CycloptsError as error:
         _fail(f"{_one_line(error)} (try --help)")
     except BrokenPipeError:  # the reader of our output went away: nothing is left to tell it
@@ -69,6 +76,8 @@ def main(tokens: Sequence[str] | None = None) -> None:
         sys.exit(1)
     except (InputError, OSError) as error:
         _fail(_one_line(error))
+    except MemoryError:
+        _fail("this needs more memory than there is, expected a smaller or shorter input")
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").split(".")[0])
         if extra is None:
@@ -86,5 +95,13 @@ def _fail(message: str) -> NoReturn:
 
 def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
-        return f"{error.filename}: {error.strerror.lower()}"
-    return " ".join(str(error).split()) or type(error).__name__
+        text = f"{os.fsdecode(error.filename)}: {error.strerror.lower()}"
+    else:
+        text = str(error) or type(error).__name__
+    # Names from files may hold control characters, which could rewrite the terminal.
+    line = "".join(
+        char if char.isprintable() else char.encode("unicode_escape").decode()
+        for char in " ".join(text.split())
+    )
+    half = MAX_MESSAGE // 2
+    return line if len(line) <= MAX_MESSAGE else f"{line[:half]} ... {line[-half:]}"
