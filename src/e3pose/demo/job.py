@@ -22,12 +22,12 @@ from e3pose.demo.clip import SOURCE, TITLE, Clip, fetch_clip, find_clip
 from e3pose.demo.pictures import draw
 from e3pose.demo.words import DemoReport, about
 from e3pose.errors import InputError
+from e3pose.simulate import SceneSettings, simulate
 from e3pose.weights import Progress, find_weights, is_installed, pull_weights
 
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord
     from e3pose.recording import Recording
-    from e3pose.simulate import SceneSettings
 
 T = TypeVar("T")
 
@@ -39,6 +39,7 @@ NUM_SELECTED = 2
 QUALITY_WEIGHT = 10.0
 PROFILE = "xavier-nx"
 
+STAND_IN = SceneSettings(people=3, seconds=12.0, cameras=4)
 ABOUT = "e3pose-demo.txt"  # says what the folder is, and marks it as one that may be replaced
 MARKS = (ABOUT,)
 
@@ -157,9 +158,8 @@ def _detected(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Recordin
 
 def _simulated(stand_in: SceneSettings | None, folder: Path, phase: Phase) -> Recording:
     from e3pose.recording import save_recording
-    from e3pose.simulate import SceneSettings, simulate
 
-    scene = stand_in or SceneSettings(people=3, seconds=12.0, cameras=4)
+    scene = stand_in or STAND_IN
     with phase("simulating a scene") as progress:
         recording = simulate(scene, 0, lambda share: progress(round(100 * share), 100))
     save_recording(recording, folder / "recording")

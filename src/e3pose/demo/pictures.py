@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 
 STRIP_ROWS = 4  # pictures in the strip: the slot with most joints in each part of the run
 PANEL_PX = 560  # height of a camera's picture
+SKETCH_PX = 400  # of one without a picture
+GAP_PX = 6
+LIMB_PX = 6
+AWAKE_GREY, ASLEEP_GREY = 244, 196
 
 
 def draw(
@@ -26,7 +30,7 @@ def draw(
     """Leave a strip of pictures and, where there are videos, a movie."""
     from e3pose.overlay import overlay_images, stack_strip, write_image, write_movie
 
-    wanted = _fullest(records)
+    wanted = fullest(records)
     strip: list[Image] = []
     if not recording.videos:
         strip = [_sketch(recording, records[index]) for index in sorted(wanted)]
@@ -45,7 +49,7 @@ def draw(
     write_image(folder / "overlay.png", stack_strip(strip))
 
 
-def _fullest(records: Sequence[SlotRecord]) -> set[int]:
+def fullest(records: Sequence[SlotRecord]) -> set[int]:
     """Return where in each of `STRIP_ROWS` equal parts of the run most joints were placed."""
     joints = np.array([(record.poses.scores > 0).sum() for record in records])
     parts = np.array_split(np.arange(len(records)), STRIP_ROWS)
@@ -53,19 +57,26 @@ def _fullest(records: Sequence[SlotRecord]) -> set[int]:
 
 
 def _sketch(recording: Recording, record: SlotRecord) -> Image:
-    """Draw what stands in for a frame: 2D detections in grey, 3D skeletons over them in colour."""
+    """Draw what stands in for frames: 2D detections in grey, 3D skeletons over them in colour."""
+    import cv2
+
     from e3pose.overlay import draw_poses, reproject, track_color
 
-    panels = []
+    colors = [track_color(int(track_id)) for track_id in record.track_ids]
+    panels: list[Image] = []
     for index, camera in enumerate(recording.rig.cameras):
         width, height = camera.image_size
         awake = bool(record.selected[index])
-        image = np.full((height, width, 3), 250 if awake else 120, dtype=np.uint8)
+        image: Image = np.full((height, width, 3), AWAKE_GREY if awake else ASLEEP_GREY, np.uint8)
         view = recording.view(record.slot, index)
         if view is not None and awake:
-            image = draw_poses(image, view, recording.skeleton, [(190, 190, 190)] * len(view))
-        colors = [track_color(int(track_id)) for track_id in record.track_ids]
+            grey = [(170, 170, 170)] * len(view)
+            image = draw_poses(image, view, recording.skeleton, grey, LIMB_PX)
         poses = reproject(record.poses, camera)
-        panels.append(draw_poses(image, poses, recording.skeleton, colors)[::2, ::2])
-    lowest = min(panel.shape[0] for panel in panels)
-    return np.concatenate([panel[:lowest] for panel in panels], axis=1)
+        image = draw_poses(image, poses, recording.skeleton, colors, LIMB_PX)
+        size = (max(1, round(width * SKETCH_PX / height)), SKETCH_PX)
+        panel = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        text = f"{camera.camera_id} {'awake' if awake else 'asleep'}"
+        cv2.putText(panel, text, (10, 24), 0, 0.6, (40, 40, 40), 1, cv2.LINE_AA)
+        panels += [panel, np.full((SKETCH_PX, GAP_PX, 3), 255, np.uint8)]
+    return np.concatenate(panels[:-1], axis=1)

@@ -7,7 +7,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#b38600", "#4d4d4d", "#8a4b16"];
 const INK = "#1f2937", PALE = "#c3cad4", LOST_INK = "#b91c1c", TRUTH_INK = "#9aa3af";
 const ASLEEP = 0, AWAKE = 1;
-const NEAR = 100;
+const NEAR = 100, MAX_LISTED = 14;
 const byId = (id) => document.getElementById(id);
 const colourOf = (track) => COLOURS[Math.abs(DATA.tracks[track]) % COLOURS.length];
 
@@ -15,7 +15,7 @@ const canvas = byId("scene"), pen = canvas.getContext("2d");
 const last = DATA.slots.length - 1;
 const centre = [0, 1, 2].map((axis) => (DATA.low[axis] + DATA.high[axis]) / 2);
 const size = Math.max(...[0, 1, 2].map((axis) => DATA.high[axis] - DATA.low[axis]));
-const home = () => ({ yaw: -0.9, pitch: 0.42, distance: 1.25 * size, target: [centre[0], centre[1], DATA.floor + 900] });
+const home = () => ({ yaw: -0.9, pitch: 0.42, distance: 1.1 * size, target: [centre[0], centre[1], DATA.floor + 900] });
 
 let view = home(), frame = DATA.start, playing = false, clock = 0, before = 0, stale = true;
 const listeners = []; // called with the frame whenever it changes
@@ -127,7 +127,7 @@ function addNeck(project, line, joints, colour) {
 }
 
 function addCamera(project, line, labels, points, camera) {
-  const state = DATA.states[camera][frame];
+  const state = DATA.states[camera][frame] ?? ASLEEP; // there may be no slot at all
   const [colour, thick] = state === AWAKE ? [INK, 2.5] : state === ASLEEP ? [PALE, 1.2] : [LOST_INK, 2.5];
   const pixels = [0, 1, 2, 3, 4].map((i) => project(points[3 * i], points[3 * i + 1], points[3 * i + 2]));
   for (let corner = 1; corner <= 4; corner++) {
@@ -155,13 +155,15 @@ function seek(index) {
 function showPeople() {
   const list = byId("people");
   list.replaceChildren();
-  for (const [track] of (DATA.people[frame] || []).slice(0, 14)) {
+  const tracks = (DATA.people[frame] || []).map(([track]) => track).sort((a, b) => DATA.tracks[a] - DATA.tracks[b]);
+  for (const track of tracks.slice(0, MAX_LISTED)) {
     const item = document.createElement("li"), swatch = document.createElement("i");
     swatch.style.background = colourOf(track);
     item.append(swatch, `person ${DATA.tracks[track]}`);
     list.append(item);
   }
-  if (!list.children.length) list.append("nobody in this slot");
+  if (!tracks.length) list.append("nobody in this slot");
+  if (tracks.length > MAX_LISTED) list.append(`and ${tracks.length - MAX_LISTED} more`);
   const awake = DATA.cameras.filter((_, camera) => DATA.states[camera][frame] === AWAKE);
   byId("awake").textContent = awake.length ? awake.join(", ") : "none";
 }

@@ -1,0 +1,242 @@
+"""The report page: self-contained, safe with hostile text, and right about what it draws."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from e3pose.camera import Camera, Rig
+from e3pose.pipeline import SlotRecord
+from e3pose.pose import Poses3D
+from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.report import scene as scenes
+from e3pose.report import write_report
+from e3pose.report.page import embed, render
+from e3pose.report.scene import AWAKE, LOST, MAX_SLOTS, frustum, scene
+from e3pose.report.words import cards, number, sentences
+from e3pose.skeleton import COCO17
+
+HOSTILE = "</script><script src='https://evil.example/x.js'></script><img src=x onerror=alert(1)>"
+
+
+def rig(*names: str) -> Rig:
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    down = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along +y of the world
+    return Rig(
+        tuple(
+            Camera.from_world_to_camera(name, (640, 480), K, down, [-float(i), 2.0, 4.0])
+            for i, name in enumerate(names)
+        )
+    )
+
+
+def recording(num_slots: int, name: str = "walk", **more: Any) -> Recording:
+    cameras = rig("left", "right")
+    empty = ViewSeries.from_views([], [], [], len(COCO17))
+    return Recording(name, cameras, 25.0, num_slots, COCO17, (empty, empty), **more)
+
+
+def record(slot: int, people: Sequence[int] = (), **more: Any) -> SlotRecord:
+    joints = np.zeros((len(people), len(COCO17), 3)) + [0.25, 0.5, 1.0]
+    base = SlotRecord(
+        slot=slot,
+        time_s=slot / 25,
+        selected=np.array([True, False]),
+        arrived=np.array([True, False]),
+        poses=Poses3D(joints, np.ones(joints.shape[:2])),
+        track_ids=np.array(people, dtype=np.int64),
+        occlusion=np.array([0.125, np.nan]),
+        deficit=np.array([1.0, 0.0]),
+        next_selection=np.array([True, False]),
+        stage_s={"fuse": 0.001},
+    )
+    return replace(base, **more)
+
+
+def summary(**more: Any) -> dict[str, Any]:
+    cameras = {
+        name: {
+            "saving_percent": 20.0,
+            "mean_watts": watts,
+            "energy_j": watts * 4,
+            "battery_hours": 5,
+        }
+        for name, watts in (("left", 10.0), ("right", 8.0))
+    }
+    energy = {
+        "profile": "generic",
+        "idle_mode": "power-saving",
+        "saving_percent": 31.4,
+        "cameras": cameras,
+        "battery_wh": 50.0,
+        "battery_hours_always_active": 5.0,
+    }
+    settings = {"num_selected": 1, "policy": "e3pose"}
+    return {"policy": "e3pose", "slots": 3, "settings": settings, "energy": energy, **more}
+
+
+class Page(HTMLParser):
+    """Collects the tags of a page, and the text of its scripts by their ids."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: dict[str, str] = {}
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        tag, attributes = self.tags[-1] if self.tags else ("", {})
+        if tag == "script" and attributes.get("id"):
+            key = str(attributes["id"])
+            self.scripts[key] = self.scripts.get(key, "") + data
+
+
+def page(source: Recording, records: Sequence[SlotRecord], figures: dict[str, Any]) -> Page:
+    return Page(render(source, records, figures))
+
+
+def test_page_asks_the_network_for_nothing() -> None:
+    shown = page(recording(3), [record(i, [4]) for i in range(3)], summary())
+    for tag, attributes in shown.tags:
+        assert tag not in ("link", "iframe", "object", "embed", "img", "base", "a")
+        assert not attributes.keys() & {"src", "href", "action", "srcset", "onerror", "onload"}
+    policies = [a["content"] or "" for t, a in shown.tags if t == "meta" and "http-equiv" in a]
+    (policy,) = policies
+    assert policy.startswith("default-src 'none'")
+    assert not re.search(r"https?:|\*|connect-src", policy)
+
+
+def test_own_scripts_and_markup_name_no_address() -> None:
+    folder = Path(scenes.__file__).parent
+    for name in ("page.html", "player.js", "charts.js"):
+        text = (folder / name).read_text()
+        assert not re.search(r"https?://|//cdn|fetch\(|XMLHttpRequest|innerHTML", text), name
+
+
+def test_hostile_text_stays_text() -> None:
+    truth = Truth(COCO17, (HOSTILE[:60],), np.zeros((2, 1, len(COCO17), 3)))
+    source = recording(2, HOSTILE, source=HOSTILE, truth=truth)
+    figures = summary(policy=HOSTILE, recording=HOSTILE)
+    figures["settings"]["policy"] = HOSTILE
+    figures["energy"]["profile"] = HOSTILE
+    records = [record(i, [0], stage_s={HOSTILE: 0.1}) for i in range(2)]
+    hostile, plain = page(source, records, figures), page(recording(2), records, summary())
+    tags = [tag for tag, _ in hostile.tags]
+    assert tags.count("script") == [tag for tag, _ in plain.tags].count("script") == 5
+    assert "img" not in tags
+    assert HOSTILE not in render(source, records, figures)
+
+
+def test_embedded_json_cannot_end_its_script() -> None:
+    value = {"a": "</script><!--&\u2028\u2029", "b": [1, None, "ü"]}
+    text = embed(value)
+    assert not set("<>&\u2028\u2029") & set(text)
+    assert json.loads(text) == value
+
+
+def test_scene_holds_what_happened() -> None:
+    lost = record(1, arrived=np.array([False, False]))
+    drawn = scene(recording(2), [record(0, [7]), lost])
+    assert drawn["slots"] == [0, 1] and drawn["times"] == [0.0, 0.04]
+    assert drawn["tracks"] == [7]
+    assert drawn["people"][0][0] == [0, [250, 500, 1000] * len(COCO17)]
+    assert drawn["people"][1] == []
+    assert drawn["states"] == [[AWAKE, LOST], [0, 0]]
+    assert drawn["occlusion"] == [[0.125, 0.125], [None, None]]
+    assert drawn["stride"] == 1
+
+
+def test_missing_and_absurd_joints_are_not_drawn() -> None:
+    joints = np.zeros((1, len(COCO17), 3)) + 1.0
+    joints[0, 0] = np.nan
+    joints[0, 1] = 1e200
+    poses = Poses3D(joints, np.ones((1, len(COCO17))))
+    drawn = scene(recording(1), [record(0, [0], poses=poses)])
+    flat = drawn["people"][0][0][1]
+    assert flat[:6] == [None] * 6 and flat[6:9] == [1000] * 3
+    assert max(drawn["high"]) < 10_000
+    json.dumps(drawn, allow_nan=False)
+
+
+def test_long_runs_are_thinned_and_say_so() -> None:
+    count = 4 * MAX_SLOTS - 1
+    records = [record(i) for i in range(count)]
+    drawn = scene(recording(count), records)
+    assert len(drawn["slots"]) <= MAX_SLOTS and drawn["stride"] == 4
+    assert drawn["slots"][:3] == [0, 4, 8]
+    assert f"one in 4 of its {count} slots" in render(recording(count), records, {})
+
+
+def test_crowds_are_thinned_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scenes, "MAX_COORDINATES", 3 * len(COCO17) * 10)
+    records = [record(i, [0, 1]) for i in range(10)]
+    assert scene(recording(10), records)["stride"] == 2
+
+
+@pytest.mark.parametrize("slots", [0, 1, 5])
+def test_nobody_seen_still_gives_a_page(slots: int, tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "report.html"
+    write_report(recording(slots), [record(i) for i in range(slots)], {}, path)
+    text = path.read_text()
+    said = "Nobody was found in any slot" if slots else "There is nothing to show"
+    assert said in text
+    assert [p.name for p in path.parent.iterdir()] == ["report.html"]
+
+
+def test_figures_that_cannot_be_had_are_left_out() -> None:
+    records = [record(0, [0])]
+    bare = cards(recording(1), records, {"metrics": {"mpjpe_mm": None}, "energy": "none"})
+    assert bare == [("1.0 of 2", "cameras awake a slot, on average")]
+    full = dict(cards(recording(1), records, summary(metrics={"mpjpe_mm": 31.7})))
+    assert full["32 mm"].startswith("mean joint error") and "31 %" in full
+    assert number({"a": {"b": float("nan")}}, "a", "b") is None
+    assert number({"a": True}, "a") is None
+
+
+def test_sentences_say_how_many_cameras_and_what_it_saved() -> None:
+    text = " ".join(sentences(recording(2), [record(0, [1, 2]), record(1)], summary()))
+    assert "2 calibrated cameras watched for 2 slots of 40 ms" in text
+    assert "Up to 2 people at once stood in 3D, somebody in 50 % of the slots" in text
+    assert "1.0 of 2 cameras were awake" in text and "saves 31 %" in text
+
+
+def test_energy_bars_compare_with_always_awake() -> None:
+    charts = json.loads(
+        page(recording(3), [record(i) for i in range(3)], summary()).scripts["figures"]
+    )
+    full, spent = charts["energy"]["data"]
+    assert spent["x"] == [40.0, 32.0]
+    np.testing.assert_allclose(full["x"], [40.0, 40.0])  # 50 Wh in 5 h is 10 W; for 4 s
+    assert spent["text"] == ["−0 %", "−20 %"]
+    shares, line = charts["duty"]["data"][1]["x"], charts["duty"]["layout"]["shapes"][0]
+    assert shares == [100.0, 0.0]
+    assert line["x0"] == pytest.approx(70)  # 1 of 2 cameras, and the margin of 0.2
+
+
+def test_frustum_corners_project_onto_the_image_corners() -> None:
+    (camera,) = rig("only").cameras
+    points = frustum(camera, 0.5)
+    np.testing.assert_allclose(points[0], camera.center_m)
+    expected = [[-0.5, -0.5], [639.5, -0.5], [639.5, 479.5], [-0.5, 479.5]]
+    np.testing.assert_allclose(camera.project(points[1:]), expected, atol=1e-9)
+
+
+def test_truth_can_be_shown_where_there_is_some() -> None:
+    joints = np.full((1, 2, len(COCO17), 3), np.nan)
+    joints[0, 0] = 0.5
+    truth = Truth(COCO17, ("a", "b"), joints)
+    source = recording(1, truth=truth)
+    assert scene(source, [record(0)])["truth"] == [[[500] * 3 * len(COCO17)]]
+    assert any(a.get("id") == "truth" for _, a in page(source, [record(0)], {}).tags)
+    assert not any(a.get("id") == "truth" for _, a in page(recording(1), [record(0)], {}).tags)
