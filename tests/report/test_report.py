@@ -20,7 +20,7 @@ from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.report import scene as scenes
 from e3pose.report import write_report
 from e3pose.report.page import embed, render
-from e3pose.report.scene import AWAKE, LOST, MAX_SLOTS, frustum, scene
+from e3pose.report.scene import AWAKE, LOST, MAX_SLOTS, NUM_COLOURS, colours, frustum, scene
 from e3pose.report.words import cards, number, sentences
 from e3pose.skeleton import COCO17
 
@@ -222,6 +222,21 @@ def test_energy_bars_compare_with_always_awake() -> None:
     shares, line = charts["duty"]["data"][1]["x"], charts["duty"]["layout"]["shapes"][0]
     assert shares == [100.0, 0.0]
     assert line["x0"] == pytest.approx(70)  # 1 of 2 cameras, and the margin of 0.2
+
+
+def test_people_present_together_differ_in_colour_and_keep_it() -> None:
+    together = [record(0, [0, 8, 16]), record(1, [0, 16]), record(2, [16, 24])]
+    chosen = colours(together)
+    assert chosen[0] == 0 and len({chosen[0], chosen[8], chosen[16]}) == 3
+    assert chosen[24] == 0  # whoever had it is gone
+    crowd = colours([record(0, range(20))])
+    assert set(crowd.values()) == set(range(NUM_COLOURS))
+
+
+def test_player_has_the_colours_that_are_counted_on() -> None:
+    text = (Path(scenes.__file__).parent / "player.js").read_text()
+    (listed,) = re.findall(r"const COLOURS = \[(.*?)\]", text)
+    assert len(set(re.findall(r"#[0-9a-f]{6}", listed))) == NUM_COLOURS
 
 
 def test_frustum_corners_project_onto_the_image_corners() -> None:

@@ -9,13 +9,14 @@ const INK = "#1f2937", PALE = "#c3cad4", LOST_INK = "#b91c1c", TRUTH_INK = "#9aa
 const ASLEEP = 0, AWAKE = 1;
 const NEAR = 100, MAX_LISTED = 14;
 const byId = (id) => document.getElementById(id);
-const colourOf = (track) => COLOURS[Math.abs(DATA.tracks[track]) % COLOURS.length];
+const colourOf = (track) => COLOURS[DATA.colours[track]];
 
 const canvas = byId("scene"), pen = canvas.getContext("2d");
 const last = DATA.slots.length - 1;
 const centre = [0, 1, 2].map((axis) => (DATA.low[axis] + DATA.high[axis]) / 2);
 const size = Math.max(...[0, 1, 2].map((axis) => DATA.high[axis] - DATA.low[axis]));
-const home = () => ({ yaw: -0.9, pitch: 0.42, distance: 1.1 * size, target: [centre[0], centre[1], DATA.floor + 900] });
+const eyeLevel = Math.max(DATA.low[2], Math.min(DATA.high[2], DATA.floor + 900));
+const home = () => ({ yaw: -0.9, pitch: 0.42, distance: 1.1 * size, target: [centre[0], centre[1], eyeLevel] });
 
 let view = home(), frame = DATA.start, playing = false, clock = 0, before = 0, stale = true;
 const listeners = []; // called with the frame whenever it changes

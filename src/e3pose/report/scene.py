@@ -20,6 +20,7 @@ MAX_SLOTS = 1500  # a page with more becomes slow to open and its strips too fin
 MAX_COORDINATES = 3_000_000  # about 20 MB of page
 MAX_COORDINATE_M = 1000.0  # a joint further out is a mistake, and nothing to look at
 FRUSTUM_SHARE = 0.06  # of the scene's size: how large cameras are drawn
+NUM_COLOURS = 8  # of `COLOURS` in player.js
 ASLEEP, AWAKE, LOST = 0, 1, 2  # what a camera did in a slot, as the strip's codes
 
 
@@ -44,6 +45,7 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
     shown = records[::step]
     track_ids = list(dict.fromkeys(int(i) for record in records for i in record.track_ids))
     number = {track_id: index for index, track_id in enumerate(track_ids)}
+    chosen = colours(records)
     low, high = bounds(recording.rig, shown)
     size_m = FRUSTUM_SHARE * float((high - low).max())
     return {
@@ -53,6 +55,7 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
         "times": [round(record.time_s, 4) for record in shown],
         "start": _telling(recording.rig, shown),
         "tracks": track_ids,
+        "colours": [chosen[track_id] for track_id in track_ids],
         "limbs": [list(limb) for limb in recording.skeleton.limbs],
         "neck": _neck(recording.skeleton),
         "people": [
@@ -73,6 +76,27 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
         "occlusion": _by_camera(recording, [record.occlusion for record in shown]),
         "deficit": _by_camera(recording, [record.deficit for record in shown]),
     }
+
+
+def colours(records: Sequence[SlotRecord]) -> dict[int, int]:
+    """Return each track's colour, an index below `NUM_COLOURS`, which it keeps.
+
+    It is the track id's own (modulo the number of colours) unless somebody present at the same
+    time has it already and another is free.
+    """
+    last = {int(i): record.slot for record in records for i in record.track_ids}
+    chosen: dict[int, int] = {}
+    present: list[int] = []
+    for record in records:
+        for track_id in map(int, record.track_ids):
+            if track_id in chosen:
+                continue
+            present = [other for other in present if last[other] >= record.slot]
+            taken = {chosen[other] for other in present}
+            wanted = [(track_id + k) % NUM_COLOURS for k in range(NUM_COLOURS)]
+            chosen[track_id] = next((c for c in wanted if c not in taken), wanted[0])
+            present.append(track_id)
+    return chosen
 
 
 def bounds(rig: Rig, records: Sequence[SlotRecord]) -> tuple[Floats, Floats]:

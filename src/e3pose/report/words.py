@@ -72,8 +72,8 @@ def sentences(
         )
     mean = duty(recording, records).sum()
     policy = str(summary.get("policy", ""))
-    by = f" by the policy {policy}" if policy else ""
-    said.append(f"On average {mean:.1f} of {num_cameras} cameras were awake a slot, chosen{by}.")
+    by = f", chosen by the policy {policy}" if policy else ""
+    said.append(f"On average {mean:.1f} of {num_cameras} cameras were awake a slot{by}.")
     saving = number(summary, "energy", "saving_percent")
     device = number(summary, "energy", "device_saving_percent")
     if saving is not None:
