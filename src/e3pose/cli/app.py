@@ -18,6 +18,7 @@ from e3pose.cli.evaluating import evaluate
 from e3pose.cli.importing import import_app
 from e3pose.cli.information import info
 from e3pose.cli.models import models_app
+from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.replaying import replay
 from e3pose.cli.simulating import simulate
 from e3pose.errors import InputError
@@ -39,6 +40,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "info": info,
     "replay": replay,
     "evaluate": evaluate,
+    "evaluate-predictor": evaluate_predictor,
     "models": models_app,
 }
 for _verb, _function in VERBS.items():

@@ -1,0 +1,161 @@
+"""`e3pose evaluate-predictor`: how well predictors foresee the motion of recordings."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from e3pose.cli.options import Whole
+from e3pose.errors import InputError
+
+
+def evaluate_predictor(
+    recordings: Annotated[list[Path], Parameter(name="RECORDING", negative="")],
+    /,
+    *,
+    predictors: str | None = None,
+    leads: str = "1,2,3,5,8,10,15",
+    history: Whole = 10,
+    noise_mm: float = 20.0,
+    missing: float = 0.2,
+    seed: Whole = 0,
+    every: Whole = 1,
+    each: Annotated[bool, Parameter(negative="")] = False,
+    json_file: Annotated[Path | None, Parameter(name="--json")] = None,
+    plot: Path | None = None,
+) -> None:
+    """Measure predictors on the motion of recordings: errors, boxes, honesty and time.
+
+    Example: `e3pose evaluate-predictor cmu/02_10 cmu/02_08 --leads 1,5,10`
+
+    People move as the truth of a recording says or, without truth, as all its cameras together see
+    them. From truth the histories are exact, and again noisy and with joints missing, as an
+    estimator would give them.
+
+    Parameters
+    ----------
+    recordings
+        Folders made by `e3pose import`, `e3pose simulate` or `e3pose detect`.
+    predictors
+        Names with commas; all that there are by default.
+    leads
+        Slots ahead, with commas.
+    history
+        M, how many slots a predictor is given.
+    noise_mm
+        Standard deviation of the noise in each coordinate of noisy histories.
+    missing
+        Share of the joints that noisy histories lack.
+    seed
+        Of noise and missing joints.
+    every
+        Predict in every so many slots only, to be done sooner.
+    each
+        Print the tables of every recording too, not only of all together.
+    json_file
+        Write the figures here.
+    plot
+        Write a page with curves of error and IoU here, an .html file.
+    """
+    from rich.console import Console
+
+    from e3pose.atomic import atomic_file
+    from e3pose.evaluate.prediction import PredictionSettings
+    from e3pose.evaluate.prediction_report import (
+        check_plot,
+        print_figures,
+        print_latency,
+        write_plot,
+    )
+
+    if plot is not None:
+        check_plot(plot)
+    settings = PredictionSettings(
+        leads=_leads(leads),
+        history_slots=history,
+        noise_m=noise_mm / 1000,
+        missing=missing,
+        seed=seed,
+        every=every,
+    )
+    report = _measure(recordings, _names(predictors), settings)
+    if json_file is not None:
+        with atomic_file(json_file) as temporary:
+            temporary.write_text(json.dumps(report, indent=2) + "\n")
+    if plot is not None:
+        write_plot(plot, report["pooled"])
+    console = Console()
+    if not console.is_terminal:  # a file or a pipe has no width to fit
+        console = Console(width=240)
+    shown = report["recordings"]
+    for one in shown if each or len(shown) == 1 else ():
+        print_figures(one["recording"], one["figures"], settings.leads, console)
+    if len(shown) > 1:
+        title = f"all {len(shown)} recordings"
+        print_figures(title, report["pooled"], settings.leads, console)
+    print_latency(report["latency_ms"], settings.leads, console)
+
+
+def _measure(paths: list[Path], names: list[str], settings: Any) -> dict[str, Any]:
+    """Measure recording by recording, so that only one is in memory."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from e3pose.evaluate.predictors import (
+        as_figures,
+        describe_motion,
+        evaluate_motion,
+        motion_of,
+        pooled,
+        time_predictors,
+    )
+    from e3pose.predictors import make_predictor
+    from e3pose.recording import load_recording
+
+    for name in names:
+        make_predictor(name)  # a wrong name is told before minutes of work, not after
+    parts, rows, latency = [], [], None
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        whole = bar.add_task("recordings", total=len(paths))
+        for path in paths:
+            source = load_recording(path)
+            motion = motion_of(
+                source, partial(bar.track, total=source.num_slots, description="estimating")
+            )
+            about = describe_motion(motion, settings)
+            runs = len(names) * (1 if motion.source == "estimates" else 2)
+            task = bar.add_task(path.name or str(path), total=runs * about["windows"])
+            parts.append(evaluate_motion(motion, names, settings, partial(bar.advance, task)))
+            rows.append({**about, "figures": as_figures(parts[-1], settings)})
+            latency = latency or time_predictors(motion, names, settings)
+            bar.remove_task(task)
+            bar.advance(whole)
+    return {
+        "settings": asdict(settings),
+        "pooled": as_figures(pooled(parts, len(settings.leads)), settings),
+        "recordings": rows,
+        "latency_ms": latency,
+    }
+
+
+def _names(text: str | None) -> list[str]:
+    if text is None:
+        from e3pose.predictors import PREDICTORS
+
+        return list(PREDICTORS)
+    return list(dict.fromkeys(name.strip() for name in text.split(",")))
+
+
+def _leads(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(sorted({int(part) for part in text.split(",")}))
+    except ValueError:
+        raise InputError(
+            f"--leads: found {text[:40]!r}, expected whole numbers with commas, such as 1,5,10"
+        ) from None

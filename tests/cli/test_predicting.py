@@ -1,0 +1,113 @@
+"""`e3pose evaluate-predictor` as a user runs it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from e3pose.cli import main
+from e3pose.recording import save_recording
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+
+BASELINES = "zero-velocity,constant-velocity,damped-velocity"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two simulated people, with their truth in `known` and without it in `unknown`."""
+    path = tmp_path_factory.mktemp("predict")
+    settings = SceneSettings(
+        people=2, seconds=3.0, cameras=3, detector=DetectorSettings(perfect=True)
+    )
+    recording = simulate(settings, seed=0)
+    save_recording(recording, path / "known")
+    save_recording(replace(recording, truth=None, name="estimated"), path / "unknown")
+    return path
+
+
+def _run(*tokens: object) -> int:
+    try:
+        main(["evaluate-predictor", *(str(token) for token in tokens)])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def test_figures_of_truth_and_of_estimates(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "out.json"
+    assert _run(folder / "known", folder / "unknown", "--predictors", BASELINES, "--leads", "5,1",
+                "--json", file) == 0  # fmt: skip
+    report = json.loads(file.read_text())
+    assert report["settings"]["leads"] == [1, 5]
+    known, unknown = report["recordings"]
+    assert (known["motion"], set(known["figures"])) == ("truth", {"exact", "noisy"})
+    assert (unknown["motion"], set(unknown["figures"])) == ("estimates", {"estimated"})
+    for name in BASELINES.split(","):
+        exact = known["figures"]["exact"][name]
+        assert exact["mpjpe_mm"]["1"] < known["figures"]["noisy"][name]["mpjpe_mm"]["1"]
+        assert exact["box_iou"]["1"] > exact["box_iou"]["5"] > 0.5
+        # Exact detections give nearly the truth again, so predictions err alike.
+        estimated = unknown["figures"]["estimated"][name]
+        assert estimated["mpjpe_mm"]["5"] == pytest.approx(exact["mpjpe_mm"]["5"], rel=0.3)
+        assert report["latency_ms"][name]["people"] == 4
+        assert report["latency_ms"][name]["leads"]["5"]["median"] > 0
+        # One recording has each kind of history, so pooling changes nothing.
+        assert report["pooled"]["exact"][name] == exact
+    printed = capsys.readouterr().out
+    assert "all 2 recordings, noisy histories: absolute MPJPE, mm" in printed
+    assert "time of a call for 4 people" in printed
+
+
+def test_the_same_seed_gives_the_same_figures(folder: Path, tmp_path: Path) -> None:
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        tokens = (folder / "known", "--predictors", "damped-velocity", "--leads", "2", "--every", 5,
+                  "--seed", seed, "--json", tmp_path / name)  # fmt: skip
+        assert _run(*tokens) == 0
+    a, b, c = (json.loads((tmp_path / name).read_text())["pooled"]["noisy"] for name in "abc")
+    assert a == b != c
+
+
+def test_plot_is_a_page_without_need_of_a_network(folder: Path, tmp_path: Path) -> None:
+    page = tmp_path / "curves.html"
+    assert _run(folder / "known", "--predictors", "zero-velocity", "--every", 10,
+                "--plot", page) == 0  # fmt: skip
+    text = page.read_text()
+    assert "zero-velocity, noisy" in text
+    assert "<script src=" not in text
+
+
+@pytest.mark.parametrize(
+    ("tokens", "message"),
+    [
+        (("--leads", "1,x"), "--leads: found '1,x'"),
+        (("--leads", "0"), "leads: found (0,)"),
+        (("--leads", ""), "--leads: found ''"),
+        (("--predictors", "zero-velocity,crystal-ball"), "predictor 'crystal-ball' is unknown"),
+        (("--history", "0"), "history: found 0"),
+        (("--history", "500", "--predictors", BASELINES), "found nobody in 500 consecutive slots"),
+        (("--missing", "1"), "missing: found 1"),
+        (("--noise-mm", "nan"), "noise: found nan"),
+        (("--plot", "curves.txt"), "--plot: found 'curves.txt'"),
+    ],
+)
+def test_wrong_option_is_one_line_and_exit_code_2(
+    folder: Path, tokens: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(folder / "known", *tokens) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    assert message in captured.err
+
+
+def test_recordings_must_be_given_and_exist(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run() == 2
+    assert _run(tmp_path / "absent") == 2
+    assert "absent" in capsys.readouterr().err
