@@ -10,10 +10,13 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: help demo test check lint bench test-all clean
 help:  ## say what there is
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 12
+	@echo 'make WHAT, each from a bare Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
 
 $(BIN)/python:
-	$(PYTHON) -m venv $(VENV)
+	@$(PYTHON) -c 'import sys; sys.exit(None if (3, 10) <= sys.version_info < (3, 14) else \
+	  "$(PYTHON) is %d.%d, expected 3.10 to 3.13: name another with make PYTHON=..." % sys.version_info[:2])'
+	$(PYTHON) -m venv $(VENV) || { rm -rf $(VENV); exit 1; }
 
 $(VENV)/.all: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[all]'
@@ -32,17 +35,19 @@ test: $(VENV)/.dev  ## run the tests and print the coverage
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 
-check: $(VENV)/.dev  ## formatting, lint, types
+check: $(VENV)/.dev  ## formatting, lint, types, and who may import whom
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/python -m pytest -q tests/test_imports.py
 
 lint: $(VENV)/.dev  ## put formatting and simple findings right
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(VENV)/.all  ## speed and memory as ratios to a reference in the same run
+bench: $(VENV)/.all  ## how long things take: fusing against its reference, and starting
 	$(BIN)/python benchmarks/bench_fuse.py
+	$(BIN)/python benchmarks/bench_import.py
 
 test-all: $(VENV)/.dev  ## the tests under every supported Python (3.10 to 3.13)
 	$(BIN)/nox

@@ -7,24 +7,29 @@ from pathlib import Path
 import nox
 
 VERSIONS = ("3.10", "3.11", "3.12", "3.13")
-nox.options.reuse_existing_virtualenvs = True
 nox.options.sessions = ["tests"]
 
 
-def interpreter(version: str) -> str:
+def interpreter(version: str) -> str | None:
     """Find a Python that really runs: a pyenv shim of a version that is not active only says no."""
     versions = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
     found = sorted(versions.glob(f"{version}.*/bin/python"))
-    return str(found[-1]) if found else shutil.which(f"python{version}") or version
+    return str(found[-1]) if found else shutil.which(f"python{version}")
 
 
 @nox.session(python=False)
 @nox.parametrize("version", VERSIONS)
 def tests(session: nox.Session, version: str) -> None:
-    """Install the package as a user would and run all tests."""
-    environment = Path(session.cache_dir) / f"python-{version}"
+    """Install the package and run all tests; what follows `--` goes to pytest."""
+    environment = Path(session.cache_dir).parent / f"python-{version}"
     python = environment / "bin" / "python"
-    if not python.exists():
-        session.run(interpreter(version), "-m", "venv", str(environment), external=True)
-    session.run(str(python), "-m", "pip", "install", "--quiet", "-e", ".[dev]", external=True)
+    installed = environment / "installed"  # with the requirements of that time
+    project = Path("pyproject.toml")
+    if not (installed.exists() and installed.read_bytes() == project.read_bytes()):
+        found = interpreter(version)
+        if found is None:
+            session.skip(f"no Python {version} on PATH or in pyenv")
+        session.run(found, "-m", "venv", "--clear", str(environment), external=True)
+        session.run(str(python), "-m", "pip", "install", "--quiet", "-e", ".[dev]", external=True)
+        installed.write_bytes(project.read_bytes())
     session.run(str(python), "-m", "pytest", "-q", *session.posargs, external=True)
