@@ -134,13 +134,15 @@ def reprojection_error(
 
 
 def _far_enough(points: Floats, seen: NDArray[np.bool_], projections: Floats) -> NDArray[np.bool_]:
-    return np.where(seen, _depths(points, projections) >= MIN_DEPTH_M, True).all(axis=0)
+    far_enough = ~seen | (_depths(points, projections) >= MIN_DEPTH_M)
+    return np.asarray(far_enough.all(axis=0))
 
 
 def _depths(points: Floats, projections: Floats) -> Floats:
     """Return `(num_views, *batch)`: third homogeneous coordinate, positive in front."""
     offsets = projections[:, 2, 3].reshape(-1, *(1,) * (points.ndim - 1))
-    return np.einsum("vc,...c->v...", projections[:, 2, :3], points) + offsets
+    depths: Floats = np.einsum("vc,...c->v...", projections[:, 2, :3], points) + offsets
+    return depths
 
 
 def _reprojection(
@@ -160,7 +162,8 @@ def _reprojection(
 def _belief(error: Floats, precision: Floats, reject_outliers: bool) -> Floats:
     if not reject_outliers:
         return np.ones_like(precision)
-    return 1.0 / (1.0 + (error**2).sum(axis=-1) * (precision / OUTLIER_SIGMAS) ** 2)
+    squared: Floats = (error**2).sum(axis=-1)
+    return 1.0 / (1.0 + squared * (precision / OUTLIER_SIGMAS) ** 2)
 
 
 def _loss(error: Floats, precision: Floats, reject_outliers: bool) -> Floats:
