@@ -46,7 +46,7 @@ def _motion(*people: Floats) -> Motion:
         (BODY25, ("neck",), "nose"),
         (PANOPTIC19, ("neck",), "nose"),
         (CMU31, ("neck",), "top_head"),
-        (SHELF14, ("left_shoulder", "right_shoulder"), "top_head"),
+        (SHELF14, ("bottom_head",), "top_head"),
     ],
 )
 def test_fourteen_joints_of_any_skeleton(

@@ -27,7 +27,8 @@ LIMB_JOINTS = tuple(
 )
 BODY_JOINTS = (*LIMB_JOINTS, "neck", "head")
 HIPS = (LIMB_JOINTS.index("left_hip"), LIMB_JOINTS.index("right_hip"))
-HEADS = ("nose", "top_head")  # what stands for the head, the first that a skeleton has
+# The first of these that a skeleton has stands for the joint; a mean of others is tried last.
+STAND_INS = {"neck": ("neck", "bottom_head"), "head": ("nose", "top_head")}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,8 +117,8 @@ def disturbed(motion: Motion, noise_m: float, missing: float, seed: int) -> tupl
 def body_joints(joints_m: Floats, skeleton: Skeleton) -> Floats:
     """Return `(*batch, 14, 3)`: `BODY_JOINTS` of poses of any skeleton, NaN where unknown.
 
-    The neck is the middle of the shoulders where a skeleton has none. The head is the nose, or its
-    top where a skeleton has no nose.
+    The neck is the neck or the bottom of the head, or the middle of the shoulders where a skeleton
+    has neither. The head is the nose, or its top where a skeleton has no nose.
     """
     columns = _columns(skeleton)
     body = np.full((*joints_m.shape[:-2], len(BODY_JOINTS), 3), np.nan)
@@ -141,7 +142,8 @@ def _columns(skeleton: Skeleton) -> Mapping[str, Sequence[int]]:
     """Return where each of `BODY_JOINTS` stands in a skeleton: one index, several to average."""
     columns: dict[str, Sequence[int]] = {}
     for joint in BODY_JOINTS:
-        choices = [(head,) for head in HEADS] if joint == "head" else [(joint,), MEANS.get(joint)]
-        fitting = [names for names in choices if names and set(names) <= set(skeleton.joints)]
+        singles = [(name,) for name in STAND_INS.get(joint, (joint,))]
+        choices = (*singles, *((MEANS[joint],) if joint in MEANS else ()))
+        fitting = [names for names in choices if set(names) <= set(skeleton.joints)]
         columns[joint] = [skeleton.index(name) for name in fitting[0]] if fitting else []
     return columns
