@@ -15,14 +15,13 @@ from e3pose.errors import InputError
 from e3pose.evaluate.motion import Motion
 from e3pose.evaluate.prediction import (
     PredictionSettings,
-    Tally,
     conditions,
-    figures,
     latencies_ms,
     score,
     window_ends,
 )
 from e3pose.evaluate.predictors import evaluate_motion, pooled
+from e3pose.evaluate.tally import Tally, calibration, figures
 from e3pose.predictors.base import Prediction, Predictor
 from e3pose.predictors.constant_velocity import ConstantVelocity
 from e3pose.predictors.zero_velocity import ZeroVelocity
@@ -140,6 +139,22 @@ def test_honesty_is_the_share_of_joints_within_the_stated_error(
     assert found["expected_mm"]["1"] == pytest.approx(1000 * claim)
     assert found["within_expected"]["1"] == within
     assert found["within_twice_expected"]["1"] == twice
+
+
+def test_stated_errors_stand_beside_actual_ones_in_groups_of_alike() -> None:
+    still = np.repeat(_flat_body()[None], 30, axis=0)
+    total = Tally.zero(2)
+    for claim in (0.05, 0.07, 0.5):
+        parts = score(
+            Shifted((0, 0, 0.2), claim), _motion(still), [still], PredictionSettings(leads=(1, 2))
+        )
+        for _, part in parts:
+            total += part
+    near, far = calibration(total)
+    joints = 13 * (20 + 19)  # the neck is a mean and has no stated error
+    assert near == pytest.approx({"expected_mm": 60, "actual_mm": 200, "joints": 2 * joints})
+    assert far == pytest.approx({"expected_mm": 500, "actual_mm": 200, "joints": joints})
+    assert calibration(Tally.zero(2)) == []
 
 
 def test_a_predictor_that_claims_nothing_has_no_honesty() -> None:

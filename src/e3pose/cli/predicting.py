@@ -66,12 +66,8 @@ def evaluate_predictor(
 
     from e3pose.atomic import atomic_file
     from e3pose.evaluate.prediction import PredictionSettings
-    from e3pose.evaluate.prediction_report import (
-        check_plot,
-        print_figures,
-        print_latency,
-        write_plot,
-    )
+    from e3pose.evaluate.prediction_plot import check_plot, write_plot
+    from e3pose.evaluate.prediction_report import print_calibration, print_figures, print_latency
 
     if plot is not None:
         check_plot(plot)
@@ -88,7 +84,7 @@ def evaluate_predictor(
         with atomic_file(json_file) as temporary:
             temporary.write_text(json.dumps(report, indent=2) + "\n")
     if plot is not None:
-        write_plot(plot, report["pooled"])
+        write_plot(plot, report["pooled"], report["calibration"])
     console = Console()
     if not console.is_terminal:  # a file or a pipe has no width to fit
         console = Console(width=240)
@@ -98,6 +94,7 @@ def evaluate_predictor(
     if len(shown) > 1:
         title = f"all {len(shown)} recordings"
         print_figures(title, report["pooled"], settings.leads, console)
+    print_calibration(report["calibration"], console)
     print_latency(report["latency_ms"], settings.leads, console)
 
 
@@ -107,6 +104,7 @@ def _measure(paths: list[Path], names: list[str], settings: Any) -> dict[str, An
     from rich.progress import Progress
 
     from e3pose.evaluate.predictors import (
+        as_calibration,
         as_figures,
         describe_motion,
         evaluate_motion,
@@ -136,9 +134,11 @@ def _measure(paths: list[Path], names: list[str], settings: Any) -> dict[str, An
             latency = latency or time_predictors(motion, names, settings)
             bar.remove_task(task)
             bar.advance(whole)
+    total = pooled(parts, len(settings.leads))
     return {
         "settings": asdict(settings),
-        "pooled": as_figures(pooled(parts, len(settings.leads)), settings),
+        "pooled": as_figures(total, settings),
+        "calibration": as_calibration(total),
         "recordings": rows,
         "latency_ms": latency,
     }

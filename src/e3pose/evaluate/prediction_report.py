@@ -1,13 +1,9 @@
-"""Figures of predictors as tables for a terminal, and as a page with curves."""
+"""Figures of predictors as tables for a terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from e3pose.atomic import atomic_file
-from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,9 +16,6 @@ TABLES = (
     ("expected_mm", "expected error as the predictor states it, mm", 1),
     ("within_expected", "share of joints within the stated error", 2),
 )
-COLOURS = ("#1f2937", "#b45309", "#1e40af", "#15803d", "#7c3aed", "#be123c", "#0e7490")
-DASHES = {"exact": "solid", "noisy": "dash", "estimated": "dot"}
-PANELS = (("mpjpe_mm", "absolute MPJPE, mm"), ("box_iou", "IoU of predicted and actual boxes"))
 
 
 def print_figures(
@@ -54,50 +47,31 @@ def print_latency(latency: Mapping[str, Any], leads: Sequence[int], console: Con
     _print(f"time of a call for {people} people, median ms", rows, leads, 3, console)
 
 
-def check_plot(path: Path) -> None:
-    """Raise `InputError` unless a page can be written at `path`."""
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--plot: found {path.name!r}, expected a name that ends in .html")
-
-
-def write_plot(path: Path, figures: Mapping[str, Any]) -> None:
-    """Write a page with error and IoU against lead that needs no network to be looked at.
+def print_calibration(calibration: Mapping[str, Any], console: Console) -> None:
+    """Print stated beside actual errors of predictors that state any.
 
     Args:
-        path: the page.
-        figures: condition -> predictor -> figure -> lead -> number.
+        calibration: condition -> predictor -> groups of joints.
+        console: where to.
     """
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
+    from rich.table import Table
+    from rich.text import Text
 
-    check_plot(path)
-    figure = make_subplots(1, 2, subplot_titles=[heading for _, heading in PANELS])
-    names = list(dict.fromkeys(name for group in figures.values() for name in group))
-    for condition, predictors in figures.items():
-        for name, row in predictors.items():
-            for column, (key, _) in enumerate(PANELS, start=1):
-                curve = row.get(key, {})
-                figure.add_trace(
-                    go.Scatter(
-                        x=[int(lead) for lead in curve],
-                        y=list(curve.values()),
-                        name=f"{name}, {condition}",
-                        legendgroup=f"{name}, {condition}",
-                        showlegend=column == 1,
-                        mode="lines+markers",
-                        line={
-                            "color": COLOURS[names.index(name) % len(COLOURS)],
-                            "dash": DASHES.get(condition, "solid"),
-                        },
-                    ),
-                    row=1,
-                    col=column,
+    for condition, predictors in calibration.items():
+        for name, groups in predictors.items():
+            table = Table("expected, mm", "actual, mm", "joints, %")
+            for column in table.columns:
+                column.justify = "right"
+            joints = sum(group["joints"] for group in groups)
+            for group in groups:
+                table.add_row(
+                    f"{group['expected_mm']:.1f}",
+                    f"{group['actual_mm']:.1f}",
+                    f"{100 * group['joints'] / joints:.1f}",
                 )
-    figure.update_xaxes(title_text="slots ahead", rangemode="tozero")
-    figure.update_yaxes(rangemode="tozero", row=1, col=1)
-    figure.update_layout(template="plotly_white", height=520, title="Prediction against lead")
-    with atomic_file(path) as temporary:
-        figure.write_html(temporary, include_plotlyjs=True, auto_open=False)
+            title = f"{name}, {condition} histories: joints by expected error, all leads"
+            console.print(Text(title, style="italic"))
+            console.print(table)
 
 
 def _print(

@@ -13,14 +13,13 @@ from e3pose.errors import InputError
 from e3pose.evaluate.motion import Motion, estimated_motion, true_motion
 from e3pose.evaluate.prediction import (
     PredictionSettings,
-    Tally,
     conditions,
     count_windows,
-    figures,
     latencies_ms,
     score,
     window_ends,
 )
+from e3pose.evaluate.tally import Tally, calibration, figures
 from e3pose.predictors import make_predictor
 from e3pose.recording import Recording
 
@@ -103,6 +102,14 @@ def as_figures(tallies: Tallies, settings: PredictionSettings) -> dict[str, Any]
     return {
         condition: {name: figures(part, settings.leads) for name, part in predictors.items()}
         for condition, predictors in tallies.items()
+    }
+
+
+def as_calibration(tallies: Tallies) -> dict[str, Any]:
+    """Return condition -> predictor -> groups of joints, of predictors that state their errors."""
+    return {
+        condition: {name: groups for name, part in by_name.items() if (groups := calibration(part))}
+        for condition, by_name in tallies.items()
     }
 
 
