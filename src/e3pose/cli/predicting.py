@@ -101,6 +101,7 @@ def evaluate_predictor(
 def _measure(paths: list[Path], names: list[str], settings: Any) -> dict[str, Any]:
     """Measure recording by recording, so that only one is in memory."""
     from rich.console import Console
+    from rich.markup import escape
     from rich.progress import Progress
 
     from e3pose.evaluate.predictors import (
@@ -128,7 +129,7 @@ def _measure(paths: list[Path], names: list[str], settings: Any) -> dict[str, An
             )
             about = describe_motion(motion, settings)
             runs = len(names) * (1 if motion.source == "estimates" else 2)
-            task = bar.add_task(path.name or str(path), total=runs * about["windows"])
+            task = bar.add_task(escape(path.name), total=runs * about["windows"])
             parts.append(evaluate_motion(motion, names, settings, partial(bar.advance, task)))
             rows.append({**about, "figures": as_figures(parts[-1], settings)})
             latency = latency or time_predictors(motion, names, settings)
