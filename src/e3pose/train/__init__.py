@@ -1,0 +1,1 @@
+"""Training the predictor: the only part of the package that needs torch."""

@@ -1,0 +1,134 @@
+"""How good a network is on motion that it never saw, beside the simple predictors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from e3pose.predictors.normalise import fill_gaps, normalise, to_person
+from e3pose.train.network import AttentionLstm
+from e3pose.train.windows import DAMPING, Clip, Windows, estimation_noise
+
+Floats = NDArray[np.float64]
+
+NOISE_M = 0.035  # of a joint, like triangulated OpenPose keypoints
+MISSING = 0.2
+MAX_WINDOWS = 400  # of one kind of motion: quick, and no recording drowns the others
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exam:
+    """One kind of held-out motion, with exact or with noisy histories.
+
+    Attributes:
+        name: recordings and kind of history.
+        windows: what the network is given and should say.
+        simple_m: `(3, num_leads)` mean errors of zero, constant and damped velocity in metres.
+    """
+
+    name: str
+    windows: Windows
+    simple_m: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Marks:
+    """What a network got in one exam: mean and expected errors `(num_leads,)` in metres."""
+
+    name: str
+    error_m: Floats
+    expected_m: Floats
+    simple_m: Floats
+
+    @property
+    def ratio(self) -> Floats:
+        """`(num_leads,)` error over that of the best simple predictor."""
+        return np.asarray(self.error_m / self.simple_m.min(axis=0))
+
+
+def make_exams(
+    groups: Sequence[tuple[str, Sequence[Clip]]], history_slots: int, num_leads: int
+) -> list[Exam]:
+    """Return an exam with exact and one with noisy histories for every group of clips."""
+    exams = []
+    for name, clips in groups:
+        for noise_m, missing, kind in ((0.0, 0.0, "exact"), (NOISE_M, MISSING, "noisy")):
+            exams.append(
+                _exam(f"{name}, {kind}", clips, history_slots, num_leads, noise_m, missing)
+            )
+    return exams
+
+
+def _exam(
+    name: str,
+    clips: Sequence[Clip],
+    history_slots: int,
+    num_leads: int,
+    noise_m: float,
+    missing: float,
+) -> Exam:
+    rng = np.random.default_rng(0)
+    span = history_slots + num_leads
+    number = sum(max(len(clip.joints_m) - span, 0) for clip in clips)
+    stride = max(1, number // MAX_WINDOWS)
+    pieces, rates = [], []
+    for clip in clips:
+        starts = np.arange(0, len(clip.joints_m) - span + 1, stride)
+        pieces.append(clip.joints_m[starts[:, None] + np.arange(span)])
+        rates.append(np.full(len(starts), clip.fps))
+    joints = np.concatenate(pieces).astype(np.float64).swapaxes(0, 1)
+    interval = 1 / np.concatenate(rates)
+    history, future = joints[:history_slots], joints[history_slots:]
+    level = np.full(len(interval), noise_m)
+    history = history + estimation_noise(history_slots, level, interval, rng)
+    history[rng.random(history.shape[:3]) < missing] = np.nan
+    normal = normalise(history, interval, history_slots)
+    filled = fill_gaps(history)[0]
+    ahead = np.arange(1, num_leads + 1)[:, None, None, None]
+    damped = np.cumsum(DAMPING ** np.arange(1, num_leads + 1))[:, None, None, None]
+    simple = [
+        filled[-1] + 0.0 * ahead,
+        filled[-1] + ahead * (filled[-1] - filled[-2]),
+        filled[-1] + damped * (filled[-1] - filled[-3]) / 2,
+    ]
+    errors = np.array([_mean_error(s + np.zeros_like(future), future, normal.seen) for s in simple])
+    windows = Windows(normal, to_person(normal, future), errors.min(axis=0)[:, None])
+    return Exam(name, windows, errors)
+
+
+def examine(network: AttentionLstm, exams: Sequence[Exam]) -> list[Marks]:
+    """Return the marks of the network, which is left in evaluation mode."""
+    network.eval()
+    marks = []
+    for exam in exams:
+        normal, future = exam.windows.normal, exam.windows.future_m
+        with torch.no_grad():
+            places, log_error = network(
+                torch.from_numpy(normal.features), torch.from_numpy(normal.context), len(future)
+            )
+        error = _mean_error(places.numpy().astype(np.float64), future, normal.seen)
+        expected = np.exp(log_error.numpy().astype(np.float64))
+        expected_mean = (expected * normal.seen).sum(axis=(1, 2)) / normal.seen.sum()
+        marks.append(Marks(exam.name, error, expected_mean, exam.simple_m))
+    return marks
+
+
+def score(marks: Sequence[Marks]) -> float:
+    """Return one number, lower is better: mean ratio to the best simple predictor."""
+    return float(np.mean([mark.ratio.mean() for mark in marks]))
+
+
+def error_factors(marks: Sequence[Marks]) -> list[float]:
+    """Return per lead the factor that makes expected errors right on average, over all exams."""
+    ratio = np.mean([np.log(mark.error_m / mark.expected_m) for mark in marks], axis=0)
+    return [float(factor) for factor in np.exp(ratio)]
+
+
+def _mean_error(places_m: Floats, future_m: Floats, seen: NDArray[np.bool_]) -> Floats:
+    """Return `(num_leads,)`: mean over people and joints that the history shows."""
+    apart = np.linalg.norm(places_m - future_m, axis=-1)
+    return np.asarray((apart * seen).sum(axis=(1, 2)) / seen.sum())
