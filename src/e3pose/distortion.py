@@ -49,7 +49,7 @@ class Distortion:
             return points
         radius = np.hypot(points[..., 0], points[..., 1])[..., None]
         with np.errstate(all="ignore"):  # what diverges is refused at the end
-            distorted_radii, angles = self._table
+            distorted_radii, angles = self.table
             angle = np.interp(radius, distorted_radii, angles)
             if self.fisheye:
                 angle = self._refine_angle(angle, radius)
@@ -64,7 +64,7 @@ class Distortion:
     @cached_property
     def angle_limit(self) -> float:
         """Angle off the axis, in radians, up to which the model is one to one."""
-        k = self._padded
+        k = self.padded
         if self.fisheye:
             slope = np.array([1, 3 * k[0], 5 * k[1], 7 * k[2], 9 * k[3]])
             return min(float(np.sqrt(_first_root(slope))), WIDEST_ANGLE)
@@ -83,14 +83,15 @@ class Distortion:
         return float(np.tan(self.angle_limit))
 
     @cached_property
-    def _padded(self) -> Floats:
+    def padded(self) -> Floats:
+        """`(8,)` coefficients, with zeros where the model has fewer."""
         padded = np.zeros(8)
         padded[: len(self.coefficients)] = self.coefficients
         return padded
 
     @cached_property
-    def _table(self) -> tuple[Floats, Floats]:
-        """Distorted radius by angle, for first guesses; tangential terms are left to `_refine`."""
+    def table(self) -> tuple[Floats, Floats]:
+        """Distorted radii and their angles, for first guesses; `_refine` adds tangential terms."""
         angles = np.linspace(0.0, self.angle_limit, TABLE_SIZE)
         if self.fisheye:
             radii = self._fisheye_radius(angles)
@@ -100,7 +101,7 @@ class Distortion:
 
     def _radial(self, squared: Floats) -> tuple[Floats, Floats]:
         """Return Brown's radial factor and its derivative, both by the squared radius."""
-        k1, k2, _, _, k3, k4, k5, k6 = self._padded
+        k1, k2, _, _, k3, k4, k5, k6 = self.padded
         above = 1 + squared * (k1 + squared * (k2 + squared * k3))
         above_slope = k1 + squared * (2 * k2 + 3 * squared * k3)
         if len(self.coefficients) < 8:

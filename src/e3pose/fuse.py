@@ -110,7 +110,6 @@ class Fuser:
         self.rig = rig
         self.num_joints = num_joints
         self.settings = settings or FusionSettings()
-        self._distorted = [i for i, camera in enumerate(rig.cameras) if camera.distortion.size]
         self._run: Callable[[Floats, Floats, Integers], Fused]
         if backend == "numba":
             from e3pose.kernels.slot import SlotKernel
@@ -198,23 +197,22 @@ class Fuser:
         if min(listed) < 0 or max(listed) > shape[1]:
             raise InputError(f"fusion: counts: found {listed}, expected 0 to {shape[1]} people")
         _check_total(sum(listed))
-        if self._distorted:
-            keypoints = self._undistort(keypoints, people)
         joints, joint_scores, members, error = self._run(keypoints, joint_scores, people)
         return Fusion(_trusted(joints, joint_scores), members, error)
 
     def _undistort(self, keypoints: Floats, counts: Integers) -> Floats:
         keypoints = keypoints.copy()
-        for camera in self._distorted:
-            rows = keypoints[camera, : counts[camera]]
+        for index, camera in enumerate(self.rig.cameras):
+            rows = keypoints[index, : counts[index]]
             with np.errstate(invalid="ignore"):
                 usable = (np.abs(rows) <= MAX_PIXEL).all(axis=-1)
-            rows[usable] = self.rig.cameras[camera].undistort(rows[usable])
+            rows[usable] = camera.undistort(rows[usable])
         return keypoints
 
     def _reference(self, keypoints: Floats, scores: Floats, counts: Integers) -> Fused:
         present = np.arange(keypoints.shape[1]) < counts[:, None]
         cameras, rows = np.nonzero(present)
+        keypoints = self._undistort(keypoints, counts)
         keypoints, scores = keypoints[present], scores[present]  # (num_poses, num_joints, ...)
         with np.errstate(invalid="ignore"):
             seen = (np.abs(keypoints) <= MAX_PIXEL).all(axis=-1) & (scores >= MIN_SCORE)

@@ -16,6 +16,7 @@ _PACKAGE = Path(__file__).resolve().parent
 # The kernels, and the modules whose constants they take over.
 SOURCES = (
     *sorted(_PACKAGE.glob("*.py")),
+    _PACKAGE.parent / "distortion.py",
     _PACKAGE.parent / "match.py",
     _PACKAGE.parent / "triangulate.py",
 )

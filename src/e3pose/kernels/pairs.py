@@ -25,7 +25,6 @@ PLANES = 4
 
 @kernel
 def gather(
-    keypoints_px: Floats,
     scores: Floats,
     counts: Integers,
     ray_matrices: Floats,
@@ -38,7 +37,10 @@ def gather(
     tiles: Floats,
     tile_centers: Floats,
 ) -> int:
-    """Fill `pixels` and everything after it, pose by pose; return the number of poses."""
+    """Fill everything after `pixels`, pose by pose; return the number of poses.
+
+    `pixels` `(num_poses, num_joints, 2)` are undistorted; they become 0 where not seen.
+    """
     num_joints = scores.shape[2]
     pose = 0
     for camera in range(len(counts)):
@@ -50,8 +52,7 @@ def gather(
             for axis in range(3):
                 tile_centers[tile, axis * LANES + lane] = centers_m[camera, axis]
             for joint in range(num_joints):
-                u = keypoints_px[camera, row, joint, 0]
-                v = keypoints_px[camera, row, joint, 1]
+                u, v = pixels[pose, joint, 0], pixels[pose, joint, 1]
                 score = scores[camera, row, joint]
                 if score > 1.0:  # unlike min(), leaves NaN alone
                     score = 1.0
@@ -64,9 +65,7 @@ def gather(
                     x, y, z = x * scale, y * scale, z * scale
                     precision = 1.0 / noise_px(score)
                 else:
-                    u = v = score = 0.0
-                pixels[pose, joint, 0] = u
-                pixels[pose, joint, 1] = v
+                    pixels[pose, joint, 0] = pixels[pose, joint, 1] = score = 0.0
                 pose_scores[pose, joint] = score
                 precisions[pose, joint] = precision
                 at = joint * PLANES * LANES + lane

@@ -14,6 +14,7 @@ from e3pose.kernels.dissolve import dissolve_groups, weigh_groups
 from e3pose.kernels.group import group_poses
 from e3pose.kernels.pairs import LANES, PLANES, gather, measure_pairs
 from e3pose.kernels.place import refine_person, score_person, triangulate_person
+from e3pose.kernels.undistort import make_lenses, undistort_slot
 from e3pose.match import ray_matrices
 from e3pose.triangulate import MIN_VIEWS
 
@@ -55,7 +56,7 @@ def make_memory(num_cameras: int, num_joints: int, capacity: int) -> Memory:
         scores=np.zeros((capacity, num_joints)),
         tiles=np.zeros((num_tiles, num_joints * PLANES * LANES)),
         tile_centers=np.zeros((num_tiles, 3 * LANES)),
-        lanes=np.zeros(5 * LANES),
+        lanes=np.zeros(6 * LANES),
         sums=np.zeros((capacity, capacity)),
         weights=np.zeros((capacity, capacity)),
         distance=np.zeros(capacity),
@@ -78,6 +79,7 @@ class SlotKernel:
             np.ascontiguousarray(ray_matrices(rig)),
             np.ascontiguousarray(rig.centers_m),
             np.ascontiguousarray(rig.projections),
+            *make_lenses(rig),
         )
         self._call: Any = fuse_slot
         self._settings = (
@@ -91,7 +93,7 @@ class SlotKernel:
         self._memory = make_memory(len(rig), num_joints, 8 * len(rig))
 
     def __call__(self, keypoints_px: Floats, scores: Floats, counts: Integers) -> Fused:
-        """Fuse one slot; the arguments are those of `Fuser.fuse_arrays`, undistorted."""
+        """Fuse one slot; the arguments are those of `Fuser.fuse_arrays`."""
         memory = self._memory
         if counts.sum() > len(memory.strength):
             num_cameras, num_joints = len(counts), scores.shape[2]
@@ -114,6 +116,9 @@ def fuse_slot(
     ray_matrices: Floats,
     centers_m: Floats,
     projections: Floats,
+    lens_models: Integers,
+    lens_numbers: Floats,
+    lens_tables: Floats,
     max_distance_m: float,
     cap_m: float,
     duplicate_m: float,
@@ -132,8 +137,17 @@ def fuse_slot(
         memory.integers[5],
         memory.integers[6],
     )
-    num_poses = gather(
+    undistort_slot(
         keypoints_px,
+        scores,
+        counts,
+        lens_models,
+        lens_numbers,
+        lens_tables,
+        memory.lanes,
+        memory.pixels,
+    )
+    num_poses = gather(
         scores,
         counts,
         ray_matrices,
