@@ -19,6 +19,7 @@ PURE = [
     "triangulate",
     "fuse",
     "track",
+    "estimate",
     "occlusion",
     "sight",
     "energy",

@@ -1,0 +1,73 @@
+"""Whose detection is it? Tracks and the detections of one view, by projected distance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from e3pose.estimate.filter import MIN_DEPTH_M, MIN_SCORE, pixel_variance, project
+from e3pose.estimate.state import Belief, Model
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BIAS_PX = 8.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
+MIN_JOINTS = 3
+COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
+JOINT_LIMIT = 6.0  # what one wild joint may say at most
+NEVER = 1e3
+
+
+def associate(
+    belief: Belief, keypoints_px: Floats, scores: Floats, camera: int, model: Model
+) -> Ints:
+    """Assign the detections of one view to tracks, at most one each, by the least total cost.
+
+    People who are believed to exist choose first; tracks that are not yet confirmed get what is
+    left, so that a false start cannot take a person's detections. The gate grows with the track's
+    uncertainty.
+
+    Args:
+        belief: predicted to the time of the view.
+        keypoints_px: `(num_persons, num_joints, 2)` undistorted pixels, NaN where missing.
+        scores: `(num_persons, num_joints)`, 0 where missing.
+        camera: index of the camera.
+        model: the rig and the noise.
+
+    Returns:
+        `(num_tracks,)` the row of each track's detection, -1 for none.
+    """
+    rows = np.full(len(belief), -1, dtype=np.int64)
+    if len(belief) == 0 or len(scores) == 0:
+        return rows
+    cost = costs(belief, keypoints_px, scores, camera, model)
+    free = np.ones(len(scores), dtype=bool)
+    for group in (belief.confirmed, ~belief.confirmed):
+        tracks, people = np.flatnonzero(group), np.flatnonzero(free)
+        offered = cost[np.ix_(tracks, people)]
+        chosen, taken = linear_sum_assignment(np.where(offered <= COST_LIMIT, offered, NEVER))
+        good = offered[chosen, taken] <= COST_LIMIT
+        rows[tracks[chosen[good]]] = people[taken[good]]
+        free[people[taken[good]]] = False
+    return rows
+
+
+def costs(
+    belief: Belief, keypoints_px: Floats, scores: Floats, camera: int, model: Model
+) -> Floats:
+    """Return `(num_tracks, num_persons)` mean distance in standard deviations; inf if unknown."""
+    scale = model.scales[camera]
+    pixels, depth, jacobian = project(
+        belief.state[..., :3], model.rig.projections[camera : camera + 1]
+    )
+    spread = pixel_variance(jacobian, belief.covariance[..., :3, :3])[0]
+    variance = model.noise.of(scores, scale)[None] ** 2 + (BIAS_PX * scale) ** 2
+    variance = variance + spread[:, None]  # (num_tracks, num_persons, num_joints)
+    shown = (scores > MIN_SCORE)[None] & (depth[0] > MIN_DEPTH_M)[:, None]
+    error = np.where(shown[..., None], keypoints_px[None] - pixels[0][:, None], 0.0)
+    distance = np.minimum(np.sqrt((error**2).sum(axis=-1) / variance), JOINT_LIMIT)
+    weight = np.where(shown, scores[None], 0.0)
+    total = weight.sum(axis=-1)
+    mean = (weight * distance).sum(axis=-1) / np.maximum(total, 1e-9)
+    return np.where(shown.sum(axis=-1) >= MIN_JOINTS, mean, np.inf)

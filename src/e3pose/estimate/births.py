@@ -1,0 +1,127 @@
+"""New people: two detections that nobody explains and that meet as one body in space."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter import project
+from e3pose.estimate.state import Belief, Leftovers, Model
+from e3pose.triangulate import triangulate
+
+Floats = NDArray[np.float64]
+
+WAIT_S = 0.14  # how long a detection waits for a second view: three slots of 1/25 s
+SURE_SCORE, SHARED_SCORE = 0.2, 0.15
+MIN_JOINTS = 8
+MAX_ERROR_PX = 10.0  # reprojection, the median over joints
+MIN_EXTENT_M, MAX_EXTENT_M = 0.4, 2.3  # along any axis of the world
+REACH_M = 1.6  # a joint farther from the middle is a mistake
+APART_M = 0.35  # somebody nearer to a track than this is that track
+START_JOINT_M, START_UNSEEN_M, START_SPEED_MPS = 0.1, 0.5, 1.0  # uncertainty at the start
+START_EXISTENCE = 0.6
+MAX_LEFTOVERS = 64  # newest first: a view full of noise must not cost the slot
+
+
+def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
+    """Start people from pairs of leftovers, best pair first, and keep the rest waiting.
+
+    Args:
+        belief: after the update of its slot.
+        fresh: detections of this slot that no track explains.
+        model: the rig.
+
+    Returns:
+        The belief with new, unconfirmed tracks and the leftovers that still wait.
+    """
+    sure = (fresh.scores > SURE_SCORE).sum(axis=1) >= MIN_JOINTS
+    fresh = fresh.take(sure)
+    old = belief.leftovers.take(belief.leftovers.times_s > belief.time_s - WAIT_S)
+    waiting = fresh.join(old).take(np.arange(min(MAX_LEFTOVERS, len(fresh) + len(old))))
+    order = np.lexsort((waiting.scores.sum(axis=1), waiting.cameras, -waiting.times_s))
+    waiting = waiting.take(order)
+    pairs = _pairs(belief, waiting, model)
+    taken: set[int] = set()
+    for _, a, b, joints_m in sorted(pairs, key=lambda pair: pair[:3]):
+        if {a, b} & taken or not _apart(belief, joints_m):
+            continue
+        taken |= {a, b}
+        belief = _start(belief, joints_m, waiting.cameras[[a, b]], model)
+    keep = np.array([i not in taken for i in range(len(waiting))], dtype=bool)
+    return replace(belief, leftovers=waiting.take(keep))
+
+
+def _pairs(
+    belief: Belief, waiting: Leftovers, model: Model
+) -> list[tuple[float, int, int, Floats]]:
+    """Return the pairs that may be one person: how badly they fit, their rows, and their joints."""
+    first, second = np.triu_indices(len(waiting), k=1)
+    new = waiting.times_s == belief.time_s
+    possible = (waiting.cameras[first] != waiting.cameras[second]) & (new[first] | new[second])
+    pairs = []
+    for a, b in zip(first[possible].tolist(), second[possible].tolist(), strict=True):
+        rows = np.array([a, b])
+        scores = waiting.scores[rows]
+        shared = (scores > SHARED_SCORE).all(axis=0)
+        if shared.sum() < MIN_JOINTS:
+            continue
+        keypoints = np.where(shared[:, None], waiting.keypoints_px[rows], np.nan)
+        projections = model.rig.projections[waiting.cameras[rows]]
+        joints_m = triangulate(keypoints, scores * shared, projections)
+        pixels = project(np.nan_to_num(joints_m), projections)[0]
+        error = np.linalg.norm(pixels - keypoints, axis=-1) / model.scales[
+            waiting.cameras[rows]
+        ].reshape(2, 1)
+        error = np.where(np.isfinite(joints_m[:, 0]), error, np.nan).max(axis=0)
+        good = error < MAX_ERROR_PX
+        if good.sum() < MIN_JOINTS or np.nanmedian(error) > MAX_ERROR_PX:
+            continue
+        if not _human(joints_m, model):
+            continue
+        fit = float(np.nanmedian(error) / np.sqrt(np.isfinite(error).sum()))
+        pairs.append((fit, a, b, joints_m))
+    return pairs
+
+
+def _human(joints_m: Floats, model: Model) -> bool:
+    extent = (np.nanmax(joints_m, axis=0) - np.nanmin(joints_m, axis=0)).max()
+    return bool(MIN_EXTENT_M <= extent <= MAX_EXTENT_M)
+
+
+def _apart(belief: Belief, joints_m: Floats) -> bool:
+    known = np.isfinite(joints_m[:, 0])
+    distance = np.linalg.norm(belief.state[:, known, :3] - joints_m[known], axis=-1)
+    return bool((distance.mean(axis=-1) >= APART_M).all()) if len(belief) else True
+
+
+def _start(belief: Belief, joints_m: Floats, cameras: NDArray[np.int64], model: Model) -> Belief:
+    middle = np.nanmedian(joints_m, axis=0)
+    known = np.nan_to_num(np.linalg.norm(joints_m - middle, axis=-1), nan=np.inf) < REACH_M
+    state = np.zeros((len(known), 6))
+    state[:, :3] = np.where(known[:, None], joints_m, middle)
+    covariance = np.zeros((len(known), 6, 6))
+    spread = np.where(known, START_JOINT_M, START_UNSEEN_M) ** 2
+    covariance[:, :3, :3] = spread[:, None, None] * np.eye(3)
+    covariance[:, 3:, 3:] = START_SPEED_MPS**2 * np.eye(3)
+    seen_by = np.zeros(len(model.rig), dtype=bool)
+    seen_by[cameras] = True
+    no_bones = np.zeros(len(model.bones))
+    new = {
+        "track_ids": belief.next_id,
+        "state": state,
+        "covariance": covariance,
+        "unmeasured_s": np.where(known, 0.0, np.inf),
+        "existence": START_EXISTENCE,
+        "hits": 2,
+        "seen_by": seen_by,
+        "confirmed": False,
+        "bones_m": no_bones,
+        "bone_counts": no_bones,
+    }
+    columns = {
+        name: np.concatenate([column, np.asarray(new[name], dtype=column.dtype)[None]])
+        for name, column in belief.columns().items()
+    }
+    return replace(belief, next_id=belief.next_id + 1, **columns)  # type: ignore[arg-type]

@@ -1,0 +1,78 @@
+"""Who exists: people are confirmed, coasted and ended by the views that should show them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from e3pose.estimate.filter import MIN_DEPTH_M, project
+from e3pose.estimate.state import Belief, Flags, Floats, Ints, Model
+
+LEARN_RATE = 0.12  # of the share of views that show a person: a memory of eight views
+FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
+END_EXISTENCE = 0.3
+END_SPREAD_M = 1.0  # nobody is known who could be anywhere
+CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
+INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
+SAME_M = 0.15  # median distance of joints at which two tracks are one person
+
+
+def attend(
+    belief: Belief, predicted: Belief, cameras: Ints, assigned: Ints, dt: float, model: Model
+) -> Belief:
+    """Count for each track the views that showed it and those that should have.
+
+    A camera that sent no view says nothing, nor does one that looks elsewhere.
+
+    Args:
+        belief: after the update.
+        predicted: before it.
+        cameras: `(num_views,)` cameras whose views arrived.
+        assigned: `(num_views, num_tracks)` row of the detection, -1 for none.
+        dt: seconds since the slot before.
+        model: the rig.
+    """
+    expected = _inside(predicted, cameras, model)
+    rate = LEARN_RATE * min(1.0, dt / FASTEST_S)
+    existence, seen_by = belief.existence, belief.seen_by.copy()
+    for camera, row, inside in zip(cameras, assigned, expected, strict=True):
+        hit = row >= 0
+        existence = np.where(hit | inside, existence + rate * (hit - existence), existence)
+        seen_by[:, camera] |= hit
+    hits = belief.hits + (assigned >= 0).sum(axis=0)
+    confirmed = (seen_by.sum(axis=1) >= CONFIRM_CAMERAS) | (hits >= CONFIRM_HITS)
+    return replace(
+        belief,
+        existence=existence,
+        seen_by=seen_by,
+        hits=hits,
+        confirmed=belief.confirmed | confirmed,
+    )
+
+
+def end(belief: Belief) -> Belief:
+    """Drop tracks that views no longer show, that could be anywhere, or that are someone else."""
+    spread = np.sqrt(np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)).min(axis=-1)
+    keep = (belief.existence > END_EXISTENCE) & (spread < END_SPREAD_M)
+    keep &= ~_doubles(belief)
+    return replace(belief, **{n: c[keep] for n, c in belief.columns().items()})
+
+
+def _inside(belief: Belief, cameras: Ints, model: Model) -> Flags:
+    pixels, depth, _ = project(belief.state[..., :3], model.rig.projections[cameras])
+    size = model.image_sizes[cameras].reshape(-1, 1, 1, 2)
+    inside = ((pixels > 0) & (pixels < size)).all(axis=-1) & (depth > MIN_DEPTH_M)
+    return np.asarray(inside.sum(axis=-1) >= INSIDE_JOINTS)
+
+
+def _doubles(belief: Belief) -> Flags:
+    positions: Floats = belief.state[..., :3]
+    apart = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
+    rows, others = np.nonzero(np.median(apart, axis=-1) < SAME_M)
+    younger = (belief.hits[rows] < belief.hits[others]) | (
+        (belief.hits[rows] == belief.hits[others]) & (rows > others)
+    )
+    double = np.zeros(len(belief), dtype=bool)
+    double[rows[younger]] = True
+    return double

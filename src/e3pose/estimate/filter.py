@@ -1,0 +1,156 @@
+"""Predict and update: one Kalman filter per joint, measured directly by pixels of any views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.state import Belief, Model
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Acceleration as white noise: 4 m/s^2, drawn anew every 1/25 s, is what limbs do in a walk.
+ACCELERATION_MPS2 = 4.0
+ACCELERATION_LASTS_S = 1 / 25
+VELOCITY_LASTS_S = 0.78  # a velocity that is not seen again is down to 1/e: 5 % lost in 1/25 s
+MIN_SCORE = 0.05  # keypoints below this are not used
+MIN_DEPTH_M = 0.1
+OUTLIER_SIGMAS = 2.5  # where the weight of a keypoint is halved: the usual compromise
+MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
+ITERATIONS = 3
+BONE_SLACK_M = 0.03  # how far the joints of a detector may slide along the body
+BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
+BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """The views of one slot, sorted by track.
+
+    Attributes:
+        projections: `(num_views, 3, 4)`.
+        keypoints_px: `(num_views, num_tracks, num_joints, 2)` undistorted, NaN where not seen.
+        scores: `(num_views, num_tracks, num_joints)`, 0 where not seen.
+        sigma_px: the expected error of each, of the same shape.
+    """
+
+    projections: Floats
+    keypoints_px: Floats
+    scores: Floats
+    sigma_px: Floats
+
+
+def predict(belief: Belief, dt: float) -> Belief:
+    """Return the belief `dt` seconds later, before anything is seen."""
+    fade = np.exp(-dt / VELOCITY_LASTS_S)
+    transition = np.eye(6)
+    transition[:3, 3:] = VELOCITY_LASTS_S * (1 - fade) * np.eye(3)
+    transition[3:, 3:] = fade * np.eye(3)
+    density = ACCELERATION_MPS2**2 * ACCELERATION_LASTS_S
+    drift = density * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    return replace(
+        belief,
+        state=belief.state @ transition.T,
+        covariance=transition @ belief.covariance @ transition.T + np.kron(drift, np.eye(3)),
+        unmeasured_s=belief.unmeasured_s + dt,
+    )
+
+
+def project(points_m: Floats, projections: Floats) -> tuple[Floats, Floats, Floats]:
+    """Project points and differentiate.
+
+    Args:
+        points_m: `(*batch, 3)`.
+        projections: `(num_views, 3, 4)`.
+
+    Returns:
+        `(num_views, *batch, 2)` undistorted pixels, `(num_views, *batch)` depths, and
+        `(num_views, *batch, 2, 3)` pixels by metres.
+    """
+    P = projections.reshape(len(projections), *(1,) * (points_m.ndim - 1), 3, 4)
+    homogeneous = (P[..., :3] @ points_m[..., None])[..., 0] + P[..., 3]
+    depth = homogeneous[..., 2]
+    safe = np.where(np.abs(depth) < 1e-6, 1e-6, depth)[..., None]
+    pixels = homogeneous[..., :2] / safe
+    jacobian = (P[..., :2, :3] - pixels[..., None] * P[..., 2:, :3]) / safe[..., None]
+    return pixels, depth, jacobian
+
+
+def pixel_variance(jacobian: Floats, covariance_m2: Floats) -> Floats:
+    """Return the mean variance of a projected point's two coordinates: `(num_views, *batch)`."""
+    spread: Floats = np.einsum("...ab,...bc,...ac->...", jacobian, covariance_m2, jacobian)
+    return spread / 2
+
+
+def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
+    """Return the belief after the views of a slot: robust, iterated, all tracks and joints at once.
+
+    Each pass minimises the squared distance to the prediction, to the keypoints and to the learned
+    bone lengths, in units of their standard deviations; a keypoint's weight falls with its error.
+    """
+    if len(belief) == 0:
+        return belief
+    measured = np.zeros(belief.unmeasured_s.shape, dtype=bool)
+    if len(seen.projections):
+        prior = np.linalg.inv(belief.covariance)
+        state = belief.state
+        for iteration in range(ITERATIONS):
+            pixels, depth, jacobian = project(state[..., :3], seen.projections)
+            usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M)
+            error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
+            variance = seen.sigma_px**2
+            doubt = pixel_variance(jacobian, belief.covariance[..., :3, :3])
+            off = (error**2).sum(axis=-1) / (variance + (doubt if iteration == 0 else 0.0))
+            weight = np.where(usable, 1 / (1 + off / OUTLIER_SIGMAS**2) / variance, 0.0)
+            measured |= (usable & (off < MEASURED_SIGMAS**2)).any(axis=0)
+            information = prior.copy()
+            pull = (prior @ (belief.state - state)[..., None])[..., 0]
+            information[..., :3, :3] += np.einsum(
+                "v...,v...ab,v...ac->...bc", weight, jacobian, jacobian
+            )
+            pull[..., :3] += np.einsum("v...,v...ab,v...a->...b", weight, jacobian, error)
+            _pull_bones(belief, state, information, pull, model)
+            state = state + np.linalg.solve(information, pull[..., None])[..., 0]
+        covariance = np.linalg.inv(information)
+        covariance = (covariance + np.swapaxes(covariance, -1, -2)) / 2
+        belief = replace(belief, state=state, covariance=covariance)
+    belief = replace(belief, unmeasured_s=np.where(measured, 0.0, belief.unmeasured_s))
+    return _learn_bones(belief, model)
+
+
+def _pull_bones(
+    belief: Belief, state: Floats, information: Floats, pull: Floats, model: Model
+) -> None:
+    """Add to each joint what its neighbours at known distances say; each thinks the other fixed."""
+    first, second = model.bones.T
+    apart = state[:, first, :3] - state[:, second, :3]  # (num_tracks, num_bones, 3)
+    length = np.maximum(np.linalg.norm(apart, axis=-1), 1e-6)
+    along = apart / length[..., None]
+    excess = length - belief.bones_m
+    trusted = belief.bone_counts > BONE_TEACHERS
+    outer = along[..., :, None] * along[..., None, :]
+    rows = np.arange(len(belief))[:, None]
+    for end, other, sign in ((first, second, 1.0), (second, first, -1.0)):
+        spread = np.einsum("tba,tbac,tbc->tb", along, belief.covariance[:, other, :3, :3], along)
+        weight = np.where(trusted, 1 / (spread / 2 + BONE_SLACK_M**2), 0.0)
+        np.add.at(information[..., :3, :3], (rows, end), weight[..., None, None] * outer)
+        np.add.at(pull[..., :3], (rows, end), -sign * (weight * excess)[..., None] * along)
+
+
+def _learn_bones(belief: Belief, model: Model) -> Belief:
+    first, second = model.bones.T
+    spread = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
+    known = spread < 3 * BONE_KNOWN_M**2
+    fresh = belief.unmeasured_s == 0
+    teaches = (known & fresh)[:, first] & (known & fresh)[:, second]
+    length = np.linalg.norm(belief.state[:, first, :3] - belief.state[:, second, :3], axis=-1)
+    count = np.minimum(belief.bone_counts, BONE_MEMORY)
+    mean = (belief.bones_m * count + length) / (count + 1)
+    return replace(
+        belief,
+        bones_m=np.where(teaches, mean, belief.bones_m),
+        bone_counts=np.where(teaches, count + 1, belief.bone_counts),
+    )

@@ -1,0 +1,199 @@
+"""What the estimator knows: the rig it works for, and its belief about everybody."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+from e3pose.estimate.noise import OPENPOSE, Noise
+from e3pose.skeleton import BODY_LIMBS, Skeleton
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What does not change from slot to slot.
+
+    Attributes:
+        rig: the cameras.
+        skeleton: of the keypoints.
+        noise: of the detector.
+    """
+
+    rig: Rig
+    skeleton: Skeleton
+    noise: Noise = field(default=OPENPOSE)
+
+    @cached_property
+    def image_sizes(self) -> Floats:
+        """`(num_cameras, 2)` width and height in pixels."""
+        return np.array([camera.image_size for camera in self.rig.cameras], dtype=np.float64)
+
+    @cached_property
+    def scales(self) -> Floats:
+        """`(num_cameras,)` how much larger a camera's pixels count than the noise was measured in.
+
+        Detectors see images at one input size, so their error is a share of the image.
+        """
+        return np.asarray(self.image_sizes.max(axis=1) / self.noise.image_px)
+
+    @cached_property
+    def bones(self) -> Ints:
+        """`(num_bones, 2)` joints a fixed length apart."""
+        names = self.skeleton.joints
+        pairs = [(names.index(a), names.index(b)) for a, b in BODY_LIMBS if {a, b} <= set(names)]
+        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leftovers:
+    """Detections of the recent past that no track explains: half of a person to come.
+
+    Attributes:
+        times_s: `(num_leftovers,)` when they were seen.
+        cameras: `(num_leftovers,)` by which camera.
+        keypoints_px: `(num_leftovers, num_joints, 2)` undistorted pixels, NaN where missing.
+        scores: `(num_leftovers, num_joints)` in [0, 1], 0 where missing.
+    """
+
+    times_s: Floats
+    cameras: Ints
+    keypoints_px: Floats
+    scores: Floats
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def take(self, rows: Ints | Flags) -> Leftovers:
+        """Return the leftovers at `rows`."""
+        return Leftovers(*(getattr(self, item.name)[rows] for item in fields(self)))
+
+    def join(self, other: Leftovers) -> Leftovers:
+        """Return these and then the `other` ones."""
+        return Leftovers(
+            *(
+                np.concatenate([getattr(self, item.name), getattr(other, item.name)])
+                for item in fields(self)
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """Everybody, as far as the estimator can tell; a value, never changed in place.
+
+    Attributes:
+        time_s: of the newest slot; NaN before the first.
+        track_ids: `(num_tracks,)` unique within a run, rising.
+        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres a second.
+        covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
+        unmeasured_s: `(num_tracks, num_joints)` seconds since a joint was measured; inf if never.
+        existence: `(num_tracks,)` in [0, 1]: recent share of the views that should show the
+            person and did.
+        hits: `(num_tracks,)` detections so far.
+        seen_by: `(num_tracks, num_cameras)` cameras that have shown the person.
+        confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
+        bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
+        bone_counts: `(num_tracks, num_bones)` slots that taught them.
+        leftovers: detections that wait for a second view.
+        next_id: the id that the next new person gets.
+    """
+
+    time_s: float
+    track_ids: Ints
+    state: Floats
+    covariance: Floats
+    unmeasured_s: Floats
+    existence: Floats
+    hits: Ints
+    seen_by: Flags
+    confirmed: Flags
+    bones_m: Floats
+    bone_counts: Floats
+    leftovers: Leftovers
+    next_id: int = 0
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
+
+    @classmethod
+    def empty(cls, model: Model) -> Belief:
+        """Return the belief before the first slot: nobody."""
+        joints, bones = len(model.skeleton), len(model.bones)
+        return cls(
+            time_s=np.nan,
+            track_ids=np.zeros(0, dtype=np.int64),
+            state=np.zeros((0, joints, 6)),
+            covariance=np.zeros((0, joints, 6, 6)),
+            unmeasured_s=np.zeros((0, joints)),
+            existence=np.zeros(0),
+            hits=np.zeros(0, dtype=np.int64),
+            seen_by=np.zeros((0, len(model.rig)), dtype=bool),
+            confirmed=np.zeros(0, dtype=bool),
+            bones_m=np.zeros((0, bones)),
+            bone_counts=np.zeros((0, bones)),
+            leftovers=Leftovers(
+                np.zeros(0),
+                np.zeros(0, dtype=np.int64),
+                np.zeros((0, joints, 2)),
+                np.zeros((0, joints)),
+            ),
+        )
+
+    def columns(self) -> dict[str, NDArray[np.generic]]:
+        """Return the arrays that have one row per track."""
+        return {
+            item.name: getattr(self, item.name)
+            for item in fields(self)
+            if item.name not in ("time_s", "leftovers", "next_id")
+        }
+
+
+def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
+    """Return a belief as named arrays, fit for `numpy.savez`; nothing is lost."""
+    waiting = belief.leftovers
+    return {
+        "time_s": np.array(belief.time_s),
+        "next_id": np.array(belief.next_id),
+        **belief.columns(),
+        **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
+    }
+
+
+def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) -> Belief:
+    """Return the belief that `belief_to_arrays` took apart.
+
+    Raises:
+        InputError: when an array is missing or does not fit the model.
+    """
+    empty = Belief.empty(model)
+    pattern = belief_to_arrays(empty)
+    for name, like in pattern.items():
+        if name not in arrays:
+            raise InputError(f"belief: {name}: not found, expected an array")
+        found = np.asarray(arrays[name])
+        if found.shape[1:] != like.shape[1:] or found.ndim != like.ndim:
+            raise InputError(f"belief: {name}: found shape {found.shape}, expected {like.shape}")
+        if found.dtype != like.dtype:
+            raise InputError(f"belief: {name}: found {found.dtype}, expected {like.dtype}")
+    for names in (list(empty.columns()), [n for n in pattern if n.startswith("leftover_")]):
+        lengths = {len(arrays[name]) for name in names}
+        if len(lengths) > 1:
+            raise InputError(f"belief: {names[0]} ...: found lengths {sorted(lengths)}")
+    waiting = [np.array(arrays[f"leftover_{item.name}"]) for item in fields(Leftovers)]
+    columns = {name: np.array(arrays[name]) for name in empty.columns()}
+    return Belief(
+        time_s=float(np.asarray(arrays["time_s"], dtype=np.float64)),
+        next_id=int(np.asarray(arrays["next_id"], dtype=np.int64)),
+        leftovers=Leftovers(*waiting),
+        **columns,
+    )

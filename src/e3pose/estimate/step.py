@@ -1,0 +1,135 @@
+"""One slot of the estimator: predict, associate, update, who exists, who is new."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from e3pose.errors import InputError
+from e3pose.estimate.associate import associate
+from e3pose.estimate.births import give_birth
+from e3pose.estimate.existence import attend, end
+from e3pose.estimate.filter import Sightings, predict, update
+from e3pose.estimate.state import Belief, Flags, Floats, Ints, Leftovers, Model
+from e3pose.pose import Poses2D
+
+LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """The people of one slot.
+
+    Attributes:
+        track_ids: `(num_persons,)` identities, rising.
+        joints_m: `(num_persons, num_joints, 3)` metres; NaN for joints never measured.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of `joints_m`; NaN likewise.
+        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint; the
+            others are carried on from earlier slots.
+    """
+
+    track_ids: Ints
+    joints_m: Floats
+    covariance_m2: Floats
+    measured: Flags
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
+
+
+def step(
+    model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
+) -> tuple[Belief, Estimate]:
+    """Advance to `time_s` with the views that arrived: none, one, all, others than before.
+
+    Args:
+        model: the rig, the skeleton, the noise.
+        belief: of the slot before; it is not changed.
+        views: camera index to what it saw, in pixels of the real image.
+        time_s: when; a view that came late counts as seen now, time never runs backwards.
+
+    Returns:
+        The belief now, and the people who are believed to exist.
+
+    Raises:
+        InputError: for a camera that the rig does not have, or a time that is not a number.
+    """
+    if not np.isfinite(time_s):
+        raise InputError(f"time: found {time_s}, expected seconds")
+    first = np.isnan(belief.time_s)
+    now = time_s if first else max(time_s, belief.time_s)
+    dt = 0.0 if first else now - belief.time_s
+    if dt > LONGEST_S:
+        belief = replace(Belief.empty(model), next_id=belief.next_id)
+    belief = predict(replace(belief, time_s=now), dt)
+    cameras, keypoints, scores = _sorted(model, views)
+    rows = [
+        associate(belief, k, s, camera, model)
+        for camera, k, s in zip(cameras, keypoints, scores, strict=True)
+    ]
+    assigned = np.array(rows, dtype=np.int64).reshape(len(cameras), len(belief))
+    predicted = belief
+    belief = update(belief, _sightings(model, cameras, keypoints, scores, assigned), model)
+    belief = attend(belief, predicted, cameras, assigned, dt, model)
+    fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
+    belief = end(give_birth(belief, fresh, model))
+    return belief, _estimate(belief)
+
+
+def _sorted(model: Model, views: Mapping[int, Poses2D]) -> tuple[Ints, list[Floats], list[Floats]]:
+    """Return cameras in rig order and their undistorted people; usable in any order from here."""
+    for camera, view in views.items():
+        if not 0 <= camera < len(model.rig):
+            raise InputError(f"camera {camera}: expected an index below {len(model.rig)}")
+        if view.scores.shape[1] != len(model.skeleton):
+            raise InputError(
+                f"camera {model.rig.camera_ids[camera]}: keypoints: found {view.scores.shape[1]} "
+                f"joints, expected {len(model.skeleton)} ({model.skeleton.name})"
+            )
+    cameras = np.array(sorted(views), dtype=np.int64)
+    keypoints = [model.rig.cameras[c].undistort(views[c].keypoints_px) for c in cameras.tolist()]
+    scores = [
+        np.where(np.isfinite(k).all(axis=-1), views[c].scores, 0.0)
+        for c, k in zip(cameras.tolist(), keypoints, strict=True)
+    ]
+    return cameras, keypoints, scores
+
+
+def _sightings(
+    model: Model, cameras: Ints, keypoints: list[Floats], scores: list[Floats], assigned: Ints
+) -> Sightings:
+    shape = (*assigned.shape, len(model.skeleton))
+    all_keypoints, all_scores = np.full((*shape, 2), np.nan), np.zeros(shape)
+    for view, row in enumerate(assigned):
+        seen = row >= 0
+        all_keypoints[view, seen] = keypoints[view][row[seen]]
+        all_scores[view, seen] = scores[view][row[seen]]
+    sigma = model.noise.of(all_scores, model.scales[cameras].reshape(-1, 1, 1))
+    return Sightings(model.rig.projections[cameras], all_keypoints, all_scores, sigma)
+
+
+def _unexplained(
+    belief: Belief, cameras: Ints, keypoints: list[Floats], scores: list[Floats], assigned: Ints
+) -> Leftovers:
+    free = [~np.isin(np.arange(len(s)), row) for s, row in zip(scores, assigned, strict=True)]
+    counts = [int(f.sum()) for f in free]
+    none = belief.leftovers.take(np.zeros(0, dtype=np.int64))
+    return Leftovers(
+        np.full(sum(counts), belief.time_s),
+        np.repeat(cameras, counts),
+        np.concatenate([none.keypoints_px, *(k[f] for k, f in zip(keypoints, free, strict=True))]),
+        np.concatenate([none.scores, *(s[f] for s, f in zip(scores, free, strict=True))]),
+    )
+
+
+def _estimate(belief: Belief) -> Estimate:
+    shown = np.flatnonzero(belief.confirmed)
+    known = np.isfinite(belief.unmeasured_s[shown])
+    return Estimate(
+        belief.track_ids[shown],
+        np.where(known[..., None], belief.state[shown, :, :3], np.nan),
+        np.where(known[..., None, None], belief.covariance[shown, :, :3, :3], np.nan),
+        belief.unmeasured_s[shown] == 0,
+    )
