@@ -296,7 +296,7 @@ def test_step_changes_nothing_it_was_given() -> None:
     ],
 )
 def test_wrong_arrays_are_one_clear_line(change: dict[str, Floats | None], message: str) -> None:
-    arrays = belief_to_arrays(Belief.empty(MODEL)) | change  # type: ignore[operator]
+    arrays = belief_to_arrays(Belief.empty(MODEL)) | change
     with pytest.raises(InputError, match=message):
         belief_from_arrays({k: v for k, v in arrays.items() if v is not None}, MODEL)
 
