@@ -72,7 +72,10 @@ def test_the_old_folder_comes_back_when_the_new_one_cannot_take_its_place(
         replace(source, target)
 
     monkeypatch.setattr("e3pose.atomic.os.replace", fail_on_new)
-    with pytest.raises(OSError, match="on fire"), atomic_folder(old, overwrite=True) as folder:
+    with (
+        pytest.raises(InputError, match=r"a: .*on fire"),
+        atomic_folder(old, overwrite=True) as folder,
+    ):
         (folder / "new").write_text("1")
     assert (old / "recording.toml").read_text() == "old"
     assert [entry.name for entry in tmp_path.iterdir()] == ["a"]

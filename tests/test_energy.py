@@ -218,9 +218,9 @@ def test_unknown_huge_and_binary_profiles_are_refused(tmp_path: Path) -> None:
         load_profile("toaster")
     huge = tmp_path / "huge.toml"
     huge.write_text(profile_text() + "\n#" + "x" * 200_000)
-    with pytest.raises(InputError, match="more than"):
+    with pytest.raises(InputError, match="at most 100000"):
         load_profile(huge)
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00\x01")
-    with pytest.raises(InputError, match="found no TOML"):
+    with pytest.raises(InputError, match="expected TOML"):
         load_profile(binary)

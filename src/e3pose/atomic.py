@@ -14,15 +14,27 @@ from e3pose.errors import InputError
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path beside `path` that becomes `path` if the block ends without error."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+    """Yield a temporary path beside `path` that becomes `path` if the block ends without error.
+
+    Raises:
+        InputError: when something other than a file stands at `path`, or none can be made there.
+    """
+    check_file_free(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent
+        )
+    except OSError as error:
+        raise _unwritable(path, error) from None
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
         temporary.chmod(0o666 & ~_umask())
         os.replace(temporary, path)
+    except OSError as error:
+        raise _told(path, error) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -46,15 +58,29 @@ def atomic_folder(
             folder is ours; a symbolic link is never replaced.
     """
     check_free(path, overwrite, ours)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise _unwritable(path, error) from None
     try:
         yield temporary
         temporary.chmod(0o777 & ~_umask())
         check_free(path, overwrite, ours)  # hours may have passed since the first look
         _replace(temporary, path)
+    except OSError as error:
+        raise _told(path, error) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def check_file_free(path: Path) -> None:
+    """Raise `InputError` if `atomic_file` cannot write at `path`, as far as a look can tell."""
+    # A device or pipe would be replaced by a file: as root, `/dev/null` for all who need it.
+    if path.is_dir() or (path.exists() and not path.is_file()):
+        found = "a folder" if path.is_dir() else "a pipe, socket or device"
+        raise InputError(f"{path}: found {found}, expected a file to write")
+    _check_above(path)
 
 
 def check_free(
@@ -77,6 +103,16 @@ def check_free(
             )
     elif path.exists():
         raise InputError(f"{path}: a file stands where a folder is to be written")
+    _check_above(path)
+
+
+def _check_above(path: Path) -> None:
+    above = path.parent
+    while not above.exists() and above != above.parent:
+        above = above.parent
+    if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+        found = "a folder that may not be written" if above.is_dir() else "a file"
+        raise InputError(f"{path}: cannot be written: {above} is {found}")
 
 
 def _replace(temporary: Path, path: Path) -> None:
@@ -95,6 +131,16 @@ def _replace(temporary: Path, path: Path) -> None:
     finally:
         if path.exists():  # otherwise the old folder could not be put back: keep it
             shutil.rmtree(aside, ignore_errors=True)
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    reason = (error.strerror or str(error)).lower()
+    return InputError(f"{path}: cannot be written: {reason}")
+
+
+def _told(path: Path, error: OSError) -> OSError | InputError:
+    """Name the destination in an error that names no file, such as that of a full disk."""
+    return _unwritable(path, error) if error.filename is None else error
 
 
 def _umask() -> int:

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import re
 import stat
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from e3pose.errors import InputError
 
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
 MAX_LINE_BYTES = 16 * 2**20
+MAX_DOTS = 100  # of a line of TOML, outside strings
+TOML_STRING = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'')
 
 
 def open_regular(path: Path, limit_bytes: int) -> BinaryIO:
@@ -57,6 +66,35 @@ def read_lines(path: Path, limit_bytes: int) -> Iterator[tuple[int, bytes]]:
                     "expected one frame a line"
                 )
             yield number, line.rstrip(b"\r\n")
+
+
+def read_toml(path: Path, limit_bytes: int) -> dict[str, Any]:
+    """Return the tables of a TOML file of at most `limit_bytes`; raise `InputError` if it is none.
+
+    Raises:
+        InputError: naming the file and what is wrong with it.
+    """
+    content = read_bytes(path, limit_bytes)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: found {error.reason} at byte {error.start}, expected TOML"
+        ) from None
+    return parse_toml(text, str(path))
+
+
+def parse_toml(text: str, where: str) -> dict[str, Any]:
+    """Return the tables of TOML text; raise `InputError`, which names `where`, if it is none."""
+    # Dotted keys take the parser time with the square of their parts, or the cube.
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.count(".") > MAX_DOTS and TOML_STRING.sub("", line).count(".") > MAX_DOTS:
+            raise InputError(f"{where}: line {number}: found more than {MAX_DOTS} dots")
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{where}: found text that is not TOML: {reason}") from None
 
 
 def _reason(error: Exception) -> str:

@@ -7,20 +7,15 @@ assumed unless `units` under `[metadata]` says otherwise.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from e3pose.atomic import atomic_file
+from e3pose.bounded import parse_toml
 from e3pose.calibration import fields
 from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 
 def load(path: Path) -> Rig:
@@ -30,12 +25,7 @@ def load(path: Path) -> Rig:
 
 def parse(path: Path, text: str) -> dict[str, Any]:
     """Return the tables of a TOML file."""
-    try:
-        tables: dict[str, Any] = tomllib.loads(text)
-        return tables
-    except (ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: found text that is not TOML: {reason}") from None
+    return parse_toml(text, str(path))
 
 
 def read(path: Path, tables: Mapping[str, Any]) -> Rig:

@@ -30,6 +30,7 @@ MAX_MESSAGE = 1000
 app = App(
     name="e3pose",
     version=__version__,
+    suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
     help="Multi-camera 3D human pose that wakes only the cameras worth waking.",
 )
 VERBS: dict[str, Callable[..., Any]] = {
@@ -65,11 +66,13 @@ def main(tokens: Sequence[str] | None = None) -> None:
     """Run one verb; print a wrong input as one line on standard error and exit with code 2."""
     # A polite kill unwinds like any error, so that temporary files go away with us.
     signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
+    sys.stdout = sys.stdout or io.StringIO()  # None where the caller closed it
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name that it cannot show is no reason to stop
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        app(tokens, exit_on_error=False, print_error=False)
-        if sys.stdout is not None:
+        try:
+            app(tokens, exit_on_error=False, print_error=False)
+        finally:
             sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
     except CycloptsError as error:
         _fail(f"{_one_line(error)} (try --help)")
@@ -99,11 +102,11 @@ def _one_line(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror and error.filename is not None:
         text = f"{os.fsdecode(error.filename)}: {error.strerror.lower()}"
     else:
-        text = str(error) or type(error).__name__
+        text = (isinstance(error, OSError) and error.strerror) or str(error)
     # Names from files may hold control characters, which could rewrite the terminal.
     line = "".join(
         char if char.isprintable() else char.encode("unicode_escape").decode()
-        for char in " ".join(text.split())
+        for char in " ".join((text or type(error).__name__).split())
     )
     half = MAX_MESSAGE // 2
     return line if len(line) <= MAX_MESSAGE else f"{line[:half]} ... {line[-half:]}"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
+from e3pose.cli.options import Whole
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,11 +29,11 @@ def detect(
     family: str | None = None,
     provider: Literal["auto", "tensorrt", "cuda", "cpu"] = "auto",
     fps: float | None = None,
-    every: int = 1,
+    every: Whole = 1,
     start: float = 0.0,
-    max_slots: int | None = None,
+    max_slots: Whole | None = None,
     offset: Annotated[list[str] | None, Parameter(negative="")] = None,
-    threads: int | None = None,
+    threads: Whole | None = None,
     link_videos: Flag = False,
     copy_videos: Flag = False,
     overwrite: Flag = False,

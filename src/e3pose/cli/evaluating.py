@@ -8,11 +8,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import EnergyOptions, LoopOptions, Whole
+from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs
 
 LOOP, ENERGY = LoopOptions(), EnergyOptions()
 
 MAX_SEEDS = 10_000
+MAX_JOBS = 1000
 
 
 def evaluate(
@@ -60,8 +61,9 @@ def evaluate(
 
     if not 1 <= seeds <= MAX_SEEDS:
         raise InputError(f"--seeds: found {seeds}, expected 1 to {MAX_SEEDS}")
-    if jobs == 0 or jobs < -1:
-        raise InputError(f"--jobs: found {jobs}, expected 1 or more, or -1 for all cores")
+    if jobs != -1 and not 1 <= jobs <= MAX_JOBS:
+        raise InputError(f"--jobs: found {jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores")
+    check_outputs(recording, {"--json": json_file})
     energy.check()
     names = _names(policies)
     device = load_profile(energy.profile)
@@ -77,7 +79,7 @@ def evaluate(
         device,
         idle_mode=energy.idle_mode,
         battery_wh=energy.battery_wh,
-        jobs=jobs,
+        jobs=min(jobs, len(settings)),
     )
     figures = rows(list(track_progress(summaries, len(settings), "evaluate")))
     if json_file is not None:

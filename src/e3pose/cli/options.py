@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter, Token
@@ -20,6 +21,30 @@ def whole_number(_: Any, tokens: Sequence[Token]) -> int:
 
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
+
+
+def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
+    """Raise `InputError` before hours of work for results that could not be written, or not both.
+
+    Args:
+        source: the recording, whose own files must stay.
+        outputs: option to the file it names.
+    """
+    from e3pose.atomic import check_file_free
+
+    taken: dict[Path, str] = {}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        check_file_free(path)
+        place = path.resolve()
+        if place in taken:
+            raise InputError(
+                f"{option}: found the file of {taken[place]}, expected another: {path}"
+            )
+        taken[place] = option
+        if place.is_relative_to(source.resolve()) and place.suffix in (".toml", ".jsonl"):
+            raise InputError(f"{option}: found a file of the recording, expected another: {path}")
 
 
 @Parameter(name="*")

@@ -8,7 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import EnergyOptions, LoopOptions, Whole
+from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs
+from e3pose.errors import InputError
 
 LOOP, ENERGY = LoopOptions(), EnergyOptions()
 
@@ -57,6 +58,9 @@ def replay(
 
     if poses is not None:
         check_poses_path(poses)
+    if report is not None and report.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"--report: found {str(report)!r}, expected a name that ends in .html")
+    check_outputs(recording, {"--poses": poses, "--json": json_file, "--report": report})
     energy.check()
     device = load_profile(energy.profile)
     source = load_recording(recording)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from e3pose.cli.options import Whole
 from e3pose.errors import InputError
 
 RESOLUTION = re.compile(r"(\d{1,6})[xX](\d{1,6})")
@@ -16,15 +17,15 @@ def simulate(
     dest: Path,
     *,
     scene: str = "ring",
-    people: int | None = None,
+    people: Whole | None = None,
     seconds: float = 60.0,
     fps: float = 25.0,
-    cameras: int | None = None,
+    cameras: Whole | None = None,
     radius: float | None = None,
     height: float | None = None,
     resolution: str | None = None,
     calibration: Path | None = None,
-    seed: int = 0,
+    seed: Whole = 0,
     exact: bool = False,
     overwrite: bool = False,
 ) -> None:

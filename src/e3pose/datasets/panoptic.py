@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -24,6 +25,7 @@ Floats = NDArray[np.float64]
 Bodies = Mapping[int, Mapping[int, Floats]]  # frame number -> person -> (19, 4) cm and confidence
 
 FPS = 29.97
+HD_NUMBER = re.compile(r"[0-9]{1,4}")
 PAPER_CAMERAS = ("3", "6", "12", "13", "23")
 MIN_CONFIDENCE = 0.1  # at or below it the published joints are guesses
 SOURCE = "CMU Panoptic Studio, Joo et al.; non-commercial research use only."
@@ -153,7 +155,8 @@ def camera_indices(names: Sequence[str], cameras: Sequence[str]) -> list[int]:
     """Return where the wanted cameras, by HD number or name, stand in `names`."""
     indices = []
     for wanted in cameras:
-        name = f"00_{int(wanted):02d}" if wanted.isascii() and wanted.isdigit() else wanted
+        number = HD_NUMBER.fullmatch(wanted)
+        name = f"00_{int(wanted):02d}" if number else wanted
         if name not in names:
             known = ", ".join(n for n in names if n.startswith("00_")) or ", ".join(names[:40])
             raise InputError(f"--cameras: {wanted[:40]!r} is not in the rig, which has {known}")

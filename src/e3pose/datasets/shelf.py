@@ -11,11 +11,12 @@ from e3pose.camera import Camera, Rig
 from e3pose.datasets.arrays import floats, integers, load_arrays
 from e3pose.datasets.views import poses_from_triples
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
 from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.recording.lines import METRE_LIMIT
 from e3pose.skeleton import SHELF14, skeleton_by_name
 
 FPS = 25.0
+MAX_VIEWS = 500_000
 SOURCE = (
     "Shelf, Belagiannis et al., CVPR 2014; detections by OpenPose. Research use only, do not "
     "redistribute."
@@ -52,9 +53,18 @@ def import_shelf(source: Path, skeleton: Literal["coco17", "body25"] = "coco17")
             "det_frame": ("num_poses",),
         },
     )
+    if len(arrays["K"]) * len(arrays["gt3d"]) > MAX_VIEWS:
+        raise InputError(
+            f"{source}: array 'gt3d': found {len(arrays['gt3d'])} slots of {len(arrays['K'])} "
+            f"cameras, expected at most {MAX_VIEWS} views"
+        )
     K, R, t = (floats(source, name, arrays[name], finite=True) for name in ("K", "R", "t"))
     size = integers(source, "image_size", arrays["image_size"], below=100_000)
     joints_m = floats(source, "gt3d", arrays["gt3d"], finite=False)
+    if (np.abs(joints_m) > METRE_LIMIT).any():
+        raise InputError(
+            f"{source}: array 'gt3d': found a coordinate beyond {METRE_LIMIT:g}, expected metres"
+        )
     triples = floats(source, detections, arrays[detections], finite=True)
     num_slots = len(joints_m)
     camera_of = integers(source, "det_view", arrays["det_view"], below=len(K))
@@ -70,11 +80,13 @@ def import_shelf(source: Path, skeleton: Literal["coco17", "body25"] = "coco17")
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
     views = []
-    for camera in range(len(rig)):
-        frames: list[Poses2D] = []
-        for slot in range(num_slots):
-            rows = np.flatnonzero((camera_of == camera) & (slot_of == slot))
-            frames.append(poses_from_triples(triples[rows], f"{source}: {detections}"))
+    order = np.argsort(camera_of * num_slots + slot_of, kind="stable")
+    counts = np.bincount(camera_of * num_slots + slot_of, minlength=len(rig) * num_slots)
+    people = iter(np.split(triples[order], np.cumsum(counts)[:-1]))
+    for _ in range(len(rig)):
+        frames = [
+            poses_from_triples(next(people), f"{source}: {detections}") for _ in range(num_slots)
+        ]
         times_s = [slot / FPS for slot in range(num_slots)]
         views.append(ViewSeries.from_views(frames, range(num_slots), times_s, len(convention)))
     return Recording(

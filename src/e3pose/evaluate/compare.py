@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -63,9 +66,25 @@ def compare(
 
     # Replays are many and small: one thread each, or the processes fight for the cores.
     with parallel_config(backend="loky", n_jobs=jobs, inner_max_num_threads=1):
-        yield from Parallel(return_as="generator", batch_size=1)(
-            delayed(_one)(recording, each, profile, idle_mode, battery_wh, run) for each in settings
-        )
+        with _interrupts_ignored():
+            summaries = Parallel(return_as="generator", batch_size=1)(
+                delayed(_one)(recording, each, profile, idle_mode, battery_wh, run)
+                for each in settings
+            )
+        yield from summaries
+
+
+@contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Start processes that leave Ctrl-C, which the terminal sends to all of them, to this one."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -17,13 +17,14 @@ from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.policies import PolicySettings, policy_row
 from e3pose.policies.base import Selection
 from e3pose.pose import Poses2D
-from e3pose.predictors import make_predictor
+from e3pose.predictors import make_predictor, make_predictor_or_fallback
 from e3pose.recording import Recording
 
 PIPELINES = ("paper",)
 PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
 BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
 MAX_LEAD = 1000
+MAX_SEED = 2**31 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +96,9 @@ def make_pipeline(
     ):
         if not (np.isfinite(value) and value >= 0):
             raise InputError(f"{name}: {value}, expected a number of at least 0")
-    if settings.seed < 0 or settings.phase < 0:
-        raise InputError(
-            f"seed and phase: {settings.seed} and {settings.phase}, expected 0 or more"
-        )
+    for name, value in (("seed", settings.seed), ("phase", settings.phase)):
+        if not 0 <= value <= MAX_SEED:
+            raise InputError(f"{name}: {value}, expected 0 to {MAX_SEED}")
     row = policy_row(settings.policy)
     policy = row.make(
         PolicySettings(
@@ -122,7 +122,10 @@ def make_pipeline(
             ),
             backend=settings.backend,
         ),
-        predictor=make_predictor(settings.predictor or row.predictor, recording.skeleton),
+        # A predictor that was asked for must be had; the policy's own has a stand-in.
+        predictor=make_predictor_or_fallback(row.predictor, recording.skeleton)
+        if settings.predictor is None
+        else make_predictor(settings.predictor, recording.skeleton),
         policy=policy,
         budget=_budget(settings, num_cameras, row.counts),
         clock=clock,

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, cast
 
+from e3pose.bounded import parse_toml, read_toml
 from e3pose.errors import InputError
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 Mode = Literal["active", "power-saving", "aggressive-power-saving"]
 
@@ -77,25 +72,18 @@ def load_profile(name_or_path: str | Path) -> DeviceProfile:
     name = str(name_or_path)
     if name in PROFILES:
         packaged = resources.files("e3pose.profiles").joinpath(f"{name}.toml")
-        return _decode(packaged.read_bytes(), f"profile {name}")
+        where = f"profile {name}"
+        return _decode(parse_toml(packaged.read_text(encoding="utf-8"), where), where)
     path = Path(name_or_path)
     if not path.is_file():
         raise InputError(
             f"{name[:200]}: device profile: found no such file, expected {', '.join(PROFILES)} "
             "or the path of a TOML file"
         )
-    with path.open("rb") as file:
-        text = file.read(MAX_BYTES + 1)
-    if len(text) > MAX_BYTES:
-        raise InputError(f"{path}: file: found more than {MAX_BYTES} bytes, expected a small TOML")
-    return _decode(text, str(path))
+    return _decode(read_toml(path, MAX_BYTES), str(path))
 
 
-def _decode(text: bytes, where: str) -> DeviceProfile:
-    try:
-        data = tomllib.loads(text.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{where}: file: found no TOML ({error}), expected a profile") from None
+def _decode(data: Mapping[str, Any], where: str) -> DeviceProfile:
     _check_keys(data, ("format", "version", "name", "title", "components"), where)
     if data["format"] != FORMAT:
         raise _error(where, "format", data["format"], f"{FORMAT!r}")

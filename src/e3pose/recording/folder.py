@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -13,19 +13,14 @@ import tomli_w
 from numpy.typing import NDArray
 
 from e3pose.atomic import atomic_folder
-from e3pose.bounded import read_bytes, read_lines
+from e3pose.bounded import read_lines, read_toml
 from e3pose.calibration import load_rig, save_rig
 from e3pose.camera import check_camera_id
 from e3pose.errors import InputError
 from e3pose.pose import Poses2D
 from e3pose.recording.lines import decode_truth, decode_view, encode_truth, encode_view
-from e3pose.recording.record import Recording, Truth, ViewSeries
+from e3pose.recording.record import MAX_PEOPLE, Recording, Truth, ViewSeries
 from e3pose.skeleton import Skeleton, skeleton_by_name
-
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
 
 FORMAT = "e3pose-recording"
 VERSION = 1
@@ -34,7 +29,10 @@ RIG = "calibration.toml"
 TRUTH = "truth.jsonl"
 MAX_HEADER_BYTES = 2**20
 MAX_LINES_BYTES = 8 * 2**30
-MAX_TRUTH_VALUES = 2**28  # 2 GiB of float64
+MAX_TRUTH_VALUES = 2**27  # 1 GiB of float64
+# A recording may have lost views, but not so many that a few lines stand for days of slots.
+SLOTS_PER_LINE = 100
+FREE_SLOTS = 1000
 
 
 class TruthHeader(msgspec.Struct, forbid_unknown_fields=True):
@@ -93,6 +91,14 @@ def load_recording(path: Path | str) -> Recording:
         truth = _read_truth(folder / TRUTH, header.truth, header.num_slots)
     elif (folder / TRUTH).exists():
         raise InputError(f"{folder / HEADER}: truth: missing, expected a table for {TRUTH}")
+    lines = max(
+        [len(series.slots) for series in views] + [0 if truth is None else len(truth.joints_m)]
+    )
+    if header.num_slots > FREE_SLOTS + SLOTS_PER_LINE * lines:
+        raise InputError(
+            f"{folder / HEADER}: num_slots: found {header.num_slots}, expected at most "
+            f"{FREE_SLOTS + SLOTS_PER_LINE * lines} for files of {lines} lines"
+        )
     try:
         return Recording(
             name=header.name,
@@ -179,10 +185,7 @@ def read_series(
 
 
 def _read_header(path: Path) -> Header:
-    try:
-        table = tomllib.loads(read_bytes(path, MAX_HEADER_BYTES).decode())
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: {str(error)[:200]}, expected TOML") from None
+    table = read_toml(path, MAX_HEADER_BYTES)
     if table.get("format") != FORMAT:
         raise InputError(
             f"{path}: format: found {str(table.get('format'))[:40]!r}, expected {FORMAT!r}"
@@ -224,13 +227,20 @@ def _check_cameras(folder: Path, header: Header, camera_ids: tuple[str, ...]) ->
 def _read_truth(path: Path, header: TruthHeader, num_slots: int) -> Truth:
     where = path.parent / HEADER
     skeleton = _skeleton(where, header.skeleton)
-    values = num_slots * len(header.person_ids) * len(skeleton) * 3
+    if len(header.person_ids) > MAX_PEOPLE:
+        raise InputError(
+            f"{where}: truth.person_ids: found {len(header.person_ids)} names, "
+            f"expected at most {MAX_PEOPLE}"
+        )
+    shape = (num_slots, len(header.person_ids), len(skeleton), 3)
+    values = math.prod(shape)
     if values > MAX_TRUTH_VALUES:
         raise InputError(
             f"{where}: num_slots: {num_slots} slots of {len(header.person_ids)} people are too "
             f"many for a truth, expected at most {MAX_TRUTH_VALUES} coordinates"
         )
-    slots = []
+    joints: NDArray[np.float64] = np.empty(shape)
+    found = 0
     for number, line in read_lines(path, MAX_LINES_BYTES):
         slot, joints_m = decode_truth(line, header.person_ids, len(skeleton), f"{path}:{number}")
         if slot != number - 1 or slot >= num_slots:
@@ -238,13 +248,10 @@ def _read_truth(path: Path, header: TruthHeader, num_slots: int) -> Truth:
                 f"{path}:{number}: slot: found {slot}, expected {number - 1} of {num_slots} slots, "
                 "one line each in order"
             )
-        slots.append(joints_m)
-    if len(slots) != num_slots:
-        raise InputError(
-            f"{path}: found {len(slots)} lines, expected one for each of {num_slots} slots"
-        )
-    shape = (num_slots, len(header.person_ids), len(skeleton), 3)
-    joints: NDArray[np.float64] = np.stack(slots) if slots else np.zeros(shape)
+        joints[slot] = joints_m
+        found = number
+    if found != num_slots:
+        raise InputError(f"{path}: found {found} lines, expected one for each of {num_slots} slots")
     return Truth(skeleton, tuple(header.person_ids), joints)
 
 

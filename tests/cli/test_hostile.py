@@ -1,0 +1,357 @@
+"""What no verb may do with bad input: more than one line, another exit code, anything left over."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import shutil
+import zipfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose.cli import main
+from e3pose.recording import save_recording
+from e3pose.simulate import SceneSettings, simulate
+
+HEADER, RIG, KEYPOINTS, TRUTH = (
+    "recording.toml",
+    "calibration.toml",
+    "keypoints/cam0.jsonl",
+    "truth.jsonl",
+)
+ESCAPE = "\x1b[2J"
+HUGE = 5000 * "9"
+
+Break = Callable[[Path], object]
+
+
+def run(capsys: pytest.CaptureFixture[str], words: Sequence[str]) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as exit_:
+        main(list(words))
+    captured = capsys.readouterr()
+    code = exit_.value.code
+    return code if isinstance(code, int) else 0, captured.out, captured.err
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("hostile") / "rec"
+    save_recording(simulate(SceneSettings(people=2, seconds=0.4, cameras=3), seed=0), folder)
+    return folder
+
+
+def text(name: str, old: str, new: str) -> Break:
+    def change(folder: Path) -> None:
+        path = folder / name
+        content = path.read_text()
+        assert old in content
+        path.write_text(content.replace(old, new, 1))
+
+    return change
+
+
+def whole(name: str, content: str | bytes) -> Break:
+    data = content.encode() if isinstance(content, str) else content
+    return lambda folder: (folder / name).write_bytes(data)
+
+
+def cut(name: str, end: int) -> Break:
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:end])
+
+
+def sparse(name: str) -> Break:
+    def change(folder: Path) -> None:
+        with (folder / name).open("wb") as file:
+            file.truncate(10 * 2**30)
+
+    return change
+
+
+def pipe(name: str) -> Break:
+    def change(folder: Path) -> None:
+        (folder / name).unlink()
+        os.mkfifo(folder / name)
+
+    return change
+
+
+def gone(name: str) -> Break:
+    return lambda folder: (folder / name).unlink()
+
+
+def days_of_nothing(folder: Path) -> None:
+    gone(TRUTH)(folder)
+    header = (folder / HEADER).read_text()
+    header = header[: header.index("[truth]")]
+    (folder / HEADER).write_text(re.sub(r"num_slots = \d+", "num_slots = 100_000_000", header))
+
+
+def crowd(count: int) -> str:
+    names = ", ".join(f'"q{n}"' for n in range(count))
+    return f'person_ids = [{names}, "person1",'
+
+
+# What is wrong with a recording -> what the line must say.
+RECORDINGS: dict[str, tuple[Break, str]] = {
+    "no folder": (shutil.rmtree, "no such folder"),
+    "no header": (gone(HEADER), "recording.toml: file not found"),
+    "empty header": (whole(HEADER, ""), "recording.toml: format: found"),
+    "truncated header": (cut(HEADER, 45), "recording.toml: .*TOML"),
+    "version of tomorrow": (text(HEADER, "version = 1", "version = 2"), "version: found 2"),
+    "unknown key that clears the screen": (
+        text(HEADER, "fps", '"\\u001b[2J" = 1\nfps'),
+        r"recording.toml: .*\\x1b",
+    ),
+    "nan": (text(HEADER, "fps = 25.0", "fps = nan"), "recording.toml: .*fps"),
+    "no rate": (text(HEADER, "fps = 25.0", "fps = 0"), "recording.toml: .*fps"),
+    "negative slots": (text(HEADER, "num_slots = 10", "num_slots = -1"), "num_slots"),
+    "more digits than Python reads": (
+        text(HEADER, "num_slots = 10", "num_slots = 1" + 5000 * "0"),
+        "recording.toml",
+    ),
+    "days of slots, a few lines": (days_of_nothing, "recording.toml: num_slots: found 100000000"),
+    "as many slots, with a truth": (
+        text(HEADER, "num_slots = 10", "num_slots = 100_000_000"),
+        "recording.toml: num_slots",
+    ),
+    "people without number": (text(HEADER, "person_ids = [", crowd(50_000)), "person_ids: found"),
+    "deep TOML": (whole(HEADER, "a = " + 200_000 * "["), "recording.toml: .*TOML"),
+    "TOML of dots": (whole(HEADER, "a" + 50_000 * ".a" + " = 1"), "line 1: .*dots"),
+    "not text": (whole(HEADER, b"\xff\xfe\0"), "recording.toml: .*TOML"),
+    "header of 10 GB": (sparse(HEADER), "recording.toml: found 10737418240 bytes"),
+    "header never ends": (pipe(HEADER), "recording.toml: found a pipe"),
+    "title that clears the screen": (text(HEADER, 'name = "', 'name = "\\u001b[2J'), "name: found"),
+    "scored beyond the end": (text(HEADER, "fps", "scored_slots = [0, 99]\nfps"), "scored_slots"),
+    "video outside": (
+        text(HEADER, "[truth]", '[videos]\ncam0 = "../x.mp4"\n[truth]'),
+        "videos.cam0: found '../x.mp4'",
+    ),
+    "camera called ../x": (text(RIG, 'name = "cam0"', 'name = "../x"'), "calibration.toml: camera"),
+    "two cameras of one name": (text(RIG, '"cam0"', '"cam1"'), "appears twice"),
+    "no rig": (gone(RIG), "calibration.toml: file not found"),
+    "empty rig": (whole(RIG, ""), "calibration.toml: file is empty"),
+    "rig of 10 GB": (sparse(RIG), "calibration.toml: found"),
+    "rig that laughs": (
+        whole(RIG, '<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "ha"><!ENTITY c "&b;&b;">]><a/>'),
+        "document type",
+    ),
+    "rig of aliases": (whole(RIG, "a: &a [1]\nb: [*a, *a]\n"), "alias"),
+    "no keypoints": (gone(KEYPOINTS), "cam0.jsonl: file not found"),
+    "empty keypoints": (whole(KEYPOINTS, ""), "cam0.jsonl: found 0 lines"),
+    "truncated keypoints": (cut(KEYPOINTS, -20), "cam0.jsonl:10: "),
+    "keypoints of 10 GB": (sparse(KEYPOINTS), "cam0.jsonl: found"),
+    "keypoints never end": (pipe(KEYPOINTS), "cam0.jsonl: found a pipe"),
+    "NaN in JSON": (text(KEYPOINTS, '"time":0.0', '"time":NaN'), "cam0.jsonl:1"),
+    "time without end": (text(KEYPOINTS, '"time":0.0', '"time":1e308'), "cam0.jsonl:1: time"),
+    "deep JSON": (whole(KEYPOINTS, '{"slot":0,"people":' + 10**6 * "["), "cam0.jsonl:1"),
+    "key that clears the screen": (whole(KEYPOINTS, '{"\\u001b[2J":1}'), "cam0.jsonl:1"),
+    "a crowd in one line": (
+        whole(KEYPOINTS, '{"slot":0,"time":0,"people":[' + 10**5 * "[]," + "[]]}"),
+        "cam0.jsonl:1: people: found 100001",
+    ),
+    "keypoints of a stranger": (whole(f"keypoints/x{ESCAPE}.jsonl", "{}"), "is not in calibration"),
+    "truncated truth": (cut(TRUTH, -20), "truth.jsonl:10"),
+    "no truth": (gone(TRUTH), "truth.jsonl: file not found"),
+}
+# The verbs share the reader of recordings: one hears of everything, the others of one thing.
+READERS = [("info", name) for name in RECORDINGS] + [
+    (verb, "days of slots, a few lines") for verb in ("replay", "evaluate")
+]
+
+
+@pytest.mark.parametrize(("verb", "wrong"), READERS)
+def test_a_bad_recording_gets_one_line(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], verb: str, wrong: str
+) -> None:
+    break_it, message = RECORDINGS[wrong]
+    folder = tmp_path / "rec"
+    shutil.copytree(made, folder)
+    break_it(folder)
+    assert_refused(run(capsys, [verb, str(folder)]), message)
+
+
+# Words of a command -> what the line must say. $REC is a good recording, $NEW a free place, $BAD a
+# file of the test's own, $PIPE, $SPARSE (10 GB), $FOLDER and $FULL (a folder of somebody's) exist.
+WORDS: list[tuple[str, str]] = [
+    ("import", ""),
+    ("info", "recording"),
+    ("info $NEW", "no such folder"),
+    ("info $BAD", "found a file"),
+    (f"info a{ESCAPE}b", r"a\\x1b\[2Jb: found no such folder"),
+    (f"info {HUGE}", "too long"),
+    ("info \udcff", r"\\udcff: found no such folder"),
+    ("infx $REC", "infx"),
+    ("simulate", "dest"),
+    ("simulate $FULL", "exists and is not empty"),
+    ("simulate $FULL --overwrite", "holds no recording.toml"),
+    ("simulate $BAD", "a file stands"),
+    ("simulate $BAD/x", "bad/x: cannot be written"),
+    ("simulate $LINK", "symbolic link"),
+    ("simulate $NEW --people 1.5", "not a whole number"),
+    ("simulate $NEW --people 1000000000", "people: found"),
+    ("simulate $NEW --seconds nan", "seconds: found nan"),
+    ("simulate $NEW --seconds 1e300", "seconds: found"),
+    ("simulate $NEW --seconds \u22121", "seconds"),
+    ("simulate $NEW --fps -1", "fps: found"),
+    ("simulate $NEW --fps inf", "fps: found"),
+    ("simulate $NEW --cameras 0", "cameras: found 0"),
+    (f"simulate $NEW --seed {HUGE}", "seed"),
+    ("simulate $NEW --scene ../x", "scene: found"),
+    ("simulate $NEW --resolution 0x0", "image width: found 0"),
+    ("simulate $NEW --calibration $PIPE", "pipe: found a pipe"),
+    ("simulate $NEW --calibration $SPARSE", "found 10737418240 bytes"),
+    ("simulate $NEW --calibration $EMPTY", "empty: file is empty"),
+    ("simulate $NEW --calibration $LAUGHS", "document type"),
+    ("simulate $NEW --calibration $ALIASES", "alias"),
+    ("simulate $NEW --calibration $DEEP", "deep: "),
+    ("import shelf $EMPTY $NEW", "found no .npz"),
+    ("import shelf $PIPE $NEW", "found a pipe"),
+    ("import shelf $SPARSE $NEW", "found 10737418240 bytes"),
+    ("import shelf $PICKLE $NEW", "array 'K': found object"),
+    ("import shelf $LIES $NEW", "array 'K': header promises"),
+    ("import shelf $BOMB $NEW", "array 'R' is missing"),
+    ("import shelf $BAD $BAD", "a file stands"),
+    ("import shelf $BAD $NEW --skeleton x", "skeleton"),
+    (f"import panoptic $BAD $NEW --cameras {HUGE}", "bad: found no .npz"),
+    ("import openpose $FULL $NEW --calibration $RIG --fps nan", "--fps: found nan"),
+    ("import openpose $FULL $NEW --calibration $RIG --fps 25", "folders: found none"),
+    ("import openpose $FULL $NEW --calibration $RIG --fps 25 --folder ../x", "--folder: found"),
+    ("import coco $EMPTY $NEW --calibration $RIG --fps 25", "an empty file"),
+    ("import coco $DEEP $NEW --calibration $RIG --fps 25", "deep: "),
+    ("import coco $PIPE $NEW --calibration $RIG --fps 25", "found a pipe"),
+    ("detect", "calibration"),
+    ("detect $BAD --calibration $RIG", "paths: found 1"),
+    ("detect $BAD $FULL --calibration $RIG", "exists and is not empty"),
+    ("detect cam0=$BAD $NEW --calibration $RIG --every 1.5", "not a whole number"),
+    ("detect cam0=$BAD $NEW --calibration $RIG --offset cam0=x", "--offset: found"),
+    ("detect cam0=$BAD $NEW --calibration $RIG --model ../x", r"\.\./x"),
+    ("models pull ../x", r"\.\./x"),
+    ("models path nosuch", "nosuch"),
+    ("replay $REC --cameras 0", "cameras: asked for 0"),
+    ("replay $REC --cameras 1000000000", "cameras: asked for"),
+    ("replay $REC --cameras 1.5", "not a whole number"),
+    ("replay $REC --budget nan", "budget: nan"),
+    ("replay $REC --budget -1", "budget: -1"),
+    ("replay $REC --budget 0.1", "at least 1 for 3 of 3 cameras"),
+    ("replay $REC --quality-weight inf", "quality weight: inf"),
+    ("replay $REC --lead 0", "lead: 0"),
+    (f"replay $REC --lead {HUGE}", "not a whole number"),
+    ("replay $REC --warmup -1", "warmup: -1"),
+    ("replay $REC --phase 99999999999999999999", "phase: 9"),
+    ("replay $REC --seed -1", "seed: -1"),
+    ("replay $REC --predictor=", "predictor '' is unknown"),
+    ("replay $REC --policy x", "policy 'x' is unknown"),
+    ("replay $REC --pipeline x", "pipeline 'x' is unknown"),
+    (f"replay $REC --idle-mode {ESCAPE}", "idle-mode"),
+    ("replay $REC --profile $PIPE", "pipe: "),
+    ("replay $REC --profile $DEEP", "deep: "),
+    ("replay $REC --battery-wh nan", "--battery-wh: found nan"),
+    ("replay $REC --poses $NEW.txt", "expected .csv or .parquet"),
+    ("replay $REC --report $NEW.txt", "ends in .html"),
+    ("replay $REC --json $FOLDER", "found a folder"),
+    ("replay $REC --json $PIPE", "found a pipe"),
+    ("replay $REC --json $BAD/x", "is a file"),
+    ("replay $REC --json $REC/recording.toml", "a file of the recording"),
+    ("replay $REC --json $NEW.csv --poses $NEW.csv", "--json: found the file of --poses"),
+    ("replay $REC --json $NEW --json $NEW.2", "multiple times"),
+    ("evaluate $REC --policies x", "policy 'x' is unknown"),
+    ("evaluate $REC --policies=", "policy '' is unknown"),
+    ("evaluate $REC --cameras 2,x", "--cameras: found"),
+    ("evaluate $REC --cameras 9", "cameras: asked for 9"),
+    ("evaluate $REC --seeds 0", "--seeds: found 0"),
+    ("evaluate $REC --seeds 1000000000", "--seeds: found"),
+    ("evaluate $REC --jobs 1000000000", "--jobs: found"),
+    ("evaluate $REC --json $FOLDER", "found a folder"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), WORDS)
+def test_a_bad_command_gets_one_line_and_leaves_nothing(
+    made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: str, message: str
+) -> None:
+    places = {"REC": made, "RIG": made / RIG, **traps(tmp_path)}
+    before = everything(tmp_path), everything(made)
+    filled = [re.sub(r"\$([A-Z]+)", lambda m: str(places[m[1]]), word) for word in words.split()]
+    result = run(capsys, filled)
+    if words == "import":  # shows what there is to import
+        assert result[0] == 0 and "shelf" in result[1]
+        return
+    assert_refused(result, message)
+    assert (everything(tmp_path), everything(made)) == before
+
+
+def traps(folder: Path) -> dict[str, Path]:
+    names = "NEW BAD EMPTY PIPE SPARSE FOLDER FULL LINK LAUGHS ALIASES DEEP PICKLE LIES BOMB"
+    places = {name: folder / name.lower() for name in names.split()}
+    places["BAD"].write_text("bad\n")
+    places["EMPTY"].touch()
+    os.mkfifo(places["PIPE"])
+    with places["SPARSE"].open("wb") as file:
+        file.truncate(10 * 2**30)
+    places["FOLDER"].mkdir()
+    places["FULL"].mkdir()
+    (places["FULL"] / "thesis.txt").touch()
+    places["LINK"].symlink_to(places["FULL"])
+    places["LAUGHS"].write_text('<!DOCTYPE a [<!ENTITY b "ha"><!ENTITY c "&b;&b;">]><a>&c;</a>')
+    places["ALIASES"].write_text("a: &a [1, 2]\nb: [*a, *a]\n")
+    places["DEEP"].write_text("[" * 100_000)
+    with places["PICKLE"].open("wb") as file:
+        np.savez(file, K=np.array([{}], dtype=object))
+    npy(places["LIES"], "(1000000000000, 3, 3)", 72)
+    npy(places["BOMB"], "(5, 3, 3)", 2**24)
+    return places
+
+
+def npy(path: Path, shape: str, num_bytes: int) -> None:
+    """Write an array K whose header says `shape` above `num_bytes` zeros, which pack to nothing."""
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}\n".encode()
+    start = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("K.npy", start + bytes(num_bytes))
+
+
+def everything(folder: Path) -> dict[str, tuple[int, int]]:
+    return {
+        str(path): (path.lstat().st_size, path.lstat().st_mtime_ns)
+        for path in sorted(folder.rglob("*"))
+    }
+
+
+def assert_refused(result: tuple[int, str, str], message: str) -> None:
+    code, out, err = result
+    assert code == 2
+    assert out == ""
+    assert err.startswith("e3pose: ") and err.endswith("\n")
+    assert len(err) < 1200
+    assert err[:-1].isprintable(), "control characters, or more than one line"
+    assert re.search(message, err), err
+
+
+def test_output_that_cannot_be_shown_is_no_error(
+    made: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr("sys.stdout", shown)
+    with pytest.raises(SystemExit, match="0"):
+        main(["info", str(made)])
+    assert b"3 cameras" in shown.buffer.getvalue() or b"cam2" in shown.buffer.getvalue()
+
+
+def test_a_closed_output_is_no_error(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdout", None)
+    with pytest.raises(SystemExit, match="0"):
+        main(["info", str(made)])
+
+
+def test_an_interruption_says_so(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("e3pose.recording.load_recording", interrupt)
+    assert run(capsys, ["info", str(made)]) == (130, "", "e3pose: interrupted\n")
