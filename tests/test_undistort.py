@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.camera import Camera, Rig
-from e3pose.distortion import TOLERANCE
+from e3pose.distortion import TOLERANCE, WIDEST_ANGLE
 from e3pose.fuse import Fuser
 from e3pose.kernels.pairs import LANES
 from e3pose.kernels.undistort import make_lenses, undistort_slot
@@ -128,9 +128,32 @@ def test_centre_of_the_image_stays(lens: str) -> None:
     np.testing.assert_array_equal(by_kernel(camera(lens), pixels), pixels)
 
 
+@pytest.mark.parametrize(
+    ("coefficients", "fisheye", "largest"),
+    [
+        # r (1 - 0.3 r^2) turns at r^2 = 1 / 0.9, a (1 - 0.18 a^2) at a^2 = 1 / 0.54
+        ([-0.3, 0.0, 0.0, 0.0], False, 2 / 3 / np.sqrt(0.9)),
+        ([-0.18, 0.0, 0.0, 0.0], True, 2 / 3 / np.sqrt(0.54)),
+        ([0.0, 0.0, 0.0, 0.0], True, WIDEST_ANGLE),
+    ],
+)
+def test_the_last_pixel_before_the_end_has_a_ray_and_the_next_has_none(
+    coefficients: list[float], fisheye: bool, largest: float
+) -> None:
+    seen_by = Camera("a", SIZE, K, np.eye(4), np.array(coefficients), fisheye)
+    angles = np.linspace(0, 2 * np.pi, 50)[:, None, None]
+    radii = largest + np.array([-1e-4, -1e-7, 1e-8, 1e-4])[:, None]
+    points = radii * np.concatenate([np.cos(angles), np.sin(angles)], axis=-1)  # (50, 4, 2)
+    pixels = (points @ K[:2, :2].T + K[:2, 2]).reshape(-1, 2)
+    for answer in (by_kernel(seen_by, pixels), seen_by.undistort(pixels)):
+        lost = np.isnan(answer).any(axis=-1).reshape(50, 4)
+        assert (lost == [False, False, True, True]).all()
+
+
 def test_what_is_no_keypoint_is_nan() -> None:
     pixels = np.array([[np.nan, 3], [3, np.inf], [2e6, 3], [3, -2e6], [1e300, 1e300], [400, 300]])
-    assert np.isnan(by_kernel(camera("five"), pixels)).all(axis=-1).tolist() == [True] * 5 + [False]
+    answer = np.isnan(by_kernel(camera("zeros"), pixels))
+    assert answer.all(axis=-1).tolist() == [True] * 5 + [False]
 
 
 def test_every_camera_uses_its_own_lens_whatever_the_counts() -> None:
