@@ -91,6 +91,8 @@ def test_comparison_in_parallel_processes(
         (["--cameras", "2,x"], "--cameras"),
         (["--cameras", "2,9"], "cameras"),
         (["--cameras", "0"], "cameras"),
+        (["--leads", "1,x"], "--leads"),
+        (["--leads", "0"], "lead"),
         (["--seeds", "0"], "--seeds"),
         (["--seeds", "1000000000"], "--seeds"),
         (["--jobs", "0"], "--jobs"),

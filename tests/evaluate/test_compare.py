@@ -65,6 +65,21 @@ def test_every_policy_and_count_has_every_seed_and_phase() -> None:
     assert all(s.lead_slots == 2 for s in settings)
 
 
+def test_every_lead_has_rows_of_its_own_and_a_column() -> None:
+    settings = tasks(ReplaySettings(), ["random"], [1], 2, leads=[1, 4])
+    assert [(s.lead_slots, s.seed) for s in settings] == [(1, 0), (1, 1), (4, 0), (4, 1)]
+    found = list(compare(recording(), settings, load_profile("tx2"), jobs=1, run=off_by_seed))
+    for each, lead in zip(found, (1, 1, 4, 4), strict=True):
+        each["stage_ms"]["predict"] = {"median": float(lead), "p99": 9.0}
+    table = rows(found)
+    assert [(row["lead"], row["seeds"]) for row in table] == [(1, 2), (4, 2)]
+    shown, alone = (_printed(part) for part in (table, table[:1]))
+    assert "lead" in shown
+    assert "4.000" in shown
+    assert "lead" not in alone
+    assert "predict ms" not in alone
+
+
 def test_mean_and_sample_deviation_over_seeds() -> None:
     (row,) = rows(summaries(2))
     assert row["policy"] == "random"
@@ -121,3 +136,9 @@ def test_summary_shows_every_camera() -> None:
     assert "100.0" in text
     assert "tx2" in text
     assert "random over 2 slots" in text
+
+
+def _printed(table: list[dict[str, Any]]) -> str:
+    console = Console(file=io.StringIO(), width=240)
+    print_comparison(table, console)
+    return str(console.file.getvalue())  # type: ignore[attr-defined]

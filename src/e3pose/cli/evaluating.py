@@ -21,6 +21,7 @@ def evaluate(
     *,
     policies: str = "all,random,independent,e3pose-mv,e3pose",
     cameras: Annotated[str | None, Parameter(alias="-C")] = None,
+    leads: str | None = None,
     seeds: Whole = 5,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
@@ -43,12 +44,14 @@ def evaluate(
         Names with commas: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose.
     cameras
         C, how many cameras detect in a slot; several with commas. 3 unless the rig has fewer.
+    leads
+        Several values of --lead, with commas: accuracy and time of prediction against tau.
     seeds
         Repetitions of every policy.
     jobs
         Parallel processes; as many as there are processor cores by default.
     json_file
-        Write the figures here, one row per policy and camera count.
+        Write the figures here, one row per policy, camera count and lead.
     """
     from e3pose.atomic import atomic_file
     from e3pose.cli.progress import track_progress
@@ -69,8 +72,9 @@ def evaluate(
     device = load_profile(energy.profile)
     source = load_recording(recording)
     base = ReplaySettings(**loop.settings())
-    counts = [min(3, len(source.rig))] if cameras is None else _counts(cameras)
-    settings = tasks(base, names, counts, seeds)
+    counts = [min(3, len(source.rig))] if cameras is None else _counts("--cameras", cameras)
+    ahead = [] if leads is None else _counts("--leads", leads)
+    settings = tasks(base, names, counts, seeds, ahead)
     for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
         make_pipeline(source, each)
     summaries = compare(
@@ -92,12 +96,12 @@ def _names(text: str) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in text.split(",")))
 
 
-def _counts(text: str) -> list[int]:
+def _counts(option: str, text: str) -> list[int]:
     from e3pose.errors import InputError
 
     try:
         return list(dict.fromkeys(int(part) for part in text.split(",")))
     except ValueError:
         raise InputError(
-            f"--cameras: found {text[:40]!r}, expected whole numbers with commas, such as 2,3"
+            f"{option}: found {text[:40]!r}, expected whole numbers with commas, such as 2,3"
         ) from None

@@ -27,13 +27,28 @@ ASKED = ("settings", "recording")
 
 
 def tasks(
-    base: ReplaySettings, policies: Sequence[str], counts: Sequence[int], seeds: int
+    base: ReplaySettings,
+    policies: Sequence[str],
+    counts: Sequence[int],
+    seeds: int,
+    leads: Sequence[int] = (),
 ) -> list[ReplaySettings]:
-    """List the settings of every replay: per policy and camera count, seed i with phase i."""
+    """List the settings of every replay: per policy, camera count and lead, seed i with phase i.
+
+    Without `leads` all have the lead of `base`.
+    """
     return [
-        replace(base, policy=policy, num_selected=count, seed=base.seed + i, phase=base.phase + i)
+        replace(
+            base,
+            policy=policy,
+            num_selected=count,
+            lead_slots=lead,
+            seed=base.seed + i,
+            phase=base.phase + i,
+        )
         for policy in policies
         for count in counts
+        for lead in leads or (base.lead_slots,)
         for i in range(seeds)
     ]
 
@@ -88,27 +103,29 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Gather summaries into one row per policy and camera count.
+    """Gather summaries into one row per policy, camera count and lead.
 
     Returns:
-        Rows of `policy`, `cameras`, `seeds` and every figure of the summaries as
+        Rows of `policy`, `cameras`, `lead`, `seeds` and every figure of the summaries as
         `{"mean": , "sd": }`: the sample standard deviation over seeds, 0 for one seed. A figure
         that only some seeds have also tells the `count` of those.
     """
-    groups: dict[tuple[str, int], list[Mapping[str, Any]]] = {}
+    groups: dict[tuple[str, int, int], list[Mapping[str, Any]]] = {}
     for summary in summaries:
-        key = (summary["policy"], summary["settings"]["num_selected"])
+        asked = summary["settings"]
+        key = (summary["policy"], asked["num_selected"], asked["lead_slots"])
         groups.setdefault(key, []).append(summary)
     return [
         {
             "policy": policy,
             "cameras": count,
+            "lead": lead,
             "seeds": len(group),
             **_averaged(
                 [{k: v for k, v in s.items() if k not in (*ASKED, "policy")} for s in group]
             ),
         }
-        for (policy, count), group in groups.items()
+        for (policy, count, lead), group in groups.items()
     ]
 
 

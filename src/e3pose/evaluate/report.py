@@ -25,6 +25,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("saving %", ("energy", "saving_percent"), 1),
     ("ms a slot", ("stage_ms", "slot", "median"), 2),
 )
+PREDICT = ("predict ms", ("stage_ms", "predict", "median"), 3)  # beside leads, which it grows with
 FIGURE_NAMES = {
     "cameras on": "cameras on, mean a slot",
     "PCP 1 %": "PCP actor 1, %",
@@ -44,13 +45,18 @@ def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None 
     table = Table(title="mean +- standard deviation over seeds", title_justify="left")
     table.add_column("policy", no_wrap=True)
     table.add_column("C", justify="right")
+    leads = len({row["lead"] for row in rows}) > 1
+    if leads:
+        table.add_column("lead", justify="right")
     table.add_column("seeds", justify="right")
-    columns = [column for column in COLUMNS if any(_find(row, column[1]) for row in rows)]
+    known = (*COLUMNS, PREDICT) if leads else COLUMNS
+    columns = [column for column in known if any(_find(row, column[1]) for row in rows)]
     for heading, _, _ in columns:
         table.add_column(heading, justify="right")
     for row in rows:
         cells = [_cell(_find(row, path), digits) for _, path, digits in columns]
-        table.add_row(row["policy"], str(row["cameras"]), str(row["seeds"]), *cells)
+        lead = [str(row["lead"])] if leads else []
+        table.add_row(row["policy"], str(row["cameras"]), *lead, str(row["seeds"]), *cells)
     _print(table, console)
 
 
