@@ -92,11 +92,12 @@ class Camera:
             raise InputError(
                 f"camera {camera_id}: rotation: found a value that is not finite, expected numbers"
             )
-        if np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE):
-            rotation = _nearest_rotation(rotation)
         T_world_camera = np.eye(4)
-        T_world_camera[:3, :3] = rotation.T
-        T_world_camera[:3, 3] = -rotation.T @ translation
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are refused below
+            if np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE):
+                rotation = _nearest_rotation(rotation)
+            T_world_camera[:3, :3] = rotation.T
+            T_world_camera[:3, 3] = -rotation.T @ translation
         return cls(
             camera_id,
             image_size,

@@ -208,6 +208,7 @@ WORDS: list[tuple[str, str]] = [
     ("simulate $NEW --calibration $LAUGHS", "document type"),
     ("simulate $NEW --calibration $ALIASES", "alias"),
     ("simulate $NEW --calibration $DEEP", "deep: "),
+    ("simulate $NEW --calibration $FAR", "far: camera a: "),
     ("import shelf $EMPTY $NEW", "found no .npz"),
     ("import shelf $PIPE $NEW", "found a pipe"),
     ("import shelf $SPARSE $NEW", "found 10737418240 bytes"),
@@ -285,7 +286,7 @@ def test_a_bad_command_gets_one_line_and_leaves_nothing(
 
 
 def traps(folder: Path) -> dict[str, Path]:
-    names = "NEW BAD EMPTY PIPE SPARSE FOLDER FULL LINK LAUGHS ALIASES DEEP PICKLE LIES BOMB"
+    names = "NEW BAD EMPTY PIPE SPARSE FOLDER FULL LINK LAUGHS ALIASES DEEP PICKLE LIES BOMB FAR"
     places = {name: folder / name.lower() for name in names.split()}
     places["BAD"].write_text("bad\n")
     places["EMPTY"].touch()
@@ -299,6 +300,11 @@ def traps(folder: Path) -> dict[str, Path]:
     places["LAUGHS"].write_text('<!DOCTYPE a [<!ENTITY b "ha"><!ENTITY c "&b;&b;">]><a>&c;</a>')
     places["ALIASES"].write_text("a: &a [1, 2]\nb: [*a, *a]\n")
     places["DEEP"].write_text("[" * 100_000)
+    places["FAR"].write_text(
+        '[a]\nname = "a"\nsize = [640, 480]\nmatrix = [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\n'
+        "distortions = []\nrotation = [[1e200, 1e200, 0], [1e200, 0, 1e200], [0, 1, 1]]\n"
+        "translation = [1e300, -1e300, 1e300]\n"
+    )
     with places["PICKLE"].open("wb") as file:
         np.savez(file, K=np.array([{}], dtype=object))
     npy(places["LIES"], "(1000000000000, 3, 3)", 72)
