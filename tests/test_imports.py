@@ -20,6 +20,7 @@ PURE = [
     "fuse",
     "track",
     "estimate",
+    "estimators",
     "occlusion",
     "sight",
     "energy",

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from e3pose.camera import Camera, Rig
+from e3pose.estimators.per_slot import PerSlot
 from e3pose.fuse import Fuser
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.policies import POLICIES, PolicySettings, Selection, Situation
@@ -51,7 +52,7 @@ def make(policy: str = "e3pose", **changes: object) -> Pipeline:
         rig=RIG,
         num_joints=NUM_JOINTS,
         interval_s=0.04,
-        fuser=Fuser(RIG, NUM_JOINTS, backend="reference"),
+        estimator=PerSlot(Fuser(RIG, NUM_JOINTS, backend="reference"), NUM_JOINTS, 0.04, 4),
         predictor=make_predictor("constant-velocity"),
         policy=POLICIES[policy].make(PolicySettings(num_selected=2)),
         budget=np.full(NUM_CAMERAS, 0.6),

@@ -1,28 +1,28 @@
 """One slot, left to right: the only loop body, live and in replay.
 
-    views -> fuse -> track -> predict -> occlusion -> select -> the cameras of a slot to come
+    views -> estimate -> predict -> occlusion -> select -> the cameras of a slot to come
 
 The state is a value: `step` takes one and returns the next, so that it can be kept, restored and
-replayed. Only `track` and the deficit queues remember.
+replayed. Only the estimator and the deficit queues remember.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
 from e3pose.energy import advance_deficit
-from e3pose.fuse import Fuser
+from e3pose.estimators.base import Estimator
 from e3pose.occlusion import inside_image, occlusion, person_boxes
 from e3pose.policies.base import Policy, Selection, Situation
 from e3pose.pose import Poses2D, Poses3D
 from e3pose.predictors.base import Predictor
 from e3pose.sight import Sight, look, own_occlusion
-from e3pose.track import Tracks, update_tracks
 
 Floats = NDArray[np.float64]
 
@@ -35,13 +35,12 @@ class Pipeline:
         rig: the cameras.
         num_joints: joints of the detectors' skeleton.
         interval_s: seconds a slot.
-        fuser: matching and triangulation.
+        estimator: says who is where, with or without a memory.
         predictor: looks `lead_slots` ahead.
         policy: selects.
         budget: `(num_cameras,)` the paper's E_n.
         lead_slots: the paper's tau, at least 1.
-        warmup_slots: the paper's M, the slots at the start in which every camera detects; also the
-            length of the history that the predictor is given.
+        warmup_slots: the paper's M, the slots at the start in which every camera detects.
         holds: show the poses of the slot before in slots for which no camera was selected.
         clock: seconds, for stage times only.
     """
@@ -49,7 +48,7 @@ class Pipeline:
     rig: Rig
     num_joints: int
     interval_s: float
-    fuser: Fuser
+    estimator: Estimator[Any]
     predictor: Predictor
     policy: Policy
     budget: Floats
@@ -67,7 +66,7 @@ class SlotState:
         slot: the slot to come.
         selections: `(lead_slots, num_cameras)` decided for `slot` and the slots after it.
         deficit: `(num_cameras,)` the virtual queues before the next decision.
-        tracks: the people and their history.
+        memory: what the estimator remembers.
         sights: what every camera remembers of its own views.
         shown: the poses and track ids of the slot before.
     """
@@ -75,7 +74,7 @@ class SlotState:
     slot: int
     selections: NDArray[np.bool_]
     deficit: Floats
-    tracks: Tracks
+    memory: Any
     sights: tuple[Sight, ...]
     shown: tuple[Poses3D, NDArray[np.int64]]
 
@@ -94,7 +93,7 @@ class SlotRecord:
         occlusion: `(num_cameras,)` paper eq. (4) predicted for slot + lead.
         deficit: `(num_cameras,)` queues after the decision for slot + lead.
         next_selection: `(num_cameras,)` the decision for slot + lead.
-        stage_s: seconds spent in fuse, track, predict, occlusion, select.
+        stage_s: seconds spent in the estimator's stages, predict, occlusion, select.
     """
 
     slot: int
@@ -116,7 +115,7 @@ def initial_state(pipeline: Pipeline) -> SlotState:
         slot=0,
         selections=np.ones((pipeline.lead_slots, num_cameras), dtype=bool),
         deficit=np.zeros(num_cameras),
-        tracks=Tracks.empty(max(pipeline.warmup_slots, 2), pipeline.num_joints),
+        memory=pipeline.estimator.begin(),
         sights=(Sight.none(),) * num_cameras,
         shown=(Poses3D.empty(pipeline.num_joints), np.zeros(0, dtype=np.int64)),
     )
@@ -139,19 +138,16 @@ def step(
     slot, clock = state.slot, pipeline.clock
     selected = state.selections[0] & online
     views = {camera: view for camera, view in views.items() if selected[camera]}
-    times = [clock()]
-
-    fusion = pipeline.fuser.fuse(views)
-    times.append(clock())
-
-    tracks, track_ids = update_tracks(state.tracks, fusion.poses, pipeline.interval_s)
-    shown = (fusion.poses, track_ids)
+    memory, people = pipeline.estimator.estimate(
+        state.memory, views, slot * pipeline.interval_s, clock
+    )
+    shown = (people.poses, people.track_ids)
     if pipeline.holds and not selected.any():
         shown = state.shown
-    times.append(clock())
+    times = [clock()]
 
     prediction = pipeline.predictor.predict(
-        tracks.history_m, pipeline.interval_s, pipeline.lead_slots
+        people.history_m, pipeline.interval_s, pipeline.lead_slots
     )
     times.append(clock())
 
@@ -168,7 +164,7 @@ def step(
 
     arrived = np.zeros(len(online), dtype=bool)
     arrived[list(views)] = True
-    stages = ("fuse", "track", "predict", "occlusion", "select")
+    stages = ("predict", "occlusion", "select")
     record = SlotRecord(
         slot=slot,
         time_s=slot * pipeline.interval_s,
@@ -179,10 +175,10 @@ def step(
         occlusion=situation.occlusion,
         deficit=deficit,
         next_selection=decision,
-        stage_s=dict(zip(stages, np.diff(times).tolist(), strict=True)),
+        stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
-    return SlotState(slot + 1, selections, deficit, tracks, sights, shown), record
+    return SlotState(slot + 1, selections, deficit, memory, sights, shown), record
 
 
 def _situation(

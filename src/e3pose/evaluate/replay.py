@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from e3pose.energy import check_budget
 from e3pose.errors import InputError
-from e3pose.fuse import Fuser, FusionSettings
+from e3pose.estimators import ESTIMATORS, EstimatorSettings, make_estimator
+from e3pose.fuse import FusionSettings
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.policies import PolicySettings, policy_row
 from e3pose.policies.base import Selection
@@ -20,7 +21,7 @@ from e3pose.pose import Poses2D
 from e3pose.predictors import make_predictor, make_predictor_or_fallback
 from e3pose.recording import Recording
 
-PIPELINES = ("paper",)
+PIPELINES = tuple(ESTIMATORS)
 PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
 BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
 MAX_LEAD = 1000
@@ -32,7 +33,7 @@ class ReplaySettings:
     """How to run a recording.
 
     Attributes:
-        pipeline: `paper`, the estimator without memory.
+        pipeline: a name of `ESTIMATORS`: `paper` has no memory, `memory` a filter per person.
         policy: a name of `POLICIES`.
         num_selected: the paper's C.
         budget: the paper's E_n, the share of slots each camera may be active; C/N + 0.2 by default.
@@ -75,11 +76,6 @@ def make_pipeline(
         InputError: naming the option that cannot be had for this recording.
     """
     num_cameras = len(recording.rig)
-    if settings.pipeline not in PIPELINES:
-        raise InputError(
-            f"pipeline {settings.pipeline[:40]!r} is unknown, "
-            f"expected one of {', '.join(PIPELINES)}"
-        )
     if not 1 <= settings.num_selected <= num_cameras:
         raise InputError(
             f"cameras: asked for {settings.num_selected} a slot, "
@@ -99,6 +95,19 @@ def make_pipeline(
     for name, value in (("seed", settings.seed), ("phase", settings.phase)):
         if not 0 <= value <= MAX_SEED:
             raise InputError(f"{name}: {value}, expected 0 to {MAX_SEED}")
+    estimator = make_estimator(
+        settings.pipeline,
+        EstimatorSettings(
+            rig=recording.rig,
+            skeleton=recording.skeleton,
+            interval_s=recording.interval_s,
+            history_slots=settings.warmup_slots,
+            fusion=FusionSettings(
+                refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
+            ),
+            backend=settings.backend,
+        ),
+    )
     row = policy_row(settings.policy)
     policy = row.make(
         PolicySettings(
@@ -114,14 +123,7 @@ def make_pipeline(
         rig=recording.rig,
         num_joints=len(recording.skeleton),
         interval_s=recording.interval_s,
-        fuser=Fuser(
-            recording.rig,
-            len(recording.skeleton),
-            FusionSettings(
-                refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
-            ),
-            backend=settings.backend,
-        ),
+        estimator=estimator,
         # A predictor that was asked for must be had; the policy's own has a stand-in.
         predictor=make_predictor_or_fallback(row.predictor, recording.skeleton)
         if settings.predictor is None

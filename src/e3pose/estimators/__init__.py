@@ -1,0 +1,60 @@
+"""Estimators: the views of a slot -> the people in it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+from e3pose.estimate import Model
+from e3pose.estimators.base import Estimator as Estimator
+from e3pose.estimators.base import People as People
+from e3pose.estimators.filtered import Filtered
+from e3pose.estimators.per_slot import PerSlot
+from e3pose.fuse import Fuser, FusionSettings
+from e3pose.skeleton import Skeleton
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatorSettings:
+    """What an estimator is made for.
+
+    Attributes:
+        rig: the cameras.
+        skeleton: of the detectors.
+        interval_s: seconds a slot.
+        history_slots: how much of the past the predictor is given.
+        fusion: of the estimator without a memory.
+        backend: likewise.
+    """
+
+    rig: Rig
+    skeleton: Skeleton
+    interval_s: float
+    history_slots: int
+    fusion: FusionSettings
+    backend: Literal["numba", "reference"]
+
+
+def _per_slot(settings: EstimatorSettings) -> PerSlot:
+    fuser = Fuser(settings.rig, len(settings.skeleton), settings.fusion, backend=settings.backend)
+    return PerSlot(fuser, len(settings.skeleton), settings.interval_s, settings.history_slots)
+
+
+def _filtered(settings: EstimatorSettings) -> Filtered:
+    return Filtered(Model(settings.rig, settings.skeleton), settings.history_slots)
+
+
+ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator[Any]]] = {
+    "paper": _per_slot,
+    "memory": _filtered,
+}
+
+
+def make_estimator(name: str, settings: EstimatorSettings) -> Estimator[Any]:
+    """Return the estimator of the pipeline `name`; raise `InputError` listing the known ones."""
+    if name not in ESTIMATORS:
+        raise InputError(
+            f"pipeline {name[:40]!r} is unknown, expected one of {', '.join(ESTIMATORS)}"
+        )
+    return ESTIMATORS[name](settings)

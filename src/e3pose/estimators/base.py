@@ -1,0 +1,61 @@
+"""What every estimator is: the views of a slot and its own memory in, the people out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.pose import Poses2D, Poses3D
+
+Memory = TypeVar("Memory")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class People:
+    """Who is there in one slot, and where they were.
+
+    Attributes:
+        poses: the people, world metres.
+        track_ids: `(num_persons,)` their identities.
+        history_m: `(num_slots, num_tracks, num_joints, 3)` oldest first, the newest being this
+            slot; NaN where a joint was not estimated or the person was not there. What the
+            predictor is given; it may have tracks that `poses` lacks.
+        stage_s: seconds spent in each stage of the estimator.
+    """
+
+    poses: Poses3D
+    track_ids: NDArray[np.int64]
+    history_m: NDArray[np.float64]
+    stage_s: Mapping[str, float]
+
+
+class Estimator(Protocol[Memory]):
+    """Estimate who is where. The memory is a value that the estimator alone understands."""
+
+    def begin(self) -> Memory:
+        """Return the memory before the first slot."""
+        ...
+
+    def estimate(
+        self,
+        memory: Memory,
+        views: Mapping[int, Poses2D],
+        time_s: float,
+        clock: Callable[[], float],
+    ) -> tuple[Memory, People]:
+        """Take in one slot.
+
+        Args:
+            memory: what the slot before handed over; it is not changed.
+            views: camera index to what it saw; any number of cameras, also none.
+            time_s: of the slot.
+            clock: seconds, for stage times only.
+
+        Returns:
+            The memory to hand on and the people of this slot.
+        """
+        ...

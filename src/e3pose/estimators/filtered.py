@@ -1,0 +1,80 @@
+"""The estimator with a memory, as a part of the loop: one causal filter per person."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate import Belief, Estimate, Model, step
+from e3pose.estimators.base import People
+from e3pose.pose import Poses2D, Poses3D
+
+HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
+LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Remembered:
+    """What `Filtered` hands from slot to slot.
+
+    Attributes:
+        belief: about everybody.
+        track_ids: `(num_tracks,)` the people shown in the newest slot.
+        history_m: `(num_slots, num_tracks, num_joints, 3)` where they were shown, oldest first.
+    """
+
+    belief: Belief
+    track_ids: NDArray[np.int64]
+    history_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filtered:
+    """Estimate with a memory.
+
+    Attributes:
+        model: the rig, the skeleton, the noise of the detector.
+        history_slots: the length of the history, at least 2.
+    """
+
+    model: Model
+    history_slots: int = 10
+
+    def begin(self) -> Remembered:
+        """See `Estimator.begin`."""
+        history = np.zeros((max(self.history_slots, 2), 0, len(self.model.skeleton), 3))
+        return Remembered(Belief.empty(self.model), np.zeros(0, dtype=np.int64), history)
+
+    def estimate(
+        self,
+        memory: Remembered,
+        views: Mapping[int, Poses2D],
+        time_s: float,
+        clock: Callable[[], float],
+    ) -> tuple[Remembered, People]:
+        """See `Estimator.estimate`."""
+        start = clock()
+        belief, estimate = step(self.model, memory.belief, views, time_s)
+        history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
+        _, new, old = np.intersect1d(
+            estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
+        )
+        history[:-1, new] = memory.history_m[1:, old]
+        history[-1] = estimate.joints_m
+        people = People(
+            Poses3D(estimate.joints_m, _scores(estimate)),
+            estimate.track_ids,
+            history,
+            {"estimate": clock() - start},
+        )
+        return Remembered(belief, estimate.track_ids, history), people
+
+
+def _scores(estimate: Estimate) -> NDArray[np.float64]:
+    """Return `(num_persons, num_joints)`: certainty in (0, 1], 0 for joints never measured."""
+    variance = np.trace(estimate.covariance_m2, axis1=-2, axis2=-1) / 3
+    score = np.maximum(1 / (1 + variance / HALF_SCORE_M**2), LEAST_SCORE)
+    return np.where(np.isfinite(score), score, 0.0)
