@@ -80,6 +80,7 @@ POLICIES: dict[str, PolicyRow] = {
     "e3pose": PolicyRow(
         lambda s: DriftPlusPenalty(s.num_selected, s.quality_weight, s.phase),
         "drift plus penalty on occlusion predicted by the best predictor there is",
+        predictor="attention-lstm",
     ),
 }
 

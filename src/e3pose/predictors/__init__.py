@@ -1,6 +1,8 @@
 """Predictors: recent 3D poses -> 3D poses a few slots ahead."""
 
+import logging
 from collections.abc import Callable
+from functools import lru_cache
 
 from e3pose.errors import InputError
 from e3pose.predictors.base import Prediction as Prediction
@@ -10,11 +12,21 @@ from e3pose.predictors.damped_velocity import DampedVelocity
 from e3pose.predictors.zero_velocity import ZeroVelocity
 from e3pose.skeleton import COCO17, Skeleton
 
+FALLBACK = "constant-velocity"
+
+
+def _attention_lstm(skeleton: Skeleton) -> Predictor:
+    from e3pose.predictors.attention_lstm import AttentionLstm
+
+    return AttentionLstm(skeleton)
+
+
 # A predictor is made for the skeleton of the poses that it will be given.
 PREDICTORS: dict[str, Callable[[Skeleton], Predictor]] = {
     "zero-velocity": lambda skeleton: ZeroVelocity(),
     "constant-velocity": lambda skeleton: ConstantVelocity(),
     "damped-velocity": lambda skeleton: DampedVelocity(),
+    "attention-lstm": _attention_lstm,
 }
 
 
@@ -25,3 +37,21 @@ def make_predictor(name: str, skeleton: Skeleton = COCO17) -> Predictor:
             f"predictor {name[:40]!r} is unknown, expected one of {', '.join(PREDICTORS)}"
         )
     return PREDICTORS[name](skeleton)
+
+
+def make_predictor_or_fallback(name: str, skeleton: Skeleton = COCO17) -> Predictor:
+    """Return the predictor called `name`, or `FALLBACK`, saying so, where it cannot be had.
+
+    It cannot be had when its weights are missing, damaged or made for other joints, or when the
+    library that runs it is not installed; a running edge goes on all the same.
+    """
+    try:
+        return make_predictor(name, skeleton)
+    except (InputError, ImportError) as error:
+        _say_once(f"predictor {name} cannot be had, {FALLBACK} predicts instead: {error}")
+        return make_predictor(FALLBACK, skeleton)
+
+
+@lru_cache(maxsize=64)
+def _say_once(message: str) -> None:
+    logging.getLogger(__name__).warning(message)
