@@ -113,7 +113,10 @@ RECORDINGS: dict[str, tuple[Break, str]] = {
         text(HEADER, "num_slots = 10", "num_slots = 1" + 5000 * "0"),
         "recording.toml",
     ),
-    "days of slots, a few lines": (days_of_nothing, "recording.toml: num_slots: found 100000000"),
+    "days of slots, a few lines": (
+        days_of_nothing,
+        "recording.toml: recording: num_slots: found 100000000",
+    ),
     "as many slots, with a truth": (
         text(HEADER, "num_slots = 10", "num_slots = 100_000_000"),
         "recording.toml: num_slots",

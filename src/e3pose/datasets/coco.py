@@ -116,7 +116,7 @@ def import_coco(
 
 def _read_results(source: Path) -> tuple[list[_Result], list[_Image] | None]:
     content = read_bytes(source, MAX_FILE_BYTES)
-    if content.lstrip()[:1] == b"{":
+    if content[:1000].lstrip()[:1] == b"{":
         dataset = _decode(source, _Dataset, content)
         return dataset.annotations, dataset.images
     return _decode(source, list[_Result], content), None

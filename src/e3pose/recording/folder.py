@@ -30,9 +30,6 @@ TRUTH = "truth.jsonl"
 MAX_HEADER_BYTES = 2**20
 MAX_LINES_BYTES = 8 * 2**30
 MAX_TRUTH_VALUES = 2**27  # 1 GiB of float64
-# A recording may have lost views, but not so many that a few lines stand for days of slots.
-SLOTS_PER_LINE = 100
-FREE_SLOTS = 1000
 
 
 class TruthHeader(msgspec.Struct, forbid_unknown_fields=True):
@@ -91,14 +88,6 @@ def load_recording(path: Path | str) -> Recording:
         truth = _read_truth(folder / TRUTH, header.truth, header.num_slots)
     elif (folder / TRUTH).exists():
         raise InputError(f"{folder / HEADER}: truth: missing, expected a table for {TRUTH}")
-    lines = max(
-        [len(series.slots) for series in views] + [0 if truth is None else len(truth.joints_m)]
-    )
-    if header.num_slots > FREE_SLOTS + SLOTS_PER_LINE * lines:
-        raise InputError(
-            f"{folder / HEADER}: num_slots: found {header.num_slots}, expected at most "
-            f"{FREE_SLOTS + SLOTS_PER_LINE * lines} for files of {lines} lines"
-        )
     try:
         return Recording(
             name=header.name,

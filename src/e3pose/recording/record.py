@@ -19,6 +19,9 @@ Floats = NDArray[np.float64]
 MAX_NAME = 200
 MAX_SOURCE = 10_000
 MAX_PEOPLE = 1000
+# A recording may have lost views, but not so many that a few views stand for days of slots.
+FREE_SLOTS = 10_000
+SLOTS_PER_VIEW = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,6 +147,8 @@ class Recording:
             )
         if self.truth is not None:
             self._check_people(self.truth.person_ids)
+        else:
+            self._check_length()
         if self.scored_slots is not None:
             first, end = self.scored_slots
             if not 0 <= first <= end <= self.num_slots:
@@ -165,6 +170,15 @@ class Recording:
     def view(self, slot: int, camera: int) -> Poses2D | None:
         """Return what camera index `camera` saw in `slot`, or None if that view was lost."""
         return self.views[camera].view(slot)
+
+    def _check_length(self) -> None:
+        views = max(len(series.slots) for series in self.views)
+        limit = FREE_SLOTS + SLOTS_PER_VIEW * views
+        if self.num_slots > limit:
+            raise InputError(
+                f"recording: num_slots: found {self.num_slots}, expected at most {limit} for "
+                f"{views} views of a camera"
+            )
 
     def _check_people(self, person_ids: tuple[str, ...]) -> None:
         if len(person_ids) > MAX_PEOPLE or len(set(person_ids)) != len(person_ids):
