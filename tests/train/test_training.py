@@ -108,7 +108,9 @@ def test_training_learns_and_leaves_weights_card_and_log(tmp_path: Path) -> None
     assert float(rows[-1]["loss"]) < 0.9 * float(rows[0]["loss"])
     assert shares == sorted(shares) and shares[-1] == 1
     card = (tmp_path / "model-card.md").read_text(encoding="utf-8")
-    assert "swinging 3" in card and "### swinging, noisy" in card and "history_slots" in card
+    assert "- swinging 3: 8 s" in card and "- swinging 9: 8 s" in card.split("Validated on")[1]
+    assert "swinging 9" not in card.split("Validated on")[0]
+    assert "### swinging, noisy" in card and "history_slots" in card
     predictor = Predictor(COCO17, weights)
     assert predictor.history_slots == 6
     history = np.random.default_rng(0).normal(size=(6, 2, 17, 3))

@@ -205,7 +205,8 @@ def train(
                     board.add_scalar(name, value, run.step)
             run.save(out / CHECKPOINT)
         progress(run.done, f"score {run.best_score:.3f}")
-    return _finish(run, exams, training_clips, out)
+    spared = [clip for _, clips in validation_groups for clip in clips]
+    return _finish(run, exams, training_clips, spared, out)
 
 
 def _validate(run: Training, exams: Sequence[Exam], loss: float) -> dict[str, float]:
@@ -224,7 +225,13 @@ def _validate(run: Training, exams: Sequence[Exam], loss: float) -> dict[str, fl
     return row
 
 
-def _finish(run: Training, exams: Sequence[Exam], clips: Sequence[Clip], out: Path) -> Path:
+def _finish(
+    run: Training,
+    exams: Sequence[Exam],
+    training: Sequence[Clip],
+    validation: Sequence[Clip],
+    out: Path,
+) -> Path:
     """Write the best network and its card."""
     network = AttentionLstm(run.settings.network)
     network.load_state_dict(run.best)
@@ -234,7 +241,8 @@ def _finish(run: Training, exams: Sequence[Exam], clips: Sequence[Clip], out: Pa
         temporary.write_bytes(export(network, error_factors(marks)))
     with atomic_file(out / "model-card.md") as temporary:
         temporary.write_text(
-            model_card(asdict(run.settings), run.step, clips, marks), encoding="utf-8"
+            model_card(asdict(run.settings), run.step, training, validation, marks),
+            encoding="utf-8",
         )
     return weights
 

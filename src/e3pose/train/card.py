@@ -14,12 +14,13 @@ SIMPLE = ("zero velocity", "constant velocity", "damped velocity")
 
 
 def model_card(
-    settings: Mapping[str, object], steps: int, clips: Sequence[Clip], marks: Sequence[Marks]
+    settings: Mapping[str, object],
+    steps: int,
+    training: Sequence[Clip],
+    validation: Sequence[Clip],
+    marks: Sequence[Marks],
 ) -> str:
     """Return the card as Markdown."""
-    seconds: Counter[str] = Counter()
-    for clip in clips:
-        seconds[clip.name.split(",")[0]] += round(len(clip.joints_m) / clip.fps)
     lines = [
         "# Attention-LSTM predictor: model card",
         "",
@@ -36,7 +37,11 @@ def model_card(
         "Learned from (seconds of motion; every window at a random frame rate, pace, size and "
         "side, with and without an estimator's noise and gaps):",
         "",
-        *(f"- {name}: {number} s" for name, number in seconds.items()),
+        *_seconds(training),
+        "",
+        "Validated on, never learned from:",
+        "",
+        *_seconds(validation),
         "",
         "## Figures",
         "",
@@ -61,3 +66,11 @@ def model_card(
     factors = ", ".join(f"{factor:.2f}" for factor in error_factors(marks))
     lines += ["", f"Expected errors are multiplied by {factors} (leads 1, 2, ...) to be right.", ""]
     return "\n".join(lines)
+
+
+def _seconds(clips: Sequence[Clip]) -> list[str]:
+    """Return a line for every recording: how much of it there is in `clips`."""
+    seconds: Counter[str] = Counter()
+    for clip in clips:
+        seconds[clip.name.split(",")[0]] += round(len(clip.joints_m) / clip.fps)
+    return [f"- {name}: {number} s" for name, number in seconds.items()]
