@@ -21,7 +21,6 @@ MIN_DEPTH_M = 0.1
 OUTLIER_SIGMAS = 2.5  # where the weight of a keypoint is halved: the usual compromise
 MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
 ITERATIONS = 3
-BONE_SLACK_M = 0.03  # how far the joints of a detector may slide along the body
 BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
 BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
 
@@ -135,7 +134,7 @@ def _pull_bones(
     rows = np.arange(len(belief))[:, None]
     for end, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         spread = np.einsum("tba,tbac,tbc->tb", along, belief.covariance[:, other, :3, :3], along)
-        weight = np.where(trusted, 1 / (spread / 2 + BONE_SLACK_M**2), 0.0)
+        weight = np.where(trusted, 1 / (spread / 2 + model.slacks_m**2), 0.0)
         np.add.at(information[..., :3, :3], (rows, end), weight[..., None, None] * outer)
         np.add.at(pull[..., :3], (rows, end), -sign * (weight * excess)[..., None] * along)
 

@@ -12,11 +12,25 @@ from numpy.typing import NDArray
 from e3pose.camera import Rig
 from e3pose.errors import InputError
 from e3pose.estimate.noise import OPENPOSE, Noise
-from e3pose.skeleton import BODY_LIMBS, Skeleton
+from e3pose.skeleton import BODY_LIMBS, FACE_LIMBS, Skeleton
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+
+SIDES = ("left", "right")
+STIFF = (
+    *BODY_LIMBS,
+    ("left_shoulder", "right_hip"),
+    ("right_shoulder", "left_hip"),
+    *FACE_LIMBS,
+    ("left_eye", "right_eye"),
+    ("left_ear", "right_ear"),
+)
+STIFF_SLACK_M = 0.04  # detectors slide joints along the body by about this
+# A head turns and nods: what it does to these lengths is a few centimetres.
+LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
+LOOSE_SLACK_M = 0.08
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +62,24 @@ class Model:
 
     @cached_property
     def bones(self) -> Ints:
-        """`(num_bones, 2)` joints a fixed length apart."""
-        names = self.skeleton.joints
-        pairs = [(names.index(a), names.index(b)) for a, b in BODY_LIMBS if {a, b} <= set(names)]
+        """`(num_bones, 2)` joints that stay about as far apart as they are."""
+        pairs = [pair for pair, _ in self._bones]
         return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+    @cached_property
+    def slacks_m(self) -> Floats:
+        """`(num_bones,)` how far the length of a bone strays, as a standard deviation."""
+        return np.array([slack for _, slack in self._bones])
+
+    @cached_property
+    def _bones(self) -> list[tuple[tuple[int, int], float]]:
+        names = self.skeleton.joints
+        return [
+            ((names.index(a), names.index(b)), slack)
+            for links, slack in ((STIFF, STIFF_SLACK_M), (LOOSE, LOOSE_SLACK_M))
+            for a, b in links
+            if {a, b} <= set(names)
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
