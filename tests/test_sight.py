@@ -19,14 +19,14 @@ def view(*centres: float) -> Poses2D:
 
 
 def test_camera_that_never_looked_knows_nothing() -> None:
-    assert np.isnan(own_occlusion(Sight.none(), 5))
+    assert np.isnan(own_occlusion(Sight.none(), 5, SIZE))
 
 
 def test_boxes_move_on_with_their_motion_until_they_meet() -> None:
     sight = look(Sight.none(), view(200, 600), 0, SIZE)
     sight = look(sight, view(220, 580), 2, SIZE)  # 10 px a slot towards each other
-    assert own_occlusion(sight, 3) == 0
-    assert own_occlusion(sight, 20) == pytest.approx(1.0)  # 360 px apart closed in 18 slots
+    assert own_occlusion(sight, 3, SIZE) == 0
+    assert own_occlusion(sight, 20, SIZE) == pytest.approx(1.0)  # 360 px apart closed in 18 slots
 
 
 def test_newcomer_has_no_motion() -> None:
@@ -36,5 +36,11 @@ def test_newcomer_has_no_motion() -> None:
 
 def test_empty_view_is_remembered_as_empty() -> None:
     sight = look(look(Sight.none(), view(200), 0, SIZE), view(), 1, SIZE)
-    assert own_occlusion(sight, 4) == 0.0
+    assert own_occlusion(sight, 4, SIZE) == 0.0
     assert sight.slot == 1
+
+
+def test_people_who_left_the_image_do_not_count() -> None:
+    sight = look(look(Sight.none(), view(800, 820), 0, SIZE), view(850, 870), 1, SIZE)
+    assert own_occlusion(sight, 2, SIZE) > 0.1
+    assert own_occlusion(sight, 20, SIZE) == 0.0

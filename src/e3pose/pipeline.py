@@ -156,7 +156,7 @@ def step(
     times.append(clock())
 
     if situation.slot < pipeline.warmup_slots:
-        decision, deficit = np.ones(len(online), dtype=bool), state.deficit
+        decision, deficit = np.array(online), state.deficit
     else:
         decision = pipeline.policy.select(situation)
         deficit = advance_deficit(state.deficit, pipeline.budget, decision)
@@ -200,7 +200,12 @@ def _situation(
         interval_s=pipeline.interval_s,
         online=online,
         occlusion=np.array(expected),
-        own_occlusion=np.array([own_occlusion(sight, target) for sight in sights]),
+        own_occlusion=np.array(
+            [
+                own_occlusion(sight, target, camera.image_size)
+                for sight, camera in zip(sights, pipeline.rig.cameras, strict=True)
+            ]
+        ),
         unseen_slots=np.array([target - sight.slot for sight in sights], dtype=np.int64),
         visibility=np.stack(visibility),
         deficit=state.deficit,

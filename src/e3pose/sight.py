@@ -53,8 +53,15 @@ def look(sight: Sight, view: Poses2D, slot: int, image_size: tuple[int, int]) ->
     return Sight(slot, boxes, motion)
 
 
-def own_occlusion(sight: Sight, slot: int) -> float:
-    """Return the occlusion, eq. (4), a camera itself expects in `slot`; NaN if it never looked."""
+def own_occlusion(sight: Sight, slot: int, image_size: tuple[int, int]) -> float:
+    """Return the occlusion, eq. (4), a camera itself expects in `slot`; NaN if it never looked.
+
+    Boxes that have left the image by then do not count, nor do their parts outside it.
+    """
     if sight.slot < 0:
         return float("nan")
-    return occlusion(sight.boxes + (slot - sight.slot) * sight.motion)
+    boxes = sight.boxes + (slot - sight.slot) * sight.motion
+    limits = np.tile(np.array(image_size, dtype=np.float64), 2) - 0.5
+    boxes = np.clip(boxes, -0.5, limits)
+    in_view = (boxes[:, 2:] > boxes[:, :2]).all(axis=-1)
+    return occlusion(boxes[in_view])

@@ -6,6 +6,7 @@ import io
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
@@ -65,7 +66,8 @@ EXTRAS = {
 def main(tokens: Sequence[str] | None = None) -> None:
     """Run one verb; print a wrong input as one line on standard error and exit with code 2."""
     # A polite kill unwinds like any error, so that temporary files go away with us.
-    signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, lambda number, _frame: sys.exit(128 + number))
     sys.stdout = sys.stdout or io.StringIO()  # None where the caller closed it
     if isinstance(sys.stdout, io.TextIOWrapper):  # a name that it cannot show is no reason to stop
         sys.stdout.reconfigure(errors="backslashreplace")

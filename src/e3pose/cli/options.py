@@ -67,7 +67,8 @@ class LoopOptions:
     phase: Whole = 0
     """Which camera comes first in turns and ties."""
     predictor: str | None = None
-    """What foresees the poses: constant-velocity. By default the policy's own."""
+    """What foresees the poses: attention-lstm, constant-velocity, damped-velocity, zero-velocity;
+    by default the policy's own."""
     reject_outliers: bool = False
     """Leave out views that disagree with the others."""
     occlusion_limit: float = 0.1

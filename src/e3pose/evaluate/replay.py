@@ -169,7 +169,10 @@ def _run(recording: Recording, pipeline: Pipeline) -> Iterator[SlotRecord]:
     online = np.ones(len(recording.rig), dtype=bool)
     for slot in range(recording.num_slots):
         views = selected_views(recording, slot, state.selections[0] & online)
-        state, record = step(pipeline, state, views, online)
+        try:
+            state, record = step(pipeline, state, views, online)
+        except InputError as error:
+            raise InputError(f"{recording.name}: slot {slot}: {error}") from None
         yield record
 
 
