@@ -22,6 +22,7 @@ from e3pose.cli.models import models_app
 from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.replaying import replay
 from e3pose.cli.simulating import simulate
+from e3pose.cli.training import train
 from e3pose.errors import InputError
 
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -44,6 +45,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "evaluate": evaluate,
     "evaluate-predictor": evaluate_predictor,
     "models": models_app,
+    "train": train,
 }
 for _verb, _function in VERBS.items():
     app.command(_function, name=_verb)
@@ -60,6 +62,7 @@ EXTRAS = {
     "scipy": "edge",
     "yaml": "edge",
     "plotly": "report",
+    "torch": "train",
 }
 
 
