@@ -156,6 +156,14 @@ def test_any_frame_rate_glides_on(interval_s: float) -> None:
     np.testing.assert_allclose(moved, [0, 3.6 * interval_s, 0], atol=1.3 * interval_s)
 
 
+@pytest.mark.parametrize("interval_s", [1e-9, 1e9])
+def test_an_unknown_frame_rate_counts_as_the_nearest_known(interval_s: float) -> None:
+    predictor, history = make_predictor("attention-lstm"), gliding()
+    nearest = 1 / 60 if interval_s < 1 else 1 / 5
+    wanted = predictor.predict(history, nearest, 5).joints_m
+    np.testing.assert_array_equal(predictor.predict(history, interval_s, 5).joints_m, wanted)
+
+
 def test_thousands_of_people_far_ahead_take_bounded_time() -> None:
     history = np.tile(gliding(), (1, 700, 1, 1))
     start = time.perf_counter()

@@ -29,6 +29,7 @@ NUM_FEATURES = 7 * NUM_COMMON  # of one person in one slot: position, motion, wh
 NUM_CONTEXT = 3  # of one person: speed, slot length, roughness
 SPEED_FLOOR_M = 5e-4  # a slot; slower than this is standing still
 SPEED_CEILING_M = 2.0  # a slot; faster is a mistake of the tracker
+INTERVALS_S = (1 / 60, 1 / 5)  # slots that were learned; shorter and longer ones count as these
 FAR_M = 1e4  # from the origin of the world; beyond it a position is taken for a mistake
 
 
@@ -158,7 +159,7 @@ def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> 
     context = np.stack(
         [
             np.log(speed / 0.01),
-            np.broadcast_to(np.log(np.asarray(interval_s) * 30), num_tracks),
+            np.broadcast_to(np.log(np.clip(interval_s, *INTERVALS_S) * 30), num_tracks),
             np.sqrt(rough) / speed,
         ],
         axis=-1,
