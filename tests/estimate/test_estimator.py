@@ -23,6 +23,7 @@ from e3pose.estimate import (
     belief_to_arrays,
     step,
 )
+from e3pose.estimate.associate import associate
 from e3pose.pose import Poses2D
 from e3pose.skeleton import COCO17
 
@@ -364,3 +365,17 @@ def test_after_a_long_pause_nobody_is_assumed_and_ids_go_on() -> None:
     assert len(estimate) == 0
     _, estimates = run((see(person) for _ in range(5)), belief=belief)
     assert estimates[-1].track_ids.tolist() == [1]
+
+
+def test_detections_that_fit_badly_do_not_keep_a_track_alive() -> None:
+    belief, _ = run(see(standing((0.0, 0.0))) for _ in range(10))
+    exact, off = standing((0.0, 0.0)), standing((0.0, 0.0)) + [0.09, 0.09, 0.0]
+    fits = {}
+    for name, people in (("exact", exact), ("off", off)):
+        rows, fit = associate(
+            belief, see(people, (0,))[0].keypoints_px, np.full((1, 17), 0.9), 0, MODEL
+        )
+        assert rows.tolist() == [0]
+        fits[name] = fit[0]
+    assert fits["exact"] == 1
+    assert 0 <= fits["off"] < 1

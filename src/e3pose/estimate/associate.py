@@ -15,13 +15,14 @@ Ints = NDArray[np.int64]
 BIAS_PX = 8.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
 MIN_JOINTS = 3
 COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
+COST_USUAL = 1.0  # the mean distance of a detection that is right is below it
 JOINT_LIMIT = 6.0  # what one wild joint may say at most
 NEVER = 1e3
 
 
 def associate(
     belief: Belief, keypoints_px: Floats, scores: Floats, camera: int, model: Model
-) -> Ints:
+) -> tuple[Ints, Floats]:
     """Assign the detections of one view to tracks, at most one each, by the least total cost.
 
     People who are believed to exist choose first; tracks that are not yet confirmed get what is
@@ -36,11 +37,13 @@ def associate(
         model: the rig and the noise.
 
     Returns:
-        `(num_tracks,)` the row of each track's detection, -1 for none.
+        `(num_tracks,)` the row of each track's detection, -1 for none; and `(num_tracks,)` how well
+        it fits, 1 within the usual error, falling to 0 at the gate, 0 for none.
     """
     rows = np.full(len(belief), -1, dtype=np.int64)
+    fits = np.zeros(len(belief))
     if len(belief) == 0 or len(scores) == 0:
-        return rows
+        return rows, fits
     cost = costs(belief, keypoints_px, scores, camera, model)
     free = np.ones(len(scores), dtype=bool)
     for group in (belief.confirmed, ~belief.confirmed):
@@ -50,7 +53,10 @@ def associate(
         good = offered[chosen, taken] <= COST_LIMIT
         rows[tracks[chosen[good]]] = people[taken[good]]
         free[people[taken[good]]] = False
-    return rows
+    found = np.flatnonzero(rows >= 0)
+    excess = cost[found, rows[found]] - COST_USUAL
+    fits[found] = np.clip(1 - excess / (COST_LIMIT - COST_USUAL), 0, 1)
+    return rows, fits
 
 
 def costs(

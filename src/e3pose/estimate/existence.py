@@ -19,7 +19,13 @@ SAME_M = 0.15  # median distance of joints at which two tracks are one person
 
 
 def attend(
-    belief: Belief, predicted: Belief, cameras: Ints, assigned: Ints, dt: float, model: Model
+    belief: Belief,
+    predicted: Belief,
+    cameras: Ints,
+    fits: Floats,
+    hits: Flags,
+    dt: float,
+    model: Model,
 ) -> Belief:
     """Count for each track the views that showed it and those that should have.
 
@@ -29,24 +35,25 @@ def attend(
         belief: after the update.
         predicted: before it.
         cameras: `(num_views,)` cameras whose views arrived.
-        assigned: `(num_views, num_tracks)` row of the detection, -1 for none.
+        fits: `(num_views, num_tracks)` how well the detection fits, 0 for none. A track at the
+            wrong place lives on detections that fit badly.
+        hits: `(num_views, num_tracks)` whether there was one.
         dt: seconds since the slot before.
         model: the rig.
     """
     expected = _inside(predicted, cameras, model)
     rate = LEARN_RATE * min(1.0, dt / FASTEST_S)
     existence, seen_by = belief.existence, belief.seen_by.copy()
-    for camera, row, inside in zip(cameras, assigned, expected, strict=True):
-        hit = row >= 0
-        existence = np.where(hit | inside, existence + rate * (hit - existence), existence)
+    for camera, fit, hit, inside in zip(cameras, fits, hits, expected, strict=True):
+        existence = np.where(hit | inside, existence + rate * (fit - existence), existence)
         seen_by[:, camera] |= hit
-    hits = belief.hits + (assigned >= 0).sum(axis=0)
-    confirmed = (seen_by.sum(axis=1) >= CONFIRM_CAMERAS) | (hits >= CONFIRM_HITS)
+    total = belief.hits + hits.sum(axis=0)
+    confirmed = (seen_by.sum(axis=1) >= CONFIRM_CAMERAS) | (total >= CONFIRM_HITS)
     return replace(
         belief,
         existence=existence,
         seen_by=seen_by,
-        hits=hits,
+        hits=total,
         confirmed=belief.confirmed | confirmed,
     )
 

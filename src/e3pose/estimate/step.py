@@ -65,14 +65,16 @@ def step(
         belief = replace(Belief.empty(model), next_id=belief.next_id)
     belief = predict(replace(belief, time_s=now), dt)
     cameras, keypoints, scores = _sorted(model, views)
-    rows = [
+    found = [
         associate(belief, k, s, camera, model)
         for camera, k, s in zip(cameras, keypoints, scores, strict=True)
     ]
-    assigned = np.array(rows, dtype=np.int64).reshape(len(cameras), len(belief))
+    shape = (len(cameras), len(belief))
+    assigned = np.array([rows for rows, _ in found], dtype=np.int64).reshape(shape)
+    fits = np.array([fit for _, fit in found]).reshape(shape)
     predicted = belief
     belief = update(belief, _sightings(model, cameras, keypoints, scores, assigned), model)
-    belief = attend(belief, predicted, cameras, assigned, dt, model)
+    belief = attend(belief, predicted, cameras, fits, assigned >= 0, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
     belief = end(give_birth(belief, fresh, model))
     return belief, _estimate(belief)
