@@ -47,6 +47,7 @@ lint: $(VENV)/.dev  ## put formatting and simple findings right
 
 bench: $(VENV)/.all  ## how long things take: fusing against its reference, and starting
 	$(BIN)/python benchmarks/bench_fuse.py
+	$(BIN)/python benchmarks/bench_predict.py
 	$(BIN)/python benchmarks/bench_import.py
 
 test-all: $(VENV)/.dev  ## the tests under every supported Python (3.10 to 3.13)
