@@ -379,3 +379,9 @@ def test_detections_that_fit_badly_do_not_keep_a_track_alive() -> None:
         fits[name] = fit[0]
     assert fits["exact"] == 1
     assert 0 <= fits["off"] < 1
+
+
+def test_who_left_the_sight_of_all_cameras_is_gone_after_a_second() -> None:
+    belief, _ = run(see(standing((0.0, 0.0))) for _ in range(10))
+    _, estimates = run([{}] * 30, belief=belief)
+    assert [len(estimates[i]) for i in (20, 29)] == [1, 0]

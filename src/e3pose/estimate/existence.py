@@ -12,6 +12,7 @@ from e3pose.estimate.state import Belief, Flags, Floats, Ints, Model
 LEARN_RATE = 0.12  # of the share of views that show a person: a memory of eight views
 FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
 END_EXISTENCE = 0.3
+END_UNSEEN_S = 1.0  # out of every camera's sight for this long, as in `track`
 END_SPREAD_M = 1.0  # nobody is known who could be anywhere
 CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
 INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
@@ -62,7 +63,7 @@ def end(belief: Belief) -> Belief:
     """Drop tracks that views no longer show, that could be anywhere, or that are someone else."""
     spread = np.sqrt(np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)).min(axis=-1)
     keep = (belief.existence > END_EXISTENCE) & (spread < END_SPREAD_M)
-    keep &= ~_doubles(belief)
+    keep &= (belief.unmeasured_s <= END_UNSEEN_S).any(axis=-1) & ~_doubles(belief)
     return replace(belief, **{n: c[keep] for n, c in belief.columns().items()})
 
 
