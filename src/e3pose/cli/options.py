@@ -53,8 +53,8 @@ class LoopOptions:
     """How the loop runs, for every verb that runs it."""
 
     pipeline: str = "paper"
-    """The estimator: `paper` places people slot by slot, from two views each; `memory` keeps a filter
-    per person and goes on with any number of views."""
+    """The estimator: `paper` places people slot by slot, from two views each; `memory` keeps a
+    filter per person and goes on with any number of views."""
     budget: Annotated[float | None, Parameter(alias="-E")] = None
     """E, the share of slots a camera may be active in, C/N to 1; C/N + 0.2 by default."""
     quality_weight: Annotated[float, Parameter(alias="-V")] = 1.0
