@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from e3pose.camera import Camera, Rig
-from e3pose.occlusion import box_iou, inside_image, occlusion, person_boxes, predicted_occlusion
+from e3pose.occlusion import box_iou, expected_views, inside_image, occlusion, person_boxes
 
 SIZE = (1000, 800)
 
@@ -76,7 +76,7 @@ def test_two_people_in_line_hide_each_other_only_from_the_camera_in_that_line() 
     side = Camera.from_world_to_camera("side", SIZE, K, along_y, -along_y @ [0.0, -5, 1])
     body = np.array([[0.0, -0.2, 0.1], [0.0, 0.2, 0.1], [0.0, 0.0, 1.7], [0.2, 0.0, 1.0]])
     people = np.stack([body - [0.6, 0, 0], body + [0.6, 0, 0]])
-    values = predicted_occlusion(Rig((front, side)), people)
+    values = expected_views(Rig((front, side)), people)[0]
     assert values[0] > 0.5
     assert values[1] == 0.0
 

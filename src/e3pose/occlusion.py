@@ -72,14 +72,23 @@ def occlusion(boxes: Floats) -> float:
     return float(box_iou(present[first], present[second]).mean())
 
 
-def predicted_occlusion(rig: Rig, joints_m: Floats) -> Floats:
-    """Return `(num_cameras,)` eq. (4) for people at `(num_persons, num_joints, 3)` metres."""
-    return np.array(
-        [
-            occlusion(person_boxes(camera.project(joints_m), camera.image_size))
-            for camera in rig.cameras
-        ]
-    )
+def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
+    """Foresee what every camera would see of people.
+
+    Args:
+        rig: the cameras.
+        joints_m: `(num_persons, num_joints, 3)` metres, NaN where unknown.
+
+    Returns:
+        `(num_cameras,)` the occlusion of eq. (4), and `(num_cameras, num_persons)` the share of
+        each person's joints inside the image.
+    """
+    hidden, inside = [], []
+    for camera in rig.cameras:
+        pixels = camera.project(joints_m)
+        hidden.append(occlusion(person_boxes(pixels, camera.image_size)))
+        inside.append(inside_image(pixels, camera.image_size).mean(axis=-1))
+    return np.array(hidden), np.stack(inside)
 
 
 def _area(boxes: Floats) -> Floats:

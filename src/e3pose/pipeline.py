@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from e3pose.camera import Rig
 from e3pose.energy import advance_deficit
 from e3pose.estimators.base import Estimator
-from e3pose.occlusion import inside_image, occlusion, person_boxes
+from e3pose.occlusion import expected_views
 from e3pose.policies.base import Policy, Selection, Situation
 from e3pose.pose import Poses2D, Poses3D
 from e3pose.predictors.base import Predictor
@@ -190,16 +190,12 @@ def _situation(
 ) -> Situation:
     """Gather what a policy may know about the slot that is decided now."""
     target = state.slot + pipeline.lead_slots
-    expected, visibility = [], []
-    for camera in pipeline.rig.cameras:
-        pixels = camera.project(predicted_m)
-        expected.append(occlusion(person_boxes(pixels, camera.image_size)))
-        visibility.append(inside_image(pixels, camera.image_size).mean(axis=-1))
+    occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     return Situation(
         slot=target,
         interval_s=pipeline.interval_s,
         online=online,
-        occlusion=np.array(expected),
+        occlusion=occlusion,
         own_occlusion=np.array(
             [
                 own_occlusion(sight, target, camera.image_size)
@@ -207,7 +203,7 @@ def _situation(
             ]
         ),
         unseen_slots=np.array([target - sight.slot for sight in sights], dtype=np.int64),
-        visibility=np.stack(visibility),
+        visibility=visibility,
         deficit=state.deficit,
         budget=pipeline.budget,
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.energy import check_budget
 from e3pose.errors import InputError
-from e3pose.estimators import ESTIMATORS, EstimatorSettings, make_estimator
+from e3pose.estimators import EstimatorSettings, make_estimator
 from e3pose.fuse import FusionSettings
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.policies import PolicySettings, policy_row
@@ -21,7 +21,6 @@ from e3pose.pose import Poses2D
 from e3pose.predictors import make_predictor, make_predictor_or_fallback
 from e3pose.recording import Recording
 
-PIPELINES = tuple(ESTIMATORS)
 PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
 BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
 MAX_LEAD = 1000
@@ -176,10 +175,14 @@ def _run(recording: Recording, pipeline: Pipeline) -> Iterator[SlotRecord]:
         yield record
 
 
+def default_budget(num_selected: float, num_cameras: int) -> float:
+    """Return the paper's E_n for those who name none: a margin above C/N, at most every slot."""
+    return min(1.0, num_selected / num_cameras + BUDGET_MARGIN)
+
+
 def _budget(settings: ReplaySettings, num_cameras: int, counts: bool) -> NDArray[np.float64]:
-    share = settings.num_selected / num_cameras
     if settings.budget is None:
-        return np.full(num_cameras, min(1.0, share + BUDGET_MARGIN))
+        return np.full(num_cameras, default_budget(settings.num_selected, num_cameras))
     if not 0 < settings.budget <= 1:
         raise InputError(f"budget: {settings.budget}, expected a share of the slots in (0, 1]")
     budget = np.full(num_cameras, float(settings.budget))

@@ -34,7 +34,7 @@ def duty(recording: Recording, records: Sequence[SlotRecord]) -> NDArray[np.floa
 
 def budget(summary: Mapping[str, Any], num_cameras: int) -> float | None:
     """Return the share of slots a camera could be awake, or None if the policy asks for none."""
-    from e3pose.evaluate.replay import BUDGET_MARGIN
+    from e3pose.evaluate.replay import default_budget
     from e3pose.policies import POLICIES
 
     row = POLICIES.get(str(summary.get("policy")))
@@ -44,7 +44,7 @@ def budget(summary: Mapping[str, Any], num_cameras: int) -> float | None:
     )
     if row is None or not row.budgeted or count is None:
         return asked
-    return min(1.0, count / num_cameras + BUDGET_MARGIN) if asked is None else asked
+    return default_budget(count, num_cameras) if asked is None else asked
 
 
 def sentences(
