@@ -53,7 +53,6 @@ class _Task:
     """What a person is doing: `kind` is walk, face, wait, sit or away."""
 
     kind: str
-    since_s: float
     until_s: float
     then: list[tuple[str, float]] = field(default_factory=list)
 
@@ -68,7 +67,7 @@ class Play:
         self.seats = np.array(scene.seats, dtype=np.float64).reshape(-1, 3)
         angles = 2 * np.pi * (np.arange(NUM_DOORS) + rng.uniform()) / NUM_DOORS
         self.doors = DOOR_FACTOR * scene.area_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        self.tasks = [_Task("away", 0.0, 0.0) for _ in range(number)]
+        self.tasks = [_Task("away", 0.0) for _ in range(number)]
 
     def run(self, seconds: float, progress: Callable[[float], None]) -> tuple[Floats, list[Life]]:
         """Play; return the grid `(num_times,)` in seconds and everybody's life."""
@@ -100,11 +99,11 @@ class Play:
             later = self.scene.habits.leave > 0 and person % 4 == 3
             place = None if later else self._free_place(person, ROOM_M)
             if place is None:
-                self.tasks[person] = _Task("away", 0.0, float(self.rng.uniform(1, 10)))
+                self.tasks[person] = _Task("away", float(self.rng.uniform(1, 10)))
             else:
                 self.group.xy[person] = place
                 self.group.heading[person] = self.rng.uniform(-np.pi, np.pi)
-                self.tasks[person] = _Task("wait", 0.0, float(self.rng.uniform(0, 1.5)))
+                self.tasks[person] = _Task("wait", float(self.rng.uniform(0, 1.5)))
 
     def _finished(self, person: int, task: _Task, time_s: float) -> bool:
         if time_s >= task.until_s:
@@ -132,14 +131,14 @@ class Play:
                 group.own_seat[person] = -1
                 return self._wander(person, time_s)
             group.facing[person] = task.then[0][1]
-            return _Task("face", time_s, time_s + PATIENCE_S, task.then[1:])
+            return _Task("face", time_s + PATIENCE_S, task.then[1:])
         if task.kind == "face" and task.then:
             kind, duration = task.then[0]
             if kind == "sit":
                 self._sit(person, time_s, duration)
             elif rng.uniform() < 0.7:
                 self._gestures(person, time_s, duration, tuple(GESTURES))
-            return _Task("wait", time_s, time_s + duration)
+            return _Task("wait", time_s + duration)
         group.own_seat[person] = -1
         return self._choose(person, time_s)
 
@@ -193,20 +192,20 @@ class Play:
         group.pace[person] = self.rng.uniform(*self.scene.habits.speed_mps)
         group.facing[person] = np.nan
         way_s = float(np.hypot(*(goal - group.xy[person])) / group.pace[person])
-        return _Task("walk", time_s, time_s + 1.6 * way_s + PATIENCE_S, then)
+        return _Task("walk", time_s + 1.6 * way_s + PATIENCE_S, then)
 
     def _walk_off(self, person: int, time_s: float, late: bool) -> _Task:
         if late:
             return self._wander(person, time_s)
         self.group.xy[person] = NOWHERE * (1 + person)
         self.group.velocity[person] = 0.0
-        return _Task("away", time_s, time_s + float(self.rng.uniform(3, 10)))
+        return _Task("away", time_s + float(self.rng.uniform(3, 10)))
 
     def _arrive(self, person: int, time_s: float) -> _Task:
         """Come in through a door that nobody stands in, or wait a moment longer."""
         door = self.doors[self.rng.integers(NUM_DOORS)]
         if np.hypot(*(self.group.xy - door).T).min() < 4 * PERSON_RADIUS_M:
-            return _Task("away", time_s, time_s + 0.5)
+            return _Task("away", time_s + 0.5)
         self.group.xy[person] = door
         self.group.heading[person] = np.arctan2(-door[1], -door[0])
         self.group.turning[person] = 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -25,10 +25,6 @@ class NetworkSettings:
     history_slots: int = 10
     hidden: int = 96
     dropout: float = 0.2
-
-    def to_dict(self) -> dict[str, float]:
-        """Return plain values, for checkpoints and model cards."""
-        return asdict(self)
 
 
 class AttentionLstm(nn.Module):
