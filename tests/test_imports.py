@@ -19,7 +19,7 @@ PURE = [
     "triangulate",
     "fuse",
     "track",
-    "estimate",
+    "filter",
     "estimators",
     "occlusion",
     "sight",
@@ -28,6 +28,9 @@ PURE = [
     "policies",
     "predictors",
     "evaluate.metrics",
+    "evaluate.motion",
+    "evaluate.prediction",
+    "evaluate.tally",
     "recording.record",
 ]
 LAYERS = {"edge", "node", "evaluate", "train", "cli", "report", "demo", "simulate", "datasets"}

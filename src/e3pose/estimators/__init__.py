@@ -6,11 +6,11 @@ from typing import Any, Literal
 
 from e3pose.camera import Rig
 from e3pose.errors import InputError
-from e3pose.estimate import Model
 from e3pose.estimators.base import Estimator as Estimator
 from e3pose.estimators.base import People as People
 from e3pose.estimators.filtered import Filtered
 from e3pose.estimators.per_slot import PerSlot
+from e3pose.filter import Model
 from e3pose.fuse import Fuser, FusionSettings
 from e3pose.skeleton import Skeleton
 

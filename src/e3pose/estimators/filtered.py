@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate import Belief, Estimate, Model, step
 from e3pose.estimators.base import People
+from e3pose.filter import Belief, Estimate, Model, step
 from e3pose.pose import Poses2D, Poses3D
 
 HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half

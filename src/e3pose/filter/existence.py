@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.estimate.filter import MIN_DEPTH_M, project
-from e3pose.estimate.state import Belief, Flags, Floats, Ints, Model
+from e3pose.filter.state import Belief, Flags, Floats, Ints, Model
+from e3pose.filter.update import MIN_DEPTH_M, project
 
 LEARN_RATE = 0.12  # of the share of views that show a person: a memory of eight views
 FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same

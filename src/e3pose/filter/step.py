@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.estimate.associate import associate
-from e3pose.estimate.births import give_birth
-from e3pose.estimate.existence import attend, end
-from e3pose.estimate.filter import Sightings, predict, update
-from e3pose.estimate.state import Belief, Flags, Floats, Ints, Leftovers, Model
+from e3pose.filter.associate import associate
+from e3pose.filter.births import give_birth
+from e3pose.filter.existence import attend, end
+from e3pose.filter.state import Belief, Flags, Floats, Ints, Leftovers, Model
+from e3pose.filter.update import Sightings, predict, update
 from e3pose.pose import Poses2D
 
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.camera import Rig
 from e3pose.errors import InputError
-from e3pose.estimate.noise import OPENPOSE, Noise
+from e3pose.filter.noise import OPENPOSE, Noise
 from e3pose.skeleton import BODY_LIMBS, FACE_LIMBS, Skeleton
 
 Floats = NDArray[np.float64]

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter import project
-from e3pose.estimate.state import Belief, Leftovers, Model
+from e3pose.filter.state import Belief, Leftovers, Model
+from e3pose.filter.update import project
 from e3pose.triangulate import triangulate
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
-from e3pose.estimate import (
+from e3pose.filter import (
     Belief,
     Estimate,
     Model,
@@ -23,7 +23,7 @@ from e3pose.estimate import (
     belief_to_arrays,
     step,
 )
-from e3pose.estimate.associate import associate
+from e3pose.filter.associate import associate
 from e3pose.pose import Poses2D
 from e3pose.skeleton import COCO17
 

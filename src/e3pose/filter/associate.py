@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.estimate.filter import MIN_DEPTH_M, MIN_SCORE, pixel_variance, project
-from e3pose.estimate.state import Belief, Model
+from e3pose.filter.state import Belief, Model
+from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE, pixel_variance, project
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

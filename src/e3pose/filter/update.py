@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.state import Belief, Model
+from e3pose.filter.state import Belief, Model
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

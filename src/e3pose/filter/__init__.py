@@ -1,0 +1,17 @@
+"""The estimator with a memory: one causal filter per person, fed by whatever views arrived.
+
+    predict -> associate -> update -> existence -> births
+
+A step is a pure function: the belief of the slot before and the views of this slot in, the belief
+of this slot and the people out. `docs/estimator.md` has the method and where its numbers come from.
+"""
+
+from e3pose.filter.noise import OPENPOSE as OPENPOSE
+from e3pose.filter.noise import Noise as Noise
+from e3pose.filter.state import Belief as Belief
+from e3pose.filter.state import Leftovers as Leftovers
+from e3pose.filter.state import Model as Model
+from e3pose.filter.state import belief_from_arrays as belief_from_arrays
+from e3pose.filter.state import belief_to_arrays as belief_to_arrays
+from e3pose.filter.step import Estimate as Estimate
+from e3pose.filter.step import step as step
