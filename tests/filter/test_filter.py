@@ -381,6 +381,24 @@ def test_detections_that_fit_badly_do_not_keep_a_track_alive() -> None:
     assert 0 <= fits["off"] < 1
 
 
+def test_what_each_camera_delivered_is_remembered() -> None:
+    person = standing((0.0, 0.0))
+    belief, _ = run(see(person) for _ in range(5))
+    empty = Poses2D.empty(17)
+    belief, _ = run(
+        (see(person, (0,), score=0.95) | see(person, (2,), score=0.3) | {1: empty}
+         for _ in range(10)),
+        belief=belief,
+    )  # fmt: skip
+    good, none, bad = belief.delivered[0, :3].tolist()
+    assert good > 0.9
+    assert none < 0.05 < bad < 0.15
+    assert belief.last_seen_s[0].tolist() == pytest.approx([0, 0.4, 0, 0.4, 0.4])
+    later, _ = run([{}] * 20, belief=belief)
+    assert none < later.delivered[0, 1] < 0.5  # it may be worth another look
+    assert later.last_seen_s[0, 0] == pytest.approx(0.8)
+
+
 def test_who_left_the_sight_of_all_cameras_is_gone_after_a_second() -> None:
     belief, _ = run(see(standing((0.0, 0.0))) for _ in range(10))
     _, estimates = run([{}] * 30, belief=belief)

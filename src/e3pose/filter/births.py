@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.filter.existence import DELIVERED_PRIOR
 from e3pose.filter.state import Belief, Leftovers, Model
 from e3pose.filter.update import project
 from e3pose.triangulate import triangulate
@@ -116,6 +117,8 @@ def _start(belief: Belief, joints_m: Floats, cameras: NDArray[np.int64], model: 
         "existence": START_EXISTENCE,
         "hits": 2,
         "seen_by": seen_by,
+        "last_seen_s": np.where(seen_by, 0.0, np.inf),
+        "delivered": np.full(len(model.rig), DELIVERED_PRIOR),
         "confirmed": False,
         "bones_m": no_bones,
         "bone_counts": no_bones,

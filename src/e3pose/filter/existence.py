@@ -16,6 +16,9 @@ END_UNSEEN_S = 1.0  # out of every camera's sight for this long, as in `track`
 END_SPREAD_M = 1.0  # nobody is known who could be anywhere
 CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
 INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
+DELIVERED_PRIOR = 0.5  # what a camera is thought to tell before it looked
+DELIVERED_RATE = 0.3  # of a view: people move behind each other within a second
+DELIVERED_LASTS_S = 3.0  # what a camera that does not look is remembered for
 SAME_M = 0.15  # median distance of joints at which two tracks are one person
 
 
@@ -25,6 +28,7 @@ def attend(
     cameras: Ints,
     fits: Floats,
     hits: Flags,
+    told: Floats,
     dt: float,
     model: Model,
 ) -> Belief:
@@ -39,21 +43,30 @@ def attend(
         fits: `(num_views, num_tracks)` how well the detection fits, 0 for none. A track at the
             wrong place lives on detections that fit badly.
         hits: `(num_views, num_tracks)` whether there was one.
+        told: `(num_views, num_tracks)` its information, as a share of a perfect view's.
         dt: seconds since the slot before.
         model: the rig.
     """
     expected = _inside(predicted, cameras, model)
     rate = LEARN_RATE * min(1.0, dt / FASTEST_S)
     existence, seen_by = belief.existence, belief.seen_by.copy()
-    for camera, fit, hit, inside in zip(cameras, fits, hits, expected, strict=True):
-        existence = np.where(hit | inside, existence + rate * (fit - existence), existence)
+    last_seen_s = belief.last_seen_s + dt
+    forgotten = 1 - np.exp(-dt / DELIVERED_LASTS_S)
+    delivered = belief.delivered + forgotten * (DELIVERED_PRIOR - belief.delivered)
+    for view, camera in enumerate(cameras.tolist()):
+        hit, seen = hits[view], hits[view] | expected[view]
+        existence = np.where(seen, existence + rate * (fits[view] - existence), existence)
         seen_by[:, camera] |= hit
+        last_seen_s[hit, camera] = 0.0
+        delivered[seen, camera] += DELIVERED_RATE * (told[view] - delivered[:, camera])[seen]
     total = belief.hits + hits.sum(axis=0)
     confirmed = (seen_by.sum(axis=1) >= CONFIRM_CAMERAS) | (total >= CONFIRM_HITS)
     return replace(
         belief,
         existence=existence,
         seen_by=seen_by,
+        last_seen_s=last_seen_s,
+        delivered=delivered,
         hits=total,
         confirmed=belief.confirmed | confirmed,
     )

@@ -129,6 +129,10 @@ class Belief:
             person and did.
         hits: `(num_tracks,)` detections so far.
         seen_by: `(num_tracks, num_cameras)` cameras that have shown the person.
+        last_seen_s: `(num_tracks, num_cameras)` seconds since each did; inf if never.
+        delivered: `(num_tracks, num_cameras)` in [0, 1]: what the views of a camera recently told
+            about the person, as a share of what a view with every joint in plain sight would
+            (`existence.DELIVERED_PRIOR` before it looked, and again long after).
         confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
         bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
@@ -144,6 +148,8 @@ class Belief:
     existence: Floats
     hits: Ints
     seen_by: Flags
+    last_seen_s: Floats
+    delivered: Floats
     confirmed: Flags
     bones_m: Floats
     bone_counts: Floats
@@ -166,6 +172,8 @@ class Belief:
             existence=np.zeros(0),
             hits=np.zeros(0, dtype=np.int64),
             seen_by=np.zeros((0, len(model.rig)), dtype=bool),
+            last_seen_s=np.zeros((0, len(model.rig))),
+            delivered=np.zeros((0, len(model.rig))),
             confirmed=np.zeros(0, dtype=bool),
             bones_m=np.zeros((0, bones)),
             bone_counts=np.zeros((0, bones)),

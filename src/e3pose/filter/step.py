@@ -12,7 +12,7 @@ from e3pose.filter.associate import associate
 from e3pose.filter.births import give_birth
 from e3pose.filter.existence import attend, end
 from e3pose.filter.state import Belief, Flags, Floats, Ints, Leftovers, Model
-from e3pose.filter.update import Sightings, predict, update
+from e3pose.filter.update import MIN_SCORE, Sightings, predict, update
 from e3pose.pose import Poses2D
 
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
@@ -73,8 +73,10 @@ def step(
     assigned = np.array([rows for rows, _ in found], dtype=np.int64).reshape(shape)
     fits = np.array([fit for _, fit in found]).reshape(shape)
     predicted = belief
-    belief = update(belief, _sightings(model, cameras, keypoints, scores, assigned), model)
-    belief = attend(belief, predicted, cameras, fits, assigned >= 0, dt, model)
+    seen = _sightings(model, cameras, keypoints, scores, assigned)
+    belief = update(belief, seen, model)
+    told = _information_share(seen, model, cameras)
+    belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
     belief = end(give_birth(belief, fresh, model))
     return belief, _estimate(belief)
@@ -110,6 +112,13 @@ def _sightings(
         all_scores[view, seen] = scores[view][row[seen]]
     sigma = model.noise.of(all_scores, model.scales[cameras].reshape(-1, 1, 1))
     return Sightings(model.rig.projections[cameras], all_keypoints, all_scores, sigma)
+
+
+def _information_share(seen: Sightings, model: Model, cameras: Ints) -> Floats:
+    """Return `(num_views, num_tracks)`: the views' information, as a share of a perfect one's."""
+    best = model.noise.sigma_px.min() * model.scales[cameras].reshape(-1, 1, 1)
+    share = np.where(seen.scores > MIN_SCORE, (best / seen.sigma_px) ** 2, 0.0)
+    return np.asarray(share.mean(axis=-1))
 
 
 def _unexplained(
