@@ -8,7 +8,18 @@ import sys
 
 import pytest
 
-HEAVY = {"torch", "cv2", "onnxruntime", "numba", "av", "plotly", "pyarrow", "joblib", "asyncio"}
+HEAVY = {
+    "torch",
+    "cv2",
+    "onnxruntime",
+    "numba",
+    "av",
+    "plotly",
+    "matplotlib",
+    "pyarrow",
+    "joblib",
+    "asyncio",
+}
 # The pure part: nouns, stages, policies, predictors. numpy, scipy and the standard library only.
 PURE = [
     "camera",

@@ -62,6 +62,7 @@ EXTRAS = {
     "scipy": "edge",
     "yaml": "edge",
     "plotly": "report",
+    "matplotlib": "report",
     "torch": "train",
 }
 
