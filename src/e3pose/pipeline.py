@@ -9,7 +9,7 @@ replayed. Only the estimator and the deficit queues remember.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from e3pose.camera import Rig
 from e3pose.energy import advance_deficit
-from e3pose.estimators.base import Estimator
+from e3pose.estimators.base import Estimator, People
 from e3pose.occlusion import expected_views
 from e3pose.policies.base import Policy, Selection, Situation
 from e3pose.pose import Poses2D, Poses3D
@@ -68,7 +68,7 @@ class SlotState:
         deficit: `(num_cameras,)` the virtual queues before the next decision.
         memory: what the estimator remembers.
         sights: what every camera remembers of its own views.
-        shown: the poses and track ids of the slot before.
+        shown: the people of the slot before; None before the first.
     """
 
     slot: int
@@ -76,7 +76,7 @@ class SlotState:
     deficit: Floats
     memory: Any
     sights: tuple[Sight, ...]
-    shown: tuple[Poses3D, NDArray[np.int64]]
+    shown: People | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +93,8 @@ class SlotRecord:
         occlusion: `(num_cameras,)` paper eq. (4) predicted for slot + lead.
         deficit: `(num_cameras,)` queues after the decision for slot + lead.
         next_selection: `(num_cameras,)` the decision for slot + lead.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of the joints of `poses`; NaN if unknown.
+        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint.
         stage_s: seconds spent in the estimator's stages, predict, occlusion, select.
     """
 
@@ -105,7 +107,15 @@ class SlotRecord:
     occlusion: Floats
     deficit: Floats
     next_selection: Selection
+    covariance_m2: Floats = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
+    measured: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     stage_s: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        shape = self.poses.scores.shape
+        if self.measured.shape != shape:  # whoever made the record does not know
+            object.__setattr__(self, "covariance_m2", np.full((*shape, 3, 3), np.nan))
+            object.__setattr__(self, "measured", self.poses.scores > 0)
 
 
 def initial_state(pipeline: Pipeline) -> SlotState:
@@ -117,7 +127,6 @@ def initial_state(pipeline: Pipeline) -> SlotState:
         deficit=np.zeros(num_cameras),
         memory=pipeline.estimator.begin(),
         sights=(Sight.none(),) * num_cameras,
-        shown=(Poses3D.empty(pipeline.num_joints), np.zeros(0, dtype=np.int64)),
     )
 
 
@@ -141,9 +150,9 @@ def step(
     memory, people = pipeline.estimator.estimate(
         state.memory, views, slot * pipeline.interval_s, clock
     )
-    shown = (people.poses, people.track_ids)
-    if pipeline.holds and not selected.any():
-        shown = state.shown
+    shown = people
+    if pipeline.holds and not selected.any() and state.shown is not None:
+        shown = replace(state.shown, measured=np.zeros_like(state.shown.measured))
     times = [clock()]
 
     prediction = pipeline.predictor.predict(
@@ -170,11 +179,13 @@ def step(
         time_s=slot * pipeline.interval_s,
         selected=selected,
         arrived=arrived,
-        poses=shown[0],
-        track_ids=shown[1],
+        poses=shown.poses,
+        track_ids=shown.track_ids,
         occlusion=situation.occlusion,
         deficit=deficit,
         next_selection=decision,
+        covariance_m2=shown.covariance_m2,
+        measured=shown.measured,
         stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
     )
     selections = np.concatenate([state.selections[1:], decision[None]])

@@ -98,3 +98,34 @@ def test_unknown_estimator_is_refused() -> None:
     settings = EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings(), "reference")
     with pytest.raises(InputError, match="'oracle' is unknown, expected one of paper, memory"):
         make_estimator("oracle", settings)
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_every_joint_has_a_covariance_and_says_whether_it_was_measured(name: str) -> None:
+    for people in run(name, [views_of(slot, (slot % 5, (slot + 2) % 5)) for slot in range(20)]):
+        shape = people.poses.scores.shape
+        assert people.covariance_m2.shape == (*shape, 3, 3)
+        assert people.measured.shape == shape
+        assert not (people.measured & (people.poses.scores == 0)).any()
+        known = people.poses.scores > 0
+        assert (np.linalg.eigvalsh(people.covariance_m2[known]) > 0).all()
+        assert np.isnan(people.covariance_m2[~known]).all()
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str) -> None:
+    estimator = make_estimator(
+        name,
+        EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings(), "reference"),
+    )
+    memory = estimator.begin()
+    for slot in range(20):
+        memory, people = estimator.estimate(memory, views_of(slot), slot * 0.04, lambda: 0.0)
+    soon, late = (estimator.outlook(memory, ahead_s) for ahead_s in (0.04, 0.4))
+    assert set(people.history_ids.tolist()) <= set(soon.track_ids.tolist())
+    assert people.history_m.shape[1] == len(people.history_ids)
+    assert np.isfinite(soon.joints_m).all()
+    assert soon.delivered.shape == soon.last_seen_s.shape == (len(soon), 5)
+    assert (soon.delivered >= 0).all() and (soon.delivered <= 1).all()
+    sizes = [np.trace(o.covariance_m2, axis1=-2, axis2=-1) for o in (soon, late)]
+    assert (sizes[1] >= sizes[0]).all()

@@ -7,10 +7,11 @@ from typing import Any, Literal
 from e3pose.camera import Rig
 from e3pose.errors import InputError
 from e3pose.estimators.base import Estimator as Estimator
+from e3pose.estimators.base import Outlook as Outlook
 from e3pose.estimators.base import People as People
-from e3pose.estimators.filtered import Filtered
+from e3pose.estimators.filtered import Filtered, FilterStep
 from e3pose.estimators.per_slot import PerSlot
-from e3pose.filter import Model
+from e3pose.filter import Model, step
 from e3pose.fuse import Fuser, FusionSettings
 from e3pose.skeleton import Skeleton
 
@@ -25,7 +26,7 @@ class EstimatorSettings:
         interval_s: seconds a slot.
         history_slots: how much of the past the predictor is given.
         fusion: of the estimator without a memory.
-        backend: likewise.
+        backend: `numba` kernels or the numpy `reference`.
     """
 
     rig: Rig
@@ -41,8 +42,16 @@ def _per_slot(settings: EstimatorSettings) -> PerSlot:
     return PerSlot(fuser, len(settings.skeleton), settings.interval_s, settings.history_slots)
 
 
+def filter_step(backend: str, model: Model) -> FilterStep:
+    """Return the filter's step in the `backend` asked for; raise `InputError` for another."""
+    if backend not in ("numba", "reference"):
+        raise InputError(f"estimator: backend: found {backend!r}, expected numba or reference")
+    return step  # both, until the kernels of the filter are there
+
+
 def _filtered(settings: EstimatorSettings) -> Filtered:
-    return Filtered(Model(settings.rig, settings.skeleton), settings.history_slots)
+    model = Model(settings.rig, settings.skeleton)
+    return Filtered(model, settings.history_slots, filter_step(settings.backend, model))
 
 
 ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator[Any]]] = {

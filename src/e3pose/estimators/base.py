@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.filter import Outlook as Outlook
 from e3pose.pose import Poses2D, Poses3D
 
 Memory = TypeVar("Memory")
@@ -24,12 +25,20 @@ class People:
         history_m: `(num_slots, num_tracks, num_joints, 3)` oldest first, the newest being this
             slot; NaN where a joint was not estimated or the person was not there. What the
             predictor is given; it may have tracks that `poses` lacks.
+        history_ids: `(num_tracks,)` identities of the tracks of `history_m`.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of the joints of `poses`; NaN where those
+            are missing.
+        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint; the
+            others are carried on from earlier slots, or missing.
         stage_s: seconds spent in each stage of the estimator.
     """
 
     poses: Poses3D
     track_ids: NDArray[np.int64]
     history_m: NDArray[np.float64]
+    history_ids: NDArray[np.int64]
+    covariance_m2: NDArray[np.float64]
+    measured: NDArray[np.bool_]
     stage_s: Mapping[str, float]
 
 
@@ -58,4 +67,8 @@ class Estimator(Protocol[Memory]):
         Returns:
             The memory to hand on and the people of this slot.
         """
+        ...
+
+    def outlook(self, memory: Memory, ahead_s: float) -> Outlook:
+        """Return what is expected `ahead_s` seconds after the newest slot, if nothing is seen."""
         ...

@@ -9,11 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimators.base import People
-from e3pose.filter import Belief, Estimate, Model, step
+from e3pose.filter import Belief, Estimate, Model, Outlook, outlook, step
 from e3pose.pose import Poses2D, Poses3D
 
 HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
 LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
+
+
+FilterStep = Callable[
+    [Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]
+]  # `filter.step`, or a compiled one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,10 +43,12 @@ class Filtered:
     Attributes:
         model: the rig, the skeleton, the noise of the detector.
         history_slots: the length of the history, at least 2.
+        step: advances the belief.
     """
 
     model: Model
     history_slots: int = 10
+    step: FilterStep = step
 
     def begin(self) -> Remembered:
         """See `Estimator.begin`."""
@@ -57,7 +64,7 @@ class Filtered:
     ) -> tuple[Remembered, People]:
         """See `Estimator.estimate`."""
         start = clock()
-        belief, estimate = step(self.model, memory.belief, views, time_s)
+        belief, estimate = self.step(self.model, memory.belief, views, time_s)
         history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
         _, new, old = np.intersect1d(
             estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
@@ -68,9 +75,16 @@ class Filtered:
             Poses3D(estimate.joints_m, _scores(estimate)),
             estimate.track_ids,
             history,
+            estimate.track_ids,
+            estimate.covariance_m2,
+            estimate.measured,
             {"estimate": clock() - start},
         )
         return Remembered(belief, estimate.track_ids, history), people
+
+    def outlook(self, memory: Remembered, ahead_s: float) -> Outlook:
+        """See `Estimator.outlook`."""
+        return outlook(self.model, memory.belief, ahead_s)
 
 
 def _scores(estimate: Estimate) -> NDArray[np.float64]:

@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from e3pose.estimators.base import People
+import numpy as np
+
+from e3pose.estimators.base import Outlook, People
 from e3pose.fuse import Fuser
 from e3pose.pose import Poses2D
 from e3pose.track import Tracks, update_tracks
+
+JOINT_SIGMA_M = 0.04  # along each axis, of a joint placed by its slot alone
+# Nothing is carried on: before a slot is seen its joints are only known to be near the last ones.
+UNSEEN_SIGMA_M = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,4 +50,29 @@ class PerSlot:
         fused = clock()
         tracks, track_ids = update_tracks(memory, poses, self.interval_s)
         stage_s = {"fuse": fused - start, "track": clock() - fused}
-        return tracks, People(poses, track_ids, tracks.history_m, stage_s)
+        placed = np.asarray(poses.scores > 0)
+        spread = np.where(placed[..., None, None], JOINT_SIGMA_M**2 * np.eye(3), np.nan)
+        return tracks, People(
+            poses, track_ids, tracks.history_m, tracks.track_ids, spread, placed, stage_s
+        )
+
+    def outlook(self, memory: Tracks, ahead_s: float) -> Outlook:
+        """See `Estimator.outlook`.
+
+        Without a memory there is no camera whose errors persist, nor one known to deliver.
+        """
+        joints_m = memory.last_known_m()
+        known = np.asarray(np.isfinite(joints_m).all(axis=-1))
+        count = np.maximum(known.sum(axis=-1), 1)[:, None, None]
+        middle = np.where(known[..., None], joints_m, 0.0).sum(axis=1, keepdims=True) / count
+        num_cameras = len(self.fuser.rig)
+        shape = (len(memory), num_cameras)
+        return Outlook(
+            track_ids=memory.track_ids,
+            confirmed=memory.unseen == 0,
+            joints_m=np.where(known[..., None], joints_m, middle),
+            covariance_m2=np.full(known.shape, UNSEEN_SIGMA_M**2)[..., None, None] * np.eye(3),
+            delivered=np.ones(shape),
+            last_seen_s=np.full(shape, np.inf),
+            unexplained=np.zeros(num_cameras, dtype=np.int64),
+        )

@@ -8,6 +8,8 @@ of this slot and the people out. `docs/estimator.md` has the method and where it
 
 from e3pose.filter.noise import OPENPOSE as OPENPOSE
 from e3pose.filter.noise import Noise as Noise
+from e3pose.filter.outlook import Outlook as Outlook
+from e3pose.filter.outlook import outlook as outlook
 from e3pose.filter.state import Belief as Belief
 from e3pose.filter.state import Leftovers as Leftovers
 from e3pose.filter.state import Model as Model
