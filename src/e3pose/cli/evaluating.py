@@ -27,6 +27,7 @@ def evaluate(
     energy: EnergyOptions = ENERGY,
     jobs: Whole = -1,
     json_file: Annotated[Path | None, Parameter(name="--json")] = None,
+    plot: Path | None = None,
 ) -> None:
     """Compare policies on a recording: accuracy, cameras on and energy saved, mean and spread.
 
@@ -52,12 +53,16 @@ def evaluate(
         Parallel processes; as many as there are processor cores by default.
     json_file
         Write the figures here, one row per policy, camera count and lead.
+    plot
+        With --leads: draw accuracy and time of prediction against tau here, an .svg file.
     """
     from e3pose.atomic import atomic_file
     from e3pose.cli.progress import track_progress
     from e3pose.energy import load_profile
     from e3pose.errors import InputError
     from e3pose.evaluate.compare import compare, rows, tasks
+    from e3pose.evaluate.drawing import check_svg
+    from e3pose.evaluate.lead_picture import draw_leads
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.evaluate.report import print_comparison
     from e3pose.recording import load_recording
@@ -66,7 +71,9 @@ def evaluate(
         raise InputError(f"--seeds: found {seeds}, expected 1 to {MAX_SEEDS}")
     if jobs != -1 and not 1 <= jobs <= MAX_JOBS:
         raise InputError(f"--jobs: found {jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores")
-    check_outputs(recording, {"--json": json_file})
+    if plot is not None:
+        check_svg("--plot", plot)
+    check_outputs(recording, {"--json": json_file, "--plot": plot})
     energy.check()
     names = _names(policies)
     device = load_profile(energy.profile)
@@ -89,6 +96,8 @@ def evaluate(
     if json_file is not None:
         with atomic_file(json_file) as temporary:
             temporary.write_text(json.dumps({"rows": figures}, indent=2) + "\n")
+    if plot is not None:
+        draw_leads(plot, figures)
     print_comparison(figures)
 
 

@@ -6,12 +6,17 @@ import json
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole
+from e3pose.cli.options import Whole, check_outputs
 from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.evaluate.shown_windows import Window
+
+OURS = ("error-by-lead.svg",)  # marks a folder of pictures as one that may be replaced
 
 
 def evaluate_predictor(
@@ -25,9 +30,12 @@ def evaluate_predictor(
     missing: float = 0.2,
     seed: Whole = 0,
     every: Whole = 1,
+    slots: str | None = None,
     each: Annotated[bool, Parameter(negative="")] = False,
     json_file: Annotated[Path | None, Parameter(name="--json")] = None,
     plot: Path | None = None,
+    pictures: Path | None = None,
+    overwrite: bool = False,
 ) -> None:
     """Measure predictors on the motion of recordings: errors, boxes, honesty and time.
 
@@ -55,22 +63,33 @@ def evaluate_predictor(
         Of noise and missing joints.
     every
         Predict in every so many slots only, to be done sooner.
+    slots
+        Measure on these slots of every recording only, FIRST:END, such as the part held out.
     each
         Print the tables of every recording too, not only of all together.
     json_file
         Write the figures here.
     plot
         Write a page with curves of error and IoU here, an .html file.
+    pictures
+        Write pictures into this folder, .svg files: `skeletons` (predicted over actual ones, of the
+        windows at the 50th, 75th and 95th percentile of error), `error-by-lead`, `expected-errors`.
+    overwrite
+        Replace the folder of pictures if it exists.
     """
     from rich.console import Console
 
-    from e3pose.atomic import atomic_file
+    from e3pose.atomic import atomic_file, check_free
     from e3pose.evaluate.prediction import PredictionSettings
     from e3pose.evaluate.prediction_plot import check_plot, write_plot
     from e3pose.evaluate.prediction_report import print_calibration, print_figures, print_latency
 
     if plot is not None:
         check_plot(plot)
+    if pictures is not None:
+        check_free(pictures, overwrite, OURS)
+    for recording in recordings:
+        check_outputs(recording, {"--json": json_file, "--plot": plot})
     settings = PredictionSettings(
         leads=_leads(leads),
         history_slots=history,
@@ -79,12 +98,15 @@ def evaluate_predictor(
         seed=seed,
         every=every,
     )
-    report = _measure(recordings, _names(predictors), settings)
+    names = _names(predictors)
+    report, windows = _measure(recordings, names, settings, _slots(slots), pictures is not None)
     if json_file is not None:
         with atomic_file(json_file) as temporary:
             temporary.write_text(json.dumps(report, indent=2) + "\n")
     if plot is not None:
         write_plot(plot, report["pooled"], report["calibration"])
+    if pictures is not None:
+        _draw(pictures, overwrite, report, windows, names, settings)
     console = Console()
     if not console.is_terminal:  # a file or a pipe has no width to fit
         console = Console(width=240)
@@ -98,8 +120,14 @@ def evaluate_predictor(
     print_latency(report["latency_ms"], settings.leads, console)
 
 
-def _measure(paths: list[Path], names: list[str], settings: Any) -> dict[str, Any]:
-    """Measure recording by recording, so that only one is in memory."""
+def _measure(
+    paths: list[Path],
+    names: list[str],
+    settings: Any,
+    slots: tuple[int, int] | None,
+    keep_windows: bool,
+) -> tuple[dict[str, Any], list[Window]]:
+    """Measure recording by recording, so that only one is in memory; keep some windows to draw."""
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import Progress
@@ -110,20 +138,25 @@ def _measure(paths: list[Path], names: list[str], settings: Any) -> dict[str, An
         describe_motion,
         evaluate_motion,
         motion_of,
+        only_slots,
         pooled,
         time_predictors,
     )
+    from e3pose.evaluate.shown_windows import sample_windows
     from e3pose.predictors import make_predictor
     from e3pose.recording import load_recording
 
     for name in names:
         make_predictor(name)  # a wrong name is told before minutes of work, not after
     parts, rows, latency = [], [], None
+    windows: list[Window] = []
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         whole = bar.add_task("recordings", total=len(paths))
         for path in paths:
             source = load_recording(path)
+            if slots is not None:
+                source = only_slots(source, *slots)
             motion = motion_of(
                 source, partial(bar.track, total=source.num_slots, description="estimating")
             )
@@ -132,17 +165,56 @@ def _measure(paths: list[Path], names: list[str], settings: Any) -> dict[str, An
             task = bar.add_task(escape(path.name), total=runs * about["windows"])
             parts.append(evaluate_motion(motion, names, settings, partial(bar.advance, task)))
             rows.append({**about, "figures": as_figures(parts[-1], settings)})
+            if keep_windows:
+                ranking = make_predictor(_pictured(names)[0], motion.skeleton)
+                windows += sample_windows(motion, settings, ranking)
             latency = latency or time_predictors(motion, names, settings)
             bar.remove_task(task)
             bar.advance(whole)
     total = pooled(parts, len(settings.leads))
-    return {
+    report = {
         "settings": asdict(settings),
         "pooled": as_figures(total, settings),
         "calibration": as_calibration(total),
         "recordings": rows,
         "latency_ms": latency,
     }
+    return report, windows
+
+
+def _draw(
+    folder: Path,
+    overwrite: bool,
+    report: dict[str, Any],
+    windows: list[Window],
+    names: list[str],
+    settings: Any,
+) -> None:
+    from e3pose.atomic import atomic_folder
+    from e3pose.evaluate.prediction_pictures import (
+        CLAIMS,
+        CURVES,
+        SKELETONS,
+        draw_claims,
+        draw_curves,
+    )
+    from e3pose.evaluate.shown_windows import choose_windows
+    from e3pose.evaluate.skeleton_picture import draw_skeletons
+    from e3pose.predictors import make_predictor
+
+    with atomic_folder(folder, overwrite, OURS) as temporary:
+        draw_curves(temporary / CURVES, report["pooled"])
+        draw_claims(temporary / CLAIMS, report["calibration"])
+        chosen = choose_windows(windows)
+        if chosen:
+            shown = _pictured(names)
+            draw_skeletons(temporary / SKELETONS, chosen, shown, settings.leads, make_predictor)
+
+
+def _pictured(names: list[str]) -> list[str]:
+    """Return the predictors whose skeletons are drawn: the best first, the paper's baseline."""
+    best = "attention-lstm" if "attention-lstm" in names else names[-1]
+    return list(dict.fromkeys([best, *(n for n in names if n == "constant-velocity")]))
 
 
 def _names(text: str | None) -> list[str]:
@@ -151,6 +223,15 @@ def _names(text: str | None) -> list[str]:
 
         return list(PREDICTORS)
     return list(dict.fromkeys(name.strip() for name in text.split(",")))
+
+
+def _slots(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    first, _, end = text.partition(":")
+    if not (first.isdecimal() and end.isdecimal()):
+        raise InputError(f"--slots: found {text[:40]!r}, expected FIRST:END, such as 3800:5000")
+    return int(first), int(end)
 
 
 def _leads(text: str) -> tuple[int, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,6 +47,24 @@ def motion_of(recording: Recording, progress: Progress = iter) -> Motion:
 
     settings = ReplaySettings(policy="all", num_selected=len(recording.rig))
     return estimated_motion(recording, progress(replay(recording, settings)))
+
+
+def only_slots(recording: Recording, first: int, end: int) -> Recording:
+    """Return a recording whose truth is known from slot `first` to before `end` alone.
+
+    Raises:
+        InputError: when it has no truth, or no such slots.
+    """
+    if recording.truth is None:
+        raise InputError(f"{recording.name}: slots: found no truth, expected it to take a part of")
+    if not 0 <= first < end <= recording.num_slots:
+        raise InputError(
+            f"{recording.name}: slots: found {first}:{end}, expected a part of "
+            f"0:{recording.num_slots}"
+        )
+    joints_m = np.full_like(recording.truth.joints_m, np.nan)
+    joints_m[first:end] = recording.truth.joints_m[first:end]
+    return replace(recording, truth=replace(recording.truth, joints_m=joints_m))
 
 
 def evaluate_motion(

@@ -1,0 +1,77 @@
+"""A picture of policies against lead: accuracy with its spread, and the time of a prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from e3pose.errors import InputError
+from e3pose.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
+
+# What tells how good a run was, the first that there is.
+ACCURACIES = (
+    (("metrics", "pcp", "average"), "PCP, %, average of actors"),
+    (("metrics", "mpjpe_mm"), "MPJPE, mm"),
+)
+TIME = ("stage_ms", "predict", "median")
+WIDTH_IN, HEIGHT_IN = 7.2, 2.9
+APART = 0.06  # slots between policies of one lead, so that bars do not hide each other
+
+
+def draw_leads(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Draw the rows of a comparison over several leads.
+
+    Args:
+        path: the .svg file.
+        rows: of `compare.rows`.
+
+    Raises:
+        InputError: when nothing in the rows could be drawn.
+    """
+    found = [a for a in ACCURACIES if any(_spread(row, a[0]) for row in rows)]
+    if not found:
+        raise InputError(f"{path}: found a recording without truth, expected one with it")
+    key, title = found[0]
+    names = list(dict.fromkeys((row["policy"], row["cameras"]) for row in rows))
+    with picture(path, WIDTH_IN, HEIGHT_IN) as figure:
+        accuracy, latency = figure.subplots(1, 2)
+        for number, (policy, cameras) in enumerate(names):
+            mine = [r for r in rows if (r["policy"], r["cameras"]) == (policy, cameras)]
+            look = {
+                "color": COLOURS[number % len(COLOURS)],
+                "marker": MARKERS[number % len(MARKERS)],
+                "label": policy if len({c for _, c in names}) == 1 else f"{policy}, C = {cameras}",
+            }
+            shift = APART * (number - (len(names) - 1) / 2)
+            known = [(row["lead"] + shift, _spread(row, key)) for row in mine]
+            good = [(lead, spread) for lead, spread in known if spread]
+            accuracy.errorbar(
+                [lead for lead, _ in good],
+                [spread["mean"] for _, spread in good],
+                yerr=[spread["sd"] for _, spread in good],
+                elinewidth=0.8,
+                capsize=2,
+                **look,
+            )
+            timed = [(row["lead"], _spread(row, TIME)) for row in mine]
+            latency.plot(
+                [lead for lead, spread in timed if spread],
+                [spread["mean"] for _, spread in timed if spread],
+                **look,
+            )
+        seeds = max(row["seeds"] for row in rows)
+        accuracy.set_title(f"{title}: mean and deviation of {seeds}")
+        latency.set_title("prediction in the loop, median ms a slot")
+        latency.set_ylim(bottom=0)
+        for axes in (accuracy, latency):
+            axes.set_xlabel("lead, slots")
+            axes.set_xticks(sorted({row["lead"] for row in rows}))
+        legend_above(figure)
+
+
+def _spread(row: Mapping[str, Any], path: Sequence[str]) -> Mapping[str, float] | None:
+    value: Any = row
+    for key in path:
+        value = value.get(key) if isinstance(value, Mapping) else None
+    return value if isinstance(value, Mapping) and "mean" in value else None
