@@ -19,6 +19,7 @@ from e3pose.errors import InputError
 from e3pose.train.card import model_card
 from e3pose.train.export import export
 from e3pose.train.network import AttentionLstm, NetworkSettings
+from e3pose.train.parallel import Workers
 from e3pose.train.validation import Exam, error_factors, examine, make_exams, score
 from e3pose.train.windows import Clip, Corruption, Sampler, Windows
 
@@ -167,6 +168,7 @@ def train(
     out: Path,
     settings: TrainSettings,
     progress: Callable[[float, str], None] = lambda share, text: None,
+    workers: Workers | None = None,
 ) -> Path:
     """Train, and write weights, model card, log and checkpoints into the folder `out`.
 
@@ -177,6 +179,7 @@ def train(
             goes on.
         settings: how.
         progress: called with the share that is done and one line about it.
+        workers: who draws the windows; the result does not depend on them.
 
     Returns:
         The file of the weights.
@@ -190,11 +193,12 @@ def train(
         run.load(out / CHECKPOINT)
     board = _board(out / "tensorboard")
     losses: list[float] = []
+    steps = range(run.step, settings.steps)
+    batches = (workers or Workers()).run(_draw, (sampler, settings), steps)
     while run.done < 1 and run.stale <= settings.patience:
         began = time.monotonic()
         torch.manual_seed(settings.seed + run.step)
-        rng = np.random.default_rng([settings.seed, run.step])
-        losses.append(run.advance(sampler.draw(rng, settings.batch, Corruption())))
+        losses.append(run.advance(next(batches)))
         run.elapsed_s += time.monotonic() - began
         if run.step % settings.validate_every == 0 or run.done >= 1:
             row = _validate(run, exams, float(np.mean(losses)))
@@ -207,6 +211,13 @@ def train(
         progress(run.done, f"score {run.best_score:.3f}")
     spared = [clip for _, clips in validation_groups for clip in clips]
     return _finish(run, exams, training_clips, spared, out)
+
+
+def _draw(lesson: tuple[Sampler, TrainSettings], step: int) -> Windows:
+    """Return the windows of a step, whoever draws them."""
+    sampler, settings = lesson
+    rng = np.random.default_rng([settings.seed, step])
+    return sampler.draw(rng, settings.batch, Corruption())
 
 
 def _validate(run: Training, exams: Sequence[Exam], loss: float) -> dict[str, float]:

@@ -49,12 +49,14 @@ def model_card(
         "noise a joint, most of it lasting 0.1 s and 2.5 s, and 20 % of the joints missing. These "
         "figures also chose the step at which training stopped.",
     ]
+    scored = sorted({clip.name.split(",")[0] for clip in training if clip.scored})
+    note = f" (learned from scored slots of {', '.join(scored)})" if scored else ""
     for mark in marks:
         leads = [lead for lead in LEADS if lead <= len(mark.error_m)]
         rows = [("attention-LSTM", mark.error_m), *zip(SIMPLE, mark.simple_m, strict=True)]
         lines += [
             "",
-            f"### {mark.name}",
+            f"### {mark.name}{note}",
             "",
             "| lead | " + " | ".join(map(str, leads)) + " |",
             "|---|" + "---|" * len(leads),
@@ -69,8 +71,11 @@ def model_card(
 
 
 def _seconds(clips: Sequence[Clip]) -> list[str]:
-    """Return a line for every recording: how much of it there is in `clips`."""
+    """Return a line for every recording: how much of it there is in `clips`, and of what kind."""
     seconds: Counter[str] = Counter()
     for clip in clips:
-        seconds[clip.name.split(",")[0]] += round(len(clip.joints_m) / clip.fps)
+        name = clip.name.split(",")[0]
+        name += "" if clip.errors_m is None else ", as all its cameras together estimate it"
+        name += ", scored slots too" if clip.scored else ""
+        seconds[name] += round(len(clip.joints_m) / clip.fps)
     return [f"- {name}: {number} s" for name, number in seconds.items()]

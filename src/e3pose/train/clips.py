@@ -1,8 +1,8 @@
-"""Recordings -> clips: stretches of one person's true motion without gaps."""
+"""Recordings -> clips: stretches of one person's motion without gaps."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,6 +24,7 @@ def gather(
     validation: Sequence[Recording],
     hold_out: float,
     shortest: int,
+    motion: Callable[[Recording, int], list[Clip]] | None = None,
 ) -> tuple[list[Clip], Groups]:
     """Return the clips to learn from, and groups of clips to validate on, apart from each other.
 
@@ -32,6 +33,7 @@ def gather(
         validation: never learned from.
         hold_out: share of the end of every long stretch of `recordings` that is for validation.
         shortest: slots of the shortest clip of use.
+        motion: returns the clips of a recording; those of its truth by default.
 
     Raises:
         InputError: when a recording has no truth or is in both, or nothing is left for either side.
@@ -39,10 +41,11 @@ def gather(
     both = {r.name for r in recordings} & {r.name for r in validation}
     if both:
         raise InputError(f"train: {sorted(both)[0]}: found to learn from and to validate on")
+    motion = motion or clips_of
     training: list[Clip] = []
     groups: Groups = []
     for recording in recordings:
-        kept, spared = hold_out_ends(clips_of(recording, shortest), hold_out, shortest)
+        kept, spared = hold_out_ends(motion(recording, shortest), hold_out, shortest)
         training += kept
         if spared:
             groups.append((f"{recording.name}, the end", spared))
@@ -50,19 +53,26 @@ def gather(
     together: dict[str, list[Clip]] = {}
     for recording in validation:
         kind = recording.name.split()[0] if recording.name else "unnamed"
-        together.setdefault(kind, []).extend(clips_of(recording, shortest))
+        together.setdefault(kind, []).extend(motion(recording, shortest))
     groups += [(kind, clips) for kind, clips in together.items() if clips]
     if not training or not groups:
         side = "learn from" if not training else "validate on"
         raise InputError(
-            f"train: found no motion of {shortest} slots to {side}, expected recordings with truth"
+            f"train: found no motion of {shortest} slots to {side}, expected longer recordings"
             + ("" if not training else " given by --validate, or a minute long")
         )
     return _balanced(training), groups
 
 
-def clips_of(recording: Recording, shortest: int) -> list[Clip]:
+def clips_of(
+    recording: Recording, shortest: int, stretches: Sequence[tuple[int, int]] | None = None
+) -> list[Clip]:
     """Return the stretches of at least `shortest` slots in which every common joint is known.
+
+    Args:
+        recording: with truth.
+        shortest: slots of the shortest clip of use.
+        stretches: half-open ranges of slots to look at; all by default.
 
     Raises:
         InputError: when the recording has no truth.
@@ -73,12 +83,10 @@ def clips_of(recording: Recording, shortest: int) -> list[Clip]:
     joints = to_common(truth.joints_m, common_columns(truth.skeleton))
     clips = []
     for person, name in enumerate(truth.person_ids):
-        known = np.isfinite(joints[:, person]).all(axis=(1, 2))
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
-        for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-            if stop - start >= shortest:
-                stretch = joints[start:stop, person].astype(np.float32)
-                clips.append(Clip(f"{recording.name}, {name}", stretch, recording.fps))
+        for start, stop in stretches or [(0, recording.num_slots)]:
+            stretch = joints[start:stop, person].astype(np.float32)
+            whole = Clip(f"{recording.name}, {name}", stretch, recording.fps)
+            clips += whole.without_gaps(shortest)
     return clips
 
 
@@ -93,8 +101,8 @@ def hold_out_ends(
         if length < LONG_S * clip.fps or min(cut - shortest, length - cut) < shortest:
             training.append(clip)
             continue
-        training.append(replace(clip, joints_m=clip.joints_m[: cut - shortest]))
-        validation.append(replace(clip, joints_m=clip.joints_m[cut:]))
+        training.append(clip.cut(0, cut - shortest))
+        validation.append(clip.cut(cut))
     return training, validation
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.predictors.normalise import fill_gaps, normalise, to_person
 from e3pose.train.network import AttentionLstm
-from e3pose.train.windows import DAMPING, Clip, Windows, estimation_noise
+from e3pose.train.windows import DAMPING, Clip, Estimates, Windows, estimation_noise
 
 Floats = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ class Exam:
     """One kind of held-out motion, with exact or with noisy histories.
 
     Attributes:
-        name: recordings and kind of history.
+        name: recordings and kind of history: exact, noisy, or as estimators gave it.
         windows: what the network is given and should say.
         simple_m: `(3, num_leads)` mean errors of zero, constant and damped velocity in metres.
     """
@@ -53,13 +53,23 @@ class Marks:
 def make_exams(
     groups: Sequence[tuple[str, Sequence[Clip]]], history_slots: int, num_leads: int
 ) -> list[Exam]:
-    """Return an exam with exact and one with noisy histories for every group of clips."""
+    """Return an exam with exact and one with noisy histories for every group of clips.
+
+    Motion that was estimated has one exam, with histories as estimated.
+    """
     exams = []
     for name, clips in groups:
-        for noise_m, missing, kind in ((0.0, 0.0, "exact"), (NOISE_M, MISSING, "noisy")):
-            exams.append(
-                _exam(f"{name}, {kind}", clips, history_slots, num_leads, noise_m, missing)
-            )
+        known = [clip for clip in clips if clip.errors_m is None]
+        estimated = [clip for clip in clips if clip.errors_m is not None]
+        for some, noise_m, missing, kind in (
+            (known, 0.0, 0.0, "exact"),
+            (known, NOISE_M, MISSING, "noisy"),
+            (estimated, 0.0, 0.0, "estimated"),
+        ):
+            if some:
+                exams.append(
+                    _exam(f"{name}, {kind}", some, history_slots, num_leads, noise_m, missing)
+                )
     return exams
 
 
@@ -75,16 +85,19 @@ def _exam(
     span = history_slots + num_leads
     number = sum(max(len(clip.joints_m) - span, 0) for clip in clips)
     stride = max(1, number // MAX_WINDOWS)
-    pieces, rates = [], []
-    for clip in clips:
+    pieces, rates, owners, slots = [], [], [], []
+    for row, clip in enumerate(clips):
         starts = np.arange(0, len(clip.joints_m) - span + 1, stride)
         pieces.append(clip.joints_m[starts[:, None] + np.arange(span)])
         rates.append(np.full(len(starts), clip.fps))
+        owners.append(np.full(len(starts), row))
+        slots.append(starts[:, None] + np.arange(history_slots))
     joints = np.concatenate(pieces).astype(np.float64).swapaxes(0, 1)
     interval = 1 / np.concatenate(rates)
     history, future = joints[:history_slots], joints[history_slots:]
     level = np.full(len(interval), noise_m)
     history = history + estimation_noise(history_slots, level, interval, rng)
+    history += Estimates(clips).draw(rng, np.concatenate(owners), np.concatenate(slots))
     history[rng.random(history.shape[:3]) < missing] = np.nan
     normal = normalise(history, interval, history_slots)
     filled = fill_gaps(history)[0]

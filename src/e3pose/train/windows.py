@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +33,32 @@ class Clip:
         joints_m: `(num_slots, NUM_COMMON, 3)` metres, z up, without gaps.
         fps: slots a second.
         weight: how often it is drawn, relative to others of its length.
+        errors_m: `(num_slots, num_estimates, NUM_COMMON, 3)` metres by which estimates were off,
+            NaN where they lacked a joint; None where motion is known exactly and is spoilt instead.
+        scored: whether it holds slots in which systems are evaluated.
     """
 
     name: str
     joints_m: NDArray[np.float32]
     fps: float
     weight: float = 1.0
+    errors_m: NDArray[np.float16] | None = None
+    scored: bool = False
+
+    def cut(self, start: int, stop: int | None = None) -> Clip:
+        """Return the clip from slot `start` to before `stop`."""
+        errors = None if self.errors_m is None else self.errors_m[start:stop]
+        return replace(self, joints_m=self.joints_m[start:stop], errors_m=errors)
+
+    def without_gaps(self, shortest: int) -> list[Clip]:
+        """Return its stretches of at least `shortest` slots in which every joint is known."""
+        known = np.isfinite(self.joints_m).all(axis=(1, 2))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
+        return [
+            self.cut(start, stop)
+            for start, stop in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+            if stop - start >= shortest
+        ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,6 +103,7 @@ class Sampler:
         self.fps = np.array([c.fps for c in clips])
         self.weights = self.lengths * np.array([c.weight for c in clips])
         self.history_slots, self.num_leads = history_slots, num_leads
+        self.estimates = Estimates(clips)
 
     def draw(self, rng: np.random.Generator, size: int, corruption: Corruption) -> Windows:
         """Return `size` windows."""
@@ -101,14 +122,21 @@ class Sampler:
         order = np.where(backwards[:, None], np.arange(span)[::-1], np.arange(span))
         at = start[:, None] + step[:, None] * order
         joints = self._sample(clip, at)
+        errors = self.estimates.draw(rng, clip, at[:, : self.history_slots])
         mirror = rng.random(size) < 0.5
-        flipped = joints[:, mirror][:, :, MIRRORED]
-        flipped[..., 0] *= -1
-        joints[:, mirror] = flipped
-        joints *= rng.uniform(0.85, 1.15, (size, 1, 1))
+        scale = rng.uniform(0.85, 1.15, (size, 1, 1))
+        for array in (joints, errors):
+            flipped = array[:, mirror][:, :, MIRRORED]
+            flipped[..., 0] *= -1
+            array[:, mirror] = flipped
+            array *= scale
         joints += rng.normal(0, SHAPE_M, (size, NUM_COMMON, 3))  # another body, moving alike
         history, future = joints[: self.history_slots], joints[self.history_slots :]
         spoilt = spoil(history, 1 / fps, rng, corruption)
+        estimated = self.estimates.rows[clip] >= 0
+        given = history[:, estimated] + errors[:, estimated]
+        given[np.isnan(spoilt[:, estimated])] = np.nan  # people enter and get lost here too
+        spoilt[:, estimated] = given
         normal = normalise(spoilt, 1 / fps, self.history_slots)
         return Windows(normal, to_person(normal, future), usual_error(spoilt, future))
 
@@ -120,6 +148,34 @@ class Sampler:
         a, b, c, d = (self.frames[index + k] for k in (-1, 0, 1, 2))
         curve = c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a))
         return np.asarray(b + 0.5 * t * curve, dtype=np.float64)
+
+
+class Estimates:
+    """What estimators made of clips: in every slot of a window one estimate is drawn at random."""
+
+    def __init__(self, clips: Sequence[Clip]) -> None:
+        self.counts = np.array([0 if c.errors_m is None else c.errors_m.shape[1] for c in clips])
+        sizes = [0 if c.errors_m is None else math.prod(c.errors_m.shape[:2]) for c in clips]
+        rows = np.cumsum([0, *sizes])[:-1]
+        self.rows = np.where(self.counts > 0, rows, -1)  # -1 marks a clip without estimates
+        self.errors = np.concatenate(
+            [np.zeros((0, NUM_COMMON, 3), np.float16)]
+            + [c.errors_m.reshape(-1, NUM_COMMON, 3) for c in clips if c.errors_m is not None]
+        )
+
+    def draw(self, rng: np.random.Generator, clip: NDArray[np.int64], at: Floats) -> Floats:
+        """Return `(span, size, NUM_COMMON, 3)` errors of the slots nearest to frames `at`.
+
+        Zeros for clips without estimates, NaN where the drawn estimate lacks the joint.
+        """
+        errors = np.zeros((at.shape[1], len(clip), NUM_COMMON, 3))
+        has = np.flatnonzero(self.rows[clip] >= 0)
+        if len(has):
+            count = self.counts[clip[has]]
+            choice = np.floor(rng.random((at.shape[1], len(has))) * count).astype(np.int64)
+            slot = np.rint(at[has]).astype(np.int64).T
+            errors[:, has] = self.errors[self.rows[clip[has]] + slot * count + choice]
+        return errors
 
 
 def _padded(joints_m: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,0 +1,106 @@
+"""Work in many processes of this machine, or on a Dask cluster, with the same results either way.
+
+Nothing here decides anything: a task carries its own seed, so that it does not matter who runs it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from e3pose.errors import InputError
+
+Shared = TypeVar("Shared")
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+LOCAL = "local"
+MAX_JOBS = 1000
+WAIT_S = 30.0  # for a cluster to answer
+
+
+@dataclass(frozen=True, slots=True)
+class Workers:
+    """Who does the work.
+
+    Attributes:
+        jobs: processes; 1 works here, -1 uses every processor core.
+        dask: the address of a Dask scheduler such as `tcp://host:8786`, or `local` for a cluster
+            of its own on this machine; plain processes if None.
+
+    Raises:
+        InputError: for a number of processes that cannot be.
+    """
+
+    jobs: int = 1
+    dask: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.jobs != -1 and not 1 <= self.jobs <= MAX_JOBS:
+            raise InputError(
+                f"jobs: found {self.jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores"
+            )
+
+    def run(
+        self, function: Callable[[Shared, Task], Result], shared: Shared, tasks: Sequence[Task]
+    ) -> Iterator[Result]:
+        """Yield `function(shared, task)` of every task, in their order, as they become ready.
+
+        Args:
+            function: of a module, so that another process finds it.
+            shared: what all tasks need; it travels to every worker once.
+            tasks: work, with seeds where there is chance in it.
+
+        Raises:
+            InputError: when the Dask scheduler does not answer.
+        """
+        if self.dask is None and (self.jobs == 1 or len(tasks) < 2):
+            for task in tasks:
+                yield function(shared, task)
+            return
+        from joblib import Parallel, delayed
+
+        with self._backend(shared):
+            # Results are large: no more are made ahead than are soon taken.
+            run = Parallel(return_as="generator", batch_size=1, pre_dispatch="2*n_jobs")
+            yield from run(delayed(function)(shared, task) for task in tasks)
+
+    @contextmanager
+    def _backend(self, shared: Any) -> Iterator[None]:
+        from joblib import parallel_config
+
+        if self.dask is None:
+            # Tasks are many and small: one thread each, or the processes fight for the cores.
+            with parallel_config(backend="loky", n_jobs=self.jobs, inner_max_num_threads=1):
+                yield
+            return
+        with _client(self.dask, self.jobs), parallel_config("dask", scatter=[shared]):
+            yield
+
+
+@contextmanager
+def _client(address: str, jobs: int) -> Iterator[Any]:
+    """Connect to a Dask scheduler, or start one with workers on this machine."""
+    from distributed import Client, LocalCluster
+
+    if address == LOCAL:
+        with (
+            LocalCluster(
+                n_workers=None if jobs == -1 else jobs, threads_per_worker=1, dashboard_address=None
+            ) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+        return
+    try:
+        client = Client(address, timeout=WAIT_S)
+    except (OSError, ValueError, TypeError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"--dask: found {address[:100]!r} ({reason}), expected {LOCAL} or the address of a "
+            "Dask scheduler such as tcp://host:8786"
+        ) from None
+    with client:
+        yield client
