@@ -11,7 +11,7 @@ from e3pose.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
 
 # What tells how good a run was, the first that there is.
 ACCURACIES = (
-    (("metrics", "pcp", "average"), "PCP, %, average of actors"),
+    (("metrics", "pcp", "average"), "PCP average, %"),
     (("metrics", "mpjpe_mm"), "MPJPE, mm"),
 )
 TIME = ("stage_ms", "predict", "median")
@@ -61,8 +61,8 @@ def draw_leads(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
                 **look,
             )
         seeds = max(row["seeds"] for row in rows)
-        accuracy.set_title(f"{title}: mean and deviation of {seeds}")
-        latency.set_title("prediction in the loop, median ms a slot")
+        accuracy.set_title(f"{title}, {seeds} seeds" if seeds > 1 else title)
+        latency.set_title("prediction, median ms a slot")
         latency.set_ylim(bottom=0)
         for axes in (accuracy, latency):
             axes.set_xlabel("lead, slots")
