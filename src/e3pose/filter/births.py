@@ -23,6 +23,7 @@ REACH_M = 1.6  # a joint farther from the middle is a mistake
 APART_M = 0.35  # somebody nearer to a track than this is that track
 START_JOINT_M, START_UNSEEN_M, START_SPEED_MPS = 0.1, 0.5, 1.0  # uncertainty at the start
 START_EXISTENCE = 0.6
+MAX_TRACKS = 64  # nobody is started beyond, so that ghosts of hostile views cannot pile up
 MAX_LEFTOVERS = 64  # newest first: a view full of noise must not cost the slot
 
 
@@ -46,7 +47,7 @@ def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
     pairs = _pairs(belief, waiting, model)
     taken: set[int] = set()
     for _, a, b, joints_m in sorted(pairs, key=lambda pair: pair[:3]):
-        if {a, b} & taken or not _apart(belief, joints_m):
+        if {a, b} & taken or len(belief) >= MAX_TRACKS or not _apart(belief, joints_m):
             continue
         taken |= {a, b}
         belief = _start(belief, joints_m, waiting.cameras[[a, b]], model)

@@ -13,9 +13,12 @@ from e3pose.filter.births import give_birth
 from e3pose.filter.existence import attend, end
 from e3pose.filter.state import Belief, Flags, Floats, Ints, Leftovers, Model
 from e3pose.filter.update import MIN_SCORE, Sightings, predict, update
+from e3pose.match import MAX_PIXEL
+from e3pose.match import MIN_SCORE as MISSING_SCORE
 from e3pose.pose import Poses2D
 
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
+MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,8 +59,7 @@ def step(
     Raises:
         InputError: for a camera that the rig does not have, or a time that is not a number.
     """
-    if not np.isfinite(time_s):
-        raise InputError(f"time: found {time_s}, expected seconds")
+    check_slot(model, views, time_s)
     first = np.isnan(belief.time_s)
     now = time_s if first else max(time_s, belief.time_s)
     dt = 0.0 if first else now - belief.time_s
@@ -79,11 +81,13 @@ def step(
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
     belief = end(give_birth(belief, fresh, model))
-    return belief, _estimate(belief)
+    return belief, estimate_of(belief)
 
 
-def _sorted(model: Model, views: Mapping[int, Poses2D]) -> tuple[Ints, list[Floats], list[Floats]]:
-    """Return cameras in rig order and their undistorted people; usable in any order from here."""
+def check_slot(model: Model, views: Mapping[int, Poses2D], time_s: float) -> None:
+    """Raise `InputError` for views or a time that `step` cannot take."""
+    if not np.isfinite(time_s):
+        raise InputError(f"time: found {time_s}, expected seconds")
     for camera, view in views.items():
         if not 0 <= camera < len(model.rig):
             raise InputError(f"camera {camera}: expected an index below {len(model.rig)}")
@@ -92,12 +96,28 @@ def _sorted(model: Model, views: Mapping[int, Poses2D]) -> tuple[Ints, list[Floa
                 f"camera {model.rig.camera_ids[camera]}: keypoints: found {view.scores.shape[1]} "
                 f"joints, expected {len(model.skeleton)} ({model.skeleton.name})"
             )
+
+
+def bounded(view: Poses2D) -> tuple[Floats, Floats]:
+    """Return keypoints and scores of at most `MAX_PEOPLE` people, the most certain ones."""
+    if len(view) <= MAX_PEOPLE:
+        return view.keypoints_px, view.scores
+    strongest = np.argsort(-view.scores.sum(axis=1), kind="stable")[:MAX_PEOPLE]
+    rows = np.sort(strongest)
+    return view.keypoints_px[rows], view.scores[rows]
+
+
+def _sorted(model: Model, views: Mapping[int, Poses2D]) -> tuple[Ints, list[Floats], list[Floats]]:
+    """Return cameras in rig order and their undistorted people; usable in any order from here."""
     cameras = np.array(sorted(views), dtype=np.int64)
-    keypoints = [model.rig.cameras[c].undistort(views[c].keypoints_px) for c in cameras.tolist()]
-    scores = [
-        np.where(np.isfinite(k).all(axis=-1), views[c].scores, 0.0)
-        for c, k in zip(cameras.tolist(), keypoints, strict=True)
-    ]
+    keypoints, scores = [], []
+    for camera in cameras.tolist():
+        pixels, certainty = bounded(views[camera])
+        usable = (certainty >= MISSING_SCORE) & (np.abs(pixels) <= MAX_PIXEL).all(axis=-1)
+        pixels = model.rig.cameras[camera].undistort(np.where(usable[..., None], pixels, np.nan))
+        usable = (np.abs(pixels) <= MAX_PIXEL).all(axis=-1)
+        keypoints.append(np.where(usable[..., None], pixels, np.nan))
+        scores.append(np.where(usable, certainty, 0.0))
     return cameras, keypoints, scores
 
 
@@ -135,7 +155,8 @@ def _unexplained(
     )
 
 
-def _estimate(belief: Belief) -> Estimate:
+def estimate_of(belief: Belief) -> Estimate:
+    """Return the people who are believed to exist."""
     shown = np.flatnonzero(belief.confirmed)
     known = np.isfinite(belief.unmeasured_s[shown])
     return Estimate(
