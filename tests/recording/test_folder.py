@@ -62,6 +62,19 @@ def test_a_recording_comes_back_as_it_was(scene: Recording, tmp_path: Path) -> N
     np.testing.assert_allclose(after.truth.joints_m, before.truth.joints_m, atol=5.01e-7)
 
 
+def test_batteries_and_deaths_come_back_in_a_newer_version(
+    scene: Recording, tmp_path: Path
+) -> None:
+    ids = scene.rig.camera_ids
+    tired = replace(scene, battery_wh={ids[1]: 0.25}, dies_at_s={ids[0]: 1.5})
+    save_recording(tired, tmp_path / "tired")
+    assert "version = 2" in (tmp_path / "tired" / TOML).read_text()
+    loaded = load_recording(tmp_path / "tired")
+    assert loaded.battery_wh == {ids[1]: 0.25} and loaded.dies_at_s == {ids[0]: 1.5}
+    save_recording(scene, tmp_path / "plain")
+    assert "version = 1" in (tmp_path / "plain" / TOML).read_text()
+
+
 def test_saving_what_was_loaded_changes_no_byte(folder: Path, tmp_path: Path) -> None:
     save_recording(load_recording(folder), tmp_path / "again")
     for path in folder.rglob("*"):
@@ -130,6 +143,16 @@ def _write(name: str, content: bytes) -> Callable[[Path], None]:
     return change
 
 
+def _second(table: str) -> Callable[[Path], None]:
+    """Add a table of version 2."""
+
+    def change(folder: Path) -> None:
+        _edit(TOML, "version = 1", "version = 2")(folder)
+        _edit(TOML, "[frames]", f"{table}\n[frames]")(folder)
+
+    return change
+
+
 def _pipe(name: str) -> Callable[[Path], None]:
     def change(folder: Path) -> None:
         (folder / name).unlink()
@@ -160,7 +183,14 @@ TOML, VIEW, TRUTH = "recording.toml", "keypoints/cam1.jsonl", "truth.jsonl"
         (_write(TOML, b"a = " + b"[" * 50_000), "recording.toml: .*TOML"),
         (_write(TOML, b"#" * (2**20 + 1)), "recording.toml: found 1048577 bytes"),
         (_edit(TOML, "e3pose-recording", "other"), "format: found 'other'"),
-        (_edit(TOML, "version = 1", "version = 2"), "version: found 2, expected 1"),
+        (_edit(TOML, "version = 1", "version = 3"), "version: found 3, expected 1 or 2; a newer"),
+        (
+            _edit(TOML, "[frames]", "[battery_wh]\ncam0 = 1.0\n[frames]"),
+            "version: found 1, expected 2 with battery_wh",
+        ),
+        (_second("[battery_wh]\neve = 1.0"), "battery_wh: found camera 'eve'"),
+        (_second("[battery_wh]\ncam0 = -1.0"), "battery_wh.cam0: found -1.0, expected a number"),
+        (_second("[dies_at_s]\ncam0 = nan"), "dies_at_s.cam0: found nan, expected a number"),
         (_edit(TOML, "version = 1", "version = true"), "version: found True"),
         (_edit(TOML, "version = 1\n", ""), "version: found None"),
         (_edit(TOML, "fps = 20.0", "fps = nan"), "recording.toml: .*fps is nan"),

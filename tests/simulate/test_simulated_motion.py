@@ -20,7 +20,7 @@ SEEDS = (1, 2)
 @cache
 def truth(scene: str, seed: int, seconds: float = 60.0) -> Floats:
     settings = SceneSettings(
-        scene=scene, seconds=seconds, cameras=1, detector=DetectorSettings(perfect=True)
+        scene=scene, seconds=seconds, cameras=1, fps=25, detector=DetectorSettings(perfect=True)
     )
     recording = simulate(settings, seed)
     assert recording.truth is not None

@@ -19,7 +19,7 @@ def simulate(
     scene: str = "ring",
     people: Whole | None = None,
     seconds: float = 60.0,
-    fps: float = 25.0,
+    fps: float | None = None,
     cameras: Whole | None = None,
     radius: float | None = None,
     height: float | None = None,
@@ -41,15 +41,17 @@ def simulate(
     dest
         Folder to write the recording to.
     scene
-        What goes on: ring, crossing, crowd, meeting or pillar.
+        What goes on: ring, crossing, crowd or meeting; pillar, one-sided or poor-view, where
+        cameras see unequally well; two-rooms or l-hall, where no camera sees everybody;
+        unequal-batteries, dying-cameras or slow.
     people
         How many individuals take part; by default as many as suit the scene.
     seconds
         Length of the recording.
     fps
-        Frames a second.
+        Frames a second; 25, but 10 in the scene `slow`.
     cameras
-        How many cameras stand in the ring; 5 by default.
+        How many cameras; by default as many as the scene has places for, or 5 in a ring.
     radius
         Distance of the cameras from the middle, in metres.
     height
@@ -82,7 +84,7 @@ def simulate(
         people=people,
         seconds=seconds,
         fps=fps,
-        cameras=5 if cameras is None else cameras,
+        cameras=cameras,
         radius_m=radius,
         height_m=height,
         image_size=(1032, 776) if resolution is None else _size(resolution),

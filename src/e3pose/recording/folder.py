@@ -23,7 +23,7 @@ from e3pose.recording.record import MAX_PEOPLE, Recording, Truth, ViewSeries
 from e3pose.skeleton import Skeleton, skeleton_by_name
 
 FORMAT = "e3pose-recording"
-VERSION = 1
+VERSIONS = (1, 2)  # 2 has batteries or deaths of cameras
 HEADER = "recording.toml"
 RIG = "calibration.toml"
 TRUTH = "truth.jsonl"
@@ -44,7 +44,7 @@ class Header(msgspec.Struct, forbid_unknown_fields=True):
     """The content of recording.toml."""
 
     format: Literal["e3pose-recording"]
-    version: Literal[1]
+    version: Literal[1, 2]
     name: str
     fps: float
     num_slots: int
@@ -54,6 +54,8 @@ class Header(msgspec.Struct, forbid_unknown_fields=True):
     frames: dict[str, int] | None = None
     truth: TruthHeader | None = None
     videos: dict[str, str] = {}
+    battery_wh: dict[str, float] = {}
+    dies_at_s: dict[str, float] = {}
 
 
 def load_recording(path: Path | str) -> Recording:
@@ -101,6 +103,8 @@ def load_recording(path: Path | str) -> Recording:
             scored_slots=header.scored_slots,
             videos=header.videos,
             source=header.source,
+            battery_wh=header.battery_wh,
+            dies_at_s=header.dies_at_s,
         )
     except InputError as error:
         raise InputError(f"{folder / HEADER}: {error}") from None
@@ -179,15 +183,17 @@ def _read_header(path: Path) -> Header:
         raise InputError(
             f"{path}: format: found {str(table.get('format'))[:40]!r}, expected {FORMAT!r}"
         )
-    if table.get("version") != VERSION or isinstance(table["version"], bool):
+    if table.get("version") not in VERSIONS or isinstance(table["version"], bool):
         raise InputError(
-            f"{path}: version: found {str(table.get('version'))[:40]}, expected {VERSION}; "
-            "a newer e3pose may read it"
+            f"{path}: version: found {str(table.get('version'))[:40]}, expected "
+            f"{' or '.join(map(str, VERSIONS))}; a newer e3pose may read it"
         )
     try:
         header = msgspec.convert(table, Header)
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {str(error)[:300]}") from None
+    if header.version == 1 and (header.battery_wh or header.dies_at_s):
+        raise InputError(f"{path}: version: found 1, expected 2 with battery_wh or dies_at_s")
     if not 0 <= header.num_slots <= 100_000_000:
         raise InputError(
             f"{path}: num_slots: found {str(header.num_slots)[:40]}, expected 0 to 100 million"
@@ -197,7 +203,12 @@ def _read_header(path: Path) -> Header:
 
 def _check_cameras(folder: Path, header: Header, camera_ids: tuple[str, ...]) -> None:
     """Every camera that the header or a file names must be in the rig."""
-    named = {"frames": list(header.frames or ()), "videos": list(header.videos)}
+    named = {
+        "frames": list(header.frames or ()),
+        "videos": list(header.videos),
+        "battery_wh": list(header.battery_wh),
+        "dies_at_s": list(header.dies_at_s),
+    }
     for field, names in named.items():
         for camera_id in names:
             if camera_id not in camera_ids:
@@ -254,7 +265,8 @@ def _skeleton(where: Path, name: str) -> Skeleton:
 def _header(recording: Recording) -> Mapping[str, Any]:
     table: dict[str, Any] = {
         "format": FORMAT,
-        "version": VERSION,
+        # An older reader is told of a newer version only by what it could not read.
+        "version": 2 if recording.battery_wh or recording.dies_at_s else 1,
         "name": recording.name,
         "fps": float(recording.fps),
         "num_slots": int(recording.num_slots),
@@ -273,4 +285,10 @@ def _header(recording: Recording) -> Mapping[str, Any]:
         }
     if recording.videos:
         table["videos"] = dict(recording.videos)
+    for name, by_camera in (
+        ("battery_wh", recording.battery_wh),
+        ("dies_at_s", recording.dies_at_s),
+    ):
+        if by_camera:
+            table[name] = {camera_id: float(value) for camera_id, value in by_camera.items()}
     return table

@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 MAX_NAME = 200
 MAX_SOURCE = 10_000
 MAX_PEOPLE = 1000
+MAX_BATTERY_WH = 1e6
 # A recording may have lost views, but not so many that a few views stand for days of slots.
 FREE_SLOTS = 10_000
 SLOTS_PER_VIEW = 100
@@ -107,6 +108,9 @@ class Recording:
         scored_slots: half-open range of the slots that evaluation scores; all by default.
         videos: camera id to a file name in the recording's `videos` folder, or an absolute path.
         source: where it comes from and under what terms, for people.
+        battery_wh: camera id to the energy in its battery at the start; others have a supply, or
+            the battery that an evaluation is told of.
+        dies_at_s: camera id to when it went for good and could no longer be reached.
 
     Raises:
         InputError: when shapes, counts or ids do not fit together.
@@ -123,6 +127,8 @@ class Recording:
     scored_slots: tuple[int, int] | None = None
     videos: Mapping[str, str] = field(default_factory=dict)
     source: str = ""
+    battery_wh: Mapping[str, float] = field(default_factory=dict)
+    dies_at_s: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.fps) and 0 < self.fps <= 1000):
@@ -161,6 +167,12 @@ class Recording:
         for camera_id, name in self.videos.items():
             self.rig.index(camera_id)
             _check_video(camera_id, name)
+        for camera_id, energy_wh in self.battery_wh.items():
+            self.rig.index(camera_id)
+            _check_number(f"battery_wh.{camera_id}", energy_wh, MAX_BATTERY_WH)
+        for camera_id, time_s in self.dies_at_s.items():
+            self.rig.index(camera_id)
+            _check_number(f"dies_at_s.{camera_id}", time_s, np.inf)
 
     @property
     def interval_s(self) -> float:
@@ -229,6 +241,12 @@ def _check_text(field: str, text: str, limit: int, more: str) -> None:
             f"recording: {field}: found {len(text)} characters {text[:40]!r}, expected at most "
             f"{limit} printable ones"
         )
+
+
+def _check_number(field: str, value: float, most: float) -> None:
+    if not (np.isfinite(value) and 0 <= value <= most):
+        most_words = "" if most == np.inf else f" to {most:.10g}"
+        raise InputError(f"recording: {field}: found {value}, expected a number from 0{most_words}")
 
 
 def _check_video(camera_id: str, name: str) -> None:

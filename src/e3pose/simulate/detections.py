@@ -12,7 +12,7 @@ from e3pose.recording import ViewSeries
 from e3pose.simulate.hiding import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.mistakes import episodes, haunt, merge_people, swap_sides
 from e3pose.simulate.noise import GROSS_MEMORY, correlated, normal_cdf, residuals
-from e3pose.simulate.occluders import Occluder
+from e3pose.simulate.place import Scene
 from e3pose.simulate.settings import DetectorSettings
 
 Floats = NDArray[np.float64]
@@ -43,8 +43,8 @@ def detect_people(
     camera: Camera,
     joints_m: Floats,
     offset_m: Floats,
-    occluders: Sequence[Occluder],
-    area_m: float,
+    scene: Scene,
+    focus_m: float,
     fps: float,
     settings: DetectorSettings,
     seed: np.random.SeedSequence,
@@ -55,8 +55,8 @@ def detect_people(
         camera: the camera, in the world.
         joints_m: `(num_slots, num_persons, 17, 3)` in the scene, NaN for people who are away.
         offset_m: `(3,)` where the origin of the scene lies in the world.
-        occluders: things of the scene.
-        area_m: radius of the floor in use.
+        scene: its things and walls, and the floor in use.
+        focus_m: distance at which the lens is sharp.
         fps: slots a second.
         settings: how the detector errs.
         seed: each kind of error has a stream of its own, so that one can be changed by itself.
@@ -65,21 +65,20 @@ def detect_people(
     streams = [np.random.default_rng(child) for child in seed.spawn(8)]
     world_m = joints_m + offset_m
     keypoints = camera.project(world_m)
-    inside = camera.sees(world_m)
+    centre = camera.center_m - offset_m
+    inside = camera.sees(world_m) & ~behind_things(centre, joints_m, scene.walls)
     if settings.perfect:
         scores = inside.astype(np.float64)
         slots, people = np.nonzero(inside.any(axis=-1))
         found = keypoints[slots, people], scores[slots, people]
         return _gathered(slots, *found, fps, num_slots, streams[7])
-    centre = camera.center_m - offset_m
     depth = _depth(camera, world_m)
     px_per_m = 0.5 * (camera.K[0, 0] + camera.K[1, 1]) / depth
     own = covered_by_self(centre, joints_m)
     other = np.maximum(
-        covered_by_others(centre, joints_m), behind_things(centre, joints_m, occluders)
+        covered_by_others(centre, joints_m), behind_things(centre, joints_m, scene.occluders)
     )
-    focus = float(np.hypot(*centre[:2]))
-    scores = _scores(own, other, depth / max(focus, 1.0), px_per_m, fps, streams[0])
+    scores = _scores(own, other, depth / focus_m, px_per_m, settings.blur, fps, streams[0])
     seen = inside & ~_missed(own, other, px_per_m, fps, settings, streams[1:3])
     keypoints = keypoints + settings.noise * _errors(scores, px_per_m, fps, streams[3])
     in_image = (keypoints >= -0.5) & (keypoints < np.array(camera.image_size) - 0.5)
@@ -90,7 +89,7 @@ def detect_people(
     keypoints, scores = swap_sides(keypoints, scores, streams[4], 1 / fps, settings.swap)
     keypoints, scores = merge_people(keypoints, scores, depth, streams[5], 1 / fps, settings.merge)
     ghost_slots, ghosts, ghost_scores = haunt(
-        camera, num_slots, fps, (offset_m[:2], area_m), streams[6], settings.ghosts
+        camera, num_slots, fps, (offset_m[:2], scene.area_m), streams[6], settings.ghosts
     )
     slots, people = np.nonzero(scores.any(axis=-1))
     fake = np.flatnonzero((ghost_scores > 0).sum(axis=-1) >= MIN_JOINTS)
@@ -101,6 +100,19 @@ def detect_people(
         fps,
         num_slots,
         streams[7],
+    )
+
+
+def until(series: ViewSeries, end: float) -> ViewSeries:
+    """Return the views of slots before `end`: those of a camera that is gone from then on."""
+    kept = int(np.searchsorted(series.slots, end))
+    people = int(series.starts[kept])
+    return ViewSeries(
+        series.slots[:kept],
+        series.times_s[:kept],
+        series.starts[: kept + 1],
+        series.keypoints_px[:people],
+        series.scores[:people],
     )
 
 
@@ -116,6 +128,7 @@ def _scores(
     other: Floats,
     relative_depth: Floats,
     px_per_m: Floats,
+    haze: float,
     fps: float,
     rng: np.random.Generator,
 ) -> Floats:
@@ -124,7 +137,7 @@ def _scores(
     small = np.maximum(np.log2(SMALL_PX_PER_M / px_per_m), 0.0)
     odds = CLEAR + JOINT_BIAS + SPREAD * correlated(rng, own.shape, 1 / fps, SCORE_MEMORY)
     odds = odds - SELF_COVERED * own - COVERED * other
-    odds -= (OUT_OF_FOCUS * blur + small)[..., None]
+    odds -= (OUT_OF_FOCUS * blur + small + haze)[..., None]
     return np.asarray(BEST_SCORE / (1 + np.exp(-odds)))
 
 

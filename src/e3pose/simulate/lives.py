@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.simulate.gestures import CALM, GESTURES, RAMP_S, Gesturing
-from e3pose.simulate.scenes import Scene
+from e3pose.simulate.place import Scene
 from e3pose.simulate.steering import NOWHERE, PERSON_RADIUS_M, Group, advance
+from e3pose.simulate.ways import Ways
 
 Floats = NDArray[np.float64]
 
@@ -27,6 +28,8 @@ ROOM_M = 0.75  # places to stand are so far from other people
 DOOR_FACTOR = 1.9  # doors are so many times the radius of the area away
 PATIENCE_S = 5.0
 NUM_DOORS = 3
+CORNER_M = 0.5  # near enough to a corner or door to turn for the next
+INSET_M = 0.55  # places to stand are so far from the edge of a room
 
 
 @dataclass(slots=True)
@@ -67,6 +70,11 @@ class Play:
         self.seats = np.array(scene.seats, dtype=np.float64).reshape(-1, 3)
         angles = 2 * np.pi * (np.arange(NUM_DOORS) + rng.uniform()) / NUM_DOORS
         self.doors = DOOR_FACTOR * scene.area_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        if scene.exits:
+            self.doors = np.array(scene.exits)
+        self.ways = Ways(np.array(scene.ways).reshape(-1, 2), scene.things)
+        self.routes: list[list[Floats]] = [[] for _ in range(number)]  # corners still to turn at
+        self.stops = [True] * number  # whether people stop where they are going
         self.tasks = [_Task("away", 0.0) for _ in range(number)]
 
     def run(self, seconds: float, progress: Callable[[float], None]) -> tuple[Floats, list[Life]]:
@@ -83,12 +91,13 @@ class Play:
         self._begin()
         for index, time_s in enumerate(times):
             for person, task in enumerate(self.tasks):
+                self._turn_corner(person)
                 if self._finished(person, task, float(time_s)):
                     self.tasks[person] = self._next(person, task, float(time_s))
             xy[index], heading[index] = self.group.xy, self.group.heading
             present[index] = [task.kind != "away" for task in self.tasks]
             if number:
-                advance(self.group, self._seat_xy(), self.scene.occluders, 1 / GRID_HZ)
+                advance(self.group, self._seat_xy(), self.scene.things, 1 / GRID_HZ)
             if index % 250 == 0:
                 progress(index / len(times))
         return times, self.lives
@@ -109,7 +118,7 @@ class Play:
         if time_s >= task.until_s:
             return True
         group = self.group
-        if task.kind == "walk":
+        if task.kind == "walk" and not self.routes[person]:
             near = ARRIVED_M if group.stops[person] else PASSED_M
             return bool(np.hypot(*(group.goal[person] - group.xy[person])) < near)
         if task.kind == "face":
@@ -146,7 +155,7 @@ class Play:
         habits, rng = self.scene.habits, self.rng
         draw = rng.uniform()
         if draw < habits.leave:
-            door = self.doors[rng.integers(NUM_DOORS)]
+            door = self.doors[rng.integers(len(self.doors))]
             return self._walk(person, time_s, door, [("away", 0.0)], stops=False)
         draw -= habits.leave
         free = sorted(set(range(len(self.seats))) - set(self.group.own_seat.tolist()))
@@ -162,7 +171,7 @@ class Play:
         place = self._free_place(person, ROOM_M) if draw < habits.sit + habits.stand else None
         if place is not None:
             # People who stop look roughly to the middle, where the others are.
-            facing = np.arctan2(*-place[::-1]) + rng.normal(0, 0.6)
+            facing = np.arctan2(*(self._middle(place) - place)[::-1]) + rng.normal(0, 0.6)
             duration = float(rng.uniform(*habits.stand_s))
             then = [("face", float(facing)), ("stand", duration)]
             return self._walk(person, time_s, place, then, stops=True)
@@ -174,6 +183,8 @@ class Play:
         if self.scene.habits.cross:
             angle = np.arctan2(here[1], here[0]) + np.pi + self.rng.normal(0, 0.35)
             place = 0.95 * self.scene.area_m * np.array([np.cos(angle), np.sin(angle)])
+        elif self.scene.rooms:  # people stay in a room as often as they change it
+            place = self._place()
         else:
             places = [self._place() for _ in range(4)]
             place = max(places, key=lambda p: float(np.hypot(*(p - here))))
@@ -188,22 +199,36 @@ class Play:
         stops: bool,
     ) -> _Task:
         group = self.group
-        group.goal[person], group.stops[person] = goal, stops
+        self.routes[person] = self.ways.route(group.xy[person], goal)
+        self.stops[person] = stops
+        way = np.diff([group.xy[person], *self.routes[person]], axis=0)
+        self._head_on(person)
         group.pace[person] = self.rng.uniform(*self.scene.habits.speed_mps)
         group.facing[person] = np.nan
-        way_s = float(np.hypot(*(goal - group.xy[person])) / group.pace[person])
+        way_s = float(np.hypot(way[:, 0], way[:, 1]).sum() / group.pace[person])
         return _Task("walk", time_s + 1.6 * way_s + PATIENCE_S, then)
+
+    def _head_on(self, person: int) -> None:
+        """Head for the next corner of the way, or for its end."""
+        self.group.goal[person] = self.routes[person].pop(0)
+        self.group.stops[person] = self.stops[person] and not self.routes[person]
+
+    def _turn_corner(self, person: int) -> None:
+        group = self.group
+        if self.routes[person] and np.hypot(*(group.goal[person] - group.xy[person])) < CORNER_M:
+            self._head_on(person)
 
     def _walk_off(self, person: int, time_s: float, late: bool) -> _Task:
         if late:
             return self._wander(person, time_s)
         self.group.xy[person] = NOWHERE * (1 + person)
+        self.routes[person] = []
         self.group.velocity[person] = 0.0
         return _Task("away", time_s + float(self.rng.uniform(3, 10)))
 
     def _arrive(self, person: int, time_s: float) -> _Task:
         """Come in through a door that nobody stands in, or wait a moment longer."""
-        door = self.doors[self.rng.integers(NUM_DOORS)]
+        door = self.doors[self.rng.integers(len(self.doors))]
         if np.hypot(*(self.group.xy - door).T).min() < 4 * PERSON_RADIUS_M:
             return _Task("away", time_s + 0.5)
         self.group.xy[person] = door
@@ -237,17 +262,37 @@ class Play:
         """Return a floor point inside the area that is clear of seats and occluders."""
         place = np.zeros(2)
         for _ in range(50):
-            angle, radius = self.rng.uniform(-np.pi, np.pi), np.sqrt(self.rng.uniform())
-            place = self.scene.area_m * radius * np.array([np.cos(angle), np.sin(angle)])
-            things = [o.nearest(place) for o in self.scene.occluders] + list(self._seat_xy())
+            place = self._anywhere()
+            things = [thing.nearest(place) for thing in self.scene.things] + list(self._seat_xy())
             if all(np.hypot(*(thing - place)) > 2.2 * PERSON_RADIUS_M for thing in things):
                 break
         return place
 
+    def _anywhere(self) -> Floats:
+        rooms, rng = self.scene.rooms, self.rng
+        if not rooms:
+            angle, radius = rng.uniform(-np.pi, np.pi), np.sqrt(rng.uniform())
+            return np.asarray(self.scene.area_m * radius * np.array([np.cos(angle), np.sin(angle)]))
+        sizes = np.array([room.area_m2 for room in rooms])
+        room = rooms[int(rng.choice(len(rooms), p=sizes / sizes.sum()))]
+        x = rng.uniform(room.low_x_m + INSET_M, room.high_x_m - INSET_M)
+        y = rng.uniform(room.low_y_m + INSET_M, room.high_y_m - INSET_M)
+        return np.array([x, y])
+
+    def _middle(self, place: Floats) -> Floats:
+        """Return the middle of the room, or of the scene, that a place is in."""
+        if not self.scene.rooms:
+            return np.zeros(2)
+        middles = np.array([room.middle for room in self.scene.rooms])
+        return np.asarray(middles[np.hypot(*(middles - place).T).argmin()])
+
     def _free_place(self, person: int, room_m: float) -> Floats | None:
         """Return a place away from other people and their goals, or None if it is too full."""
         others = np.arange(len(self.tasks)) != person
-        taken = np.concatenate([self.group.xy[others], self.group.goal[others]])
+        goals = np.array(
+            [route[-1] if route else self.group.goal[i] for i, route in enumerate(self.routes)]
+        )
+        taken = np.concatenate([self.group.xy[others], goals[others]])
         for _ in range(30):
             place = self._place()
             if len(taken) == 0 or np.hypot(*(taken - place).T).min() > room_m:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Camera, Rig
+from e3pose.simulate.place import Spot
 
 Floats = NDArray[np.float64]
 
@@ -30,9 +33,7 @@ def ring_rig(
         image_size: `(width, height)` in pixels.
         rng: where the irregularity comes from.
     """
-    width, height = image_size
-    focal = max(image_size) / 2 / np.tan(np.radians(FIELD_OF_VIEW_DEG / 2))
-    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    K = _intrinsics(image_size, FIELD_OF_VIEW_DEG)
     spacing = 2 * np.pi / num_cameras
     cameras = []
     for index in range(num_cameras):
@@ -53,6 +54,32 @@ def ring_rig(
     return Rig(tuple(cameras))
 
 
+def spot_rig(
+    spots: Sequence[Spot], image_size: tuple[int, int], rng: np.random.Generator
+) -> tuple[Rig, Floats]:
+    """Stand cameras where a scene has places for them, a little irregularly.
+
+    Args:
+        spots: where they stand and look.
+        image_size: `(width, height)` in pixels.
+        rng: where the irregularity comes from: up to 5 cm of place and 20 cm of aim.
+
+    Returns:
+        The rig, and `(num_cameras,)` the distances in metres that the lenses are focused at.
+    """
+    cameras, focus_m = [], []
+    for index, spot in enumerate(spots):
+        wobble = rng.uniform(-1, 1, 5)
+        centre = np.array([spot.x_m, spot.y_m, spot.z_m]) + 0.05 * wobble[:3]
+        target = np.array([spot.look_x_m, spot.look_y_m, TARGET_HEIGHT_M])
+        target[:2] += 0.2 * wobble[3:]
+        K = _intrinsics(image_size, spot.view_deg)
+        place = _looking(centre, target)
+        cameras.append(Camera(f"cam{index}", image_size, K, place, np.zeros(0), False))
+        focus_m.append(float(np.linalg.norm(target - centre)))
+    return Rig(tuple(cameras)), np.array(focus_m)
+
+
 def watched_area(rig: Rig) -> tuple[Floats, float]:
     """Return the floor point `(2,)` that a rig looks at, and how far around it people may roam.
 
@@ -68,6 +95,12 @@ def watched_area(rig: Rig) -> tuple[Floats, float]:
     centre = np.linalg.solve(matrix, vector)[:2]
     distance = float(np.median(np.linalg.norm(rig.centers_m[:, :2] - centre, axis=1)))
     return centre, float(np.clip(0.5 * distance, 1.2, 8.0))
+
+
+def _intrinsics(image_size: tuple[int, int], view_deg: float) -> Floats:
+    width, height = image_size
+    focal = max(image_size) / 2 / np.tan(np.radians(view_deg / 2))
+    return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
 
 
 def _looking(centre_m: Floats, target_m: Floats) -> Floats:

@@ -2,69 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.simulate.occluders import Box, Occluder, Pillar
-
-
-@dataclass(frozen=True, slots=True)
-class Habits:
-    """What people do when they have reached a place; shares add up to at most 1, the rest walk on.
-
-    Attributes:
-        stand: share that stops, half of them gesturing.
-        sit: share that takes a free seat.
-        leave: share that goes away through a door and comes back later.
-        cross: whether people walk straight through the middle to the other side.
-        stand_s: shortest and longest stop.
-        sit_s: shortest and longest time on a seat.
-        speed_mps: slowest and fastest walking pace.
-    """
-
-    stand: float = 0.0
-    sit: float = 0.0
-    leave: float = 0.0
-    cross: bool = False
-    stand_s: tuple[float, float] = (2.0, 7.0)
-    sit_s: tuple[float, float] = (5.0, 14.0)
-    speed_mps: tuple[float, float] = (0.9, 1.5)
-
-
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """A place and what goes on in it, around the origin of the floor.
-
-    Attributes:
-        summary: one line for people.
-        people: how many, unless asked otherwise.
-        area_m: radius of the floor that people use.
-        radius_m: distance of the ring's cameras.
-        height_m: height of the ring's cameras.
-        habits: what people do.
-        seats: `(x, y, heading)` of each seat, metres and radians.
-        occluders: what stands there.
-    """
-
-    summary: str
-    people: int
-    area_m: float
-    radius_m: float
-    height_m: float
-    habits: Habits
-    seats: tuple[tuple[float, float, float], ...] = ()
-    occluders: tuple[Occluder, ...] = ()
-
-    def fitted(self, area_m: float) -> Scene:
-        """Return the scene for a floor of another radius; seats move along, occluders stay away.
-
-        Occluders keep their place and size: they belong to a room, not to a rig.
-        """
-        factor = area_m / self.area_m
-        seats = tuple((x * factor, y * factor, heading) for x, y, heading in self.seats)
-        return replace(self, area_m=area_m, seats=seats)
+from e3pose.simulate.buildings import BUILDINGS
+from e3pose.simulate.occluders import Box, Pillar
+from e3pose.simulate.place import Condition, Habits, Scene
 
 
 def _circle_of_seats(
@@ -74,6 +17,14 @@ def _circle_of_seats(
     angles = first + 2 * np.pi * np.arange(number) / number
     return tuple(
         (float(radius_m * np.cos(a)), float(radius_m * np.sin(a)), float(a + np.pi)) for a in angles
+    )
+
+
+def _shelves(radius_m: float, angles: tuple[float, ...]) -> tuple[Box, ...]:
+    """Shelves of 0.4 m x 2.6 m, 1.9 m high, around the scene."""
+    return tuple(
+        Box(float(radius_m * np.cos(a)), float(radius_m * np.sin(a)), 0.4, 2.6, 1.9, yaw=a)
+        for a in angles
     )
 
 
@@ -110,6 +61,20 @@ SCENES: dict[str, Scene] = {
             Box(0.3, -1.5, 1.1, 0.45, 1.9, yaw=0.5),
         ),
     ),
+    "one-sided": Scene(
+        summary="shelves on one side hide people, but for heads, from three of six cameras",
+        people=4, area_m=2.2, radius_m=4.2, height_m=2.2, cameras=6,
+        habits=Habits(stand=0.35, leave=0.1),
+        walls=_shelves(2.8, (2 * np.pi / 3, np.pi, 4 * np.pi / 3)),
+        exits=((4.0, 1.6), (4.0, -1.6)),
+    ),
+    "poor-view": Scene(
+        summary="one of five cameras looks through frosted glass: half the people, and blurred",
+        people=4, area_m=2.3, radius_m=4.2, height_m=2.0,
+        habits=Habits(stand=0.35, leave=0.12),
+        conditions={1: Condition(noise=2.0, blur=1.2, joint_miss=0.2, person_miss=0.3)},
+    ),
+    **BUILDINGS,
 }  # fmt: skip
 
 

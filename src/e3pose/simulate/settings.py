@@ -30,6 +30,7 @@ class DetectorSettings:
         swap: share of person-views with left and right exchanged, in episodes.
         merge: share of the views of two overlapping people in which they become one detection.
         ghosts: expected false people in a view.
+        blur: log-odds taken from every score, as by a dirty or badly focused lens.
         perfect: report every joint inside the image at its exact pixel with score 1, hidden or
             not, and nobody else; all the above is then without effect.
     """
@@ -43,13 +44,14 @@ class DetectorSettings:
     swap: float = 0.01
     merge: float = 0.15
     ghosts: float = 0.05
+    blur: float = 0.0
     perfect: bool = False
 
     def __post_init__(self) -> None:
         for item in fields(self):
             if item.name == "perfect":
                 continue
-            high = {"noise": 100.0, "ghosts": 20.0}.get(item.name, 1.0)
+            high = {"noise": 100.0, "ghosts": 20.0, "blur": 20.0}.get(item.name, 1.0)
             check_number(f"detector {item.name}", getattr(self, item.name), 0.0, high)
 
 
@@ -61,8 +63,9 @@ class SceneSettings:
         scene: a name in `SCENES`.
         people: how many individuals take part; the scene's own number by default.
         seconds: length of the recording.
-        fps: slots a second.
-        cameras: how many cameras stand in the ring around the scene.
+        fps: slots a second; the scene's own rate by default.
+        cameras: how many cameras; the scene's own number by default. Where a scene has places for
+            cameras of its own, the first so many of them.
         radius_m: distance of the ring's cameras from the centre; the scene's own by default.
         height_m: height of the ring's cameras; the scene's own by default.
         image_size: `(width, height)` of the ring's images in pixels.
@@ -76,8 +79,8 @@ class SceneSettings:
     scene: str = "ring"
     people: int | None = None
     seconds: float = 60.0
-    fps: float = 25.0
-    cameras: int = 5
+    fps: float | None = None
+    cameras: int | None = None
     radius_m: float | None = None
     height_m: float | None = None
     image_size: tuple[int, int] = (1032, 776)
@@ -87,10 +90,11 @@ class SceneSettings:
     def __post_init__(self) -> None:
         if self.people is not None:
             check_number("people", self.people, 0, MAX_PEOPLE, whole=True)
-        check_number("cameras", self.cameras, 1, MAX_CAMERAS, whole=True)
-        check_number("fps", self.fps, 0.5, 1000)
+        if self.cameras is not None:
+            check_number("cameras", self.cameras, 1, MAX_CAMERAS, whole=True)
+        if self.fps is not None:
+            check_number("fps", self.fps, 0.5, 1000)
         check_number("seconds", self.seconds, 0, MAX_SECONDS)
-        check_number("slots (seconds x fps)", self.seconds * self.fps, 1, MAX_SLOTS)
         for name, value, high in (
             ("radius", self.radius_m, 100.0),
             ("height", self.height_m, 50.0),
@@ -104,19 +108,10 @@ class SceneSettings:
         for name, size in zip(("image width", "image height"), self.image_size, strict=True):
             check_number(name, size, 64, 20_000, whole=True)
 
-    @property
-    def num_slots(self) -> int:
-        """Length of the recording in slots."""
-        return max(1, round(self.seconds * self.fps))
-
-    def check_size(self, num_cameras: int, num_people: int) -> None:
+    def check_size(self, num_slots: int, num_cameras: int, num_people: int) -> None:
         """Raise `InputError` if so many cameras and people over this time would not fit memory."""
         for name, size, most in (
-            (
-                "slots x cameras x people",
-                self.num_slots * num_cameras * num_people,
-                MAX_VIEW_PEOPLE,
-            ),
+            ("slots x cameras x people", num_slots * num_cameras * num_people, MAX_VIEW_PEOPLE),
             ("seconds x people", self.seconds * num_people, MAX_PERSON_SECONDS),
         ):
             if size > most:

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
+from e3pose.errors import InputError
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.body import draw_body
-from e3pose.simulate.detections import detect_people
+from e3pose.simulate.detections import detect_people, until
 from e3pose.simulate.lives import Play
 from e3pose.simulate.motion import move
-from e3pose.simulate.rigs import ring_rig, watched_area
-from e3pose.simulate.scenes import Scene, scene_by_name
-from e3pose.simulate.settings import SceneSettings, check_number
+from e3pose.simulate.place import Condition, Scene
+from e3pose.simulate.rigs import ring_rig, spot_rig, watched_area
+from e3pose.simulate.scenes import scene_by_name
+from e3pose.simulate.settings import MAX_SLOTS, DetectorSettings, SceneSettings, check_number
 from e3pose.skeleton import COCO17
 
 Floats = NDArray[np.float64]
 
+ACTIVE_W = 12.5  # of a camera that is always active: the shipped profile of the Xavier NX
 LIVES_SHARE = 0.15  # of the work, for the progress bar
 AFTER_S = 1.0  # life goes on for so long after the last slot
 
@@ -42,62 +46,136 @@ def simulate(
         A recording in COCO-17 with complete truth; people who are away have NaN joints.
 
     Raises:
-        InputError: when the scene is unknown, or the settings ask for too much.
+        InputError: when the scene is unknown, or the settings ask for too much or do not fit it.
     """
     check_number("seed", seed, 0, 2**63 - 1, whole=True)
     report = progress or (lambda share: None)
     scene = scene_by_name(settings.scene)
     number = scene.people if settings.people is None else int(settings.people)
+    fps = scene.fps if settings.fps is None else settings.fps
+    check_number("slots (seconds x fps)", settings.seconds * fps, 1, MAX_SLOTS)
+    num_slots = max(1, round(settings.seconds * fps))
     rig_seed, life_seed, body_seed, view_seed = np.random.SeedSequence(int(seed)).spawn(4)
-    rig, scene, centre = _place(settings, scene, np.random.default_rng(rig_seed))
-    settings.check_size(len(rig), number)
-    slots_s = np.arange(settings.num_slots) / settings.fps
+    stage = _place(settings, scene, np.random.default_rng(rig_seed))
+    settings.check_size(num_slots, len(stage.rig), number)
     joints = _lives(
-        scene,
+        stage.scene,
         number,
         settings.seconds,
-        slots_s,
+        np.arange(num_slots) / fps,
         life_seed,
         body_seed,
         lambda share: report(LIVES_SHARE * share),
     )
-    offset = np.array([*centre, 0.0])
+    offset = np.array([*stage.centre, 0.0])
     views = []
-    for camera, child in zip(rig.cameras, view_seed.spawn(len(rig)), strict=True):
-        views.append(
-            detect_people(
-                camera, joints, offset, scene.occluders, scene.area_m, settings.fps,
-                settings.detector, child,
-            )
+    cameras = zip(stage.rig.cameras, stage.focus_m, view_seed.spawn(len(stage.rig)), strict=True)
+    for index, (camera, focus_m, child) in enumerate(cameras):
+        condition = stage.scene.conditions.get(index, Condition())
+        series = detect_people(
+            camera, joints, offset, stage.scene, float(focus_m), fps,
+            _worsened(settings.detector, condition), child,
         )  # fmt: skip
-        report(LIVES_SHARE + (1 - LIVES_SHARE) * len(views) / len(rig))
+        if condition.dies_at is not None:
+            series = until(series, condition.dies_at * num_slots)
+        views.append(series)
+        report(LIVES_SHARE + (1 - LIVES_SHARE) * len(views) / len(stage.rig))
     exact = ", exact detections" if settings.detector.perfect else ""
     return Recording(
         name=f"simulated {settings.scene}, {number} people, seed {seed}",
-        rig=rig,
-        fps=settings.fps,
-        num_slots=settings.num_slots,
+        rig=stage.rig,
+        fps=fps,
+        num_slots=num_slots,
         skeleton=COCO17,
         views=tuple(views),
         truth=Truth(COCO17, tuple(f"person{i + 1}" for i in range(number)), joints + offset),
         truth_complete=True,
+        battery_wh=_batteries(stage, num_slots / fps),
+        dies_at_s={
+            camera_id: condition.dies_at * num_slots / fps
+            for camera_id, condition in _conditions(stage)
+            if condition.dies_at is not None
+        },
         source=f"simulated by e3pose: scene {settings.scene}, seed {seed}{exact}; free of rights",
     )
 
 
-def _place(
-    settings: SceneSettings, scene: Scene, rng: np.random.Generator
-) -> tuple[Rig, Scene, Floats]:
-    """Return the rig, the scene fitted to it, and where on the floor the scene's origin is."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stage:
+    """A scene with its cameras: where its origin lies on the floor, and how lenses are focused."""
+
+    rig: Rig
+    scene: Scene
+    centre: Floats
+    focus_m: Floats
+
+
+def _place(settings: SceneSettings, scene: Scene, rng: np.random.Generator) -> _Stage:
+    """Fit scene and rig to each other."""
     if settings.rig is not None:
+        if scene.rooms:
+            raise InputError(
+                f"simulate: scene: found {settings.scene} beside a rig of its own, expected one "
+                "without rooms: its walls would stand anywhere among those cameras"
+            )
         centre, area_m = watched_area(settings.rig)
-        return settings.rig, scene.fitted(area_m), centre
+        return _Stage(settings.rig, scene.fitted(area_m), centre, _focus(settings.rig, centre))
+    if scene.spots:
+        return _Stage(*_own_cameras(settings, scene, rng))
     radius = scene.radius_m if settings.radius_m is None else settings.radius_m
     height = scene.height_m if settings.height_m is None else settings.height_m
-    rig = ring_rig(int(settings.cameras), radius, height, settings.image_size, rng)
+    number = scene.cameras if settings.cameras is None else int(settings.cameras)
+    rig = ring_rig(number, radius, height, settings.image_size, rng)
     if settings.radius_m is not None:
         scene = scene.fitted(scene.area_m * radius / scene.radius_m)
-    return rig, scene, np.zeros(2)
+    return _Stage(rig, scene, np.zeros(2), _focus(rig, np.zeros(2)))
+
+
+def _own_cameras(
+    settings: SceneSettings, scene: Scene, rng: np.random.Generator
+) -> tuple[Rig, Scene, Floats, Floats]:
+    for name, value in (("radius", settings.radius_m), ("height", settings.height_m)):
+        if value is not None:
+            raise InputError(
+                f"simulate: {name}: found {value:g}, expected none: scene {settings.scene} has "
+                "cameras of its own"
+            )
+    number = len(scene.spots) if settings.cameras is None else int(settings.cameras)
+    check_number("cameras", number, 1, len(scene.spots), whole=True)
+    rig, focus_m = spot_rig(scene.spots[:number], settings.image_size, rng)
+    return rig, scene, np.zeros(2), focus_m
+
+
+def _focus(rig: Rig, centre: Floats) -> Floats:
+    """Return `(num_cameras,)` metres over the floor to the middle of the scene, 1 at the least."""
+    return np.asarray(np.maximum(np.hypot(*(rig.centers_m[:, :2] - centre).T), 1.0))
+
+
+def _worsened(detector: DetectorSettings, condition: Condition) -> DetectorSettings:
+    """Return what a camera in this condition makes of the detector."""
+    return replace(
+        detector,
+        noise=min(detector.noise * condition.noise, 100.0),
+        blur=detector.blur + condition.blur,
+        joint_miss=min(detector.joint_miss + condition.joint_miss, 1.0),
+        person_miss=min(detector.person_miss + condition.person_miss, 1.0),
+    )
+
+
+def _conditions(stage: _Stage) -> list[tuple[str, Condition]]:
+    """List the cameras about which something is special."""
+    ids = stage.rig.camera_ids
+    return [(ids[i], condition) for i, condition in stage.scene.conditions.items() if i < len(ids)]
+
+
+def _batteries(stage: _Stage, seconds: float) -> dict[str, float]:
+    """Return watt-hours by camera, for as long a share of the recording as its condition says."""
+    always_wh = ACTIVE_W * seconds / 3600
+    return {
+        camera_id: condition.battery * always_wh
+        for camera_id, condition in _conditions(stage)
+        if condition.battery is not None
+    }
 
 
 def _lives(

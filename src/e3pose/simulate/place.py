@@ -1,0 +1,148 @@
+"""What a scene is made of: a floor, things, walls and cameras, and the habits of its people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from e3pose.simulate.occluders import Box, Occluder
+
+
+@dataclass(frozen=True, slots=True)
+class Habits:
+    """What people do when they have reached a place; shares add up to at most 1, the rest walk on.
+
+    Attributes:
+        stand: share that stops, half of them gesturing.
+        sit: share that takes a free seat.
+        leave: share that goes away through a door and comes back later.
+        cross: whether people walk straight through the middle to the other side.
+        stand_s: shortest and longest stop.
+        sit_s: shortest and longest time on a seat.
+        speed_mps: slowest and fastest walking pace.
+    """
+
+    stand: float = 0.0
+    sit: float = 0.0
+    leave: float = 0.0
+    cross: bool = False
+    stand_s: tuple[float, float] = (2.0, 7.0)
+    sit_s: tuple[float, float] = (5.0, 14.0)
+    speed_mps: tuple[float, float] = (0.9, 1.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """A rectangle of floor that people use, in metres."""
+
+    low_x_m: float
+    high_x_m: float
+    low_y_m: float
+    high_y_m: float
+
+    @property
+    def area_m2(self) -> float:
+        """Size of the floor."""
+        return (self.high_x_m - self.low_x_m) * (self.high_y_m - self.low_y_m)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """`(x, y)` of the middle in metres."""
+        return 0.5 * (self.low_x_m + self.high_x_m), 0.5 * (self.low_y_m + self.high_y_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """Where a camera of the scene's own stands, the floor point it looks at, and how wide.
+
+    Attributes:
+        x_m: east.
+        y_m: north.
+        z_m: above the floor.
+        look_x_m: east of the point that it looks at, one metre above the floor.
+        look_y_m: north of that point.
+        view_deg: horizontal field of view.
+    """
+
+    x_m: float
+    y_m: float
+    z_m: float
+    look_x_m: float
+    look_y_m: float
+    view_deg: float = 75.0
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """What is special about one camera of a scene.
+
+    Attributes:
+        noise: factor on its keypoint noise.
+        blur: log-odds taken from its scores.
+        joint_miss: share of joints in plain sight that it misses beyond those all cameras miss.
+        person_miss: the same for whole people.
+        battery: energy left at the start, as a share of what it draws when always active.
+        dies_at: when it goes for good, as a share of the recording; None for never.
+    """
+
+    noise: float = 1.0
+    blur: float = 0.0
+    joint_miss: float = 0.0
+    person_miss: float = 0.0
+    battery: float | None = None
+    dies_at: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A place and what goes on in it, around the origin of the floor.
+
+    Attributes:
+        summary: one line for people.
+        people: how many, unless asked otherwise.
+        area_m: radius of the floor that people use.
+        habits: what people do.
+        radius_m: distance of the ring's cameras.
+        height_m: height of the ring's cameras.
+        cameras: how many stand in the ring, unless asked otherwise.
+        fps: slots a second, unless asked otherwise.
+        seats: `(x, y, heading)` of each seat, metres and radians.
+        occluders: what stands there; detectors guess some of the joints it hides.
+        walls: what nobody sees anything through, not even a part of a person.
+        rooms: floors that people use instead of the disc of `area_m`.
+        ways: `(x, y)` corners and doors by which people walk around walls.
+        exits: `(x, y)` where people come and go; around the disc by default.
+        spots: cameras of the scene's own instead of a ring.
+        conditions: camera index to what is special about it.
+    """
+
+    summary: str
+    people: int
+    area_m: float
+    habits: Habits
+    radius_m: float = 4.2
+    height_m: float = 2.0
+    cameras: int = 5
+    fps: float = 25.0
+    seats: tuple[tuple[float, float, float], ...] = ()
+    occluders: tuple[Occluder, ...] = ()
+    walls: tuple[Box, ...] = ()
+    rooms: tuple[Room, ...] = ()
+    ways: tuple[tuple[float, float], ...] = ()
+    exits: tuple[tuple[float, float], ...] = ()
+    spots: tuple[Spot, ...] = ()
+    conditions: Mapping[int, Condition] = field(default_factory=dict)
+
+    @property
+    def things(self) -> tuple[Occluder, ...]:
+        """All that people walk around."""
+        return (*self.occluders, *self.walls)
+
+    def fitted(self, area_m: float) -> Scene:
+        """Return the scene for a floor of another radius; seats move along, things stay.
+
+        Things keep their place and size: they belong to a room, not to a rig.
+        """
+        factor = area_m / self.area_m
+        seats = tuple((x * factor, y * factor, heading) for x, y, heading in self.seats)
+        return replace(self, area_m=area_m, seats=seats)

@@ -1,0 +1,174 @@
+"""Scenes in which cameras see unequally: walls, ways around them, poor views, batteries, deaths."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.recording import Recording
+from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
+from e3pose.simulate.hiding import behind_things
+from e3pose.simulate.occluders import Box
+from e3pose.simulate.steering import PERSON_RADIUS_M
+from e3pose.simulate.ways import Ways
+
+Floats = NDArray[np.float64]
+
+BUILDINGS = ("two-rooms", "l-hall")
+PERFECT = DetectorSettings(perfect=True)
+
+
+@cache
+def scene(name: str, seed: int = 1, seconds: float = 40.0) -> Recording:
+    return simulate(SceneSettings(scene=name, seconds=seconds, fps=10, detector=PERFECT), seed)
+
+
+def joints_of(recording: Recording) -> Floats:
+    assert recording.truth is not None
+    return recording.truth.joints_m
+
+
+def cameras_that_see(name: str, recording: Recording) -> NDArray[np.int64]:
+    """How many cameras see most of each person in each slot: (num_slots, num_persons)."""
+    joints = joints_of(recording)
+    seen = [
+        (camera.sees(joints) & ~behind_things(camera.center_m, joints, SCENES[name].walls))
+        for camera in recording.rig.cameras
+    ]
+    return np.asarray((np.stack(seen).mean(axis=-1) > 0.5).sum(axis=0))
+
+
+@pytest.mark.parametrize("name", BUILDINGS)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_three_or_four_of_eight_to_ten_cameras_see_anybody(name: str, seed: int) -> None:
+    recording = scene(name, seed)
+    assert 8 <= len(recording.rig) <= 12
+    there = np.isfinite(joints_of(recording)[..., 0, 0])
+    counts = cameras_that_see(name, recording)[there]
+    assert 3 <= counts.mean() <= 4.7
+    assert (counts >= 2).mean() > 0.95
+    assert 3 <= np.median(counts) <= 4 and (counts < 0.85 * len(recording.rig)).all()
+
+
+@pytest.mark.parametrize("name", BUILDINGS)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_nobody_walks_through_walls(name: str, seed: int) -> None:
+    joints = joints_of(scene(name, seed))
+    middle = joints[:, :, 11:13, :2].mean(axis=2)
+    for wall in SCENES[name].walls:
+        nearest = wall.nearest(middle)
+        inside = np.linalg.norm(nearest - middle, axis=-1) < 0.5 * PERSON_RADIUS_M
+        assert not inside[np.isfinite(middle[..., 0])].any()
+
+
+def test_people_change_rooms_by_the_door() -> None:
+    crossings = 0
+    for seed in (1, 2, 3):
+        middle = joints_of(scene("two-rooms", seed))[:, :, 11:13, :2].mean(axis=2)
+        before, after = middle[:-1], middle[1:]
+        changed = before[..., 0] * after[..., 0] < 0
+        crossings += int(changed.sum())
+        y = 0.5 * (before + after)[changed][:, 1]
+        assert ((y > 1.0) & (y < 2.4)).all()  # the opening of the wall
+    assert crossings >= 6
+
+
+@pytest.mark.parametrize("name", BUILDINGS)
+def test_detectors_see_nothing_through_walls(name: str) -> None:
+    """With everybody in one place behind a wall, a camera reports nothing but ghosts."""
+    quiet = DetectorSettings(ghosts=0)
+    recording = simulate(SceneSettings(scene=name, people=1, seconds=20, fps=10, detector=quiet), 2)
+    joints = joints_of(recording)[:, 0]
+    hidden_slots = 0
+    for camera, series in zip(recording.rig.cameras, recording.views, strict=True):
+        hidden = behind_things(camera.center_m, joints[:, None], SCENES[name].walls)[:, 0]
+        for slot in np.flatnonzero(hidden.all(axis=-1)):
+            view = series.view(int(slot))
+            assert view is not None and len(view) == 0
+            hidden_slots += 1
+    assert hidden_slots > 100
+
+
+def test_shelves_leave_heads() -> None:
+    recording = scene("one-sided")
+    joints = joints_of(recording)
+    head, foot = [], []
+    for camera in recording.rig.cameras[2:5]:
+        hidden = behind_things(camera.center_m, joints, SCENES["one-sided"].walls)
+        there = np.isfinite(joints[..., 0, 0]) & camera.sees(joints)[..., 0]
+        head.append(hidden[there][:, :5].mean())
+        foot.append(hidden[there][:, 15:].mean())
+    assert np.mean(foot) > 0.8 and np.mean(head) < 0.5
+
+
+def test_glass_makes_one_view_poor() -> None:
+    recording = simulate(SceneSettings(scene="poor-view", seconds=20), 1)
+    people = [len(series.scores) for series in recording.views]
+    scores = [np.median(series.scores[series.scores > 0]) for series in recording.views]
+    assert int(np.argmin(people)) == 1 and people[1] < 0.85 * np.median(people)
+    assert int(np.argmin(scores)) == 1 and scores[1] < np.median(scores) - 0.15
+
+
+def test_cameras_die_and_batteries_differ() -> None:
+    dying = simulate(SceneSettings(scene="dying-cameras", seconds=10), 1)
+    assert len(dying.dies_at_s) == 3
+    for camera_id, time_s in dying.dies_at_s.items():
+        series = dying.views[dying.rig.index(camera_id)]
+        assert series.times_s[-1] < time_s <= series.times_s[-1] + 1 / dying.fps + 1e-9
+    unequal = simulate(SceneSettings(scene="unequal-batteries", seconds=10), 1)
+    assert set(unequal.battery_wh) == set(unequal.rig.camera_ids)
+    energy = sorted(unequal.battery_wh.values())
+    assert energy[-1] > 1.5 * energy[0] > 0
+
+
+def test_slow_is_slow_unless_asked() -> None:
+    assert simulate(SceneSettings(scene="slow", seconds=1), 0).fps == 10
+    assert simulate(SceneSettings(scene="slow", seconds=1, fps=30), 0).fps == 30
+
+
+def test_fewer_cameras_are_the_first_places() -> None:
+    few = simulate(SceneSettings(scene="two-rooms", seconds=0.2, cameras=3), 0)
+    all_of_them = simulate(SceneSettings(scene="two-rooms", seconds=0.2), 0)
+    assert few.rig.camera_ids == all_of_them.rig.camera_ids[:3]
+    np.testing.assert_array_equal(few.rig.centers_m, all_of_them.rig.centers_m[:3])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cameras": 9}, "cameras: found 9, expected a whole number from 1 to 8"),
+        ({"radius_m": 3.0}, "radius: found 3, expected none: scene two-rooms has cameras"),
+        ({"height_m": 3.0}, "height: found 3, expected none"),
+        ({"rig": scene("ring", seconds=0.2).rig}, "scene: found two-rooms beside a rig"),
+    ],
+)
+def test_a_scene_with_its_own_cameras_takes_no_others(
+    options: dict[str, object], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        simulate(SceneSettings(scene="two-rooms", **options), 0)  # type: ignore[arg-type]
+
+
+def test_ways_are_straight_where_they_can_be_and_shortest_around() -> None:
+    wall = Box(0.0, 0.0, 0.2, 4.0, 3.0)
+    north, south = np.array([0.0, 3.0]), np.array([0.0, -5.0])
+    ways = Ways(np.stack([north, south]), [wall])
+    start, goal = np.array([-2.0, 0.5]), np.array([2.0, 0.5])
+    route = ways.route(start, goal)
+    assert [tuple(point) for point in route] == [tuple(north), tuple(goal)]
+    over = np.array([1.0, 4.0])
+    assert len(ways.route(np.array([-1.0, 4.0]), over)) == 1
+    closed = Ways(np.zeros((0, 2)), [wall])
+    assert [tuple(point) for point in closed.route(start, goal)] == [tuple(goal)]
+
+
+def test_ways_lead_around_several_corners() -> None:
+    walls = [Box(0.0, -1.0, 0.2, 6.0, 3.0), Box(2.0, 1.0, 0.2, 6.0, 3.0)]
+    corners = np.array([[1.0, -2.5], [-1.0, 2.5], [3.0, -2.5], [1.0, 2.5], [-1.0, -9.0]])
+    route = Ways(corners, walls).route(np.array([-1.5, -1.0]), np.array([3.5, 1.0]))
+    turns = [(-1.0, 2.5), (1.0, 2.5), (1.0, -2.5), (3.0, -2.5)]
+    assert [tuple(point) for point in route] == [*turns, (3.5, 1.0)]
