@@ -31,29 +31,43 @@ def advance_deficit(deficit: Floats, budget: Floats, selected: NDArray[np.bool_]
     return np.maximum(deficit - budget, 0.0) + selected
 
 
-def check_budget(budget: ArrayLike, num_selected: int) -> None:
+def price(deficit: Floats, cost_j: Floats) -> Floats:
+    """Return what the queues ask for an active slot: the drift of half their squares in joules.
+
+    A queue of `deficit` slots holds `deficit * cost_j` joules, and an active slot adds `cost_j`, so
+    that the drift is their product. It is told in units of the rig's mean cost, which makes it the
+    paper's q_n where all cameras cost the same.
+
+    Args:
+        deficit: `(num_cameras,)` queue lengths in slots of activity.
+        cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one.
+    """
+    return np.asarray(deficit * (cost_j / cost_j.mean()) ** 2)
+
+
+def check_budget(budget: ArrayLike, num_selected: float) -> None:
     """Check that budgets leave room for the cameras to be selected: every E_n >= C / N.
 
     Args:
         budget: `(num_cameras,)` share of slots that each camera may be active.
-        num_selected: cameras to select in every slot.
+        num_selected: cameras to select in every slot, or on average.
 
     Raises:
         InputError: when a budget lies outside (0, 1] or below `num_selected / num_cameras`, or
-            `num_selected` outside 1..num_cameras.
+            `num_selected` is not above 0 and at most `num_cameras`.
     """
     shares = np.asarray(budget, dtype=np.float64)
     if shares.ndim != 1 or len(shares) == 0:
         raise InputError(f"budget: found shape {shares.shape}, expected (num_cameras,)")
-    if not 1 <= num_selected <= len(shares):
-        raise InputError(f"cameras: found {num_selected}, expected 1 to {len(shares)} to select")
+    if not 0 < num_selected <= len(shares):
+        raise InputError(f"cameras: found {num_selected:g}, expected 1 to {len(shares)} to select")
     for share in shares:
         if not 0 < share <= 1:
             raise InputError(f"budget: found {share:g}, expected a share of slots in (0, 1]")
     if shares.min() < num_selected / len(shares) - 1e-9:
         raise InputError(
             f"budget: found {shares.min():g}, expected at least {num_selected / len(shares):g} "
-            f"for {num_selected} of {len(shares)} cameras a slot"
+            f"for {num_selected:g} of {len(shares)} cameras a slot"
         )
 
 

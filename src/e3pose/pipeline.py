@@ -16,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
-from e3pose.energy import advance_deficit
+from e3pose.energy import advance_deficit, price
 from e3pose.estimators.base import Estimator, People
+from e3pose.foresight import Foresight, foresee, with_predictions
+from e3pose.liveness import Silence, listen
 from e3pose.occlusion import expected_views
 from e3pose.policies.base import Policy, Selection, Situation
 from e3pose.pose import Poses2D, Poses3D
-from e3pose.predictors.base import Predictor
+from e3pose.predictors.base import Prediction, Predictor
 from e3pose.sight import Sight, look, own_occlusion
 
 Floats = NDArray[np.float64]
@@ -39,9 +41,12 @@ class Pipeline:
         predictor: looks `lead_slots` ahead.
         policy: selects.
         budget: `(num_cameras,)` the paper's E_n.
+        cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one; only its
+            proportions matter here, and the paper has it 1 for all.
         lead_slots: the paper's tau, at least 1.
         warmup_slots: the paper's M, the slots at the start in which every camera detects.
         holds: show the poses of the slot before in slots for which no camera was selected.
+        foresees: work out what each camera is expected to tell.
         clock: seconds, for stage times only.
     """
 
@@ -53,9 +58,11 @@ class Pipeline:
     policy: Policy
     budget: Floats
     clock: Callable[[], float]
+    cost_j: Floats | None = None
     lead_slots: int = 1
     warmup_slots: int = 10
     holds: bool = False
+    foresees: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +73,7 @@ class SlotState:
         slot: the slot to come.
         selections: `(lead_slots, num_cameras)` decided for `slot` and the slots after it.
         deficit: `(num_cameras,)` the virtual queues before the next decision.
+        silence: which cameras do not answer.
         memory: what the estimator remembers.
         sights: what every camera remembers of its own views.
         shown: the people of the slot before; None before the first.
@@ -74,9 +82,27 @@ class SlotState:
     slot: int
     selections: NDArray[np.bool_]
     deficit: Floats
+    silence: Silence
     memory: Any
     sights: tuple[Sight, ...]
     shown: People | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reasons:
+    """Why cameras were chosen for a slot.
+
+    Attributes:
+        gain_nats: `(num_cameras,)` information a joint that each camera adds to, or would add to,
+            the others that were chosen.
+        price: `(num_cameras,)` what its queue asked for.
+        error_m: mean distance of joints from the truth expected with the chosen cameras; NaN when
+            nobody is known.
+    """
+
+    gain_nats: Floats
+    price: Floats
+    error_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +121,7 @@ class SlotRecord:
         next_selection: `(num_cameras,)` the decision for slot + lead.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of the joints of `poses`; NaN if unknown.
         measured: `(num_persons, num_joints)` whether a view of this slot measured the joint.
+        reasons: for `next_selection`; None unless the pipeline foresees.
         stage_s: seconds spent in the estimator's stages, predict, occlusion, select.
     """
 
@@ -109,6 +136,7 @@ class SlotRecord:
     next_selection: Selection
     covariance_m2: Floats = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
     measured: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    reasons: Reasons | None = None
     stage_s: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -125,6 +153,7 @@ def initial_state(pipeline: Pipeline) -> SlotState:
         slot=0,
         selections=np.ones((pipeline.lead_slots, num_cameras), dtype=bool),
         deficit=np.zeros(num_cameras),
+        silence=Silence.none(num_cameras),
         memory=pipeline.estimator.begin(),
         sights=(Sight.none(),) * num_cameras,
     )
@@ -160,19 +189,23 @@ def step(
     )
     times.append(clock())
 
+    arrived = np.zeros(len(online), dtype=bool)
+    arrived[list(views)] = True
+    silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
+    state = replace(state, memory=memory, silence=silence)
     sights = _look(pipeline.rig, state.sights, views, slot)
     situation = _situation(pipeline, state, prediction.joints_m[-1], sights, online)
     times.append(clock())
 
+    if pipeline.foresees:
+        situation = replace(situation, foresight=_foresight(pipeline, state, people, prediction))
     if situation.slot < pipeline.warmup_slots:
-        decision, deficit = np.array(online), state.deficit
+        decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
     else:
         decision = pipeline.policy.select(situation)
         deficit = advance_deficit(state.deficit, pipeline.budget, decision)
     times.append(clock())
 
-    arrived = np.zeros(len(online), dtype=bool)
-    arrived[list(views)] = True
     stages = ("predict", "occlusion", "select")
     record = SlotRecord(
         slot=slot,
@@ -186,10 +219,11 @@ def step(
         next_selection=decision,
         covariance_m2=shown.covariance_m2,
         measured=shown.measured,
+        reasons=_reasons(situation, decision),
         stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
-    return SlotState(slot + 1, selections, deficit, memory, sights, shown), record
+    return SlotState(slot + 1, selections, deficit, silence, memory, sights, shown), record
 
 
 def _situation(
@@ -202,10 +236,11 @@ def _situation(
     """Gather what a policy may know about the slot that is decided now."""
     target = state.slot + pipeline.lead_slots
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
+    cost_j = np.ones(len(online)) if pipeline.cost_j is None else pipeline.cost_j
     return Situation(
         slot=target,
         interval_s=pipeline.interval_s,
-        online=online,
+        online=online & state.silence.answering(target),
         occlusion=occlusion,
         own_occlusion=np.array(
             [
@@ -217,7 +252,37 @@ def _situation(
         visibility=visibility,
         deficit=state.deficit,
         budget=pipeline.budget,
+        price=price(state.deficit, cost_j),
     )
+
+
+def _foresight(
+    pipeline: Pipeline, state: SlotState, people: People, prediction: Prediction
+) -> Foresight:
+    """Work out what each camera would tell of the slot that is decided now."""
+    estimator, interval_s = pipeline.estimator, pipeline.interval_s
+    outlook = estimator.outlook(state.memory, pipeline.lead_slots * interval_s)
+    if np.isfinite(prediction.error_m[-1]).any():
+        now = estimator.outlook(state.memory, 0.0)
+        outlook = with_predictions(
+            outlook, now, people.history_ids, prediction.joints_m[-1], prediction.error_m[-1]
+        )
+    in_flight = [
+        ((pipeline.lead_slots - ahead) * interval_s, cameras)
+        for ahead, cameras in enumerate(state.selections[1:], start=1)
+    ]
+    return foresee(pipeline.rig, outlook, in_flight)
+
+
+def _reasons(situation: Situation, decision: Selection) -> Reasons | None:
+    foresight = situation.foresight
+    if foresight is None:
+        return None
+    one = np.eye(len(decision), dtype=bool)
+    information = foresight.information(np.concatenate([decision | one, decision & ~one]))
+    with_each, without_each = np.split(information, 2)
+    error_m = foresight.expected_error_m(decision[None])[0]
+    return Reasons(with_each - without_each, situation.price, float(error_m))
 
 
 def _look(

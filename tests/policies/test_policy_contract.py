@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from e3pose.energy import advance_deficit
+from e3pose.foresight import Foresight
 from e3pose.policies import POLICIES, PolicySettings, Selection, Situation
 
 NAMES = sorted(POLICIES)
@@ -17,8 +18,23 @@ COUNTING = [name for name in NAMES if POLICIES[name].counts]
 BUDGETED = [name for name in NAMES if POLICIES[name].budgeted]
 
 
+def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
+    """Two people of three joints, about whom every camera tells something else."""
+    root = rng.normal(size=(num_cameras, 2, 3, 2, 3))
+    views = np.einsum("...ka,...kb->...ab", root, root) * 1000
+    rows, columns = np.triu_indices(3)
+    return Foresight(
+        track_ids=np.array([4, 7]),
+        confirmed=np.array([True, True]),
+        prior=np.broadcast_to([400.0, 0, 0, 400, 0, 400], (2, 3, 6)),
+        views=views[..., rows, columns],
+        entrants=np.zeros(num_cameras),
+    )
+
+
 def situation(slot: int, rng: np.random.Generator, online: Selection) -> Situation:
     num_cameras = len(online)
+    deficit = rng.uniform(0, 4, num_cameras)
     return Situation(
         slot=slot,
         interval_s=0.04,
@@ -27,8 +43,10 @@ def situation(slot: int, rng: np.random.Generator, online: Selection) -> Situati
         own_occlusion=np.where(rng.uniform(size=num_cameras) < 0.2, np.nan, rng.uniform(0, 0.3)),
         unseen_slots=rng.integers(1, 40, num_cameras),
         visibility=rng.uniform(0, 1, (num_cameras, 3)),
-        deficit=rng.uniform(0, 4, num_cameras),
+        deficit=deficit,
         budget=np.full(num_cameras, 0.8),
+        price=deficit,
+        foresight=foresight(rng, num_cameras),
     )
 
 
@@ -73,6 +91,7 @@ def test_keeps_the_budget_in_the_long_run(name: str, budget: float) -> None:
             occlusion=np.linspace(0.0, 0.5, 5),
             own_occlusion=np.zeros(5),
             deficit=deficit,
+            price=deficit,
             budget=np.full(5, budget),
         )
         selection = policy.select(now)
@@ -117,7 +136,7 @@ def test_drift_plus_penalty_takes_the_least_of_weighted_occlusion_and_deficit() 
     now = replace(
         situation(0, rng, np.ones(4, dtype=bool)),
         occlusion=np.array([0.5, 0.1, 0.0, 0.3]),
-        deficit=np.array([0.0, 0.3, 1.0, 0.1]),
+        price=np.array([0.0, 0.3, 1.0, 0.1]),
     )
     # V = 1: prices .5 .4 1. .4; V = 10: 5. 1.3 1. 3.1
     expected = {1.0: [False, True, False, True], 10.0: [False, True, True, False]}

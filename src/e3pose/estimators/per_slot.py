@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from e3pose.estimators.base import Outlook, People
+from e3pose.filter import OPENPOSE
 from e3pose.fuse import Fuser
 from e3pose.pose import Poses2D
 from e3pose.track import Tracks, update_tracks
@@ -67,6 +68,7 @@ class PerSlot:
         middle = np.where(known[..., None], joints_m, 0.0).sum(axis=1, keepdims=True) / count
         num_cameras = len(self.fuser.rig)
         shape = (len(memory), num_cameras)
+        sizes = np.array([max(camera.image_size) for camera in self.fuser.rig.cameras])
         return Outlook(
             track_ids=memory.track_ids,
             confirmed=memory.unseen == 0,
@@ -74,5 +76,6 @@ class PerSlot:
             covariance_m2=np.full(known.shape, UNSEEN_SIGMA_M**2)[..., None, None] * np.eye(3),
             delivered=np.ones(shape),
             last_seen_s=np.full(shape, np.inf),
+            sigma_px=OPENPOSE.sigma_px.min() * sizes / OPENPOSE.image_px,
             unexplained=np.zeros(num_cameras, dtype=np.int64),
         )

@@ -20,6 +20,7 @@ from e3pose.policies.base import Selection
 from e3pose.pose import Poses2D
 from e3pose.predictors import make_predictor, make_predictor_or_fallback
 from e3pose.recording import Recording
+from e3pose.turns import spread_order
 
 PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
 BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
@@ -34,9 +35,11 @@ class ReplaySettings:
     Attributes:
         pipeline: a name of `ESTIMATORS`: `paper` has no memory, `memory` a filter per person.
         policy: a name of `POLICIES`.
-        num_selected: the paper's C.
-        budget: the paper's E_n, the share of slots each camera may be active; C/N + 0.2 by default.
-        quality_weight: the paper's V.
+        num_selected: the paper's C; a mean if it is no whole number.
+        target_error_m: wake the fewest cameras whose expected error meets this instead.
+        budget: the paper's E_n, the share of slots a camera may be active, one for all or one for
+            each; C/N + 0.2 by default, and without a limit with a target.
+        quality_weight: the paper's V; the policy's own by default.
         lead_slots: the paper's tau.
         warmup_slots: the paper's M, in which all cameras detect.
         predictor: a name of `PREDICTORS`; the policy's own by default.
@@ -46,13 +49,15 @@ class ReplaySettings:
         occlusion_limit: threshold of `independent`.
         round_trip_s: network and server delay that `central-2d` waits for.
         backend: `numba` kernels or the numpy `reference`.
+        foresees: work out what each camera is expected to tell even if the policy does not ask.
     """
 
     pipeline: str = "paper"
     policy: str = "e3pose"
-    num_selected: int = 3
-    budget: float | None = None
-    quality_weight: float = 1.0
+    num_selected: float = 3
+    target_error_m: float | None = None
+    budget: float | tuple[float, ...] | None = None
+    quality_weight: float | None = None
     lead_slots: int = 1
     warmup_slots: int = 10
     predictor: str | None = None
@@ -62,6 +67,7 @@ class ReplaySettings:
     occlusion_limit: float = 0.1
     round_trip_s: float = 0.05
     backend: Literal["numba", "reference"] = "numba"
+    foresees: bool = False
 
 
 def make_pipeline(
@@ -75,10 +81,10 @@ def make_pipeline(
         InputError: naming the option that cannot be had for this recording.
     """
     num_cameras = len(recording.rig)
-    if not 1 <= settings.num_selected <= num_cameras:
+    if not 0 < settings.num_selected <= num_cameras:
         raise InputError(
-            f"cameras: asked for {settings.num_selected} a slot, "
-            f"expected 1 to the rig's {num_cameras}"
+            f"cameras: asked for {settings.num_selected:g} a slot, "
+            f"expected more than 0 and at most the rig's {num_cameras}"
         )
     if not 1 <= settings.lead_slots <= MAX_LEAD:
         raise InputError(f"lead: {settings.lead_slots} slots, expected 1 to {MAX_LEAD}")
@@ -89,7 +95,7 @@ def make_pipeline(
         ("occlusion limit", settings.occlusion_limit),
         ("round trip", settings.round_trip_s),
     ):
-        if not (np.isfinite(value) and value >= 0):
+        if value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError(f"{name}: {value}, expected a number of at least 0")
     for name, value in (("seed", settings.seed), ("phase", settings.phase)):
         if not 0 <= value <= MAX_SEED:
@@ -116,6 +122,8 @@ def make_pipeline(
             phase=settings.phase,
             occlusion_limit=settings.occlusion_limit,
             round_trip_s=settings.round_trip_s,
+            target_error_m=settings.target_error_m,
+            order=spread_order(recording.rig),
         )
     )
     return Pipeline(
@@ -133,6 +141,7 @@ def make_pipeline(
         lead_slots=settings.lead_slots,
         warmup_slots=settings.warmup_slots,
         holds=row.holds,
+        foresees=row.foresees or settings.foresees,
     )
 
 
@@ -181,11 +190,27 @@ def default_budget(num_selected: float, num_cameras: int) -> float:
 
 
 def _budget(settings: ReplaySettings, num_cameras: int, counts: bool) -> NDArray[np.float64]:
+    """Return `(num_cameras,)` the share of slots that each camera may be active."""
     if settings.budget is None:
+        if settings.target_error_m is not None:
+            return np.ones(num_cameras)
         return np.full(num_cameras, default_budget(settings.num_selected, num_cameras))
-    if not 0 < settings.budget <= 1:
-        raise InputError(f"budget: {settings.budget}, expected a share of the slots in (0, 1]")
-    budget = np.full(num_cameras, float(settings.budget))
-    if counts:
-        check_budget(budget, settings.num_selected)
+    budget = np.atleast_1d(np.asarray(settings.budget, dtype=np.float64))
+    for share in budget:
+        if not 0 < share <= 1:
+            raise InputError(f"budget: {share:g}, expected a share of the slots in (0, 1]")
+    if len(budget) == 1:
+        budget = np.full(num_cameras, budget[0])
+    if len(budget) != num_cameras:
+        raise InputError(
+            f"budget: found {len(budget)} shares, expected {num_cameras}, one a camera"
+        )
+    if counts and settings.target_error_m is None:
+        if isinstance(settings.budget, float | int):
+            check_budget(budget, settings.num_selected)
+        elif budget.sum() < settings.num_selected - 1e-9:
+            raise InputError(
+                f"budget: found {budget.sum():.3g} cameras a slot in all, expected at least "
+                f"{settings.num_selected:g}, as many as are to be selected"
+            )
     return budget

@@ -26,6 +26,7 @@ class Outlook:
             the person, as a share of a view with every joint in plain sight.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each camera showed the person, by
             then; inf if never.
+        sigma_px: `(num_cameras,)` error of a keypoint in plain sight.
         unexplained: `(num_cameras,)` recent detections of each camera that belong to nobody known.
     """
 
@@ -35,6 +36,7 @@ class Outlook:
     covariance_m2: Floats
     delivered: Floats
     last_seen_s: Floats
+    sigma_px: Floats
     unexplained: NDArray[np.int64]
 
     def __len__(self) -> int:
@@ -51,5 +53,6 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         covariance_m2=then.covariance[..., :3, :3],
         delivered=belief.delivered,
         last_seen_s=belief.last_seen_s + ahead_s,
+        sigma_px=model.noise.sigma_px.min() * model.scales,
         unexplained=np.bincount(belief.leftovers.cameras, minlength=len(model.rig)),
     )

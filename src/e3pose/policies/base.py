@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import floor
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from e3pose.foresight import Foresight
 
 Floats = NDArray[np.float64]
 Selection = NDArray[np.bool_]  # (num_cameras,)
@@ -25,8 +28,11 @@ class Situation:
             it never looked.
         unseen_slots: `(num_cameras,)` slots since each camera last looked.
         visibility: `(num_cameras, num_tracks)` share of the predicted joints inside the image.
-        deficit: `(num_cameras,)` the paper's virtual queue q_n: activity beyond the budget so far.
+        deficit: `(num_cameras,)` the virtual queue: activity beyond the budget so far, in slots.
         budget: `(num_cameras,)` the paper's E_n: the share of slots a camera may be active.
+        price: `(num_cameras,)` what waking a camera costs beside what it shows: the drift of the
+            queues, the paper's q_n where all cameras cost the same energy (`energy.price`).
+        foresight: what each camera is expected to tell; None where nobody asked for it.
     """
 
     slot: int
@@ -38,6 +44,8 @@ class Situation:
     visibility: Floats
     deficit: Floats
     budget: Floats
+    price: Floats
+    foresight: Foresight | None = None
 
 
 class Policy(Protocol):
@@ -46,6 +54,20 @@ class Policy(Protocol):
     def select(self, situation: Situation) -> Selection:
         """Return `(num_cameras,)`: whether each camera detects in `situation.slot`."""
         ...
+
+
+def count_at(slot: int, num_selected: float) -> int:
+    """Return how many cameras to wake in `slot` for a mean of `num_selected`, spread evenly.
+
+    This is the queue `max(q + num_selected, 0)` served by whole cameras, written without a memory:
+    over any slots in a row the total is within one camera of the mean.
+    """
+    return count_before(slot + 1, num_selected) - count_before(slot, num_selected)
+
+
+def count_before(slot: int, num_selected: float) -> int:
+    """Return how many cameras are woken in all slots before `slot`."""
+    return floor(slot * num_selected + 1e-6)
 
 
 def lowest(values: Floats, online: Selection, count: int, phase: int = 0) -> Selection:

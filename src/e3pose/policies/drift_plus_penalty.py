@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.policies.base import Selection, Situation, lowest
+from e3pose.policies.base import Selection, Situation, count_at, lowest
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,19 +14,20 @@ class DriftPlusPenalty:
     """Wake the `num_selected` cameras of smallest `V * IoU_n + q_n`, paper eq. (8).
 
     Attributes:
-        num_selected: the paper's C.
+        num_selected: the paper's C; a mean if it is no whole number.
         quality_weight: the paper's V; larger prefers clear views to even batteries.
         phase: which camera wins a tie.
     """
 
-    num_selected: int
+    num_selected: float
     quality_weight: float = 1.0
     phase: int = 0
 
     def select(self, situation: Situation) -> Selection:
         """See `Policy.select`."""
-        price = self.quality_weight * situation.occlusion + situation.deficit
-        return lowest(price, situation.online, self.num_selected, self.phase)
+        price = self.quality_weight * situation.occlusion + situation.price
+        count = count_at(situation.slot, self.num_selected)
+        return lowest(price, situation.online, count, self.phase)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,7 @@ class Central2D:
     `ceil(round_trip_s / interval_s)`-th slot is estimated at all.
     """
 
-    num_selected: int
+    num_selected: float
     quality_weight: float = 1.0
     round_trip_s: float = 0.05
     phase: int = 0
@@ -49,5 +50,6 @@ class Central2D:
         if situation.slot % stride:
             return np.zeros(len(situation.online), dtype=bool)
         foreseen = np.nan_to_num(situation.own_occlusion, nan=0.0)
-        price = self.quality_weight * foreseen + situation.deficit
-        return lowest(price, situation.online, self.num_selected, self.phase)
+        price = self.quality_weight * foreseen + situation.price
+        count = count_at(situation.slot // stride, self.num_selected)
+        return lowest(price, situation.online, count, self.phase)

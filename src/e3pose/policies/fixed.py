@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.policies.base import Selection, Situation
+from e3pose.policies.base import Selection, Situation, count_at, count_before
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Random:
     The draw depends on the seed and the slot alone, so that a restart repeats it.
     """
 
-    num_selected: int
+    num_selected: float
     seed: int = 0
 
     def select(self, situation: Situation) -> Selection:
@@ -33,24 +33,33 @@ class Random:
         rng = np.random.default_rng([self.seed, situation.slot])
         candidates = np.flatnonzero(situation.online)
         selection = np.zeros(len(situation.online), dtype=bool)
-        count = min(self.num_selected, len(candidates))
+        count = min(count_at(situation.slot, self.num_selected), len(candidates))
         selection[rng.choice(candidates, count, replace=False)] = True
         return selection
 
 
 @dataclass(frozen=True, slots=True)
 class RoundRobin:
-    """Wake `num_selected` online cameras after one another, in rig order."""
+    """Wake `num_selected` online cameras after one another.
 
-    num_selected: int
+    Attributes:
+        num_selected: cameras a slot; a mean if it is no whole number.
+        phase: who is first.
+        order: of the turns, such as `turns.spread_order` finds; rig order if empty.
+    """
+
+    num_selected: float
     phase: int = 0
+    order: tuple[int, ...] = ()
 
     def select(self, situation: Situation) -> Selection:
         """See `Policy.select`."""
-        candidates = np.flatnonzero(situation.online)
-        selection = np.zeros(len(situation.online), dtype=bool)
+        online = situation.online
+        order = np.array(self.order or range(len(online)), dtype=np.int64)
+        candidates = order[online[order]]  # those that are gone lose their turns to the others
+        selection = np.zeros(len(online), dtype=bool)
         if len(candidates):
-            count = min(self.num_selected, len(candidates))
-            start = situation.slot * self.num_selected + self.phase
+            count = min(count_at(situation.slot, self.num_selected), len(candidates))
+            start = count_before(situation.slot, self.num_selected) + self.phase
             selection[candidates[(start + np.arange(count)) % len(candidates)]] = True
         return selection

@@ -1,0 +1,40 @@
+"""From the covariance of a position to the distance by which it may be wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincinv, poch
+
+Floats = NDArray[np.float64]
+
+
+def expected_distance_m(covariance_m2: Floats) -> Floats:
+    """Return the mean distance of a normally distributed position from its mean.
+
+    Args:
+        covariance_m2: `(*batch, 3, 3)`; NaN where unknown.
+
+    Returns:
+        `(*batch)` metres, NaN where unknown. The squared distance is taken as a chi-square scaled
+        to its mean and variance (Satterthwaite): exact for one, two or three equal axes.
+    """
+    total = np.trace(covariance_m2, axis1=-2, axis2=-1)
+    squared = (covariance_m2 * np.swapaxes(covariance_m2, -1, -2)).sum(axis=(-1, -2))
+    return mean_distance(total, total**2 / squared)
+
+
+def distance_within_m(covariance_m2: Floats, share: float) -> Floats:
+    """Return the distance `(*batch)` that holds `share` of the positions, in metres.
+
+    As `expected_distance_m`; 0.9 is the band that reports show.
+    """
+    total = np.trace(covariance_m2, axis1=-2, axis2=-1)
+    squared = (covariance_m2 * np.swapaxes(covariance_m2, -1, -2)).sum(axis=(-1, -2))
+    degrees = total**2 / squared
+    return np.asarray(np.sqrt(2 * total / degrees * gammaincinv(degrees / 2, share)))
+
+
+def mean_distance(total: Floats, degrees: Floats) -> Floats:
+    """Return the mean of a distance whose square has mean `total` and `degrees` of freedom."""
+    return np.asarray(np.sqrt(2 * total / degrees) * poch(degrees / 2, 0.5))
