@@ -13,24 +13,31 @@ Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 
 _PACKAGE = Path(__file__).resolve().parent
+FILTER = "filter_"  # how the modules of the filter's kernels begin
 # The kernels, and the modules whose constants they take over.
 SOURCES = (
-    *sorted(_PACKAGE.glob("*.py")),
+    *(path for path in sorted(_PACKAGE.glob("*.py")) if not path.name.startswith(FILTER)),
     _PACKAGE.parent / "distortion.py",
     _PACKAGE.parent / "match.py",
     _PACKAGE.parent / "triangulate.py",
 )
+# The filter's kernels call the others, but not the other way round.
+FILTER_SOURCES = (
+    *SOURCES,
+    *sorted(_PACKAGE.glob(f"{FILTER}*.py")),
+    *sorted((_PACKAGE.parent / "filter").glob("*.py")),
+)
 
 
-def sources_stamp() -> str:
+def sources_stamp(sources: tuple[Path, ...] = SOURCES) -> str:
     """Return a digest of everything that is compiled into a kernel."""
     digest = hashlib.sha256(numba.__version__.encode())
-    for path in SOURCES:
+    for path in sources:
         digest.update(path.read_bytes() if path.exists() else b"")
     return digest.hexdigest()
 
 
-_STAMP = sources_stamp()
+_STAMP, _FILTER_STAMP = sources_stamp(), sources_stamp(FILTER_SOURCES)
 
 
 def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
@@ -52,7 +59,8 @@ def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Resul
         # layout of memory.
         if not hasattr(cache_file, "_source_stamp"):
             raise AttributeError("numba keeps its stamp elsewhere")
-        cache_file._source_stamp = _STAMP
+        of_filter = function.__module__.rpartition(".")[2].startswith(FILTER)
+        cache_file._source_stamp = _FILTER_STAMP if of_filter else _STAMP
     except (RuntimeError, AttributeError):  # nowhere to write, or another numba: compile each time
         dispatcher = numba.njit(**options)(function)
     return cast(Callable[Parameters, Result], dispatcher)

@@ -1,0 +1,139 @@
+"""Existence: the loops of `filter.existence`, and of the share of information it is told."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.filter.existence import (
+    CONFIRM_CAMERAS,
+    CONFIRM_HITS,
+    DELIVERED_LASTS_S,
+    DELIVERED_PRIOR,
+    DELIVERED_RATE,
+    END_EXISTENCE,
+    END_SPREAD_M,
+    END_UNSEEN_S,
+    FASTEST_S,
+    LEARN_RATE,
+    SAME_M,
+)
+from e3pose.filter.update import MIN_SCORE
+from e3pose.kernels.compile import kernel
+from e3pose.kernels.filter_memory import Memory, Site, Tracks
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@kernel
+def attend(num_tracks: int, dt: float, site: Site, memory: Memory) -> None:
+    """Count for each track the views that showed it and those that should have."""
+    views, tracks, scratch = memory.views, memory.tracks, memory.scratch
+    num_cameras, num_joints = len(views.counts), tracks.state.shape[1]
+    rate = LEARN_RATE * min(1.0, dt / FASTEST_S)
+    forgotten = 1.0 - math.exp(-dt / DELIVERED_LASTS_S)
+    finest = np.inf
+    for sigma in site.noise_px:
+        finest = min(finest, sigma)
+    for track in range(num_tracks):
+        num_seen_by = 0
+        for camera in range(num_cameras):
+            tracks.last_seen_s[track, camera] += dt
+            told_before = tracks.delivered[track, camera]
+            told_before += forgotten * (DELIVERED_PRIOR - told_before)
+            tracks.delivered[track, camera] = told_before
+            if views.arrived[camera]:
+                person = scratch.assigned[camera, track]
+                told = 0.0
+                if person >= 0:
+                    row = views.starts[camera] + person
+                    best = (finest * site.scales[camera]) ** 2
+                    for joint in range(num_joints):
+                        if views.weights[row, joint] > MIN_SCORE:
+                            told += best / views.variances[row, joint]
+                    told /= num_joints
+                    tracks.hits[track] += 1
+                    tracks.seen_by[track, camera] = True
+                    tracks.last_seen_s[track, camera] = 0.0
+                if person >= 0 or scratch.inside[camera, track]:
+                    fit = scratch.fits[camera, track]
+                    tracks.existence[track] += rate * (fit - tracks.existence[track])
+                    tracks.delivered[track, camera] += DELIVERED_RATE * (told - told_before)
+            num_seen_by += tracks.seen_by[track, camera]
+        if num_seen_by >= CONFIRM_CAMERAS or tracks.hits[track] >= CONFIRM_HITS:
+            tracks.confirmed[track] = True
+
+
+@kernel
+def end(num_tracks: int, tracks: Tracks, ended: Flags) -> int:
+    """Drop tracks that are over; return how many are left, in the first rows."""
+    for track in range(num_tracks):
+        ended[track] = _is_over(
+            tracks.existence[track], tracks.covariance[track], tracks.unmeasured_s[track]
+        )
+    for track in range(num_tracks):
+        for other in range(track):
+            if _is_same(tracks.state[track], tracks.state[other]):
+                younger = track if tracks.hits[track] <= tracks.hits[other] else other
+                ended[younger] = True
+    left = 0
+    for track in range(num_tracks):
+        if ended[track]:
+            continue
+        if left < track:
+            move(tracks, track, left)
+        left += 1
+    return left
+
+
+@kernel
+def move(tracks: Tracks, source: int, target: int) -> None:
+    """Copy the row of a track."""
+    tracks.track_ids[target] = tracks.track_ids[source]
+    tracks.state[target] = tracks.state[source]
+    tracks.covariance[target] = tracks.covariance[source]
+    tracks.unmeasured_s[target] = tracks.unmeasured_s[source]
+    tracks.existence[target] = tracks.existence[source]
+    tracks.hits[target] = tracks.hits[source]
+    tracks.seen_by[target] = tracks.seen_by[source]
+    tracks.last_seen_s[target] = tracks.last_seen_s[source]
+    tracks.delivered[target] = tracks.delivered[source]
+    tracks.confirmed[target] = tracks.confirmed[source]
+    tracks.bones_m[target] = tracks.bones_m[source]
+    tracks.bone_counts[target] = tracks.bone_counts[source]
+
+
+@kernel
+def _is_over(existence: float, covariance: Floats, unmeasured_s: Floats) -> bool:
+    if not existence > END_EXISTENCE:
+        return True
+    least = np.inf
+    seen = False
+    for joint in range(len(covariance)):
+        spread = covariance[joint, 0, 0] + covariance[joint, 1, 1] + covariance[joint, 2, 2]
+        least = min(least, spread)
+        seen |= unmeasured_s[joint] <= END_UNSEEN_S
+    return not (seen and math.sqrt(least) < END_SPREAD_M)
+
+
+@kernel
+def _is_same(first: Floats, second: Floats) -> bool:
+    """Return whether the median distance of the joints is below `SAME_M`."""
+    near = 0
+    below, above = 0.0, np.inf  # the largest distance that is near, the smallest that is not
+    for joint in range(len(first)):
+        squares = 0.0
+        for axis in range(3):
+            squares += (first[joint, axis] - second[joint, axis]) ** 2
+        distance = math.sqrt(squares)
+        if distance < SAME_M:
+            near += 1
+            below = max(below, distance)
+        else:
+            above = min(above, distance)
+    if 2 * near == len(first):
+        return (below + above) / 2 < SAME_M
+    return 2 * near > len(first)

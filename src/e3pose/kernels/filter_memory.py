@@ -1,0 +1,195 @@
+"""What the compiled filter works on: the constants of a model, and its working memory.
+
+Everything is a structure of arrays: one array per quantity, a row per track, detection or leftover.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.filter.births import MAX_LEFTOVERS
+from e3pose.filter.state import Belief, Model
+from e3pose.kernels.pairs import LANES
+from e3pose.kernels.undistort import Lenses, make_lenses
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+class Site(NamedTuple):
+    """What is constant about a rig, a skeleton and a detector."""
+
+    projections: Floats  # (num_cameras, 3, 4)
+    sizes: Floats  # (num_cameras, 2)
+    scales: Floats  # (num_cameras,)
+    noise_scores: Floats  # (num_knots,)
+    noise_px: Floats  # (num_knots,)
+    bones: Integers  # (num_bones, 2)
+    slacks_m: Floats  # (num_bones,)
+    lenses: Lenses
+
+
+def make_site(model: Model) -> Site:
+    """Collect the constants of a model."""
+    return Site(
+        np.ascontiguousarray(model.rig.projections),
+        np.ascontiguousarray(model.image_sizes),
+        np.ascontiguousarray(model.scales),
+        np.array(model.noise.scores),
+        np.array(model.noise.sigma_px),
+        np.ascontiguousarray(model.bones),
+        np.ascontiguousarray(model.slacks_m),
+        make_lenses(model.rig),
+    )
+
+
+class Views(NamedTuple):
+    """The detections of a slot: as they came, and in rows, ordered by camera."""
+
+    arrived: Flags  # (num_cameras,)
+    counts: Integers  # (num_cameras,)
+    keypoints_px: Floats  # (num_cameras, max_people, num_joints, 2) in the real images
+    scores: Floats  # (num_cameras, max_people, num_joints)
+    starts: Integers  # (num_cameras,) the row of a camera's first detection
+    cameras: Integers  # (num_rows,)
+    free: Flags  # (num_rows,) no track explains it
+    pixels: Floats  # (num_rows, num_joints, 2) undistorted
+    weights: Floats  # (num_rows, num_joints) scores
+    variances: Floats  # (num_rows, num_joints) of either coordinate, px^2
+    lanes: Floats
+
+
+class Tracks(NamedTuple):
+    """The columns of `filter.Belief`, with room for more tracks."""
+
+    track_ids: Integers
+    state: Floats
+    covariance: Floats
+    unmeasured_s: Floats
+    existence: Floats
+    hits: Integers
+    seen_by: Flags
+    last_seen_s: Floats
+    delivered: Floats
+    confirmed: Flags
+    bones_m: Floats
+    bone_counts: Floats
+
+
+class Waiting(NamedTuple):
+    """Detections that nobody explains, of this slot and of earlier ones."""
+
+    times_s: Floats
+    cameras: Integers
+    keypoints_px: Floats
+    scores: Floats
+    strength: Floats  # sum of scores
+    order: Integers  # the rows that stay, in order
+
+
+class Scratch(NamedTuple):
+    """Room for what lives within one step."""
+
+    assigned: Integers  # (num_cameras, num_tracks) row within the view, -1 for none
+    fits: Floats  # (num_cameras, num_tracks)
+    inside: Flags  # (num_cameras, num_tracks) the view should show the track
+    told: Floats  # (num_cameras, num_tracks) information, as a share of a perfect view's
+    sight: Floats  # (4, num_joints) one track in one view: u, v, variance, in front
+    cost: Floats  # (num_tracks, max_people)
+    offered: Floats  # (num_tracks, max_people) likewise, of those who choose
+    choosers: Integers  # (num_tracks,)
+    people: Integers  # (max_people,)
+    reals: Floats  # (3, tracks or people) of the assignment
+    integers: Integers  # (5, tracks or people) likewise
+    flags: Flags  # (2, tracks or people) likewise
+    places: Floats  # (2, num_joints, 3) positions before and after a pass
+    pulls: Floats  # (num_joints, 9) of bones: a symmetric matrix, a vector
+    measured: Flags  # (num_joints,)
+    pair_px: Floats  # (2, num_joints, 2)
+    pair_scores: Floats  # (2, num_joints)
+    pair_cameras: Integers  # (2,)
+    pair_rows: Integers  # (2,) 0, 1
+    small: Floats  # (4, 4, 4)
+    sorted: Floats  # (num_joints,)
+    pair_fits: Floats  # (num_pairs,)
+    pair_ends: Integers  # (num_pairs, 2)
+    pair_joints_m: Floats  # (num_pairs, num_joints, 3)
+    taken: Flags  # (num_waiting,)
+
+
+class Memory(NamedTuple):
+    """All of it, allocated once for as many tracks, people and leftovers."""
+
+    views: Views
+    tracks: Tracks
+    waiting: Waiting
+    scratch: Scratch
+
+
+def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int) -> Memory:
+    """Allocate room for so many tracks, people in one view, and leftovers from earlier slots."""
+    cameras, joints = len(model.rig), len(model.skeleton)
+    rows = cameras * num_people
+    waiting = MAX_LEFTOVERS + num_waiting
+    pairs = MAX_LEFTOVERS * (MAX_LEFTOVERS - 1) // 2
+    most = max(num_tracks, num_people)
+    return Memory(
+        Views(
+            arrived=np.zeros(cameras, bool),
+            counts=np.zeros(cameras, np.int64),
+            keypoints_px=np.zeros((cameras, num_people, joints, 2)),
+            scores=np.zeros((cameras, num_people, joints)),
+            starts=np.zeros(cameras, np.int64),
+            cameras=np.zeros(rows, np.int64),
+            free=np.zeros(rows, bool),
+            pixels=np.zeros((rows, joints, 2)),
+            weights=np.zeros((rows, joints)),
+            variances=np.zeros((rows, joints)),
+            lanes=np.zeros(6 * LANES),
+        ),
+        Tracks(
+            **{
+                name: np.zeros((num_tracks, *column.shape[1:]), column.dtype)
+                for name, column in Belief.empty(model).columns().items()
+            }
+        ),
+        Waiting(
+            times_s=np.zeros(waiting),
+            cameras=np.zeros(waiting, np.int64),
+            keypoints_px=np.zeros((waiting, joints, 2)),
+            scores=np.zeros((waiting, joints)),
+            strength=np.zeros(waiting),
+            order=np.zeros(waiting, np.int64),
+        ),
+        Scratch(
+            assigned=np.zeros((cameras, num_tracks), np.int64),
+            fits=np.zeros((cameras, num_tracks)),
+            inside=np.zeros((cameras, num_tracks), bool),
+            told=np.zeros((cameras, num_tracks)),
+            sight=np.zeros((4, joints)),
+            cost=np.zeros((num_tracks, num_people)),
+            offered=np.zeros((num_tracks, num_people)),
+            choosers=np.zeros(num_tracks, np.int64),
+            people=np.zeros(num_people, np.int64),
+            reals=np.zeros((3, most)),
+            integers=np.zeros((5, most), np.int64),
+            flags=np.zeros((2, most), bool),
+            places=np.zeros((2, joints, 3)),
+            pulls=np.zeros((joints, 9)),
+            measured=np.zeros(joints, bool),
+            pair_px=np.zeros((2, joints, 2)),
+            pair_scores=np.zeros((2, joints)),
+            pair_cameras=np.zeros(2, np.int64),
+            pair_rows=np.arange(2),
+            small=np.zeros((4, 4, 4)),
+            sorted=np.zeros(joints),
+            pair_fits=np.zeros(pairs),
+            pair_ends=np.zeros((pairs, 2), np.int64),
+            pair_joints_m=np.zeros((pairs, joints, 3)),
+            taken=np.zeros(waiting, bool),
+        ),
+    )

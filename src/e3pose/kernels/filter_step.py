@@ -1,0 +1,189 @@
+"""One slot of the filter in one compiled call, with the working memory that it needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.filter.births import MAX_LEFTOVERS, MAX_TRACKS
+from e3pose.filter.state import Belief, Leftovers, Model
+from e3pose.filter.step import LONGEST_S, MAX_PEOPLE, Estimate, bounded, check_slot, estimate_of
+from e3pose.kernels.compile import kernel
+from e3pose.kernels.filter_associate import associate
+from e3pose.kernels.filter_births import give_birth
+from e3pose.kernels.filter_existence import attend, end
+from e3pose.kernels.filter_memory import Memory, Site, Views, make_memory, make_site
+from e3pose.kernels.filter_predict import predict
+from e3pose.kernels.filter_update import learn_bones, update
+from e3pose.kernels.undistort import undistort_slot
+from e3pose.match import MAX_PIXEL, MIN_SCORE
+from e3pose.pose import Poses2D
+
+Floats = NDArray[np.float64]
+
+LEAST_PEOPLE = 16  # of one view, for whom there is always room
+
+
+class StepKernel:
+    """The compiled `filter.step`, to be called like it: the same beliefs and estimates.
+
+    It keeps no history, but what is constant about the newest model, and its working memory; so it
+    must not be shared between threads.
+    """
+
+    def __init__(self) -> None:
+        self._model: Model | None = None
+        self._call: Any = step_slot
+
+    def warm_up(self, model: Model) -> None:
+        """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""
+        self(model, Belief.empty(model), {}, 0.0)
+
+    def __call__(
+        self, model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
+    ) -> tuple[Belief, Estimate]:
+        """Advance to `time_s`; arguments, result and errors are those of `filter.step`."""
+        check_slot(model, views, time_s)
+        first = math.isnan(belief.time_s)
+        now = time_s if first else max(time_s, belief.time_s)
+        dt = 0.0 if first else now - belief.time_s
+        waiting, num_tracks, num_old = belief.leftovers, len(belief), len(belief.leftovers)
+        if dt > LONGEST_S:
+            num_tracks = num_old = 0
+        most = min(max((len(view) for view in views.values()), default=0), MAX_PEOPLE)
+        memory = self._room_for(model, num_tracks + MAX_LEFTOVERS // 2, most, num_old)
+        _pack(memory.views, views)
+        if num_tracks:
+            for name, column in zip(self._columns, memory.tracks, strict=True):
+                column[:num_tracks] = getattr(belief, name)
+        if num_old:
+            memory.waiting.times_s[:num_old] = waiting.times_s
+            memory.waiting.cameras[:num_old] = waiting.cameras
+            memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
+            memory.waiting.scores[:num_old] = waiting.scores
+        num_tracks, num_waiting, next_id = self._call(
+            num_tracks, num_old, now, dt, belief.next_id, self._site, memory
+        )
+        rows = memory.waiting.order[:num_waiting]
+        leftovers = Leftovers(
+            memory.waiting.times_s[rows],
+            memory.waiting.cameras[rows],
+            memory.waiting.keypoints_px[rows],
+            memory.waiting.scores[rows],
+        )
+        columns: dict[str, Any] = {
+            name: column[:num_tracks].copy()
+            for name, column in zip(self._columns, memory.tracks, strict=True)
+        }
+        belief = Belief(time_s=now, leftovers=leftovers, next_id=next_id, **columns)
+        return belief, estimate_of(belief)
+
+    def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Memory:
+        """Return memory with room for so many tracks, people in a view and old leftovers."""
+        if model is not self._model:
+            self._model = model
+            self._site = make_site(model)
+            self._columns = tuple(Belief.empty(model).columns())
+            self._room = (0, 0, 0)
+        room = self._room
+        if tracks > room[0] or people > room[1] or old > room[2]:
+            self._room = (
+                max(tracks, room[0], MAX_TRACKS),
+                max(people, room[1], LEAST_PEOPLE),
+                max(old, room[2], MAX_LEFTOVERS),
+            )
+            self._memory = make_memory(model, *self._room)
+        return self._memory
+
+
+def _pack(memory: Views, views: Mapping[int, Poses2D]) -> None:
+    memory.arrived[:] = False
+    memory.counts[:] = 0
+    for camera, view in views.items():
+        keypoints_px, scores = bounded(view)
+        people = len(scores)
+        memory.arrived[camera] = True
+        memory.counts[camera] = people
+        memory.keypoints_px[camera, :people] = keypoints_px
+        memory.scores[camera, :people] = scores
+
+
+@kernel
+def step_slot(
+    num_tracks: int,
+    num_old: int,
+    time_s: float,
+    dt: float,
+    next_id: int,
+    site: Site,
+    memory: Memory,
+) -> tuple[int, int, int]:
+    """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
+    views, tracks = memory.views, memory.tracks
+    predict(num_tracks, dt, tracks.state, tracks.covariance, tracks.unmeasured_s)
+    _prepare(site, views)
+    num_views = 0
+    for camera in range(len(views.counts)):
+        if views.arrived[camera]:
+            num_views += 1
+            associate(camera, num_tracks, site, memory)
+    for track in range(num_tracks):
+        if num_views:
+            update(track, site, memory)
+        learn_bones(track, site, memory)
+    attend(num_tracks, dt, site, memory)
+    num_tracks, num_waiting, next_id = give_birth(
+        num_tracks, num_old, time_s, next_id, site, memory
+    )
+    num_tracks = end(num_tracks, tracks, memory.scratch.flags[0])
+    return num_tracks, num_waiting, next_id
+
+
+@kernel
+def _prepare(site: Site, views: Views) -> None:
+    """Take the lenses out and look up the noise; nobody is explained yet."""
+    undistort_slot(
+        views.keypoints_px,
+        views.scores,
+        views.counts,
+        site.lenses.models,
+        site.lenses.numbers,
+        site.lenses.tables,
+        views.lanes,
+        views.pixels,
+    )
+    row = 0
+    for camera in range(len(views.counts)):
+        views.starts[camera] = row
+        for person in range(views.counts[camera]):
+            views.cameras[row] = camera
+            views.free[row] = True
+            for joint in range(views.scores.shape[2]):
+                u, v = views.pixels[row, joint, 0], views.pixels[row, joint, 1]
+                score = views.scores[camera, person, joint]
+                if not (score >= MIN_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL):
+                    score = 0.0
+                    views.pixels[row, joint, 0] = views.pixels[row, joint, 1] = np.nan
+                views.weights[row, joint] = score
+                sigma = _noise_px(score, site.noise_scores, site.noise_px) * site.scales[camera]
+                views.variances[row, joint] = sigma * sigma
+            row += 1
+
+
+@kernel
+def _noise_px(score: float, scores: Floats, sigmas: Floats) -> float:
+    """Interpolate as `numpy.interp` does."""
+    last = len(scores) - 1
+    if score <= scores[0]:
+        return float(sigmas[0])
+    if score >= scores[last]:
+        return float(sigmas[last])
+    knot = 0
+    while scores[knot + 1] < score:
+        knot += 1
+    slope = (sigmas[knot + 1] - sigmas[knot]) / (scores[knot + 1] - scores[knot])
+    return float(sigmas[knot] + slope * (score - scores[knot]))
