@@ -46,7 +46,11 @@ def filter_step(backend: str, model: Model) -> FilterStep:
     """Return the filter's step in the `backend` asked for; raise `InputError` for another."""
     if backend not in ("numba", "reference"):
         raise InputError(f"estimator: backend: found {backend!r}, expected numba or reference")
-    return step  # both, until the kernels of the filter are there
+    if backend == "reference":
+        return step
+    from e3pose.kernels.filter_step import StepKernel
+
+    return StepKernel()
 
 
 def _filtered(settings: EstimatorSettings) -> Filtered:
