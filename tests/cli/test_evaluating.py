@@ -83,6 +83,16 @@ def test_comparison_in_parallel_processes(
     assert "MPJPE" in output
 
 
+def test_leads_are_drawn(folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    plot = tmp_path / "leads.svg"
+    assert run("evaluate", str(folder), "--policies", "random", "--cameras", "2", "--leads", "1,3",
+               "--seeds", "1", "--jobs", "1", "--plot", str(plot)) == 0  # fmt: skip
+    text = plot.read_text()
+    assert "random" in text
+    assert "MPJPE, mm" in text  # COCO-17 truth has no PCP
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [
@@ -93,6 +103,7 @@ def test_comparison_in_parallel_processes(
         (["--cameras", "0"], "cameras"),
         (["--leads", "1,x"], "--leads"),
         (["--leads", "0"], "lead"),
+        (["--plot", "leads.png"], "--plot"),
         (["--seeds", "0"], "--seeds"),
         (["--seeds", "1000000000"], "--seeds"),
         (["--jobs", "0"], "--jobs"),

@@ -81,9 +81,45 @@ def test_plot_is_a_page_without_need_of_a_network(folder: Path, tmp_path: Path) 
     assert "<script src=" not in text
 
 
+def test_pictures_are_drawn_and_replaced_only_when_asked(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tokens = (folder / "known", "--predictors", "zero-velocity", "--every", 10, "--pictures")
+    assert _run(*tokens, tmp_path / "drawn") == 0
+    names = {path.name for path in (tmp_path / "drawn").iterdir()}
+    assert names == {"skeletons.svg", "error-by-lead.svg"}  # nobody states an expected error
+    assert _run(*tokens, tmp_path / "drawn") == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert _run(*tokens, tmp_path / "drawn", "--overwrite") == 0
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("years of work")
+    assert _run(*tokens, tmp_path / "mine", "--overwrite") == 2
+    assert (tmp_path / "mine" / "thesis.txt").exists()
+
+
+def test_slots_choose_a_part(folder: Path, tmp_path: Path) -> None:
+    tokens = (folder / "known", "--predictors", "zero-velocity", "--leads", 1, "--json")
+    counts = []
+    for slots in ("0:75", "0:40", "0:40,45:75"):
+        assert _run(*tokens, tmp_path / "a.json", "--slots", slots) == 0
+        counts.append(json.loads((tmp_path / "a.json").read_text())["recordings"][0]["windows"])
+    # The last slot of all has no window, that of a part before another has one without a future.
+    assert counts == [2 * 65, 2 * 30, 2 * (31 + 20)]  # ten of history before the first
+
+
+def test_results_do_not_replace_what_they_are_made_from(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(folder / "known", "--json", folder / "known" / "recording.toml") == 2
+    assert "found a file of the recording" in capsys.readouterr().err
+    assert _run(folder / "known", "--json", tmp_path) == 2
+
+
 @pytest.mark.parametrize(
     ("tokens", "message"),
     [
+        (("--slots", "5"), "--slots: found '5'"),
+        (("--slots", "70:80"), "slots: found 70:80, expected a part of 0:75"),
         (("--leads", "1,x"), "--leads: found '1,x'"),
         (("--leads", "0"), "leads: found (0,)"),
         (("--leads", ""), "--leads: found ''"),

@@ -64,7 +64,8 @@ def evaluate_predictor(
     every
         Predict in every so many slots only, to be done sooner.
     slots
-        Measure on these slots of every recording only, FIRST:END, such as the part held out.
+        Measure on these slots of every recording only, FIRST:END, several with commas, such as
+        the parts held out of training.
     each
         Print the tables of every recording too, not only of all together.
     json_file
@@ -124,7 +125,7 @@ def _measure(
     paths: list[Path],
     names: list[str],
     settings: Any,
-    slots: tuple[int, int] | None,
+    slots: list[tuple[int, int]],
     keep_windows: bool,
 ) -> tuple[dict[str, Any], list[Window]]:
     """Measure recording by recording, so that only one is in memory; keep some windows to draw."""
@@ -155,8 +156,8 @@ def _measure(
         whole = bar.add_task("recordings", total=len(paths))
         for path in paths:
             source = load_recording(path)
-            if slots is not None:
-                source = only_slots(source, *slots)
+            if slots:
+                source = only_slots(source, slots)
             motion = motion_of(
                 source, partial(bar.track, total=source.num_slots, description="estimating")
             )
@@ -225,13 +226,14 @@ def _names(text: str | None) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in text.split(",")))
 
 
-def _slots(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    first, _, end = text.partition(":")
-    if not (first.isdecimal() and end.isdecimal()):
-        raise InputError(f"--slots: found {text[:40]!r}, expected FIRST:END, such as 3800:5000")
-    return int(first), int(end)
+def _slots(text: str | None) -> list[tuple[int, int]]:
+    parts = []
+    for part in [] if text is None else text.split(","):
+        first, _, end = part.partition(":")
+        if not (first.isdecimal() and end.isdecimal()):
+            raise InputError(f"--slots: found {part[:40]!r}, expected FIRST:END, such as 3800:5000")
+        parts.append((int(first), int(end)))
+    return parts
 
 
 def _leads(text: str) -> tuple[int, ...]:

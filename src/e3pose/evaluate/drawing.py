@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,10 +24,12 @@ PREDICTOR_COLOURS: Mapping[str, str] = {
     "zero-velocity": PALE,
 }
 MARKERS = ("o", "s", "^", "D", "v", "P")
+DECIMALS = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is finer than any screen
 
 LOOK: Mapping[str, Any] = {
     "svg.fonttype": "none",  # letters stay letters: a tenth of the size, and they can be searched
     "svg.hashsalt": "e3pose",  # ids inside the file would be random
+    "font.sans-serif": ["DejaVu Sans", "Helvetica", "Arial"],
     "font.size": 9.0,
     "axes.titlesize": 9.5,
     "axes.titleweight": "bold",
@@ -77,6 +80,8 @@ def picture(path: Path, width_in: float, height_in: float) -> Iterator[Figure]:
         yield figure
         with atomic_file(path) as temporary:
             figure.savefig(temporary, format="svg", metadata={"Date": None, "Creator": None})
+            text = temporary.read_text(encoding="utf-8")
+            temporary.write_text(DECIMALS.sub(r"\1", text), encoding="utf-8")
 
 
 def legend_above(figure: Figure, columns: int = 6) -> None:

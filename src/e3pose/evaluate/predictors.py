@@ -49,21 +49,26 @@ def motion_of(recording: Recording, progress: Progress = iter) -> Motion:
     return estimated_motion(recording, progress(replay(recording, settings)))
 
 
-def only_slots(recording: Recording, first: int, end: int) -> Recording:
-    """Return a recording whose truth is known from slot `first` to before `end` alone.
+def only_slots(recording: Recording, parts: Sequence[tuple[int, int]]) -> Recording:
+    """Return a recording whose truth is known in some parts alone, such as those held out.
+
+    Args:
+        recording: with truth.
+        parts: the first slot of each, and the one before which it ends.
 
     Raises:
         InputError: when it has no truth, or no such slots.
     """
     if recording.truth is None:
         raise InputError(f"{recording.name}: slots: found no truth, expected it to take a part of")
-    if not 0 <= first < end <= recording.num_slots:
-        raise InputError(
-            f"{recording.name}: slots: found {first}:{end}, expected a part of "
-            f"0:{recording.num_slots}"
-        )
     joints_m = np.full_like(recording.truth.joints_m, np.nan)
-    joints_m[first:end] = recording.truth.joints_m[first:end]
+    for first, end in parts:
+        if not 0 <= first < end <= recording.num_slots:
+            raise InputError(
+                f"{recording.name}: slots: found {first}:{end}, expected a part of "
+                f"0:{recording.num_slots}"
+            )
+        joints_m[first:end] = recording.truth.joints_m[first:end]
     return replace(recording, truth=replace(recording.truth, joints_m=joints_m))
 
 
