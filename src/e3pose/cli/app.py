@@ -20,6 +20,7 @@ from e3pose.cli.importing import import_app
 from e3pose.cli.information import info
 from e3pose.cli.models import models_app
 from e3pose.cli.predicting import evaluate_predictor
+from e3pose.cli.querying import query
 from e3pose.cli.replaying import replay
 from e3pose.cli.simulating import simulate
 from e3pose.cli.training import train
@@ -42,6 +43,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "simulate": simulate,
     "info": info,
     "replay": replay,
+    "query": query,
     "evaluate": evaluate,
     "evaluate-predictor": evaluate_predictor,
     "models": models_app,
@@ -60,9 +62,11 @@ EXTRAS = {
     "numba": "edge",
     "pyarrow": "edge",
     "scipy": "edge",
+    "sqlalchemy": "edge",
     "yaml": "edge",
     "plotly": "report",
     "matplotlib": "report",
+    "distributed": "train",
     "torch": "train",
 }
 

@@ -9,9 +9,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs
+from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
 
-LOOP, ENERGY = LoopOptions(), EnergyOptions()
+LOOP, ENERGY, STORE = LoopOptions(), EnergyOptions(), StoreOptions()
 
 
 def replay(
@@ -21,6 +22,7 @@ def replay(
     cameras: Annotated[Whole | None, Parameter(alias="-C")] = None,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
+    store: StoreOptions = STORE,
     poses: Path | None = None,
     report: Path | None = None,
     json_file: Annotated[Path | None, Parameter(name="--json")] = None,
@@ -48,6 +50,7 @@ def replay(
     """
     from e3pose.atomic import atomic_file
     from e3pose.cli.progress import track_progress
+    from e3pose.cli.storing import stored
     from e3pose.energy import load_profile
     from e3pose.evaluate.poses_table import check_poses_path, write_poses
     from e3pose.evaluate.replay import ReplaySettings
@@ -62,6 +65,8 @@ def replay(
         raise InputError(f"--report: found {str(report)!r}, expected a name that ends in .html")
     check_outputs(recording, {"--poses": poses, "--json": json_file, "--report": report})
     energy.check()
+    if store.store is not None or store.keep or store.max_size:
+        store.retention()
     device = load_profile(energy.profile)
     source = load_recording(recording)
     settings = ReplaySettings(
@@ -69,7 +74,10 @@ def replay(
         num_selected=min(3, len(source.rig)) if cameras is None else cameras,
         **loop.settings(),
     )
-    records = list(track_progress(run_replay(source, settings), source.num_slots, "replay"))
+    slots = stored(
+        run_replay(source, settings), store, source, f"replay {policy}", device, energy.idle_mode
+    )
+    records = list(track_progress(slots, source.num_slots, "replay"))
     summary = summarise(
         source,
         settings,

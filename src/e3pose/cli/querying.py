@@ -1,0 +1,149 @@
+"""`e3pose query`: what a store remembers, as a table or a file."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from e3pose.cli.options import Whole
+from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.store import Store
+
+SHOWN_ROWS = 40
+TOO_WIDE = ("joints",)  # for a terminal; files have them
+
+
+def query(
+    store: str,
+    *,
+    from_: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
+    to: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    track: Whole | None = None,
+    joint: str | None = None,
+    what: Literal["poses", "slots", "tracks", "energy", "events", "runs"] = "poses",
+    site: str | None = None,
+    run: Whole | None = None,
+    csv: Path | None = None,
+    parquet: Path | None = None,
+    json_file: Annotated[Path | None, Parameter(name="--json")] = None,
+) -> None:
+    """Ask a store what was where, when: 3D poses, selections, energy, events.
+
+    Example: `e3pose query live.db --from -10min --track 7 --joint left_wrist --csv wrist.csv`
+
+    Without a file the first rows are shown. May be asked while the system runs.
+
+    Parameters
+    ----------
+    store
+        The database, as named to `e3pose replay --store`; a path or a URL.
+    from_
+        From when: `2026-11-21T14:00` (local time, with `Z` or `+01:00` another), `14:00` (today),
+        `-10min` (ago; s, min, h, d), or seconds since the run began such as `12.5`.
+    to
+        Until when, written in the same ways; until now by default.
+    track
+        One person only, by track id.
+    joint
+        One joint only, such as `left_wrist`.
+    what
+        `poses`; `slots` (selections, arrivals, energy of each slot); `tracks` (who was there when);
+        `energy` (what the cameras' meters said); `events`; `runs` (what the store holds).
+    site
+        Runs of one site only.
+    run
+        One run only, by its number in `--what runs`; times in seconds are of the newest otherwise.
+    csv
+        Write the rows here as CSV.
+    parquet
+        Write the rows here as Parquet.
+    json_file
+        Write the rows here as a JSON list.
+    """
+    from e3pose.atomic import check_file_free
+    from e3pose.store import Store
+    from e3pose.store.database import database_path, database_url
+
+    files = {"csv": csv, "parquet": parquet, "json": json_file}
+    outputs = {form: path for form, path in files.items() if path is not None}
+    database = database_path(database_url(store))
+    for form, path in outputs.items():
+        check_file_free(path)
+        if database is not None and path.resolve() == database.resolve():
+            raise InputError(f"--{form}: found the store itself, expected another file: {path}")
+    if len({path.resolve() for path in outputs.values()}) < len(outputs):
+        raise InputError("--csv, --parquet, --json: found the same file twice, expected different")
+    if what != "poses":
+        for option, value in (("--joint", joint), ("--track", track)):
+            if value is not None:
+                raise InputError(f"{option}: found {value} with --what {what}, expected poses")
+
+    asked = Store(store)
+    bounds: dict[str, Any] = {"start": from_, "end": to, "site": site, "run": run}
+    if not outputs:
+        _show(asked, what, bounds, track, joint)
+        return
+    from e3pose.store.export import write_tables
+
+    for form, path in outputs.items():
+        count = write_tables(_chunks(asked, what, bounds, track, joint), path, form)
+        print(f"{path}: {count} rows")
+
+
+def _chunks(
+    store: Store, what: str, bounds: dict[str, Any], track: int | None, joint: str | None
+) -> Iterator[dict[str, list[Any]]]:
+    """Yield parts of the table asked for; the first, of no rows, names the columns of poses."""
+    from e3pose.store.export import pose_columns, row_columns
+
+    if what == "poses":
+        for poses in store.read(**bounds, track=track, joint=joint):
+            yield pose_columns(poses)
+    elif what == "runs":
+        rows = [{"run_id": one.run_id, **one.run.row()} for one in store.runs()]
+        yield row_columns(rows)
+    else:
+        yield row_columns(store.rows(what, **bounds))
+
+
+def _show(
+    store: Store, what: str, bounds: dict[str, Any], track: int | None, joint: str | None
+) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False)
+    shown, more = 0, False
+    for columns in _chunks(store, what, bounds, track, joint):
+        names = [n for n in columns if not n.endswith("_ns") and n not in TOO_WIDE]
+        if not table.columns:
+            for name in names:
+                number = name not in ("time", "joint", "message", "kind", "camera_id", "source")
+                table.add_column(name, justify="right" if number else "left")
+        rows = list(zip(*(columns[name] for name in names), strict=True))
+        for row in rows[: SHOWN_ROWS - shown]:
+            table.add_row(*(Text(_cell(value)) for value in row))
+        more = len(rows) > SHOWN_ROWS - shown
+        shown = min(SHOWN_ROWS, shown + len(rows))
+        if more:  # nobody waits for a day to be read that is not shown
+            break
+    # A pipe gets whole lines; only a terminal has a width to fold to.
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 200)
+    console.print(table if shown else "Nothing was stored that fits.")
+    if more:
+        console.print("... and more: --csv, --parquet or --json write all of it")
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, list):
+        return " ".join(_cell(one) for one in value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,94 @@
+"""The store as an option: what a verb's slots are kept in, and for how long."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.pipeline import SlotRecord
+    from e3pose.profiles import DeviceProfile, Mode
+    from e3pose.recording import Recording
+    from e3pose.store import Retention
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class StoreOptions:
+    """Where every slot is kept, for every verb that runs the loop."""
+
+    store: str | None = None
+    """Keep every slot in this database, for `e3pose query`: a file such as `live.db`, or a URL."""
+    keep: str | None = None
+    """Remove slots from it that are older than this, such as `30d` or `12h`."""
+    max_size: Annotated[str | None, Parameter(name="--max-size")] = None
+    """Remove the oldest slots from it beyond this, such as `20GB`."""
+
+    def retention(self) -> Retention:
+        """Return what to keep; raise `InputError` for what is no age or size."""
+        from e3pose.store import Retention, parse_age, parse_size
+
+        if self.store is None and (self.keep or self.max_size):
+            raise InputError("--keep, --max-size: found no --store, expected one to keep them in")
+        return Retention(
+            max_age_s=None if self.keep is None else parse_age(self.keep),
+            max_bytes=None if self.max_size is None else parse_size(self.max_size),
+        )
+
+
+def stored(
+    records: Iterable[SlotRecord],
+    options: StoreOptions,
+    recording: Recording,
+    name: str,
+    profile: DeviceProfile,
+    idle_mode: Mode,
+) -> Iterator[SlotRecord]:
+    """Yield records of a replay and keep each in the store that the options name, if they do.
+
+    Energy is what the profile says of the cameras that were ordered; times count from now.
+
+    Raises:
+        InputError: when the store cannot be written, at the start or before the end.
+    """
+    if options.store is None:
+        yield from records
+        return
+    import time
+
+    import numpy as np
+
+    from e3pose import __version__
+    from e3pose.store import Run, StoreWriter, WriterSettings
+
+    run = Run(
+        site=recording.name,
+        name=name,
+        started_ns=time.time_ns(),
+        interval_s=recording.interval_s,
+        skeleton=recording.skeleton.name,
+        joints=recording.skeleton.joints,
+        cameras=tuple(camera.camera_id for camera in recording.rig.cameras),
+        software=f"e3pose {__version__}",
+    )
+    active_j = profile.watts("active") * recording.interval_s
+    idle_j = profile.watts(idle_mode) * recording.interval_s
+    settings = WriterSettings(retention=options.retention())
+    with StoreWriter(options.store, run, settings) as writer:
+        for record in records:
+            spent_j = np.where(record.selected, active_j, idle_j)
+            writer.append(record, energy_j=spent_j, wait=True)
+            yield record
+        writer.flush(60.0)
+        status = writer.status()
+    if status.trouble is not None or status.shed:
+        raise InputError(
+            f"{Path(options.store).name}: {status.spooled} rows not stored, {status.shed} given up "
+            f"({status.trouble or 'no room'}), expected a database that takes them all"
+        )

@@ -1,0 +1,137 @@
+"""Answers of a store: its rows as arrays and records, checked as they are read."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.store.rows import NS, Run, stack_blobs
+
+MAX_JOINTS = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class StoredRun:
+    """A run that a store holds, under its id there."""
+
+    run_id: int
+    run: Run
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredPoses:
+    """People at times, one row per person and slot, in the order of runs, slots and tracks.
+
+    Attributes:
+        run_ids: `(num_rows,)` runs.
+        slots: `(num_rows,)` slots.
+        time_ns: `(num_rows,)` nanoseconds since 1970, UTC.
+        track_ids: `(num_rows,)` identities, unique within a run.
+        joints_m: `(num_rows, num_joints, 3)` metres, NaN where missing.
+        scores: `(num_rows, num_joints)` in [0, 1], 0 where missing.
+        sigma_m: `(num_rows, num_joints)` standard deviations, NaN where unknown.
+        joints: names of the joint axis.
+    """
+
+    run_ids: NDArray[np.int64]
+    slots: NDArray[np.int64]
+    time_ns: NDArray[np.int64]
+    track_ids: NDArray[np.int64]
+    joints_m: NDArray[np.float32]
+    scores: NDArray[np.float32]
+    sigma_m: NDArray[np.float32]
+    joints: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.slots)
+
+
+def stored_run(row: Any, where: str) -> StoredRun:
+    """Return a run from its row; raise `InputError` if it is not what a writer writes."""
+    try:
+        joints, cameras = (tuple(map(str, json.loads(text))) for text in (row.joints, row.cameras))
+    except (ValueError, TypeError):
+        raise InputError(
+            f"{where}: runs: run {row.run_id}: joints and cameras are no lists"
+        ) from None
+    if not 1 <= len(joints) <= MAX_JOINTS:
+        raise InputError(f"{where}: runs: run {row.run_id}: found {len(joints)} joints")
+    return StoredRun(
+        row.run_id,
+        Run(
+            row.site, row.name, row.started_ns, row.interval_ns / NS, row.skeleton, joints,
+            cameras, row.software,
+        ),
+    )  # fmt: skip
+
+
+def stored_poses(
+    rows: Sequence[Any], joints: tuple[str, ...], num_joints: int, column: int | None, where: str
+) -> StoredPoses:
+    """Return rows of the table `poses` as arrays.
+
+    Args:
+        rows: of one run.
+        joints: names of the joint axis of the answer.
+        num_joints: joints of the run.
+        column: the joint to keep, or None for all.
+        where: the store, for messages.
+
+    Raises:
+        InputError: when a blob has not the size of its shape, or a score is none.
+    """
+    place = f"{where}: poses: run {rows[0].run_id}, slots from {rows[0].slot}" if rows else where
+    joints_m, scores, sigma_m = (
+        stack_blobs([getattr(row, name) for row in rows], dtype, shape, f"{place}: {name}")
+        for name, dtype, shape in (
+            ("joints_m", "<f4", (num_joints, 3)),
+            ("scores", "<f2", (num_joints,)),
+            ("sigma_m", "<f2", (num_joints,)),
+        )
+    )
+    if not ((scores >= 0) & (scores <= 1)).all():
+        raise InputError(f"{place}: scores: found one outside [0, 1]")
+    chosen = slice(None) if column is None else slice(column, column + 1)
+    names = ("run_id", "slot", "time_ns", "track_id")
+    try:
+        run_ids, slots, time_ns, track_ids = (
+            np.array([getattr(row, name) for row in rows], dtype=np.int64) for name in names
+        )
+    except (ValueError, TypeError, OverflowError):
+        raise InputError(
+            f"{place}: {', '.join(names)}: found something else than numbers"
+        ) from None
+    missing = (scores <= 0)[..., None]
+    return StoredPoses(
+        run_ids=run_ids,
+        slots=slots,
+        time_ns=time_ns,
+        track_ids=track_ids,
+        joints_m=np.where(missing, np.float32(np.nan), joints_m)[:, chosen],
+        scores=scores[:, chosen],
+        sigma_m=sigma_m[:, chosen],
+        joints=joints,
+    )
+
+
+def joined(chunks: Sequence[StoredPoses]) -> StoredPoses:
+    """Return chunks of one answer as one."""
+    names = ("run_ids", "slots", "time_ns", "track_ids", "joints_m", "scores", "sigma_m")
+    arrays = {name: np.concatenate([getattr(c, name) for c in chunks]) for name in names}
+    return StoredPoses(**arrays, joints=chunks[0].joints)
+
+
+def plain_row(row: dict[str, Any], num_cameras: int, where: str) -> dict[str, Any]:
+    """Return a row with lists in the place of blobs."""
+    for name in ("occlusion", "deficit", "energy_j"):
+        blob = row.get(name)
+        if isinstance(blob, bytes):
+            place = f"{where}: slots: run {row['run_id']}, slot {row['slot']}: {name}"
+            row[name] = stack_blobs([blob], "<f4", (num_cameras,), place)[0].tolist()
+    return row

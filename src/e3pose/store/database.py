@@ -1,0 +1,189 @@
+"""Opening a store: by path or URL, for its one writer or for reading; damage is set aside."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, text
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError
+from sqlalchemy.pool import NullPool
+
+from e3pose.errors import InputError
+from e3pose.store import schema
+
+MAGIC = b"SQLite format 3\0"
+ENDINGS = (".db", ".sqlite", ".sqlite3")  # of files that may be taken for a damaged database
+CHECKED_BYTES = 64 * 2**20  # larger databases would keep a start waiting for their whole check
+# What SQLite says of a file whose content is wrong, in place of a disk or a lock that is.
+CORRUPT, NOT_A_DATABASE = 11, 26  # its error codes
+DAMAGE = ("malformed", "not a database")
+
+
+def database_url(store: str | Path) -> str:
+    """Return the SQLAlchemy URL of a path, or the URL itself."""
+    return store if isinstance(store, str) and "://" in store else f"sqlite:///{Path(store)}"
+
+
+def database_path(url: str) -> Path | None:
+    """Return the file of an SQLite URL, None for other databases.
+
+    Raises:
+        InputError: when the URL is none, or names a database in memory.
+    """
+    try:
+        parts = make_url(url)
+    except ArgumentError:
+        raise InputError(f"{url[:200]}: expected a path or the URL of a database") from None
+    if parts.get_backend_name() != "sqlite":
+        return None
+    if not parts.database or parts.database == ":memory:":
+        raise InputError(f"{url}: found a database in memory, expected a file")
+    return Path(parts.database)
+
+
+def shown(url: str) -> str:
+    """Return what to call a store in a message: its path, or its URL without the password."""
+    return str(database_path(url) or make_url(url).render_as_string(hide_password=True))
+
+
+def writing_engine(url: str) -> Engine:
+    """Return an engine whose connections are set for writing; connects when it is used."""
+    engine = _engine(url)
+    if engine.dialect.name == "sqlite":
+
+        @event.listens_for(engine, "connect")
+        def _set(connection: Any, _record: Any) -> None:
+            for pragma in schema.WRITER_PRAGMAS:
+                connection.execute(pragma)
+
+    return engine
+
+
+@contextmanager
+def reading(store: str | Path) -> Iterator[Connection]:
+    """Yield a connection that cannot write and never waits for the writer.
+
+    Raises:
+        InputError: when there is no store, or one that is damaged or of another version.
+    """
+    url = database_url(store)
+    path = database_path(url)
+    where = shown(url)
+    if path is not None:
+        if not path.is_file():
+            found = "a folder" if path.is_dir() else "no such file"
+            raise InputError(
+                f"{where}: found {found}, expected a store (see e3pose replay --store)"
+            )
+        quoted = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
+        # A folder that may not be written has no place for the index of the log: read without one.
+        alone = not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists()
+        url = f"sqlite:///file:{quoted}?mode=ro{'&immutable=1' if alone else ''}&uri=true"
+    engine = _engine(url)
+    try:
+        with engine.connect() as connection:
+            if path is not None:
+                connection.execute(text("PRAGMA busy_timeout = 5000"))
+            schema.check_version(connection, where)
+            yield connection
+    except DBAPIError as error:
+        reason = " ".join(str(error.orig).split())
+        if is_damage(error):
+            raise InputError(f"{where}: damaged ({reason}), expected a store") from None
+        raise InputError(f"{where}: cannot be read ({reason})") from None
+    finally:
+        engine.dispose()
+
+
+def open_checked(url: str) -> str | None:
+    """Make or check the tables of a store before its writer starts.
+
+    A damaged SQLite file is renamed, never deleted, and a new one takes its place.
+
+    Returns:
+        A line that says what was set aside, or None.
+
+    Raises:
+        InputError: when the database is not ours, or of another version.
+        sqlalchemy.exc.OperationalError: when it cannot be used now: full disk, lock, no server.
+    """
+    path = database_path(url)
+    told = None
+    if path is not None:
+        if path.is_dir():
+            raise InputError(f"{path}: found a folder, expected a file")
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: found no folder {path.parent}, expected one")
+        if path.is_file() and path.stat().st_size and not _is_sqlite(path):
+            if path.suffix not in ENDINGS:
+                raise InputError(f"{path}: found a file that is no database, expected a store")
+            told = set_aside(path, "its first bytes are not those of a database")
+    try:
+        _prepare(url, path)
+    except DBAPIError as error:
+        if path is None or not is_damage(error):
+            raise
+        told = set_aside(path, " ".join(str(error.orig).split()))
+        _prepare(url, path)
+    return told
+
+
+def set_aside(path: Path, reason: str) -> str:
+    """Rename a damaged database and its log, so that somebody can look at it; say where it is."""
+    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
+    new = path.with_name(f"{path.name}.damaged-{stamp}")
+    number = 1
+    while new.exists():
+        number += 1
+        new = path.with_name(f"{path.name}.damaged-{stamp}-{number}")
+    for ending in ("-wal", "-shm", ""):
+        part = Path(f"{path}{ending}")
+        if part.exists():
+            os.replace(part, f"{new}{ending}")
+    return f"{path}: damaged ({reason}): set aside as {new.name}, a new one takes its place"
+
+
+def is_damage(error: DBAPIError) -> bool:
+    """Tell a file whose content is wrong from a disk or a lock that does not let us write."""
+    code = getattr(error.orig, "sqlite_errorcode", None)  # Python 3.11 and later
+    if code is not None:
+        return code & 0xFF in (CORRUPT, NOT_A_DATABASE)
+    return any(word in str(error.orig) for word in DAMAGE)
+
+
+def _engine(url: str) -> Engine:
+    try:
+        return create_engine(url, poolclass=NullPool)
+    except (ArgumentError, ModuleNotFoundError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{shown(url)}: cannot be opened ({reason})") from None
+
+
+def _prepare(url: str, path: Path | None) -> None:
+    engine = writing_engine(url)
+    try:
+        with engine.begin() as connection:
+            schema.prepare(connection, shown(url))
+            if path is not None and path.stat().st_size <= CHECKED_BYTES:
+                found = connection.execute(text("PRAGMA quick_check(1)")).scalar()
+                if found != "ok":
+                    raise _damage(str(found))
+    finally:
+        engine.dispose()
+
+
+def _damage(reason: str) -> DBAPIError:
+    error = sqlite3.DatabaseError(f"malformed: {' '.join(reason.split())}")
+    return DBAPIError("PRAGMA quick_check", None, error)
+
+
+def _is_sqlite(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC

@@ -1,0 +1,186 @@
+"""Rows into the database: one transaction a batch, nothing twice, under the id of their run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Insert, Table, bindparam, insert, select, update
+from sqlalchemy.dialects import postgresql
+from sqlalchemy.exc import DBAPIError, OperationalError
+
+from e3pose.errors import InputError
+from e3pose.store import schema
+from e3pose.store.database import database_path, is_damage, shown, writing_engine
+from e3pose.store.retention import Retention, give_back, trim
+from e3pose.store.rows import Row, Run, track_rows
+from e3pose.store.spool import left_behind, spools_of
+
+
+class Delivery:
+    """A connection that writes, opened when it is needed; used by one thread."""
+
+    def __init__(self, url: str) -> None:
+        """Remember where to deliver; nothing is opened yet."""
+        self.opened = False  # whether the tables are known to be there
+        self._path, self._where = database_path(url), shown(url)
+        self._engine = writing_engine(url)
+        self._connection: Connection | None = None
+        self._file: tuple[int, int] | None = None
+        self._run_ids: dict[tuple[str, int], int] = {}
+        self._left = [] if self._path is None else spools_of(self._path)
+
+    def commit(self, rows: Sequence[Row], run: Run) -> int:
+        """Write rows in one transaction; a row that is there already stays as it is.
+
+        Returns:
+            Rows that the database refuses for what they are, each tried alone.
+
+        Raises:
+            sqlalchemy.exc.DBAPIError: when it takes nothing now: full, locked, damaged, gone.
+        """
+        if not rows:
+            return 0
+        try:
+            self._insert(rows, run)
+            return 0
+        except (DBAPIError, OverflowError) as error:
+            # An OperationalError is the disk or the lock; anything else is one of the rows.
+            if isinstance(error, OperationalError) or (
+                isinstance(error, DBAPIError) and is_damage(error)
+            ):
+                raise
+            self.close()
+        if len(rows) == 1:
+            return 1
+        middle = len(rows) // 2
+        return self.commit(rows[:middle], run) + self.commit(rows[middle:], run)
+
+    def adopt(self) -> Iterable[str]:
+        """Deliver one spool that a killed process left; yield what to tell about it."""
+        if not self._left:
+            return
+        path = self._left.pop()
+        try:
+            found = left_behind(path)
+            if found is None:
+                return
+            run, frames = found
+            for rows in frames:
+                self.commit(known(rows), run)
+        except (InputError, FileNotFoundError) as error:
+            yield str(error)
+            return
+        except DBAPIError:
+            self._left.append(path)
+            raise
+        path.unlink(missing_ok=True)
+        count = sum(map(len, frames))
+        if count:
+            yield f"{count} rows that run {run.name!r} could not deliver were found and stored"
+
+    def trim(self, retention: Retention, now_ns: int) -> None:
+        """Remove a few slots that need not be kept."""
+        if retention == Retention():
+            return
+        connection = self._connected()
+        with connection.begin():
+            trim(connection, retention, now_ns)
+        give_back(connection)
+        connection.rollback()  # that of the last question, which would hold up the log
+
+    def close(self) -> None:
+        """Let the database go; the next commit opens it again."""
+        connection, self._connection = self._connection, None
+        self._run_ids.clear()
+        if connection is not None:
+            try:
+                connection.close()
+            except (DBAPIError, OSError):  # it is in trouble: the next connection is a new one
+                connection.invalidate()
+        self._engine.dispose()
+
+    def _connected(self) -> Connection:
+        if self._connection is not None and self._file != _identity(self._path):
+            self.close()  # somebody moved the file away: what we hold has no name any more
+        if self._connection is None:
+            self._connection = self._engine.connect()
+            with self._connection.begin():
+                schema.prepare(self._connection, self._where)
+            self._file = _identity(self._path)
+        return self._connection
+
+    def _insert(self, rows: Sequence[Row], run: Run) -> None:
+        connection = self._connected()
+        key = (run.site, run.started_ns)
+        with connection.begin():
+            run_id = self._run_ids.get(key)
+            if run_id is None:
+                run_id = _run_id(connection, run)
+            by_table: dict[str, list[dict[str, Any]]] = {}
+            for name, row in rows:
+                by_table.setdefault(name, []).append({**row, "run_id": run_id})
+            for name, content in by_table.items():
+                connection.execute(_new_rows(connection, schema.ROWS[name]), content)
+            _extend_tracks(connection, run_id, track_rows(rows))
+        self._run_ids[key] = run_id
+
+
+def known(rows: Sequence[Row]) -> list[Row]:
+    """Return those rows that belong to a table of this version; files may hold anything."""
+    columns = {
+        name: {column.name for column in table.columns} - {"run_id"}
+        for name, table in schema.ROWS.items()
+    }
+    return [(name, row) for name, row in rows if columns.get(name) == set(row)]
+
+
+def _identity(path: Path | None) -> tuple[int, int] | None:
+    if path is None:
+        return None
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return (0, 0)
+    return status.st_dev, status.st_ino
+
+
+def _run_id(connection: Connection, run: Run) -> int:
+    runs = schema.runs
+    same = select(runs.c.run_id).where(runs.c.site == run.site, runs.c.started_ns == run.started_ns)
+    found = connection.execute(same).scalar()
+    if found is None:
+        connection.execute(_new_rows(connection, runs), run.row())
+        found = connection.execute(same).scalar_one()
+    return int(found)
+
+
+def _new_rows(connection: Connection, table: Table) -> Insert:
+    """Return an insert that leaves a row that is there as it is."""
+    if connection.dialect.name == "postgresql":
+        return postgresql.insert(table).on_conflict_do_nothing()
+    return insert(table).prefix_with("OR IGNORE", dialect="sqlite")
+
+
+def _extend_tracks(connection: Connection, run_id: int, tracks: list[dict[str, Any]]) -> None:
+    if not tracks:
+        return
+    table = schema.tracks
+    connection.execute(_new_rows(connection, table), [{**t, "run_id": run_id} for t in tracks])
+    mine = (table.c.run_id == bindparam("run"), table.c.track_id == bindparam("track"))
+    later = update(table).where(*mine, table.c.last_slot < bindparam("slot"))
+    earlier = update(table).where(*mine, table.c.first_slot > bindparam("slot"))
+    for end, statement in (("last", later), ("first", earlier)):
+        connection.execute(
+            statement.values({f"{end}_slot": bindparam("slot"), f"{end}_ns": bindparam("ns")}),
+            [
+                {
+                    "run": run_id,
+                    "track": t["track_id"],
+                    "slot": t[f"{end}_slot"],
+                    "ns": t[f"{end}_ns"],
+                }
+                for t in tracks
+            ],
+        )

@@ -1,0 +1,169 @@
+"""Answers as tables in files: CSV, Parquet, JSON; a day streams through in chunks."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from e3pose.atomic import atomic_file
+from e3pose.store.answers import StoredPoses
+from e3pose.store.times import iso_text
+
+Columns = Mapping[str, Sequence[Any]]
+
+DECIMALS_M = 5  # hundredths of a millimetre: below any camera's noise
+POSE_COLUMNS = ("run", "slot", "time", "time_ns", "track", "joint", "x", "y", "z", "score", "sigma")
+
+
+class Sink(Protocol):
+    """Takes the rows of a table, some columns at a time."""
+
+    def write(self, columns: Columns) -> None:
+        """Append rows; every call has the same columns, all of one length."""
+
+
+def pose_columns(poses: StoredPoses) -> dict[str, list[Any]]:
+    """Return one row per person, slot and joint that was seen; metres, times as ISO 8601 UTC."""
+    person, joint = np.nonzero(poses.scores > 0)
+    positions = poses.joints_m[person, joint].astype(np.float64).round(DECIMALS_M)
+    sigma = poses.sigma_m[person, joint].astype(np.float64).round(DECIMALS_M)
+    names = np.array(poses.joints, dtype=object)
+    times = np.array([iso_text(ns) for ns in poses.time_ns.tolist()], dtype=object)
+    return {
+        "run": poses.run_ids[person].tolist(),
+        "slot": poses.slots[person].tolist(),
+        "time": times[person].tolist(),
+        "time_ns": poses.time_ns[person].tolist(),
+        "track": poses.track_ids[person].tolist(),
+        "joint": names[joint].tolist(),
+        "x": positions[:, 0].tolist(),
+        "y": positions[:, 1].tolist(),
+        "z": positions[:, 2].tolist(),
+        "score": poses.scores[person, joint].astype(np.float64).round(4).tolist(),
+        "sigma": [None if np.isnan(value) else value for value in sigma.tolist()],
+    }
+
+
+def row_columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Return rows by name as columns, with a time as ISO 8601 before the nanoseconds."""
+    columns: dict[str, list[Any]] = {}
+    for name in rows[0] if rows else ():
+        values = [row[name] for row in rows]
+        if name.endswith("_ns") and name != "interval_ns":
+            columns[name.removesuffix("_ns")] = [iso_text(value) for value in values]
+        columns[name.removesuffix("_id") if name in ("run_id", "track_id") else name] = values
+    return columns
+
+
+def write_tables(chunks: Iterable[Columns], path: Path, form: str) -> int:
+    """Write chunks of one table into a file that appears whole or not at all.
+
+    Args:
+        chunks: parts of the table with the same columns; the first says which.
+        path: where to.
+        form: `csv`, `parquet` or `json`.
+
+    Returns:
+        How many rows were written.
+    """
+    count = 0
+    sinks = {"csv": _csv, "parquet": _parquet, "json": _json}
+    with atomic_file(path) as temporary, sinks[form](temporary) as sink:
+        for columns in chunks:
+            count += len(next(iter(columns.values()), ()))
+            sink.write(columns)
+    return count
+
+
+class _Csv:
+    def __init__(self, file: Any) -> None:
+        self._writer, self._begun = csv.writer(file, lineterminator="\n"), False
+
+    def write(self, columns: Columns) -> None:
+        if not self._begun:
+            self._writer.writerow(columns)
+            self._begun = True
+        self._writer.writerows(zip(*columns.values(), strict=True))
+
+
+class _Json:
+    def __init__(self, file: Any) -> None:
+        self._file, self._begun = file, False
+
+    def write(self, columns: Columns) -> None:
+        import msgspec
+
+        names = list(columns)
+        for values in zip(*columns.values(), strict=True):
+            self._file.write(b",\n" if self._begun else b"\n")
+            self._file.write(msgspec.json.encode(dict(zip(names, values, strict=True))))
+            self._begun = True
+
+
+class _Parquet:
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._writer: Any = None
+
+    def write(self, columns: Columns) -> None:
+        import pyarrow
+        from pyarrow import parquet
+
+        if self._writer is None:
+            schema = pyarrow.schema([(n, _arrow_type(n, v)) for n, v in columns.items()])
+            self._writer = parquet.ParquetWriter(self._path, schema, compression="zstd")
+        arrays = {
+            # The text has microseconds; Parquet keeps the nanoseconds as a time of its own kind.
+            name: pyarrow.array(columns.get("time_ns", values) if name == "time" else values).cast(
+                self._writer.schema.field(name).type
+            )
+            for name, values in columns.items()
+        }
+        self._writer.write_table(pyarrow.table(arrays, schema=self._writer.schema))
+
+    def close(self) -> None:
+        if self._writer is not None:
+            self._writer.close()
+
+
+@contextmanager
+def _csv(path: Path) -> Iterator[Sink]:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        yield _Csv(file)
+
+
+@contextmanager
+def _json(path: Path) -> Iterator[Sink]:
+    with path.open("wb") as file:
+        file.write(b"[")
+        yield _Json(file)
+        file.write(b"\n]\n")
+
+
+@contextmanager
+def _parquet(path: Path) -> Iterator[Sink]:
+    sink = _Parquet(path)
+    try:
+        yield sink
+    finally:
+        sink.close()
+
+
+def _arrow_type(name: str, values: Sequence[Any]) -> Any:
+    import pyarrow
+
+    if name == "time":
+        return pyarrow.timestamp("ns", tz="UTC")
+    first = next((value for value in values if value is not None), None)
+    if isinstance(first, list):
+        return pyarrow.list_(pyarrow.float32())
+    if isinstance(first, str) or name in ("joint", "camera_id"):
+        return pyarrow.string()
+    if isinstance(first, int) or name.endswith("_ns") or name in ("run", "slot", "track"):
+        return pyarrow.int64()
+    return pyarrow.float64()

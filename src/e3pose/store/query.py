@@ -1,0 +1,247 @@
+"""Questions to a store: which poses, of whom, from when to when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Select, func, select
+
+from e3pose.errors import InputError
+from e3pose.store import schema
+from e3pose.store.answers import StoredPoses, StoredRun, joined, plain_row, stored_poses, stored_run
+from e3pose.store.database import database_url, reading, shown
+from e3pose.store.times import When, as_when
+
+Time = str | datetime | int | None  # as in `times.as_when`; None is without a bound
+
+CHUNK_POSES = 10_000
+MAX_POSES = 2_000_000  # at once in memory: a gigabyte; whoever wants more reads it in chunks
+FOREVER = (-(2**63), 2**63 - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Which rows of one run are asked for: its times, both ends included."""
+
+    stored: StoredRun
+    start_ns: int
+    end_ns: int
+
+
+class Store:
+    """A store to ask; every question opens it anew and sees what was committed by then."""
+
+    def __init__(self, store: str | Path) -> None:
+        """Name the store: a path, or the URL of a database."""
+        self.where = shown(database_url(store))
+        self._store = store
+
+    def runs(self) -> list[StoredRun]:
+        """Return what was run, oldest first.
+
+        Raises:
+            InputError: when there is no store, or one that cannot be read.
+        """
+        with reading(self._store) as connection:
+            return self._runs(connection)
+
+    def query(
+        self,
+        start: Time = None,
+        end: Time = None,
+        *,
+        track: int | None = None,
+        joint: str | None = None,
+        site: str | None = None,
+        run: int | None = None,
+    ) -> StoredPoses:
+        """Return poses between two times, both included.
+
+        Args:
+            start: such as `-10min`, `2026-11-21T14:00`, seconds of the run, a `datetime`, or
+                nanoseconds since 1970; None for all from the beginning.
+            end: likewise; None for all until now.
+            track: one person only.
+            joint: one joint only; the joint axis has then length 1.
+            site: runs of one site only.
+            run: one run only; times in seconds are of the newest run unless one is named.
+
+        Raises:
+            InputError: when a time, joint, run or site is unknown, the runs have different
+                skeletons, or more was found than fits into memory.
+        """
+        chunks, found = [], 0
+        for chunk in self.read(start, end, track=track, joint=joint, site=site, run=run):
+            chunks.append(chunk)
+            found += len(chunk)
+            if found > MAX_POSES:
+                raise InputError(
+                    f"{self.where}: found more than {MAX_POSES} poses, expected fewer: "
+                    "name a shorter time or one track, or read them in chunks"
+                )
+        return joined(chunks)
+
+    def read(
+        self,
+        start: Time = None,
+        end: Time = None,
+        *,
+        track: int | None = None,
+        joint: str | None = None,
+        site: str | None = None,
+        run: int | None = None,
+    ) -> Iterator[StoredPoses]:
+        """Yield what `query` returns in chunks, at least one, so that a day fits into memory."""
+        with reading(self._store) as connection:
+            spans = self._spans(connection, start, end, site, run)
+            joints = self._joints(spans, joint)
+            yield stored_poses([], joints, len(joints), None, self.where)
+            for span in spans:
+                column = None if joint is None else span.stored.run.joints.index(joint)
+                for rows in self._pose_rows(connection, span, track):
+                    count = len(span.stored.run.joints)
+                    yield stored_poses(rows, joints, count, column, self.where)
+
+    def rows(
+        self,
+        table: str,
+        start: Time = None,
+        end: Time = None,
+        *,
+        site: str | None = None,
+        run: int | None = None,
+    ) -> list[dict[str, Any]]:
+        """Return rows of `slots`, `tracks`, `energy` or `events` between two times, by column name.
+
+        A slot's `occlusion`, `deficit` and `energy_j` are lists with one number a camera.
+        """
+        found: list[dict[str, Any]] = []
+        with reading(self._store) as connection:
+            for span in self._spans(connection, start, end, site, run):
+                for row in connection.execute(_of_table(table, span)).mappings():
+                    if len(found) >= MAX_POSES:
+                        raise InputError(
+                            f"{self.where}: found more than {MAX_POSES} rows, expected fewer: "
+                            "name a shorter time"
+                        )
+                    found.append(plain_row(dict(row), len(span.stored.run.cameras), self.where))
+        return found
+
+    def _runs(self, connection: Connection) -> list[StoredRun]:
+        rows = connection.execute(select(schema.runs).order_by(schema.runs.c.run_id)).all()
+        return [stored_run(row, self.where) for row in rows]
+
+    def _spans(
+        self, connection: Connection, start: Time, end: Time, site: str | None, run: int | None
+    ) -> list[Span]:
+        stored = self._runs(connection)
+        sites = sorted({one.run.site for one in stored})
+        if site is not None and site not in sites:
+            raise InputError(f"{self.where}: site: found {site[:80]!r}, expected {_some(sites)}")
+        ids = [one.run_id for one in stored]
+        if run is not None and run not in ids:
+            raise InputError(f"{self.where}: run: found {run}, expected {_some(ids)}")
+        stored = [
+            one for one in stored if site in (None, one.run.site) and run in (None, one.run_id)
+        ]
+        now = datetime.now().astimezone()
+        first, last = (None if time is None else as_when(time, now) for time in (start, end))
+        if any(when is not None and when.origin == "run" for when in (first, last)):
+            stored = stored[-1:]
+        spans = []
+        for one in stored:
+            low, high = _bounds(first, last, one.run.started_ns)
+            if low > high:
+                raise InputError(
+                    f"time: found {start!r} to {end!r}, expected the earlier one first"
+                )
+            spans.append(Span(one, low, high))
+        return spans
+
+    def _joints(self, spans: Sequence[Span], joint: str | None) -> tuple[str, ...]:
+        if joint is not None:
+            for span in spans:
+                if joint not in span.stored.run.joints:
+                    raise InputError(
+                        f"joint: found {joint[:40]!r}, expected one of run {span.stored.run_id}: "
+                        f"{', '.join(span.stored.run.joints)}"
+                    )
+            return (joint,)
+        kinds = {span.stored.run.joints: span.stored for span in spans}
+        if len(kinds) > 1:
+            named = " and ".join(
+                f"run {one.run_id} has {one.run.skeleton}" for one in list(kinds.values())[:2]
+            )
+            raise InputError(f"{self.where}: {named}, expected one skeleton: name one run or joint")
+        return next(iter(kinds), ())
+
+    def _pose_rows(
+        self, connection: Connection, span: Span, track: int | None
+    ) -> Iterator[Sequence[Any]]:
+        poses = schema.poses
+        bounds = _slot_bounds(connection, span, track)
+        if bounds is None:
+            return
+        # By the key, run and slot, with which the rows of a stretch of time lie together.
+        asked = (
+            select(poses)
+            .where(poses.c.run_id == span.stored.run_id)
+            .where(poses.c.slot.between(*bounds))
+            .where(poses.c.time_ns.between(span.start_ns, span.end_ns))
+            .order_by(poses.c.slot, poses.c.track_id)
+        )
+        if track is not None:
+            asked = asked.where(poses.c.track_id == track)
+        result = connection.execution_options(yield_per=CHUNK_POSES).execute(asked)
+        yield from result.partitions()
+
+
+def _slot_bounds(connection: Connection, span: Span, track: int | None) -> tuple[int, int] | None:
+    """Return the first and last slot that can hold an answer, None if none can."""
+    run_id, slots, tracks = span.stored.run_id, schema.slots, schema.tracks
+    first, last = FOREVER
+    if track is not None:
+        there = connection.execute(
+            select(tracks).where(tracks.c.run_id == run_id, tracks.c.track_id == track)
+        ).first()
+        if there is None:
+            return None
+        first, last = there.first_slot, there.last_slot
+    if (span.start_ns, span.end_ns) != FOREVER:
+        # A wall clock that stepped back may put slots out of order: all that lie in the time count.
+        inside = select(func.min(slots.c.slot), func.max(slots.c.slot)).where(
+            slots.c.time_ns.between(span.start_ns, span.end_ns), slots.c.run_id == run_id
+        )
+        low, high = connection.execute(inside).one()
+        if low is None:
+            return None
+        first, last = max(first, low), min(last, high)
+    return (first, last) if first <= last else None
+
+
+def _bounds(first: When | None, last: When | None, started_ns: int) -> tuple[int, int]:
+    return (
+        FOREVER[0] if first is None else first.absolute(started_ns),
+        FOREVER[1] if last is None else last.absolute(started_ns),
+    )
+
+
+def _of_table(table: str, span: Span) -> Select[Any]:
+    if table not in ("slots", "tracks", "energy", "events"):
+        raise InputError(f"table: found {table[:40]!r}, expected slots, tracks, energy or events")
+    columns = schema.ROWS[table].c
+    asked = select(schema.ROWS[table]).where(columns.run_id == span.stored.run_id)
+    if table == "tracks":  # whoever was there at some time between
+        asked = asked.where(columns.last_ns >= span.start_ns, columns.first_ns <= span.end_ns)
+        return asked.order_by(columns.track_id)
+    time = columns.time_ns
+    return asked.where(time.between(span.start_ns, span.end_ns)).order_by(time)
+
+
+def _some(values: Sequence[Any]) -> str:
+    shown_values = ", ".join(str(value)[:40] for value in values[-8:])
+    return f"one of {shown_values}" if values else "a store that holds a run"

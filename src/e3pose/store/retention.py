@@ -1,0 +1,128 @@
+"""How long a store keeps what: by age and by size, oldest slots first, a few at a time."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from sqlalchemy import Connection, delete, func, select, text
+
+from e3pose.errors import InputError
+from e3pose.store import schema
+from e3pose.store.rows import NS
+
+AGES_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "w": 7 * 86400.0}
+SIZES = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+BATCH_SLOTS = 200  # a few milliseconds of work: eight times what 25 slots a second add
+VACUUM_PAGES = 500
+MIN_SIZE_BYTES = 10**6
+
+
+@dataclass(frozen=True, slots=True)
+class Retention:
+    """What to keep.
+
+    Attributes:
+        max_age_s: slots older than this go.
+        max_bytes: the oldest slots go while the database holds more than this.
+    """
+
+    max_age_s: float | None = None
+    max_bytes: int | None = None
+
+
+def parse_age(words: str) -> float:
+    """Return seconds of an age such as `30d`, `12h`, `90min`; raise `InputError` if it is none."""
+    return _quantity(words, AGES_S, "age", "a number and s, min, h, d or w, such as 30d")
+
+
+def parse_size(words: str) -> int:
+    """Return bytes of a size such as `20GB`, `500 MB`; raise `InputError` if it is none."""
+    size = int(_quantity(words, SIZES, "size", "a number and MB, GB or TB, such as 20GB"))
+    if size < MIN_SIZE_BYTES:
+        raise InputError(f"size: found {words!r}, expected at least 1MB")
+    return size
+
+
+def trim(connection: Connection, retention: Retention, now_ns: int) -> int:
+    """Remove one small batch of what need not be kept; return how many slots went.
+
+    Called again and again by the writer, so that no single call is long. Never the newest slot.
+    """
+    newest_ns = connection.execute(select(func.max(schema.slots.c.time_ns))).scalar()
+    if newest_ns is None:
+        return 0
+    removed = 0
+    if retention.max_age_s is not None:
+        removed = _remove(connection, min(newest_ns, now_ns - round(retention.max_age_s * NS)))
+    if not removed and retention.max_bytes is not None and _used(connection) > retention.max_bytes:
+        removed = _remove(connection, newest_ns)
+    return removed
+
+
+def give_back(connection: Connection) -> None:
+    """Return some pages that nothing uses to the file system, once there are many of them."""
+    if connection.dialect.name != "sqlite":
+        return
+    free = connection.execute(text("PRAGMA freelist_count")).scalar_one()
+    # What retention frees the next slots need again: only more than that is worth returning.
+    if free > 8 * VACUUM_PAGES:
+        connection.execute(text(f"PRAGMA incremental_vacuum({VACUUM_PAGES})")).fetchall()
+
+
+def _remove(connection: Connection, before_ns: int) -> int:
+    """Remove the oldest slots before a time, and what was said of their runs until then."""
+    slots = schema.slots
+    old = select(slots.c.run_id, slots.c.slot, slots.c.time_ns).where(slots.c.time_ns < before_ns)
+    keys = connection.execute(old.order_by(slots.c.time_ns).limit(BATCH_SLOTS)).all()
+    for run_id in {key.run_id for key in keys}:
+        mine = [key.slot for key in keys if key.run_id == run_id]
+        for table in (schema.poses, slots):
+            connection.execute(
+                delete(table).where(
+                    table.c.run_id == run_id,
+                    table.c.slot.between(min(mine), max(mine)),
+                    table.c.time_ns <= keys[-1].time_ns,
+                )
+            )
+        for table in (schema.energy, schema.events):
+            connection.execute(
+                delete(table).where(table.c.run_id == run_id, table.c.time_ns <= keys[-1].time_ns)
+            )
+        _forget_empty(connection, run_id)
+    return len(keys)
+
+
+def _forget_empty(connection: Connection, run_id: int) -> None:
+    """Remove tracks of which no slot is left, and the run if nothing is and a later one began."""
+    runs, slots, tracks = schema.runs, schema.slots, schema.tracks
+    first = connection.execute(select(func.min(slots.c.slot)).where(slots.c.run_id == run_id))
+    left = first.scalar()
+    gone = delete(tracks).where(tracks.c.run_id == run_id)
+    if left is not None:
+        connection.execute(gone.where(tracks.c.last_slot < left))
+        return
+    site = select(runs.c.site).where(runs.c.run_id == run_id).scalar_subquery()
+    newest = connection.execute(select(func.max(runs.c.run_id)).where(runs.c.site == site)).scalar()
+    if newest != run_id:  # otherwise it may go on
+        connection.execute(gone)
+        connection.execute(delete(runs).where(runs.c.run_id == run_id))
+
+
+def _used(connection: Connection) -> int:
+    if connection.dialect.name == "postgresql":
+        size = select(func.pg_database_size(func.current_database()))
+        return int(connection.execute(size).scalar_one())
+    pages, free, size = (
+        connection.execute(text(f"PRAGMA {name}")).scalar_one()
+        for name in ("page_count", "freelist_count", "page_size")
+    )
+    return int((pages - free) * size)
+
+
+def _quantity(words: str, units: dict[str, float] | dict[str, int], what: str, form: str) -> float:
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([A-Za-z]+)\s*", words)
+    unit = match and next((u for u in units if u.lower() == match[2].lower()), None)
+    if not match or not unit or float(match[1]) <= 0:
+        raise InputError(f"{what}: found {words[:40]!r}, expected {form}")
+    return float(match[1]) * units[unit]

@@ -1,0 +1,162 @@
+"""The tables of a store, their version, and what SQLite is told before they are used.
+
+One row per person and slot, joints as a blob of float32: measured against rows per joint and blobs
+per slot in `docs/decisions/0010-store-layout.md`.
+"""
+
+from __future__ import annotations
+
+from sqlalchemy import (
+    BigInteger,
+    Column,
+    Connection,
+    Float,
+    Index,
+    Integer,
+    LargeBinary,
+    MetaData,
+    Table,
+    Text,
+    UniqueConstraint,
+    insert,
+    inspect,
+    select,
+)
+
+from e3pose.errors import InputError
+
+VERSION = 1
+
+metadata = MetaData()
+
+about = Table("e3pose_store", metadata, Column("version", Integer, nullable=False))
+
+# A run is one life of a pipeline at one site: track ids and slots are unique within it.
+runs = Table(
+    "runs",
+    metadata,
+    Column("run_id", Integer, primary_key=True),
+    Column("site", Text, nullable=False),
+    Column("name", Text, nullable=False),
+    Column("started_ns", BigInteger, nullable=False),
+    Column("interval_ns", BigInteger, nullable=False),
+    Column("skeleton", Text, nullable=False),
+    Column("joints", Text, nullable=False),  # JSON list of names, in axis order
+    Column("cameras", Text, nullable=False),  # JSON list of camera ids, in axis order
+    Column("software", Text, nullable=False),
+    UniqueConstraint("site", "started_ns"),
+    sqlite_autoincrement=True,  # the id of a run that retention removed is never given again
+)
+
+
+def _in_run(*key: str) -> tuple[Column[int], ...]:
+    return tuple(
+        Column(name, BigInteger, primary_key=True, autoincrement=False) for name in ("run_id", *key)
+    )
+
+
+slots = Table(
+    "slots",
+    metadata,
+    *_in_run("slot"),
+    Column("time_ns", BigInteger, nullable=False),
+    Column("selected", Text, nullable=False),  # one 0 or 1 per camera
+    Column("arrived", Text, nullable=False),
+    Column("next_selection", Text, nullable=False),
+    Column("occlusion", LargeBinary, nullable=False),  # (num_cameras,) float32
+    Column("deficit", LargeBinary, nullable=False),  # (num_cameras,) float32
+    Column("energy_j", LargeBinary),  # (num_cameras,) float32 joules charged for the slot
+    Column("took_s", Float, nullable=False),
+    Index("slots_by_time", "time_ns"),
+    sqlite_with_rowid=False,
+)
+
+poses = Table(
+    "poses",
+    metadata,
+    *_in_run("slot", "track_id"),
+    Column("time_ns", BigInteger, nullable=False),
+    Column("joints_m", LargeBinary, nullable=False),  # (num_joints, 3) float32, NaN where missing
+    Column("scores", LargeBinary, nullable=False),  # (num_joints,) float16, 0 where missing
+    Column("sigma_m", LargeBinary),  # (num_joints,) float16 standard deviation, where one is known
+    sqlite_with_rowid=False,
+)
+
+# When somebody was there: a question about one person reads that stretch, not the whole day.
+tracks = Table(
+    "tracks",
+    metadata,
+    *_in_run("track_id"),
+    Column("first_slot", BigInteger, nullable=False),
+    Column("last_slot", BigInteger, nullable=False),
+    Column("first_ns", BigInteger, nullable=False),
+    Column("last_ns", BigInteger, nullable=False),
+    sqlite_with_rowid=False,
+)
+
+# What a camera's meter said, heartbeat by heartbeat.
+energy = Table(
+    "energy",
+    metadata,
+    *_in_run("time_ns"),
+    Column("camera_id", Text, primary_key=True),
+    Column("energy_j", Float, nullable=False),
+    Column("span_s", Float, nullable=False),
+    Column("charge", Float),  # of the battery, [0, 1]
+    Column("source", Text, nullable=False),  # measured or modelled, and how
+    sqlite_with_rowid=False,
+)
+
+events = Table(
+    "events",
+    metadata,
+    *_in_run("time_ns"),
+    Column("number", BigInteger, primary_key=True, autoincrement=False),
+    Column("kind", Text, nullable=False),
+    Column("camera_id", Text),
+    Column("message", Text, nullable=False),
+    sqlite_with_rowid=False,
+)
+
+ROWS = {table.name: table for table in (slots, poses, tracks, energy, events)}
+
+# Full synchronous costs one fsync a commit, once in a while: what was acknowledged then survives a
+# power cut, not only a killed process.
+WRITER_PRAGMAS = (
+    "PRAGMA auto_vacuum = INCREMENTAL",  # before the first table, so that room can be given back
+    "PRAGMA journal_mode = WAL",
+    "PRAGMA synchronous = FULL",
+    "PRAGMA busy_timeout = 5000",
+    "PRAGMA journal_size_limit = 67108864",
+    "PRAGMA temp_store = MEMORY",
+)
+
+
+def prepare(connection: Connection, where: str) -> None:
+    """Make the tables of an empty database, or check that they are ours and of this version.
+
+    Raises:
+        InputError: when the database holds something else, or another version's tables.
+    """
+    check_version(connection, where, may_be_empty=True)
+    metadata.create_all(connection)
+    if connection.execute(select(about.c.version)).first() is None:
+        connection.execute(insert(about), {"version": VERSION})
+
+
+def check_version(connection: Connection, where: str, may_be_empty: bool = False) -> None:
+    """Raise `InputError` unless the database holds a store of this version."""
+    names = set(inspect(connection).get_table_names())
+    if not names and may_be_empty:
+        return
+    if about.name not in names:
+        found = f"tables {', '.join(sorted(names))[:80]}" if names else "no tables"
+        raise InputError(f"{where}: found {found}, expected a database that e3pose writes")
+    version = connection.execute(select(about.c.version)).scalar()
+    if version is None and may_be_empty:  # killed between its tables and its version
+        return
+    if version != VERSION:
+        raise InputError(
+            f"{where}: schema version: found {version}, expected {VERSION}; read it with the "
+            "version of e3pose that wrote it, or let this one write to a new file"
+        )

@@ -1,0 +1,356 @@
+"""The one writer of a store: a thread that commits slots in groups while the loop goes on.
+
+`append` hands a record over and returns. The thread commits what came within `commit_s`; what is
+committed is acknowledged and survives `kill -9`. When the database does not take it, rows go to a
+bounded spool and from there to the database as soon as it does.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+
+from sqlalchemy.exc import DBAPIError
+
+from e3pose.errors import InputError
+from e3pose.pipeline import SlotRecord
+from e3pose.store.database import database_path, database_url, is_damage, open_checked, set_aside
+from e3pose.store.delivery import Delivery
+from e3pose.store.retention import Retention
+from e3pose.store.rows import (
+    NS,
+    EnergyReading,
+    Event,
+    Floats,
+    Row,
+    Run,
+    energy_row,
+    event_row,
+    slot_rows,
+)
+from e3pose.store.spool import DEFAULT_BYTES, new_spool
+
+RETRY_S = 1.0
+NO_SLOT = -1
+
+
+@dataclass(frozen=True, slots=True)
+class WriterSettings:
+    """How a writer works.
+
+    Attributes:
+        commit_s: the longest that a record waits to be committed with those after it.
+        commit_slots: commit earlier when this many wait.
+        queue_slots: records kept while the thread is busy; more are shed, and counted.
+        spool_bytes: room for what the database cannot take.
+        retention: what to keep.
+    """
+
+    commit_s: float = 0.5  # with the commit itself well within the second that is promised
+    commit_slots: int = 256
+    queue_slots: int = 2000
+    spool_bytes: int = DEFAULT_BYTES
+    retention: Retention = field(default_factory=Retention)
+
+
+@dataclass(frozen=True, slots=True)
+class WriterStatus:
+    """How a writer is doing.
+
+    Attributes:
+        acknowledged_slot: newest slot that is in the database with all before it that were not
+            spooled or shed; -1 before the first.
+        waiting: records handed over and not yet delivered.
+        spooled: rows waiting for room in the database.
+        shed: records and rows given up.
+        trouble: what keeps the database from taking more, or None.
+    """
+
+    acknowledged_slot: int
+    waiting: int
+    spooled: int
+    shed: int
+    trouble: str | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slot:
+    record: SlotRecord
+    time_ns: int
+    sigma_m: Floats | None
+    energy_j: Floats | None
+
+
+_Item = (
+    _Slot | Event | EnergyReading | threading.Event
+)  # an event to set once all before it is done
+
+
+class StoreWriter:
+    """Writes one run into a store. Use as a context manager, or `close` it."""
+
+    def __init__(
+        self,
+        store: str | Path,
+        run: Run,
+        settings: WriterSettings | None = None,
+        tell: Callable[[Event], None] | None = None,
+        wall_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        """Open the store and start the thread.
+
+        A full disk or a lock is no reason not to start: the spool takes what comes.
+
+        Args:
+            store: a path (SQLite) or the URL of a database.
+            run: what is about to be written.
+            settings: how.
+            tell: called, from the writer's thread, with what a person should know.
+            wall_ns: nanoseconds since 1970, UTC.
+
+        Raises:
+            InputError: when the store is not ours, or of another version.
+        """
+        self.run = run
+        self.settings = settings or WriterSettings()
+        self._tell, self._wall_ns = tell, wall_ns
+        self._url = database_url(store)
+        self._path = database_path(self._url)
+        self._queue: queue.Queue[_Item] = queue.Queue(self.settings.queue_slots)
+        self._stop = threading.Event()
+        self._shed = self._told_shed = self._events = 0
+        self._acknowledged = NO_SLOT
+        self._trouble: str | None = None
+        self._next_try_s = 0.0
+        self._notes: list[Event] = []
+        self._delivery = Delivery(self._url)
+        unable: Exception | None = None
+        try:
+            self._open()
+        except (DBAPIError, OSError) as error:
+            unable = error
+        self._spool = new_spool(run, self._path, self.settings.spool_bytes)
+        if unable is not None:
+            self._in_trouble(unable)
+        self._thread = threading.Thread(target=self._work, name="store", daemon=True)
+        self._thread.start()
+
+    def append(
+        self,
+        record: SlotRecord,
+        *,
+        time_ns: int | None = None,
+        sigma_m: Floats | None = None,
+        energy_j: Floats | None = None,
+        wait: bool = False,
+    ) -> bool:
+        """Hand over one slot; never waits for the database.
+
+        Args:
+            record: what the slot left behind; its arrays must not change afterwards.
+            time_ns: when it was captured; by default the run's start and the record's time.
+            sigma_m: `(num_persons, num_joints)` standard deviation of each joint, where known.
+            energy_j: `(num_cameras,)` joules that the slot is charged with, where known.
+            wait: wait for room in the queue, for those who can: a replay.
+
+        Returns:
+            Whether it was taken; False when the queue is full.
+        """
+        if time_ns is None:
+            time_ns = self.run.started_ns + round(record.time_s * NS)
+        return self._hand_over(_Slot(record, time_ns, sigma_m, energy_j), wait)
+
+    def event(self, event: Event) -> bool:
+        """Hand over an event; return whether it was taken."""
+        return self._hand_over(event, wait=False)
+
+    def energy(self, reading: EnergyReading) -> bool:
+        """Hand over what a camera's meter said; return whether it was taken."""
+        return self._hand_over(reading, wait=False)
+
+    def status(self) -> WriterStatus:
+        """Return how the writer is doing; cheap enough for every slot."""
+        return WriterStatus(
+            acknowledged_slot=self._acknowledged,
+            waiting=self._queue.qsize(),
+            spooled=len(self._spool),
+            shed=self._shed + self._spool.lost_rows,
+            trouble=self._trouble,
+        )
+
+    def flush(self, timeout_s: float = 10.0) -> bool:
+        """Wait until all that was handed over is committed, or spooled; return whether it is."""
+        done = threading.Event()
+        try:
+            self._queue.put(done, timeout=timeout_s)
+        except queue.Full:
+            return False
+        return done.wait(timeout_s)
+
+    def close(self, timeout_s: float = 10.0) -> None:
+        """Commit what was handed over and end the thread; what is spooled stays in its file."""
+        self._stop.set()
+        self._thread.join(timeout_s)
+
+    def __enter__(self) -> StoreWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _hand_over(self, item: _Item, wait: bool) -> bool:
+        while True:
+            try:
+                self._queue.put(item, block=wait, timeout=1.0)
+                return True
+            except queue.Full:
+                if not wait or not self._thread.is_alive():
+                    self._shed += 1
+                    return False
+
+    # What follows runs in the writer's thread.
+
+    def _work(self) -> None:
+        stopping = False
+        while not stopping:
+            stopping = self._stop.is_set() and self._queue.empty()
+            rows, newest, waiting = self._gather()
+            try:
+                self._deliver(rows, newest)
+                self._keep_house()
+            except Exception as error:  # whatever it is, the slots that follow must find a writer
+                self._shed += len(rows)
+                self._say("store-error", f"{type(error).__name__}: {error}")
+            for done in waiting:
+                done.set()
+        self._delivery.close()
+        self._spool.close(keep=len(self._spool) > 0)
+
+    def _gather(self) -> tuple[list[Row], int, list[threading.Event]]:
+        """Return the rows that came within one commit, the newest slot in them, who waits."""
+        rows: list[Row] = []
+        waiting: list[threading.Event] = []
+        newest, slots = NO_SLOT, 0
+        end_s = time.monotonic() + self.settings.commit_s
+        while slots < self.settings.commit_slots and not waiting:
+            left_s = 0.02 if self._stop.is_set() else end_s - time.monotonic()
+            try:
+                item = self._queue.get(timeout=max(left_s, 0.001))
+            except queue.Empty:
+                break
+            if isinstance(item, threading.Event):
+                waiting.append(item)
+                continue
+            if not rows:
+                end_s = time.monotonic() + self.settings.commit_s
+            if isinstance(item, _Slot):
+                newest = max(newest, item.record.slot)
+                slots += 1
+            rows += self._encode(item)
+        if self._shed + self._spool.lost_rows > self._told_shed:
+            count = self._shed + self._spool.lost_rows
+            self._say("store-shed", f"{count - self._told_shed} records given up: no more room")
+            self._told_shed = count
+        notes, self._notes = self._notes, []
+        for note in notes:
+            rows += self._encode(note)
+        return rows, newest, waiting
+
+    def _encode(self, item: _Slot | Event | EnergyReading) -> list[Row]:
+        try:
+            if isinstance(item, _Slot):
+                return slot_rows(item.record, item.time_ns, item.sigma_m, item.energy_j)
+            if isinstance(item, EnergyReading):
+                return [energy_row(item)]
+            self._events += 1
+            return [event_row(item, self._events)]
+        except (InputError, ValueError, TypeError) as error:
+            self._say("store-refused", str(error))
+            return []
+
+    def _deliver(self, rows: list[Row], newest: int) -> None:
+        """Commit rows, or keep them in the spool while the database does not take them."""
+        if self._trouble is not None and time.monotonic() < self._next_try_s:
+            self._spool.add(rows)
+            return
+        if not rows and self._trouble is None:
+            return
+        try:
+            if not self._delivery.opened:
+                self._open()
+            self._commit(rows)
+            if len(self._spool):
+                for kept in self._spool.take():
+                    self._commit(kept)
+        except (DBAPIError, OSError, InputError) as error:
+            self._spool.add(rows)
+            self._in_trouble(error)
+            return
+        self._acknowledged = max(self._acknowledged, newest)
+        if self._trouble is not None:
+            kept_rows = len(self._spool)
+            self._spool.clear()
+            self._trouble = None
+            self._say("store-recovered", f"the store takes slots again, {kept_rows} rows caught up")
+
+    def _commit(self, rows: Sequence[Row], run: Run | None = None) -> None:
+        refused = self._delivery.commit(rows, run or self.run)
+        if refused:
+            self._shed += refused
+            self._say("store-refused", f"{refused} rows that the database does not accept")
+
+    def _in_trouble(self, error: Exception) -> None:
+        self._delivery.close()
+        self._next_try_s = time.monotonic() + RETRY_S
+        reason = _reason(error)
+        if isinstance(error, DBAPIError) and self._path is not None and is_damage(error):
+            try:
+                told = set_aside(self._path, reason)
+            except OSError as refused:
+                told = f"{self._path}: damaged ({reason}), and cannot be moved ({refused})"
+            if self._trouble is None:
+                self._say("store-damaged", told)
+        elif self._trouble is None:
+            where = "file" if self._spool.in_file else "memory"
+            kind = "store-full" if "full" in reason or "space" in reason else "store-trouble"
+            self._say(kind, f"the store takes nothing ({reason}): kept in a {where} meanwhile")
+        self._trouble = reason
+
+    def _open(self) -> None:
+        told = open_checked(self._url)
+        if told:
+            self._say("store-damaged", told)
+        self._delivery.opened = True
+
+    def _keep_house(self) -> None:
+        """Do what can wait, a little after every commit."""
+        if self._trouble is not None:
+            return
+        try:
+            for told in self._delivery.adopt():
+                self._say("store-adopted", told)
+            self._delivery.trim(self.settings.retention, self._wall_ns())
+        except (DBAPIError, OSError) as error:
+            self._in_trouble(error)
+
+    def _say(self, kind: str, message: str) -> None:
+        event = Event(self._wall_ns(), kind, message)
+        self._notes.append(event)
+        if self._tell is not None:
+            self._tell(event)
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    return " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
