@@ -51,6 +51,9 @@ class BadDay:
     watts: tuple[float, float] | None = None
 
 
+NO_BAD_DAY = BadDay()
+
+
 def parse_kill(text: str) -> Kill:
     """Read `CAMERA@SLOT` or `CAMERA@SECONDSs`; raise `InputError` for anything else."""
     match = KILL.fullmatch(text.strip())
