@@ -1,0 +1,68 @@
+"""Clocks: the time is passed in, so that ten minutes of a scenario run in a second."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, field
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Say what time it is, in nanoseconds since 1970, and wait."""
+
+    def now_ns(self) -> int:
+        """Return the time; it never runs backwards."""
+        ...
+
+    def wait(self, event: threading.Event, until_ns: int) -> bool:
+        """Wait until a time or until the event is set; return whether it is."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class WallClock:
+    """The time of day when it was made, and from then on steady, whatever sets the system's clock.
+
+    Attributes:
+        origin_ns: time of day minus the steady counter.
+    """
+
+    origin_ns: int = field(default_factory=lambda: time.time_ns() - time.monotonic_ns())
+
+    def now_ns(self) -> int:
+        """See `Clock.now_ns`."""
+        return self.origin_ns + time.monotonic_ns()
+
+    def wait(self, event: threading.Event, until_ns: int) -> bool:
+        """See `Clock.wait`."""
+        return event.wait(max(0.0, (until_ns - self.now_ns()) / 1e9))
+
+
+@dataclass(slots=True, eq=False)
+class ManualClock:
+    """A clock that somebody else moves.
+
+    Attributes:
+        time_ns: what it shows.
+    """
+
+    time_ns: int = 0
+    changed: threading.Condition = field(default_factory=threading.Condition)
+
+    def now_ns(self) -> int:
+        """See `Clock.now_ns`."""
+        return self.time_ns
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass."""
+        with self.changed:
+            self.time_ns += round(seconds * 1e9)
+            self.changed.notify_all()
+
+    def wait(self, event: threading.Event, until_ns: int) -> bool:
+        """See `Clock.wait`."""
+        with self.changed:
+            while self.time_ns < until_ns and not event.is_set():
+                self.changed.wait(0.01)  # the event may be set without a word to us
+        return event.is_set()

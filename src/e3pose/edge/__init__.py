@@ -1,0 +1,1 @@
+"""The edge server: receive, fuse, select, send; around the one `pipeline.step`."""

@@ -1,0 +1,232 @@
+"""The folder of a site's certificates, and the list of who may do what.
+
+    keys/
+      keys.toml                 who there is: camera id -> common name, and who was revoked
+      authority.pem, .key       stay on this machine
+      edge.pem, .key            of the edge server
+      cameras/CAMERA/           carry it to the camera: authority.pem, camera.pem, camera.key
+      viewers/VIEWER/           likewise, for programs that only look
+
+A common name holds a number that grows (`cam1#2`): a camera that was revoked and added again is
+somebody else, and the old certificate stays worthless. Access is by these names, so revoking needs
+no more than a line in this list.
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import tomli_w
+
+from e3pose.atomic import atomic_file, check_free
+from e3pose.bounded import read_bytes, read_toml
+from e3pose.camera import check_camera_id
+from e3pose.errors import InputError
+from e3pose.wire.access import Certificates
+from e3pose.wire.topics import check_site
+
+FORMAT = "e3pose-keys"
+MAX_LIST_BYTES = 2**20
+MAX_PEM_BYTES = 2**16
+HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
+Kind = Literal["camera", "viewer"]
+
+
+@dataclass(frozen=True, slots=True)
+class Roll:
+    """Who may take part.
+
+    Attributes:
+        site: name of the site.
+        cameras: camera id to the common name of its certificate.
+        viewers: viewer to the common name of its certificate.
+        revoked: common names that are worthless.
+        count: certificates made so far.
+    """
+
+    site: str
+    cameras: Mapping[str, str] = field(default_factory=dict)
+    viewers: Mapping[str, str] = field(default_factory=dict)
+    revoked: tuple[str, ...] = ()
+    count: int = 0
+
+
+def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datetime) -> Roll:
+    """Make the authority of a new site and the certificate of its edge server.
+
+    Args:
+        folder: to make; it must be free.
+        site: name of the site.
+        hosts: names and addresses under which cameras reach the edge; `localhost` is added.
+        now: the time from which they are valid.
+
+    Raises:
+        InputError: when the folder is not free, or a host is not a name or an address.
+    """
+    from e3pose.keys.authority import make_authority, make_certificate
+
+    check_site(site)
+    for host in hosts:
+        if not HOST.fullmatch(host):
+            raise InputError(f"host {host[:80]!r}: expected a name or an address")
+    check_free(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o700)
+    authority, authority_key = make_authority(site, now)
+    names = list(dict.fromkeys(["localhost", "127.0.0.1", *hosts]))
+    edge, edge_key = make_certificate(authority, authority_key, f"{site}#edge", names, now)
+    for name, content in (
+        ("authority.pem", authority),
+        ("authority.key", authority_key),
+        ("edge.pem", edge),
+        ("edge.key", edge_key),
+    ):
+        _write(folder / name, content)
+    roll = Roll(site)
+    _write_roll(folder, roll)
+    return roll
+
+
+def add_keys(
+    folder: Path, name: str, now: datetime.datetime, kind: Kind = "camera", again: bool = False
+) -> Path:
+    """Make the certificate of a camera or a viewer.
+
+    Args:
+        folder: of the site.
+        name: of the camera or viewer.
+        now: the time from which it is valid.
+        kind: which of the two.
+        again: whether it may replace an earlier one, which is then revoked.
+
+    Returns:
+        The folder to carry to that machine.
+
+    Raises:
+        InputError: when the name is taken, unless `again`.
+    """
+    from e3pose.keys.authority import make_certificate
+
+    check_camera_id(name)
+    roll = read_roll(folder)
+    known = dict(roll.cameras if kind == "camera" else roll.viewers)
+    if name in known and not again:
+        raise InputError(
+            f"{folder}: {kind} {name} has a certificate already, "
+            "expected --again to replace it and revoke the old one"
+        )
+    authority = read_bytes(folder / "authority.pem", MAX_PEM_BYTES)
+    key = read_bytes(folder / "authority.key", MAX_PEM_BYTES)
+    number = roll.count + 1
+    subject = f"{name[:52]}#{number}"
+    try:
+        certificate, private = make_certificate(authority, key, subject, ["localhost", name], now)
+    except ValueError as error:
+        raise InputError(f"{folder}/authority: {' '.join(str(error).split())[:200]}") from None
+    place = folder / f"{kind}s" / name
+    place.mkdir(parents=True, exist_ok=True)
+    _write(place / "authority.pem", authority)
+    _write(place / f"{kind}.pem", certificate)
+    _write(place / f"{kind}.key", private)
+    revoked = (*roll.revoked, known[name]) if name in known else roll.revoked
+    known[name] = subject
+    people = {"cameras": known} if kind == "camera" else {"viewers": known}
+    _write_roll(folder, replace(roll, **people, revoked=revoked, count=number))  # type: ignore[arg-type]
+    return place
+
+
+def revoke_keys(folder: Path, name: str) -> Roll:
+    """Make the certificate of a camera or viewer worthless.
+
+    Raises:
+        InputError: when there is none of that name.
+    """
+    check_camera_id(name)
+    roll = read_roll(folder)
+    lost = [people[name] for people in (roll.cameras, roll.viewers) if name in people]
+    if not lost:
+        known = ", ".join([*roll.cameras, *roll.viewers]) or "nobody"
+        raise InputError(f"{folder}: found no certificate of {name}, expected one of: {known}")
+    roll = replace(
+        roll,
+        cameras={n: c for n, c in roll.cameras.items() if n != name},
+        viewers={n: c for n, c in roll.viewers.items() if n != name},
+        revoked=(*roll.revoked, *lost),
+    )
+    _write_roll(folder, roll)
+    return roll
+
+
+def read_roll(folder: Path) -> Roll:
+    """Return the list of a site's folder.
+
+    Raises:
+        InputError: when it is missing or not what it should be.
+    """
+    path = folder / "keys.toml"
+    table = read_toml(path, MAX_LIST_BYTES)
+    if table.get("format") != FORMAT or table.get("version") != 1:
+        raise InputError(f"{path}: expected format {FORMAT!r}, version 1")
+    people: dict[str, dict[str, str]] = {}
+    for group in ("cameras", "viewers"):
+        found = table.get(group, {})
+        if not isinstance(found, dict) or not all(isinstance(v, str) for v in found.values()):
+            raise InputError(f"{path}: {group}: expected a table of names")
+        people[group] = {check_camera_id(name): value for name, value in found.items()}
+    revoked = table.get("revoked", [])
+    count = table.get("count", 0)
+    if not isinstance(revoked, list) or not isinstance(count, int):
+        raise InputError(f"{path}: revoked: expected a list of names, count: a whole number")
+    return Roll(
+        check_site(table.get("site")),
+        people["cameras"],
+        people["viewers"],
+        tuple(str(name) for name in revoked),
+        count,
+    )
+
+
+def certificates_in(folder: Path, role: Literal["edge", "camera", "viewer"]) -> Certificates:
+    """Return the files of a folder for a program; raise `InputError` naming what is missing."""
+    files = Certificates(folder / "authority.pem", folder / f"{role}.pem", folder / f"{role}.key")
+    for path in (files.authority, files.certificate, files.key):
+        read_bytes(path, MAX_PEM_BYTES)
+    return files
+
+
+def check_certificates(files: Certificates, now: datetime.datetime) -> None:
+    """Raise `InputError` saying what is wrong with certificates before a network hides it."""
+    from e3pose.keys.authority import problem_with
+
+    certificate, key, authority = (
+        read_bytes(path, MAX_PEM_BYTES) for path in (files.certificate, files.key, files.authority)
+    )
+    problem = problem_with(certificate, key, authority, now)
+    if problem:
+        raise InputError(f"{files.certificate}: {problem}")
+
+
+def _write_roll(folder: Path, roll: Roll) -> None:
+    table: dict[str, Any] = {
+        "format": FORMAT,
+        "version": 1,
+        "site": roll.site,
+        "count": roll.count,
+        "revoked": list(roll.revoked),
+        "cameras": dict(roll.cameras),
+        "viewers": dict(roll.viewers),
+    }
+    _write(folder / "keys.toml", tomli_w.dumps(table).encode())
+
+
+def _write(path: Path, content: bytes) -> None:
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(content)
+    if path.suffix == ".key":
+        os.chmod(path, 0o600)

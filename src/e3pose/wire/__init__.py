@@ -1,0 +1,6 @@
+"""What cameras and the edge say to each other, and how it travels.
+
+    messages -> codec -> topics -> transport (memory: one process; network: zenoh)
+
+`docs/messages.md` is the format, for programs of others.
+"""

@@ -1,0 +1,196 @@
+"""The configuration of Zenoh: who listens where, with which certificate, and who may say what."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from e3pose.errors import InputError
+from e3pose.wire.topics import of_camera, of_order, of_site
+
+LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too long
+SPEAK = ["put", "delete", "liveliness_token", "query", "reply"]
+LISTEN = [
+    "declare_subscriber",
+    "declare_queryable",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+]
+HEAR = ["put", "delete", "query", "reply", "declare_subscriber", "liveliness_token"]
+
+
+@dataclass(frozen=True, slots=True)
+class Certificates:
+    """The files with which a program proves who it is.
+
+    Attributes:
+        authority: certificate of the site's authority.
+        certificate: of the program.
+        key: its private key.
+    """
+
+    authority: Path
+    certificate: Path
+    key: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """How a program joins its site.
+
+    Attributes:
+        role: the `edge` is the router; a `camera` or a `viewer` connects to it.
+        site: the name of the site.
+        endpoint: `tls/HOST:PORT` or `tcp/HOST:PORT`; where the edge listens and others connect.
+        certificates: for `tls`.
+        upstream: routers that an edge connects to, so that sites share them.
+        insecure: whether plain `tcp` beyond this machine is allowed.
+    """
+
+    role: Literal["edge", "camera", "viewer"]
+    site: str
+    endpoint: str
+    certificates: Certificates | None = None
+    upstream: tuple[str, ...] = ()
+    insecure: bool = False
+
+
+def check_link(link: Link) -> None:
+    """Raise `InputError` for an endpoint that cannot be, or one that anybody could listen to."""
+    protocol, host, port = split_endpoint(link.endpoint)
+    if protocol == "tcp" and not (is_loopback(host) or link.insecure):
+        raise InputError(
+            f"endpoint {link.endpoint}: plain tcp beyond this machine, expected tls "
+            "(make certificates with `e3pose keys init`) or the option --insecure"
+        )
+    if protocol == "tls" and link.certificates is None:
+        raise InputError(
+            f"endpoint {link.endpoint}: tls without certificates, expected the folder of "
+            "`e3pose keys`"
+        )
+    for place in link.upstream:
+        split_endpoint(place)
+    if link.role != "edge" and port == 0:
+        raise InputError(f"endpoint {link.endpoint}: expected the port of the edge")
+
+
+def split_endpoint(endpoint: str) -> tuple[str, str, int]:
+    """Return protocol, host and port of `tls/HOST:PORT`; raise `InputError` for anything else."""
+    protocol, _, place = endpoint.partition("/")
+    host, _, port = place.rpartition(":")
+    fits = protocol in ("tcp", "tls") and host and port.isascii() and port.isdigit()
+    if not fits or int(port) > 65535 or any(c in place for c in " /?#;") or len(endpoint) > 300:
+        raise InputError(
+            f"endpoint {endpoint[:100]!r}: expected tls/HOST:PORT or tcp/HOST:PORT, "
+            "such as tls/edge.local:7447"
+        )
+    return protocol, host, int(port)
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine can reach the host."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def zenoh_config(
+    link: Link, cameras: Mapping[str, str] | None = None, viewers: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Return the configuration of a program's Zenoh session.
+
+    Args:
+        link: how it joins.
+        cameras: of an edge with tls: camera id to the common name of its certificate. Who is not
+            here may connect, but neither read nor write.
+        viewers: likewise, of programs that may read poses and status.
+    """
+    check_link(link)
+    protocol, _, _ = split_endpoint(link.endpoint)
+    config: dict[str, Any] = {
+        # A client would wait for an edge before it does anything else; a peer that does not listen
+        # connects, and connects again, in the background.
+        "mode": "router" if link.role == "edge" else "peer",
+        "listen": {"endpoints": [link.endpoint] if link.role == "edge" else []},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "timestamping": {"enabled": True},
+        "transport": {"link": {"tx": {"lease": LEASE_MS, "keep_alive": 3}}},
+    }
+    connect = {
+        "timeout_ms": -1,
+        "exit_on_failure": False,
+        "retry": {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5},
+    }
+    if link.role == "edge":
+        if link.upstream:
+            config["connect"] = {"endpoints": list(link.upstream), **connect}
+    else:
+        config["connect"] = {"endpoints": [link.endpoint], **connect}
+    if protocol == "tls" and link.certificates is not None:
+        files = link.certificates
+        config["transport"]["link"]["tls"] = {
+            "root_ca_certificate": str(files.authority),
+            "listen_certificate": str(files.certificate),
+            "listen_private_key": str(files.key),
+            "connect_certificate": str(files.certificate),
+            "connect_private_key": str(files.key),
+            "enable_mtls": True,
+            "verify_name_on_connect": True,
+        }
+        if link.role == "edge":
+            config["access_control"] = _access(link.site, cameras or {}, viewers or {})
+    return config
+
+
+def _access(site: str, cameras: Mapping[str, str], viewers: Mapping[str, str]) -> dict[str, Any]:
+    rules: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    subjects: list[dict[str, Any]] = []
+    alive = of_site(site, "alive")
+    for camera_id, common_name in cameras.items():
+        own, order = of_camera(site, camera_id, "**"), of_order(site, camera_id)
+        _grant(rules, policies, subjects, f"camera-{camera_id}", common_name, {
+            "speaks": ("ingress", SPEAK, [own]),
+            "listens": ("ingress", LISTEN, [order, alive]),
+            "hears": ("egress", HEAR, [order, alive]),
+            "asks": ("egress", ["reply"], [own]),
+        })  # fmt: skip
+    shown = [of_site(site, what) for what in ("poses", "status", "alive")]
+    for viewer, common_name in viewers.items():
+        _grant(rules, policies, subjects, f"viewer-{viewer}", common_name, {
+            "listens": ("ingress", LISTEN, shown),
+            "hears": ("egress", HEAR, shown),
+        })  # fmt: skip
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "policies": policies,
+        "subjects": subjects,
+    }
+
+
+def _grant(
+    rules: list[dict[str, Any]],
+    policies: list[dict[str, Any]],
+    subjects: list[dict[str, Any]],
+    name: str,
+    common_name: str,
+    rights: Mapping[str, tuple[str, list[str], list[str]]],
+) -> None:
+    for what, (flow, messages, topics) in rights.items():
+        rules.append({
+            "id": f"{name}-{what}",
+            "permission": "allow",
+            "flows": [flow],
+            "messages": messages,
+            "key_exprs": topics,
+        })  # fmt: skip
+    subjects.append({"id": name, "cert_common_names": [common_name]})
+    policies.append({"rules": [f"{name}-{what}" for what in rights], "subjects": [name]})

@@ -1,0 +1,275 @@
+"""Messages <-> bytes: msgpack, a version first, everything checked on arrival."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import check_camera_id
+from e3pose.errors import InputError
+from e3pose.pose import Poses2D
+from e3pose.wire.messages import (
+    VERSION,
+    Array,
+    ClockAnswer,
+    ClockQuestion,
+    Heartbeat,
+    Hello,
+    Message,
+    Order,
+    Poses,
+    Status,
+    View,
+)
+
+MAX_BYTES = 4 * 2**20
+MAX_PERSONS = 256
+MAX_JOINTS = 512
+MAX_SLOT = 2**53
+MAX_TIME_NS = 2**62
+MAX_PIXEL = 1e6
+
+_encoder = msgspec.msgpack.Encoder()
+_envelope = msgspec.msgpack.Decoder(tuple[int, msgspec.Raw])
+_body = msgspec.msgpack.Decoder(Message)
+Kind = TypeVar("Kind", bound=Message)
+
+
+def encode(message: Message) -> bytes:
+    """Return the bytes of a message: msgpack of `[version, [tag, field, ...]]`."""
+    return _encoder.encode((VERSION, message))
+
+
+def decode(payload: bytes, kind: type[Kind], where: str) -> Kind:
+    """Return the message of a kind that was sent.
+
+    Args:
+        payload: what came.
+        kind: the message expected on this topic.
+        where: who sent it, for errors.
+
+    Raises:
+        InputError: when it is too large, of another version or kind, or any field is not what it
+            must be; the message is checked whole.
+    """
+    if len(payload) > MAX_BYTES:
+        raise InputError(
+            f"{where}: message: found {len(payload)} bytes, expected at most {MAX_BYTES}"
+        )
+    try:
+        version, body = _envelope.decode(payload)
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+        raise InputError(f"{where}: message: found no message ({_short(error)})") from None
+    if version != VERSION:
+        raise InputError(
+            f"{where}: message: found version {version}, expected {VERSION}: "
+            "run the same version of e3pose at both ends"
+        )
+    try:
+        message = _body.decode(body)
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:
+        raise InputError(f"{where}: message: {_short(error)}") from None
+    if not isinstance(message, kind):
+        raise InputError(
+            f"{where}: message: found {type(message).__name__}, expected {kind.__name__}"
+        )
+    _CHECKS[kind](message, f"{where}: {kind.__name__.lower()}")
+    return message
+
+
+def pack(array: NDArray[Any]) -> Array:
+    """Return an array as it travels: floats of 4 or 8 bytes, integers of 8, or flags."""
+    code = {"f4": "<f4", "f8": "<f8", "i8": "<i8", "b1": "|b1"}
+    name = array.dtype.str[1:]
+    if name not in code:
+        raise InputError(f"array: found {array.dtype}, expected one of {', '.join(code)}")
+    shape = tuple(int(length) for length in array.shape)
+    return Array(name, shape, np.ascontiguousarray(array, dtype=code[name]).tobytes())
+
+
+def unpack(array: Array) -> NDArray[Any]:
+    """Return the numpy array, read-only; its message must have been checked by `decode`."""
+    return np.frombuffer(array.data, dtype=f"<{array.dtype}").reshape(array.shape)
+
+
+def poses_2d(view: View) -> Poses2D:
+    """Return what a view shows, with NaN and score 0 where a keypoint is missing."""
+    keypoints = unpack(view.keypoints_px).astype(np.float64)
+    scores = unpack(view.scores).astype(np.float64)
+    missing = ~(np.isfinite(keypoints).all(axis=-1) & (scores > 0))
+    return Poses2D(np.where(missing[..., None], np.nan, keypoints), np.where(missing, 0.0, scores))
+
+
+def _check_array(array: Array, where: str, dtype: str, *shape: int | None) -> NDArray[Any]:
+    fits = len(array.shape) == len(shape) and all(
+        0 <= found <= MAX_JOINTS and (wanted is None or found == wanted)
+        for found, wanted in zip(array.shape, shape, strict=True)
+    )
+    if not fits or array.dtype != dtype:
+        wanted = ", ".join("any" if length is None else str(length) for length in shape)
+        raise InputError(
+            f"{where}: found {array.dtype} {str(array.shape)[:60]}, expected {dtype} ({wanted})"
+        )
+    if len(array.data) != math.prod(array.shape) * np.dtype(dtype).itemsize:
+        raise InputError(f"{where}: found {len(array.data)} bytes, expected shape {array.shape}")
+    if dtype == "b1" and max(array.data, default=0) > 1:
+        raise InputError(f"{where}: found a flag that is neither 0 nor 1")
+    return unpack(array)
+
+
+def _check_persons(array: Array, where: str) -> int:
+    persons = array.shape[0] if array.shape else -1
+    if not 0 <= persons <= MAX_PERSONS:
+        raise InputError(f"{where}: found {persons} people, expected at most {MAX_PERSONS}")
+    return persons
+
+
+def _check_whole(where: str, **values: int) -> None:
+    for name, value in values.items():
+        limit = MAX_SLOT if name in ("slot", "session") else MAX_TIME_NS
+        if not 0 <= value <= limit:
+            raise InputError(f"{where}: {name}: found {value}, expected 0 to {limit}")
+
+
+def _check_numbers(where: str, low: float, high: float, **values: float | None) -> None:
+    for name, value in values.items():
+        if value is not None and not (math.isfinite(value) and low <= value <= high):
+            raise InputError(f"{where}: {name}: found {value}, expected {low:g} to {high:g}")
+
+
+def _check_text(where: str, *texts: str) -> None:
+    for text in texts:
+        if len(text) > 500 or not text.isprintable():
+            raise InputError(f"{where}: found text {text[:40]!r}, expected one printable line")
+
+
+def _check_hello(hello: Hello, where: str) -> None:
+    check_camera_id(hello.camera_id)
+    _check_whole(where, session=hello.session)
+    if not 1 <= len(hello.joints) <= MAX_JOINTS:
+        raise InputError(f"{where}: joints: found {len(hello.joints)}, expected 1 to {MAX_JOINTS}")
+    _check_text(where, hello.detector, hello.software, *hello.joints)
+    width, height = hello.image_size
+    _check_numbers(where, 1, MAX_PIXEL, width=width, height=height)
+    _check_numbers(where, 0.01, 1000, fps=hello.fps)
+    _check_numbers(where, 0, 3600, wake_s=hello.wake_s)
+    _check_numbers(where, 1e-6, 1e6, battery_wh=hello.battery_wh)
+
+
+def _check_view(view: View, where: str) -> None:
+    check_camera_id(view.camera_id)
+    _check_whole(
+        where,
+        session=view.session,
+        slot=view.slot,
+        captured_edge_ns=view.captured_edge_ns,
+        clock_error_ns=view.clock_error_ns,
+        detect_ns=view.detect_ns,
+        sent_edge_ns=view.sent_edge_ns,
+    )
+    persons = _check_persons(view.scores, where)
+    scores = _check_array(view.scores, f"{where}: scores", "f4", persons, None)
+    keypoints = _check_array(
+        view.keypoints_px, f"{where}: keypoints", "f4", persons, scores.shape[1], 2
+    )
+    if not ((scores >= 0) & (scores <= 1)).all():  # NaN fails too
+        raise InputError(f"{where}: scores: found one outside 0 to 1")
+    if (np.abs(keypoints) > MAX_PIXEL).any():  # NaN is a missing keypoint
+        raise InputError(f"{where}: keypoints: found one beyond {MAX_PIXEL:g} pixels")
+
+
+def _check_heartbeat(beat: Heartbeat, where: str) -> None:
+    check_camera_id(beat.camera_id)
+    _check_whole(
+        where,
+        session=beat.session,
+        sent_edge_ns=beat.sent_edge_ns,
+        captured=beat.captured,
+        detected=beat.detected,
+        sent=beat.sent,
+        dropped=beat.dropped,
+        late_orders=beat.late_orders,
+        orders=beat.orders,
+        clock_error_ns=beat.clock_error_ns,
+    )
+    _check_numbers(where, -1e6, 1e6, clock_drift_ppm=beat.clock_drift_ppm)
+    _check_numbers(
+        where, -MAX_TIME_NS, MAX_TIME_NS, offset=beat.clock_offset_ns, margin=beat.order_margin_ns
+    )
+    _check_numbers(
+        where,
+        0,
+        1e12,
+        power_w=beat.power_w,
+        energy_j=beat.energy_j,
+        active_s=beat.active_s,
+        idle_s=beat.idle_s,
+        battery_j=beat.battery_j,
+        charging_w=beat.charging_w,
+    )
+    _check_text(where, beat.problem)
+
+
+def _check_order(order: Order, where: str) -> None:
+    check_camera_id(order.camera_id)
+    _check_whole(
+        where,
+        slot=order.slot,
+        session=order.session,
+        origin_edge_ns=order.origin_edge_ns,
+        sent_edge_ns=order.sent_edge_ns,
+    )
+    _check_numbers(where, 1e6, 3.6e12, interval_ns=order.interval_ns)
+    _check_numbers(where, 1, 1000, lead=order.lead)
+
+
+def _check_question(question: ClockQuestion, where: str) -> None:
+    check_camera_id(question.camera_id)
+    _check_whole(where, sent_ns=question.sent_ns)
+
+
+def _check_answer(answer: ClockAnswer, where: str) -> None:
+    _check_whole(
+        where,
+        asked_ns=answer.asked_ns,
+        received_edge_ns=answer.received_edge_ns,
+        sent_edge_ns=answer.sent_edge_ns,
+    )
+
+
+def _check_poses(poses: Poses, where: str) -> None:
+    _check_whole(where, slot=poses.slot, time_edge_ns=poses.time_edge_ns)
+    _check_text(where, *poses.joints)
+    persons, joints = _check_persons(poses.track_ids, where), len(poses.joints)
+    _check_array(poses.track_ids, f"{where}: track_ids", "i8", persons)
+    _check_array(poses.joints_m, f"{where}: joints_m", "f4", persons, joints, 3)
+    _check_array(poses.sigma_m, f"{where}: sigma_m", "f4", persons, joints)
+    _check_array(poses.measured, f"{where}: measured", "b1", persons, joints)
+
+
+def _check_status(status: Status, where: str) -> None:
+    _check_whole(where, slot=status.slot)
+    _check_text(where, status.site, *status.events)
+    for camera in status.cameras:
+        check_camera_id(camera.camera_id)
+        _check_text(where, camera.why)
+
+
+_CHECKS: dict[type[Any], Any] = {
+    Hello: _check_hello,
+    View: _check_view,
+    Heartbeat: _check_heartbeat,
+    Order: _check_order,
+    ClockQuestion: _check_question,
+    ClockAnswer: _check_answer,
+    Poses: _check_poses,
+    Status: _check_status,
+}
+
+
+def _short(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]

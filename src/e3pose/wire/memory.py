@@ -1,0 +1,111 @@
+"""A transport inside one process, for tests, with the faults of a network on demand."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from e3pose.wire.transport import Answer, Presence, Receive
+
+Fault = Callable[[str, bytes], bytes | None]  # what arrives instead; None when it is lost
+
+
+def _pass(topic: str, payload: bytes) -> bytes | None:
+    return payload
+
+
+@dataclass(eq=False)
+class Hub:
+    """The air between the transports of one process.
+
+    Attributes:
+        fault: what happens to everything that is sent.
+    """
+
+    fault: Fault = _pass
+    members: list[MemoryTransport] = field(default_factory=list)
+    lock: threading.RLock = field(default_factory=threading.RLock)
+
+    def join(self) -> MemoryTransport:
+        """Return a transport of its own for one program."""
+        member = MemoryTransport(self)
+        with self.lock:
+            self.members.append(member)
+        return member
+
+
+@dataclass(eq=False)
+class MemoryTransport:
+    """One program's end of a `Hub`; see `Transport`. Receivers run on the sender's thread."""
+
+    hub: Hub
+    receivers: list[tuple[str, Receive]] = field(default_factory=list)
+    answers: list[tuple[str, Answer]] = field(default_factory=list)
+    watchers: list[tuple[str, Presence]] = field(default_factory=list)
+    present: list[str] = field(default_factory=list)
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """See `Transport.publish`."""
+        arrived = self.hub.fault(topic, payload)
+        if arrived is None or self not in self.hub.members:
+            return
+        for member in list(self.hub.members):
+            for pattern, receive in list(member.receivers):
+                if matches(pattern, topic):
+                    receive(topic, arrived)
+
+    def subscribe(self, topic: str, receive: Receive) -> None:
+        """See `Transport.subscribe`."""
+        self.receivers.append((topic, receive))
+
+    def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
+        """See `Transport.ask`."""
+        arrived = self.hub.fault(topic, payload)
+        for member in list(self.hub.members):
+            for pattern, answer in member.answers:
+                if arrived is not None and matches(pattern, topic):
+                    reply = answer(topic, arrived)
+                    return None if reply is None else self.hub.fault(topic, reply)
+        return None
+
+    def answer(self, topic: str, answer: Answer) -> None:
+        """See `Transport.answer`."""
+        self.answers.append((topic, answer))
+
+    def be_present(self, topic: str) -> None:
+        """See `Transport.be_present`."""
+        self.present.append(topic)
+        self._tell(topic, True)
+
+    def watch(self, topic: str, presence: Presence) -> None:
+        """See `Transport.watch`."""
+        self.watchers.append((topic, presence))
+        for member in list(self.hub.members):
+            for found in member.present:
+                if matches(topic, found):
+                    presence(found, True)
+
+    def close(self) -> None:
+        """See `Transport.close`."""
+        with self.hub.lock:
+            if self not in self.hub.members:
+                return
+            self.hub.members.remove(self)
+        gone, self.present = self.present, []
+        for topic in gone:
+            self._tell(topic, False)
+
+    def _tell(self, topic: str, there: bool) -> None:
+        for member in list(self.hub.members):
+            for pattern, presence in list(member.watchers):
+                if matches(pattern, topic):
+                    presence(topic, there)
+
+
+def matches(pattern: str, topic: str) -> bool:
+    """Return whether a topic is one of those that a pattern with `*` names."""
+    wanted, found = pattern.split("/"), topic.split("/")
+    return len(wanted) == len(found) and all(
+        w in ("*", f) for w, f in zip(wanted, found, strict=True)
+    )

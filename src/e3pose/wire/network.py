@@ -1,0 +1,108 @@
+"""The transport of a real site: Zenoh, the edge being the router in its own process."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import zenoh
+
+from e3pose.errors import InputError
+from e3pose.wire.access import Link, zenoh_config
+from e3pose.wire.transport import Answer, Presence, Receive
+
+
+class NetworkTransport:
+    """See `Transport`. Make it with `open_network`."""
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self._declared: list[Any] = []  # what is not held is undeclared
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """See `Transport.publish`: dropped, not waited for, where the network is full."""
+        if self._session.is_closed():
+            return
+        self._session.put(
+            topic, payload, congestion_control=zenoh.CongestionControl.DROP, express=True
+        )
+
+    def subscribe(self, topic: str, receive: Receive) -> None:
+        """See `Transport.subscribe`."""
+
+        def take(sample: Any) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                receive(str(sample.key_expr), sample.payload.to_bytes())
+
+        self._declared.append(
+            self._session.declare_subscriber(
+                topic,
+                take,
+                allowed_origin=zenoh.Locality.REMOTE,  # a program does not hear itself
+            )
+        )
+
+    def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
+        """See `Transport.ask`."""
+        if self._session.is_closed():
+            return None
+        for reply in self._session.get(topic, payload=payload, timeout=timeout_s):
+            if reply.ok is not None:
+                return bytes(reply.ok.payload.to_bytes())
+        return None
+
+    def answer(self, topic: str, answer: Answer) -> None:
+        """See `Transport.answer`."""
+
+        def reply(query: Any) -> None:
+            with query:
+                payload = b"" if query.payload is None else query.payload.to_bytes()
+                answered = answer(str(query.key_expr), payload)
+                if answered is not None:
+                    query.reply(query.key_expr, answered)
+
+        self._declared.append(self._session.declare_queryable(topic, reply))
+
+    def be_present(self, topic: str) -> None:
+        """See `Transport.be_present`."""
+        self._declared.append(self._session.liveliness().declare_token(topic))
+
+    def watch(self, topic: str, presence: Presence) -> None:
+        """See `Transport.watch`."""
+
+        def tell(sample: Any) -> None:
+            presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+        self._declared.append(
+            self._session.liveliness().declare_subscriber(topic, tell, history=True)
+        )
+
+    def close(self) -> None:
+        """See `Transport.close`."""
+        self._declared.clear()
+        if not self._session.is_closed():
+            self._session.close()
+
+
+def open_network(
+    link: Link, cameras: Mapping[str, str] | None = None, viewers: Mapping[str, str] | None = None
+) -> NetworkTransport:
+    """Join the site; a camera that finds no edge goes on trying in the background.
+
+    Args:
+        link: how to join.
+        cameras: see `zenoh_config`.
+        viewers: see `zenoh_config`.
+
+    Raises:
+        InputError: when the endpoint or a certificate cannot be used.
+    """
+    zenoh.init_log_from_env_or("off")
+    config = zenoh_config(link, cameras, viewers)
+    try:
+        session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+    except zenoh.ZError as error:
+        reason = " ".join(str(error).split())[:300]
+        raise InputError(f"endpoint {link.endpoint}: cannot be used: {reason}") from None
+    return NetworkTransport(session)

@@ -1,0 +1,52 @@
+"""Where messages go. Every site has a namespace of its own: `e3pose/SITE/...`.
+
+e3pose/SITE/camera/CAMERA/{hello,view,heartbeat,alive}   a camera writes, the edge reads
+e3pose/SITE/camera/CAMERA/clock                          a camera asks, the edge answers
+e3pose/SITE/order/CAMERA                                 the edge writes, that camera reads
+e3pose/SITE/{poses,status}                               the edge writes, viewers read
+e3pose/SITE/alive                                        that the edge is there
+"""
+
+from __future__ import annotations
+
+from e3pose.camera import check_camera_id
+from e3pose.errors import InputError
+
+ROOT = "e3pose"
+ANY = "*"
+
+
+def check_site(site: object) -> str:
+    """Return `site` if it may name a site; the rule is that of camera ids."""
+    try:
+        return check_camera_id(site)
+    except InputError as error:
+        raise InputError(str(error).replace("camera id", "site", 1)) from None
+
+
+def of_camera(site: str, camera_id: str, what: str) -> str:
+    """Return the topic of what a camera says; `ANY` stands for all cameras."""
+    name = camera_id if camera_id == ANY else check_camera_id(camera_id)
+    return f"{ROOT}/{check_site(site)}/camera/{name}/{what}"
+
+
+def of_order(site: str, camera_id: str) -> str:
+    """Return the topic on which a camera is told what to do."""
+    return f"{ROOT}/{check_site(site)}/order/{check_camera_id(camera_id)}"
+
+
+def of_site(site: str, what: str) -> str:
+    """Return a topic of the edge: `poses`, `status` or `alive`."""
+    return f"{ROOT}/{check_site(site)}/{what}"
+
+
+def sender(topic: str) -> str:
+    """Return the camera that wrote on a topic of its own.
+
+    Raises:
+        InputError: when it is no topic of a camera.
+    """
+    parts = topic.split("/")
+    if len(parts) != 5 or parts[0] != ROOT or parts[2] != "camera":
+        raise InputError(f"topic {topic[:120]!r}: expected {ROOT}/SITE/camera/CAMERA/...")
+    return check_camera_id(parts[3])

@@ -1,0 +1,46 @@
+"""What carries messages: a Protocol that one process, and a network, can be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+Receive = Callable[[str, bytes], None]  # topic, payload
+Answer = Callable[[str, bytes], bytes | None]  # topic, payload -> payload
+Presence = Callable[[str, bool], None]  # topic, whether somebody is there
+
+
+class Transport(Protocol):
+    """Carry bytes between the programs of a site.
+
+    Receivers are called on threads of the transport, one call at a time for each of them; they
+    must be quick, and must not raise.
+    """
+
+    def publish(self, topic: str, payload: bytes) -> None:
+        """Send to whoever subscribes; what cannot be sent now is lost, never queued for long."""
+        ...
+
+    def subscribe(self, topic: str, receive: Receive) -> None:
+        """Receive what is published on a topic, in which `*` stands for any one part."""
+        ...
+
+    def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
+        """Return the answer of whoever answers on a topic; None if none came in time."""
+        ...
+
+    def answer(self, topic: str, answer: Answer) -> None:
+        """Answer questions on a topic, in which `*` stands for any one part."""
+        ...
+
+    def be_present(self, topic: str) -> None:
+        """Be seen by those who watch the topic, until closed, killed or cut off."""
+        ...
+
+    def watch(self, topic: str, presence: Presence) -> None:
+        """Be told who is there already, who comes and who goes."""
+        ...
+
+    def close(self) -> None:
+        """Go; nothing is received afterwards."""
+        ...

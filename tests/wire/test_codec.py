@@ -1,0 +1,179 @@
+"""Messages: what goes in comes out, and nothing else gets in."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from e3pose.errors import InputError
+from e3pose.wire.codec import MAX_BYTES, decode, encode, pack, poses_2d, unpack
+from e3pose.wire.messages import (
+    VERSION,
+    Array,
+    CameraStatus,
+    ClockAnswer,
+    ClockQuestion,
+    Heartbeat,
+    Hello,
+    Message,
+    Order,
+    Poses,
+    Status,
+    View,
+)
+
+JOINTS = ("nose", "neck", "hip")
+
+
+def view(people: int = 2, **changes: Any) -> View:
+    rng = np.random.default_rng(1)
+    keypoints = rng.uniform(0, 900, (people, 3, 2)).astype(np.float32)
+    fields: dict[str, Any] = {
+        "camera_id": "cam1",
+        "session": 7,
+        "slot": 12,
+        "captured_edge_ns": 1_700_000_000_000_000_000,
+        "keypoints_px": pack(keypoints),
+        "scores": pack(rng.uniform(0.1, 1, (people, 3)).astype(np.float32)),
+    }
+    return View(**{**fields, **changes})
+
+
+def poses() -> Poses:
+    return Poses(
+        slot=3,
+        time_edge_ns=5,
+        joints=JOINTS,
+        track_ids=pack(np.array([4, 9])),
+        joints_m=pack(np.ones((2, 3, 3), np.float32)),
+        sigma_m=pack(np.full((2, 3), np.nan, np.float32)),
+        measured=pack(np.array([[True, False, True]] * 2)),
+    )
+
+
+MESSAGES: list[Message] = [
+    Hello("cam1", 7, JOINTS, (1920, 1080), 25.0, 0.4, "movenet", "0.1", 50.0),
+    view(),
+    view(people=0),
+    Heartbeat("cam1", 7, 99, "active", power_w=4.5, energy_j=10.0, measured=True, battery_j=5.0),
+    Order("cam1", 12, True, "aggressive-power-saving", 5, 40_000_000, 6, 8, 2),
+    ClockQuestion("cam1", 12),
+    ClockAnswer(12, 13, 14),
+    poses(),
+    Status("lab", 3, 25.0, 1, 2, (CameraStatus("cam1", True), CameraStatus("cam2", False, "dead"))),
+]
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+def test_message_comes_back_equal(message: Message) -> None:
+    assert decode(encode(message), type(message), "cam1") == message
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda m: type(m).__name__)
+def test_other_kind_is_refused(message: Message) -> None:
+    other = Order if not isinstance(message, Order) else View
+    with pytest.raises(InputError, match=rf"^cam1: message: found .*, expected {other.__name__}$"):
+        decode(encode(message), other, "cam1")
+
+
+def test_four_people_take_less_than_a_kilobyte() -> None:
+    message = view(
+        keypoints_px=pack(np.zeros((4, 17, 2), np.float32)),
+        scores=pack(np.ones((4, 17), np.float32)),
+    )
+    assert len(encode(message)) < 1000
+
+
+def test_newer_program_may_append_fields() -> None:
+    body: list[Any] = msgspec.msgpack.decode(encode(ClockQuestion("cam1", 12)))
+    body[1].append("a field of tomorrow")
+    assert decode(msgspec.msgpack.encode(body), ClockQuestion, "x") == ClockQuestion("cam1", 12)
+
+
+def test_other_version_says_what_to_do() -> None:
+    payload = msgspec.msgpack.encode((VERSION + 1, ClockQuestion("cam1", 12)))
+    with pytest.raises(InputError, match=f"found version {VERSION + 1}, expected {VERSION}: run"):
+        decode(payload, ClockQuestion, "cam1")
+
+
+def f4(*shape: int, value: float = 0.5) -> Array:
+    return pack(np.full(shape, value, np.float32))
+
+
+WRONG: dict[str, tuple[Message, str]] = {
+    "camera": (view(camera_id="../x"), "camera id"),
+    "slot": (view(slot=-1), "slot: found -1"),
+    "far slot": (view(slot=2**60), "slot: found"),
+    "time": (view(captured_edge_ns=-5), "captured_edge_ns"),
+    "score above one": (view(scores=f4(2, 3, value=1.5)), "scores: found one outside"),
+    "score not a number": (view(scores=f4(2, 3, value=np.nan)), "scores: found one outside"),
+    "other joints": (view(scores=f4(2, 4)), "keypoints: found f4"),
+    "other people": (view(scores=f4(3, 3)), "keypoints: found f4"),
+    "crowd": (view(scores=f4(300, 3), keypoints_px=f4(300, 3, 2)), "found 300 people"),
+    "many joints": (view(scores=f4(2, 600), keypoints_px=f4(2, 600, 2)), "scores: found f4"),
+    "infinite": (view(keypoints_px=f4(2, 3, 2, value=np.inf)), "beyond"),
+    "double": (view(scores=pack(np.ones((2, 3)))), "scores: found f8"),
+    "flat": (view(scores=f4(6)), "scores: found f4"),
+    "short": (view(scores=Array("f4", (2, 3), b"1234")), "scores: found 4 bytes"),
+    "lying shape": (view(scores=Array("f4", (-2, -3), b"")), "people"),
+    "no joints": (Hello("cam1", 7, (), (10, 10), 25.0), "joints: found 0"),
+    "no image": (Hello("cam1", 7, JOINTS, (0, 10), 25.0), "width"),
+    "no rate": (Hello("cam1", 7, JOINTS, (10, 10), float("nan")), "fps"),
+    "terminal codes": (Hello("cam1", 7, JOINTS, (10, 10), 25.0, 0, "\x1b[2J"), "printable"),
+    "negative power": (Heartbeat("cam1", 7, 99, "active", power_w=-1.0), "power_w"),
+    "endless text": (Heartbeat("cam1", 7, 99, "active", problem="x" * 501), "printable"),
+    "no interval": (Order("cam1", 1, True, "power-saving", 5, 0, 6, 8), "interval_ns"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(WRONG))
+def test_wrong_field_is_named_in_one_line(name: str) -> None:
+    message, told = WRONG[name]
+    with pytest.raises(InputError) as error:
+        decode(encode(message), type(message), "cam1")
+    assert told in str(error.value) and "\n" not in str(error.value)
+
+
+def test_huge_message_is_refused_unread() -> None:
+    with pytest.raises(InputError, match="expected at most"):
+        decode(b"\x00" * (MAX_BYTES + 1), View, "cam1")
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=300))
+def test_garbage_is_an_input_error_or_nothing(payload: bytes) -> None:
+    with pytest.raises(InputError):
+        decode(payload, View, "cam1")
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_flipped_byte_never_raises_anything_else(data: st.DataObject) -> None:
+    payload = bytearray(encode(view()))
+    place = data.draw(st.integers(0, len(payload) - 1))
+    payload[place] = data.draw(st.integers(0, 255))
+    with contextlib.suppress(InputError):
+        poses_2d(decode(bytes(payload), View, "cam1"))
+
+
+def test_missing_keypoint_is_nan_with_score_0() -> None:
+    keypoints = np.full((1, 3, 2), 5, np.float32)
+    keypoints[0, 0] = np.nan
+    scores = np.array([[0.9, 0.0, 0.4]], np.float32)
+    found = poses_2d(view(keypoints_px=pack(keypoints), scores=pack(scores)))
+    assert found.scores.tolist() == [[0.0, 0.0, pytest.approx(0.4)]]
+    assert np.isnan(found.keypoints_px[0, :2]).all() and (found.keypoints_px[0, 2] == 5).all()
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8", "i8", "b1"])
+def test_array_comes_back(dtype: str) -> None:
+    array = (np.arange(24).reshape(2, 3, 4) % 2).astype(dtype)
+    assert (unpack(pack(array[:, ::-1])) == array[:, ::-1]).all()
+    with pytest.raises(InputError, match="int32"):
+        pack(array.astype(np.int32))

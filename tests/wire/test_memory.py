@@ -1,0 +1,50 @@
+"""The transport of one process behaves as Transport says."""
+
+from __future__ import annotations
+
+from e3pose.wire.memory import Hub
+
+
+def test_subscribers_of_a_pattern_receive() -> None:
+    hub = Hub()
+    edge, camera, other = hub.join(), hub.join(), hub.join()
+    got: list[tuple[str, bytes]] = []
+    edge.subscribe("e3pose/lab/camera/*/view", lambda topic, payload: got.append((topic, payload)))
+    other.subscribe("e3pose/hall/camera/*/view", lambda topic, payload: got.append((topic, b"!")))
+    camera.publish("e3pose/lab/camera/cam1/view", b"1")
+    camera.publish("e3pose/lab/camera/cam1/heartbeat", b"2")
+    assert got == [("e3pose/lab/camera/cam1/view", b"1")]
+
+
+def test_faults_lose_and_change() -> None:
+    hub = Hub()
+    edge, camera = hub.join(), hub.join()
+    got: list[bytes] = []
+    edge.subscribe("a/b", lambda _, payload: got.append(payload))
+    hub.fault = lambda topic, payload: None if payload == b"lost" else payload[::-1]
+    camera.publish("a/b", b"lost")
+    camera.publish("a/b", b"xyz")
+    assert got == [b"zyx"]
+
+
+def test_questions_are_answered_or_not() -> None:
+    hub = Hub()
+    edge, camera = hub.join(), hub.join()
+    assert camera.ask("a/b/clock", b"?", 0.1) is None
+    edge.answer("a/*/clock", lambda topic, payload: payload + topic.encode())
+    assert camera.ask("a/b/clock", b"?", 0.1) == b"?a/b/clock"
+
+
+def test_presence_begins_and_ends() -> None:
+    hub = Hub()
+    early, edge = hub.join(), hub.join()
+    early.be_present("a/early/alive")
+    seen: list[tuple[str, bool]] = []
+    edge.watch("a/*/alive", lambda topic, there: seen.append((topic, there)))
+    late = hub.join()
+    late.be_present("a/late/alive")
+    late.close()
+    late.close()
+    late.publish("a/x", b"from the grave")
+    expected = [("a/early/alive", True), ("a/late/alive", True), ("a/late/alive", False)]
+    assert seen == expected

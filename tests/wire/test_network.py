@@ -1,0 +1,225 @@
+"""Zenoh on loopback: who may say and hear what, and who is there."""
+
+from __future__ import annotations
+
+import datetime
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from e3pose.errors import InputError
+from e3pose.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
+from e3pose.wire.access import Link, check_link
+from e3pose.wire.network import NetworkTransport, open_network
+
+SILENCE_S = 0.4  # how long to wait for what must not come
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def eventually(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.01)
+    return condition()
+
+
+class Site:
+    """A site with certificates, whose programs are opened by name."""
+
+    def __init__(self, folder: Path) -> None:
+        now = datetime.datetime.now(datetime.timezone.utc)
+        self.folder, self.port = folder, free_port()
+        self.open: list[NetworkTransport] = []
+        init_keys(folder, "lab", [], now)
+        for camera in ("cam1", "cam2", "cam3"):
+            add_keys(folder, camera, now)
+        add_keys(folder, "wall", now, kind="viewer")
+        revoke_keys(folder, "cam3")
+
+    def edge(self) -> NetworkTransport:
+        roll = read_roll(self.folder)
+        link = Link(
+            "edge", "lab", f"tls/127.0.0.1:{self.port}", certificates_in(self.folder, "edge")
+        )
+        return self.keep(open_network(link, roll.cameras, roll.viewers))
+
+    def camera(self, name: str) -> NetworkTransport:
+        files = certificates_in(self.folder / "cameras" / name, "camera")
+        return self.keep(open_network(Link("camera", "lab", f"tls/localhost:{self.port}", files)))
+
+    def viewer(self) -> NetworkTransport:
+        files = certificates_in(self.folder / "viewers" / "wall", "viewer")
+        return self.keep(open_network(Link("viewer", "lab", f"tls/localhost:{self.port}", files)))
+
+    def keep(self, transport: NetworkTransport) -> NetworkTransport:
+        self.open.append(transport)
+        return transport
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    made = Site(tmp_path_factory.mktemp("site") / "keys")
+    yield made
+    for transport in made.open:
+        transport.close()
+
+
+def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
+    edge = site.edge()
+    views: list[tuple[str, bytes]] = []
+    told: list[bytes] = []
+    spied: list[tuple[str, bytes]] = []
+    seen: list[bytes] = []
+    edge.subscribe("e3pose/lab/camera/*/view", lambda t, p: views.append((t, p)))
+    edge.answer("e3pose/lab/camera/*/clock", lambda t, p: b"time of " + p)
+    cam1, cam2, revoked, viewer = (
+        site.camera("cam1"),
+        site.camera("cam2"),
+        site.camera("cam3"),
+        site.viewer(),
+    )
+    cam1.subscribe("e3pose/lab/order/cam1", lambda t, p: told.append(p))
+    viewer.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
+    for spy, name in ((cam2, "cam2"), (viewer, "viewer"), (revoked, "revoked")):
+        for topic in ("e3pose/lab/order/cam1", "e3pose/lab/camera/cam1/**", "e3pose/**"):
+            spy.subscribe(topic, lambda t, p, name=name: spied.append((name, p)))  # type: ignore[misc]
+
+    def ready() -> bool:
+        cam1.publish("e3pose/lab/camera/cam1/view", b"mine")
+        edge.publish("e3pose/lab/order/cam1", b"to cam1")
+        edge.publish("e3pose/lab/poses", b"people")
+        time.sleep(0.05)
+        return bool(views and told and seen)
+
+    assert eventually(ready)
+    views.clear()
+    for liar in (cam2, viewer, revoked):
+        liar.publish("e3pose/lab/camera/cam1/view", b"forged")
+        liar.publish("e3pose/lab/order/cam1", b"forged")
+        liar.publish("e3pose/lab/poses", b"forged")
+    revoked.publish("e3pose/lab/camera/cam3/view", b"from the revoked")
+    assert revoked.ask("e3pose/lab/camera/cam3/clock", b"?", SILENCE_S) is None
+    assert cam2.ask("e3pose/lab/camera/cam1/clock", b"?", SILENCE_S) is None
+    assert cam1.ask("e3pose/lab/camera/cam1/clock", b"?", 2.0) == b"time of ?"
+    cam2.publish("e3pose/lab/camera/cam2/view", b"honest")
+    assert eventually(lambda: ("e3pose/lab/camera/cam2/view", b"honest") in views)
+    time.sleep(SILENCE_S)
+    assert {payload for _, payload in views} <= {b"honest", b"mine"}
+    assert set(told) == {b"to cam1"} and set(seen) == {b"people"}
+    # The one thing on `e3pose/**` that a viewer may hear are the poses.
+    assert {payload for _, payload in spied} <= {b"people"}
+    edge.close()
+
+
+def test_edge_that_comes_back_is_found_again(site: Site) -> None:
+    camera = site.camera("cam1")
+    told: list[bytes] = []
+    camera.subscribe("e3pose/lab/order/cam1", lambda t, p: told.append(p))
+    for life in (b"first", b"second"):
+        edge = site.edge()
+
+        def heard(edge: NetworkTransport = edge, life: bytes = life) -> bool:
+            edge.publish("e3pose/lab/order/cam1", life)
+            time.sleep(0.05)
+            return life in told
+
+        assert eventually(heard, 3.0)
+        edge.close()
+
+
+def listening() -> set[str]:
+    """Return the local addresses on which this process listens, as the kernel writes them."""
+    inodes = {os.readlink(link) for link in Path("/proc/self/fd").iterdir() if link.is_symlink()}
+    return {
+        line.split()[1]
+        for table in ("tcp", "tcp6")
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+        if line.split()[3] == "0A" and f"socket:[{line.split()[9]}]" in inodes
+    }
+
+
+def test_camera_listens_nowhere_and_the_edge_where_told(site: Site) -> None:
+    before = listening()
+    site.camera("cam1")
+    assert listening() == before
+    edge = site.edge()
+    assert listening() - before == {f"0100007F:{site.port:04X}"}
+    edge.close()
+
+
+def test_presence_is_noticed_and_its_end(site: Site) -> None:
+    edge = site.edge()
+    seen: list[tuple[str, bool]] = []
+    edge.watch("e3pose/lab/camera/*/alive", lambda t, there: seen.append((t, there)))
+    camera = site.camera("cam2")
+    camera.be_present("e3pose/lab/camera/cam2/alive")
+    camera.be_present("e3pose/lab/camera/cam1/alive")  # not its own
+    assert eventually(lambda: ("e3pose/lab/camera/cam2/alive", True) in seen)
+    camera.close()
+    assert eventually(lambda: ("e3pose/lab/camera/cam2/alive", False) in seen)
+    assert not any("cam1" in topic for topic, _ in seen)
+    edge.close()
+
+
+def test_two_sites_share_one_router() -> None:
+    port = free_port()
+    router = open_network(Link("edge", "router", f"tcp/127.0.0.1:{port}"))
+    got: dict[str, list[bytes]] = {"lab": [], "hall": []}
+    programs = []
+    for name in got:
+        edge = open_network(
+            Link("edge", name, "tcp/127.0.0.1:0", upstream=(f"tcp/127.0.0.1:{port}",))
+        )
+        edge.subscribe(f"e3pose/{name}/camera/*/view", lambda t, p, name=name: got[name].append(p))  # type: ignore[misc]
+        camera = open_network(Link("camera", name, f"tcp/127.0.0.1:{port}"))
+        programs += [edge, camera]
+
+        def arrived(camera: NetworkTransport = camera, name: str = name) -> bool:
+            camera.publish(f"e3pose/{name}/camera/cam1/view", name.encode())
+            time.sleep(0.05)
+            return bool(got[name])
+
+        assert eventually(arrived)
+    assert set(got["lab"]) == {b"lab"} and set(got["hall"]) == {b"hall"}
+    for program in [*programs, router]:
+        program.close()
+
+
+def test_port_that_is_taken_is_told() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with pytest.raises(InputError, match="cannot be used"):
+            open_network(Link("edge", "lab", endpoint))
+
+
+@pytest.mark.parametrize(
+    ("link", "told"),
+    [
+        (Link("edge", "lab", "tcp/0.0.0.0:7447"), "plain tcp beyond this machine"),
+        (Link("edge", "lab", "tcp/[::]:7447"), "plain tcp beyond this machine"),
+        (Link("camera", "lab", "tcp/edge.local:7447"), "plain tcp beyond this machine"),
+        (Link("edge", "lab", "tls/0.0.0.0:7447"), "tls without certificates"),
+        (Link("edge", "lab", "udp/127.0.0.1:7447"), "expected tls/HOST:PORT"),
+        (Link("edge", "lab", "tcp/127.0.0.1:99999"), "expected tls/HOST:PORT"),
+        (Link("edge", "lab", "tcp/127.0.0.1:1#x=y"), "expected tls/HOST:PORT"),
+        (Link("camera", "lab", "tcp/127.0.0.1:0"), "port of the edge"),
+    ],
+)
+def test_unsafe_or_impossible_endpoints_are_refused(link: Link, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        check_link(link)
+
+
+def test_plain_tcp_needs_to_be_asked_for() -> None:
+    check_link(Link("edge", "lab", "tcp/0.0.0.0:7447", insecure=True))
