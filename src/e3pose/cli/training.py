@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -18,6 +18,9 @@ def train(
     out: Path = Path("predictor"),
     validate: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     hold_out: float = 0.2,
+    target: Literal["auto", "truth", "estimates"] = "auto",
+    include_scored: Annotated[bool, Parameter(negative="")] = False,
+    combinations: Whole = 32,
     history: Whole = 10,
     leads: Whole = 15,
     hidden: Whole = 96,
@@ -25,8 +28,13 @@ def train(
     minutes: float | None = None,
     batch: Whole = 128,
     seed: Whole = 0,
+    jobs: Whole = 1,
+    dask: str | None = None,
 ) -> None:
-    """Train the attention-LSTM predictor on the true motion of recordings.
+    """Train the attention-LSTM predictor on the motion of recordings.
+
+    People move as the truth of a recording says or, without truth, as all its cameras together see
+    them; what the predictor is given is then what combinations of cameras see.
 
     Writes attention-lstm.onnx, model-card.md, log.csv and checkpoint.pt. A training that was killed
     goes on from its checkpoint when the same command is given again.
@@ -36,13 +44,19 @@ def train(
     Parameters
     ----------
     recordings
-        Recordings with truth to learn from.
+        Recordings to learn from, with truth or with detections of several cameras.
     out
         The folder for the results.
     validate
         Recordings that are never learned from and tell when to stop; repeatable.
     hold_out
         Share of the end of every stretch of a minute or more that is for validation too.
+    target
+        What to learn: truth, estimates, or auto for the truth of recordings that have it.
+    include_scored
+        Learn from slots in which systems are evaluated too; the model card says so.
+    combinations
+        Camera combinations fused in a slot at most, drawn anew in every slot if there are more.
     history
         M, how many slots the network looks back.
     leads
@@ -57,6 +71,12 @@ def train(
         Windows a batch.
     seed
         Another seed gives other weights and windows.
+    jobs
+        Processes that fuse the cameras and draw the windows; -1 for all cores. The weights do not
+        depend on it.
+    dask
+        Let a Dask cluster do that: the address of its scheduler, such as tcp://host:8786, or local
+        for one of as many workers as --jobs on this machine. Only use a cluster you trust.
     """
     import math
 
@@ -69,21 +89,47 @@ def train(
         ("minutes", math.inf if minutes is None else minutes, 0.01, math.inf),
         ("batch", batch, 2, 4096),
         ("seed", seed, 0, 2**31 - 1),
+        ("combinations", combinations, 1, 1000),
     )
     from rich.console import Console
     from rich.progress import Progress
 
-    from e3pose.recording import load_recording
+    from e3pose.recording import Recording, load_recording
     from e3pose.train.attention_lstm import TrainSettings
     from e3pose.train.attention_lstm import train as run
     from e3pose.train.clips import gather
+    from e3pose.train.estimates import EstimateSettings
+    from e3pose.train.lessons import LessonSettings, lessons
     from e3pose.train.network import NetworkSettings
+    from e3pose.train.parallel import Workers
+    from e3pose.train.windows import Clip
+
+    workers = Workers(jobs, dask)
+    wanted = LessonSettings(
+        target=target,
+        include_scored=include_scored,
+        estimates=EstimateSettings(combinations=combinations, seed=seed),
+    )
+    console = Console(stderr=True)
+
+    def motion(recording: Recording, shortest: int) -> list[Clip]:
+        label = f"fuse {recording.name}"
+        with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+            task = bar.add_task(label, total=1.0)
+            return lessons(
+                recording,
+                shortest,
+                wanted,
+                workers,
+                lambda share: bar.update(task, completed=share),
+            )
 
     learned, held_out = gather(
         [load_recording(path) for path in recordings],
         [load_recording(path) for path in validate or []],
         hold_out,
         history + leads,
+        motion,
     )
     settings = TrainSettings(
         network=NetworkSettings(history_slots=history, hidden=hidden),
@@ -93,7 +139,6 @@ def train(
         batch=batch,
         seed=seed,
     )
-    console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("train", total=1.0)
         weights = run(
@@ -102,6 +147,7 @@ def train(
             out,
             settings,
             lambda share, text: bar.update(task, completed=share, description=f"train, {text}"),
+            workers,
         )
     print(f"{weights}: trained; figures on held-out motion are in {out / 'model-card.md'}")
 

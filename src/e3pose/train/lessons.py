@@ -55,7 +55,7 @@ def lessons(
         InputError: when the recording has neither what is asked for, nor slots to learn it from.
     """
     true = settings.target == "truth" or (settings.target == "auto" and _has_truth(recording))
-    stretches = free_stretches(recording, true, settings.include_scored)
+    stretches = free_stretches(recording, settings.include_scored)
     if not stretches:
         raise InputError(
             f"recording {recording.name}: found no slot that is not scored, expected some; "
@@ -68,37 +68,26 @@ def lessons(
         clips = estimated_clips(
             recording, shortest, stretches, settings.estimates, workers, progress
         )
-    scored = settings.include_scored and _scored(recording, true) is not None
+    scored = settings.include_scored and recording.scored_slots is not None
     return [replace(clip, scored=scored) for clip in clips]
 
 
-def free_stretches(recording: Recording, true: bool, include_scored: bool) -> list[Stretch]:
+def free_stretches(recording: Recording, include_scored: bool) -> list[Stretch]:
     """Return the half-open ranges of slots that may be learned from.
 
-    Args:
-        recording: which declares the slots that are scored; one that declares none but has truth is
-            scored in all of them, unless it is this truth that is learned.
-        true: whether the truth is learned.
-        include_scored: whether scored slots may be learned from.
+    The slots that a recording declares scored may not, unless `include_scored`.
     """
-    scored = _scored(recording, true)
-    if include_scored or scored is None:
+    if include_scored or recording.scored_slots is None:
         return [(0, recording.num_slots)]
-    first, stop = scored
+    first, stop = recording.scored_slots
     return [(a, b) for a, b in ((0, first), (stop, recording.num_slots)) if a < b]
-
-
-def _scored(recording: Recording, true: bool) -> Stretch | None:
-    if recording.scored_slots is not None or true or recording.truth is None:
-        return recording.scored_slots
-    return 0, recording.num_slots
 
 
 def _has_truth(recording: Recording) -> bool:
     if recording.truth is None:
         return False
     known = np.asarray(recording.truth.annotated.any(axis=(1, 2)))
-    return any(known[a:b].any() for a, b in free_stretches(recording, True, False))
+    return any(known[a:b].any() for a, b in free_stretches(recording, False))
 
 
 def _check_views(recording: Recording) -> None:

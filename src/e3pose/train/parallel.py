@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any, TypeVar
 
 from e3pose.errors import InputError
@@ -65,7 +66,18 @@ class Workers:
         with self._backend(shared):
             # Results are large: no more are made ahead than are soon taken.
             run = Parallel(return_as="generator", batch_size=1, pre_dispatch="2*n_jobs")
-            yield from run(delayed(function)(shared, task) for task in tasks)
+            stopped: list[bool] = []
+            results = run(
+                delayed(function)(shared, task)
+                for task in takewhile(lambda task: not stopped, tasks)
+            )
+            try:
+                for result in results:  # noqa: UP028 - so that closing this closes not that
+                    yield result
+            finally:  # who stops early waits for what was begun: joblib would kill its workers
+                stopped.append(True)
+                for _ in results:
+                    pass
 
     @contextmanager
     def _backend(self, shared: Any) -> Iterator[None]:

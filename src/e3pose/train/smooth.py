@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# Half the window. With a parabola and these weights it passes motion of up to about 5 Hz, in which
+# Half the window. With a parabola and these weights it passes motion of up to 4 or 5 Hz, in which
 # nearly all power of human movement lies (Winter, Biomechanics and Motor Control, chapter 3).
-HALF_S = 0.2
+HALF_S = 0.12
 LEAST_SAMPLES = 4  # one more than a parabola needs
-OUTLIER_M = 0.05  # from the first fit, beyond which a sample counts less: thrice the usual noise
+OUTLIER_M = 0.1  # from the first fit, beyond which a sample counts less: thrice the usual noise
 
 
 def smooth(joints_m: Floats, interval_s: float) -> Floats:
@@ -22,13 +22,15 @@ def smooth(joints_m: Floats, interval_s: float) -> Floats:
         interval_s: seconds a slot.
 
     Returns:
-        The same shape. A gap is closed if there are samples on both sides of it within 0.2 s; NaN
-        elsewhere. At less than 12 slots a second there is nothing to average, and the joints are
-        returned as they are.
+        The same shape. A gap is closed if there are samples on both sides of it within 0.12 s; NaN
+        elsewhere. At less than 17 slots a second there is nothing to average: joints stay as they
+        are, and a single missing one is put between its neighbours.
     """
-    reach = int(HALF_S / interval_s)
-    if 2 * reach + 1 < LEAST_SAMPLES + 1:
-        return np.array(joints_m)
+    reach = int(HALF_S / interval_s + 1e-6)
+    if reach < 2:
+        between = joints_m.copy()
+        between[1:-1] = (joints_m[2:] + joints_m[:-2]) / 2
+        return np.where(np.isfinite(joints_m), joints_m, between)
     known: NDArray[np.bool_] = np.asarray(np.isfinite(joints_m).all(axis=-1))
     first = _fit(joints_m, known.astype(np.float64), reach)
     with np.errstate(invalid="ignore"):
