@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import pickle
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
@@ -22,22 +24,54 @@ SOURCES = (
     _PACKAGE.parent / "triangulate.py",
 )
 # The filter's kernels call the others, but not the other way round.
-FILTER_SOURCES = (
-    *SOURCES,
-    *sorted(_PACKAGE.glob(f"{FILTER}*.py")),
-    *sorted((_PACKAGE.parent / "filter").glob("*.py")),
-)
+FILTER_SOURCES = (*SOURCES, *sorted(_PACKAGE.glob(f"{FILTER}*.py")))
 
 
-def sources_stamp(sources: tuple[Path, ...] = SOURCES) -> str:
+def sources_stamp(sources: tuple[Path, ...] = SOURCES, constants: str = "") -> str:
     """Return a digest of everything that is compiled into a kernel."""
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sources:
         digest.update(path.read_bytes() if path.exists() else b"")
+    digest.update(constants.encode())
     return digest.hexdigest()
 
 
-_STAMP, _FILTER_STAMP = sources_stamp(), sources_stamp(FILTER_SOURCES)
+def filter_constants() -> str:
+    """Return the constants that the filter's kernels take over, with their names."""
+    from e3pose.filter import associate, births, existence, step, update
+
+    return repr(
+        [
+            (module.__name__, name, value)
+            for module in (associate, births, existence, step, update)
+            for name, value in sorted(vars(module).items())
+            if name.isupper() and isinstance(value, int | float | tuple)
+        ]
+    )
+
+
+_STAMP = sources_stamp()
+
+
+@cache
+def _filter_stamp() -> str:
+    return sources_stamp(FILTER_SOURCES, filter_constants())
+
+
+def _or_nothing(load_index: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
+    """Take what is on disk as stale where it cannot be read.
+
+    numba looks at the stamp only after it has loaded the types of the arguments, one of which an
+    older version may have called differently.
+    """
+
+    def load() -> dict[Any, str]:
+        try:
+            return load_index()
+        except (pickle.UnpicklingError, AttributeError, ImportError, TypeError, EOFError):
+            return {}
+
+    return load
 
 
 def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
@@ -60,7 +94,8 @@ def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Resul
         if not hasattr(cache_file, "_source_stamp"):
             raise AttributeError("numba keeps its stamp elsewhere")
         of_filter = function.__module__.rpartition(".")[2].startswith(FILTER)
-        cache_file._source_stamp = _FILTER_STAMP if of_filter else _STAMP
+        cache_file._source_stamp = _filter_stamp() if of_filter else _STAMP
+        cache_file._load_index = _or_nothing(cache_file._load_index)
     except (RuntimeError, AttributeError):  # nowhere to write, or another numba: compile each time
         dispatcher = numba.njit(**options)(function)
     return cast(Callable[Parameters, Result], dispatcher)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter.associate import (
-    BIAS_PX,
     COST_LIMIT,
     COST_USUAL,
     JOINT_LIMIT,
@@ -19,71 +18,72 @@ from e3pose.filter.existence import INSIDE_JOINTS
 from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_assign import assign
-from e3pose.kernels.filter_memory import Memory, Site
+from e3pose.kernels.filter_memory import Matches, Offers, Views
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
-U, V, SPREAD, IN_FRONT = range(4)  # planes of `Scratch.sight`
+U, V, SPREAD, IN_FRONT = range(4)  # planes of `Offers.sight`
 
 
 @kernel
-def associate(camera: int, num_tracks: int, site: Site, memory: Memory) -> None:
-    """Fill `assigned`, `fits` and `inside` of a camera whose view arrived, and `free` of it."""
-    scratch, views = memory.scratch, memory.views
-    assigned, fits = scratch.assigned[camera], scratch.fits[camera]
+def associate(
+    camera: int,
+    num_tracks: int,
+    projection: Floats,
+    size: Floats,
+    bias: float,
+    views: Views,
+    confirmed: Flags,
+    state: Floats,
+    covariance: Floats,
+    matches: Matches,
+    offers: Offers,
+) -> None:
+    """Fill the rows of `matches` of a camera whose view arrived, and `views.free` of it."""
     first, num_people = views.starts[camera], views.counts[camera]
     for track in range(num_tracks):
-        assigned[track] = -1
-        fits[track] = 0.0
-        inside = look(
-            memory.tracks.state[track],
-            memory.tracks.covariance[track],
-            site.projections[camera],
-            site.sizes[camera],
-            scratch.sight,
-        )
-        scratch.inside[camera, track] = inside >= INSIDE_JOINTS
+        matches.assigned[camera, track] = -1
+        matches.fits[camera, track] = 0.0
+        inside = _look(state[track], covariance[track], projection, size, offers.sight)
+        matches.inside[camera, track] = inside >= INSIDE_JOINTS
         for person in range(num_people):
-            row = first + person
-            scratch.cost[track, person] = cost_of(
-                views.pixels[row],
-                views.weights[row],
-                views.variances[row],
-                (BIAS_PX * site.scales[camera]) ** 2,
-                scratch.sight,
+            offers.cost[track, person] = _cost(
+                first + person, views.pixels, views.weights, views.variances, bias, offers.sight
             )
     for turn in range(2):  # people who are believed to exist choose first
         num_choosers = num_free = 0
         for track in range(num_tracks):
-            if memory.tracks.confirmed[track] == (turn == 0):
-                scratch.choosers[num_choosers] = track
+            if confirmed[track] == (turn == 0):
+                offers.choosers[num_choosers] = track
                 num_choosers += 1
         for person in range(num_people):
             if views.free[first + person]:
-                scratch.people[num_free] = person
+                offers.people[num_free] = person
                 num_free += 1
         if num_choosers == 0 or num_free == 0:
             continue
         for chooser in range(num_choosers):
             for column in range(num_free):
-                cost = scratch.cost[scratch.choosers[chooser], scratch.people[column]]
-                scratch.offered[chooser, column] = cost if cost <= COST_LIMIT else NEVER
-        assign(
-            scratch.offered, num_choosers, num_free, scratch.reals, scratch.integers, scratch.flags
-        )
+                cost = offers.cost[offers.choosers[chooser], offers.people[column]]
+                offers.offered[chooser, column] = cost if cost <= COST_LIMIT else NEVER
+        assign(offers.offered, num_choosers, num_free, offers.reals, offers.integers, offers.flags)
         for chooser in range(num_choosers):
-            column = scratch.integers[0, chooser]
-            if column < 0 or not scratch.offered[chooser, column] <= COST_LIMIT:
+            column = offers.integers[0, chooser]
+            if column < 0 or not offers.offered[chooser, column] <= COST_LIMIT:
                 continue
-            track, person = scratch.choosers[chooser], scratch.people[column]
-            excess = scratch.cost[track, person] - COST_USUAL
-            assigned[track] = person
-            fits[track] = min(max(1.0 - excess / (COST_LIMIT - COST_USUAL), 0.0), 1.0)
+            track, person = offers.choosers[chooser], offers.people[column]
+            excess = offers.cost[track, person] - COST_USUAL
+            fit = 1.0 - excess / (COST_LIMIT - COST_USUAL)
+            matches.assigned[camera, track] = person
+            matches.fits[camera, track] = 0.0 if fit < 0.0 else 1.0 if fit > 1.0 else fit
             views.free[first + person] = False
 
 
 @kernel
-def look(state: Floats, covariance: Floats, projection: Floats, size: Floats, sight: Floats) -> int:
+def _look(
+    state: Floats, covariance: Floats, projection: Floats, size: Floats, sight: Floats
+) -> int:
     """Project the joints of a track into `sight`; return how many fall into the image.
 
     `state` is `(num_joints, 6)`, `covariance` `(num_joints, 6, 6)`.
@@ -124,18 +124,22 @@ def look(state: Floats, covariance: Floats, projection: Floats, size: Floats, si
 
 
 @kernel
-def cost_of(
-    pixels: Floats, weights: Floats, variances: Floats, bias: float, sight: Floats
+def _cost(
+    row: int, pixels: Floats, weights: Floats, variances: Floats, bias: float, sight: Floats
 ) -> float:
     """Return the mean distance of a detection in standard deviations; inf if unknown."""
     shown = 0
     total = weighted = 0.0
-    for joint in range(len(weights)):
-        if weights[joint] > MIN_SCORE and sight[IN_FRONT, joint] > 0:
-            du, dv = pixels[joint, 0] - sight[U, joint], pixels[joint, 1] - sight[V, joint]
-            variance = variances[joint] + bias + sight[SPREAD, joint]
+    for joint in range(weights.shape[1]):
+        weight = weights[row, joint]
+        if weight > MIN_SCORE and sight[IN_FRONT, joint] > 0:
+            du = pixels[row, joint, 0] - sight[U, joint]
+            dv = pixels[row, joint, 1] - sight[V, joint]
+            variance = variances[row, joint] + bias + sight[SPREAD, joint]
             distance = math.sqrt((du * du + dv * dv) / variance)
             shown += 1
-            total += weights[joint]
-            weighted += weights[joint] * min(distance, JOINT_LIMIT)
-    return weighted / max(total, 1e-9) if shown >= MIN_JOINTS else np.inf
+            total += weight
+            weighted += weight * (distance if distance < JOINT_LIMIT else JOINT_LIMIT)
+    if shown < MIN_JOINTS:
+        return np.inf
+    return weighted / (total if total > 1e-9 else 1e-9)

@@ -26,7 +26,7 @@ from e3pose.filter.births import (
 )
 from e3pose.filter.existence import DELIVERED_PRIOR
 from e3pose.kernels.compile import kernel
-from e3pose.kernels.filter_memory import Memory, Scratch, Site, Tracks, Waiting
+from e3pose.kernels.filter_memory import Pairs, Tracks, Views, Waiting
 from e3pose.kernels.place import triangulate_person
 
 Floats = NDArray[np.float64]
@@ -35,68 +35,75 @@ Integers = NDArray[np.int64]
 
 @kernel
 def give_birth(
-    num_tracks: int, num_old: int, time_s: float, next_id: int, site: Site, memory: Memory
+    num_tracks: int,
+    num_old: int,
+    time_s: float,
+    next_id: int,
+    projections: Floats,
+    scales: Floats,
+    views: Views,
+    tracks: Tracks,
+    waiting: Waiting,
+    pairs: Pairs,
 ) -> tuple[int, int, int]:
     """Start people from pairs of leftovers; return numbers of tracks and leftovers, and `next_id`.
 
-    The first `num_old` rows of `memory.waiting` are of earlier slots. What still waits in the end
-    is in the rows that `memory.waiting.order` begins with.
+    The first `num_old` rows of `waiting` are of earlier slots. What still waits in the end is in
+    the rows that `waiting.order` begins with.
     """
-    waiting, tracks, scratch = memory.waiting, memory.tracks, memory.scratch
-    num_waiting = _collect(num_old, time_s, memory)
-    num_pairs = _pair(num_waiting, time_s, site, waiting, scratch)
+    num_waiting = _collect(num_old, time_s, views, waiting)
+    num_pairs = _pair(num_waiting, time_s, projections, scales, waiting, pairs)
     for index in range(num_waiting):
-        scratch.taken[index] = False
-    while True:
+        pairs.taken[index] = False
+    while num_tracks < MAX_TRACKS:
         best = -1  # pairs are in the order of their rows, so the first of equals is the least
+        least = np.inf
         for pair in range(num_pairs):
-            a, b = scratch.pair_ends[pair]
-            if scratch.taken[a] or scratch.taken[b]:
-                scratch.pair_fits[pair] = np.inf
-            fit = scratch.pair_fits[pair]
-            if fit < np.inf and (best < 0 or fit < scratch.pair_fits[best]):
-                best = pair
-        if best < 0 or num_tracks >= MAX_TRACKS:
+            taken = pairs.taken[pairs.ends[pair, 0]] or pairs.taken[pairs.ends[pair, 1]]
+            if pairs.fits[pair] < least and not taken:
+                best, least = pair, pairs.fits[pair]
+        if best < 0:
             break
-        scratch.pair_fits[best] = np.inf
-        joints_m = scratch.pair_joints_m[best]
-        if not _is_apart(joints_m, num_tracks, tracks):
+        pairs.fits[best] = np.inf
+        if not _is_apart(best, num_tracks, pairs.joints_m, tracks.state):
             continue
-        a, b = scratch.pair_ends[best]
-        scratch.taken[a] = scratch.taken[b] = True
-        _start(num_tracks, next_id, joints_m, tracks, scratch)
-        tracks.seen_by[num_tracks, waiting.cameras[waiting.order[a]]] = True
-        tracks.seen_by[num_tracks, waiting.cameras[waiting.order[b]]] = True
-        tracks.last_seen_s[num_tracks, waiting.cameras[waiting.order[a]]] = 0.0
-        tracks.last_seen_s[num_tracks, waiting.cameras[waiting.order[b]]] = 0.0
+        _start(num_tracks, next_id, best, pairs.joints_m, pairs.middle, pairs.sorted, tracks)
+        for end in range(2):
+            index = pairs.ends[best, end]
+            pairs.taken[index] = True
+            tracks.seen_by[num_tracks, waiting.cameras[waiting.order[index]]] = True
+            tracks.last_seen_s[num_tracks, waiting.cameras[waiting.order[index]]] = 0.0
         num_tracks += 1
         next_id += 1
     left = 0
     for index in range(num_waiting):
-        if not scratch.taken[index]:
+        if not pairs.taken[index]:
             waiting.order[left] = waiting.order[index]
             left += 1
     return num_tracks, left, next_id
 
 
 @kernel
-def _collect(num_old: int, time_s: float, memory: Memory) -> int:
+def _collect(num_old: int, time_s: float, views: Views, waiting: Waiting) -> int:
     """Add the leftovers of this slot and put all in order; return how many there are."""
-    views, waiting = memory.views, memory.waiting
     num_joints = views.weights.shape[1]
     row, count = num_old, 0
     for camera in range(len(views.counts)):
         for person in range(views.counts[camera]):
             at = views.starts[camera] + person
+            if not views.free[at] or count == MAX_LEFTOVERS:
+                continue
             sure = 0
             for joint in range(num_joints):
                 sure += views.weights[at, joint] > SURE_SCORE
-            if not views.free[at] or sure < MIN_JOINTS or count == MAX_LEFTOVERS:
+            if sure < MIN_JOINTS:
                 continue
             waiting.times_s[row] = time_s
             waiting.cameras[row] = camera
-            waiting.keypoints_px[row] = views.pixels[at]
-            waiting.scores[row] = views.weights[at]
+            for joint in range(num_joints):
+                waiting.scores[row, joint] = views.weights[at, joint]
+                waiting.keypoints_px[row, joint, 0] = views.pixels[at, joint, 0]
+                waiting.keypoints_px[row, joint, 1] = views.pixels[at, joint, 1]
             waiting.order[count] = row
             row, count = row + 1, count + 1
     for old in range(num_old):
@@ -104,11 +111,14 @@ def _collect(num_old: int, time_s: float, memory: Memory) -> int:
             waiting.order[count] = old
             count += 1
     for index in range(count):
-        waiting.strength[waiting.order[index]] = _sum(waiting.scores[waiting.order[index]])
+        row = waiting.order[index]
+        waiting.strength[row] = _sum(row, waiting.scores)
     for index in range(1, count):  # an insertion sort keeps equals in order
         row = waiting.order[index]
         place = index
-        while place > 0 and _goes_before(row, waiting.order[place - 1], waiting):
+        while place > 0 and _goes_before(
+            row, waiting.order[place - 1], waiting.times_s, waiting.cameras, waiting.strength
+        ):
             waiting.order[place] = waiting.order[place - 1]
             place -= 1
         waiting.order[place] = row
@@ -116,40 +126,50 @@ def _collect(num_old: int, time_s: float, memory: Memory) -> int:
 
 
 @kernel
-def _sum(values: Floats) -> float:
-    """Add as numpy does up to 128 numbers, so that equals are equal."""
+def _sum(row: int, values: Floats) -> float:
+    """Add as numpy does up to 128 numbers, so that what is equal there is equal here."""
+    size = values.shape[1]
     total = 0.0
-    whole = len(values) - len(values) % 8 if len(values) >= 8 else 0
+    whole = size - size % 8
     if whole:
-        r0, r1, r2, r3 = values[0], values[1], values[2], values[3]
-        r4, r5, r6, r7 = values[4], values[5], values[6], values[7]
+        r0, r1, r2, r3 = values[row, 0], values[row, 1], values[row, 2], values[row, 3]
+        r4, r5, r6, r7 = values[row, 4], values[row, 5], values[row, 6], values[row, 7]
         for index in range(8, whole, 8):
-            r0 += values[index]
-            r1 += values[index + 1]
-            r2 += values[index + 2]
-            r3 += values[index + 3]
-            r4 += values[index + 4]
-            r5 += values[index + 5]
-            r6 += values[index + 6]
-            r7 += values[index + 7]
+            r0 += values[row, index]
+            r1 += values[row, index + 1]
+            r2 += values[row, index + 2]
+            r3 += values[row, index + 3]
+            r4 += values[row, index + 4]
+            r5 += values[row, index + 5]
+            r6 += values[row, index + 6]
+            r7 += values[row, index + 7]
         total = ((r0 + r1) + (r2 + r3)) + ((r4 + r5) + (r6 + r7))
-    for index in range(whole, len(values)):
-        total += values[index]
+    for index in range(whole, size):
+        total += values[row, index]
     return total
 
 
 @kernel
-def _goes_before(row: int, other: int, waiting: Waiting) -> bool:
-    if waiting.times_s[row] != waiting.times_s[other]:
-        return bool(waiting.times_s[row] > waiting.times_s[other])
-    if waiting.cameras[row] != waiting.cameras[other]:
-        return bool(waiting.cameras[row] < waiting.cameras[other])
-    return bool(waiting.strength[row] < waiting.strength[other])
+def _goes_before(
+    row: int, other: int, times_s: Floats, cameras: Integers, strength: Floats
+) -> bool:
+    if times_s[row] != times_s[other]:
+        return bool(times_s[row] > times_s[other])
+    if cameras[row] != cameras[other]:
+        return bool(cameras[row] < cameras[other])
+    return bool(strength[row] < strength[other])
 
 
 @kernel
-def _pair(num_waiting: int, time_s: float, site: Site, waiting: Waiting, scratch: Scratch) -> int:
-    """Fill `pair_fits`, `pair_ends` and `pair_joints_m` with those who may be one person."""
+def _pair(
+    num_waiting: int,
+    time_s: float,
+    projections: Floats,
+    scales: Floats,
+    waiting: Waiting,
+    pairs: Pairs,
+) -> int:
+    """Fill `pairs` with those who may be one person; return how many."""
     num_pairs = 0
     for a in range(num_waiting):
         first = waiting.order[a]
@@ -159,80 +179,75 @@ def _pair(num_waiting: int, time_s: float, site: Site, waiting: Waiting, scratch
                 continue
             if waiting.times_s[first] != time_s and waiting.times_s[second] != time_s:
                 continue
-            fit = _meet(first, second, site, waiting, scratch, scratch.pair_joints_m[num_pairs])
-            if fit < np.inf:
-                scratch.pair_fits[num_pairs] = fit
-                scratch.pair_ends[num_pairs, 0] = a
-                scratch.pair_ends[num_pairs, 1] = b
+            pairs.cameras[0], pairs.cameras[1] = waiting.cameras[first], waiting.cameras[second]
+            shared = _share(first, second, waiting.keypoints_px, waiting.scores, pairs)
+            if shared < MIN_JOINTS:
+                continue
+            joints_m = pairs.joints_m[num_pairs]
+            triangulate_person(
+                pairs.rows,
+                pairs.cameras,
+                pairs.px,
+                pairs.scores,
+                projections,
+                pairs.small,
+                joints_m,
+            )
+            fit = _fit(joints_m, projections, scales, pairs.cameras, pairs.px, pairs.sorted)
+            if fit < np.inf and _is_human(joints_m):
+                pairs.fits[num_pairs] = fit
+                pairs.ends[num_pairs, 0] = a
+                pairs.ends[num_pairs, 1] = b
                 num_pairs += 1
     return num_pairs
 
 
 @kernel
-def _meet(
-    first: int, second: int, site: Site, waiting: Waiting, scratch: Scratch, joints_m: Floats
-) -> float:
-    """Write where two detections meet to `joints_m`; return how badly, inf if they are no body."""
-    num_joints = len(joints_m)
+def _share(first: int, second: int, keypoints_px: Floats, scores: Floats, pairs: Pairs) -> int:
+    """Copy the joints that both detections have; return how many."""
     shared = 0
-    for joint in range(num_joints):
-        both = (
-            waiting.scores[first, joint] > SHARED_SCORE
-            and waiting.scores[second, joint] > SHARED_SCORE
-        )
+    for joint in range(scores.shape[1]):
+        both = scores[first, joint] > SHARED_SCORE and scores[second, joint] > SHARED_SCORE
         shared += both
-        for end in range(2):
-            row = first if end == 0 else second
-            scratch.pair_scores[end, joint] = waiting.scores[row, joint] if both else 0.0
-            for axis in range(2):
-                at = waiting.keypoints_px[row, joint, axis]
-                scratch.pair_px[end, joint, axis] = at if both else 0.0
-    if shared < MIN_JOINTS:
-        return np.inf
-    scratch.pair_cameras[0] = waiting.cameras[first]
-    scratch.pair_cameras[1] = waiting.cameras[second]
-    triangulate_person(
-        scratch.pair_rows,
-        scratch.pair_cameras,
-        scratch.pair_px,
-        scratch.pair_scores,
-        site.projections,
-        scratch.small,
-        joints_m,
-    )
-    num_errors = num_good = 0
-    for joint in range(num_joints):
-        if math.isnan(joints_m[joint, 0]):
-            continue
-        error = max(
-            _error_px(joint, 0, joints_m, site, scratch),
-            _error_px(joint, 1, joints_m, site, scratch),
-        )
-        num_good += error < MAX_ERROR_PX
-        scratch.sorted[num_errors] = error
-        num_errors += 1
-    if num_good < MIN_JOINTS:
-        return np.inf
-    median = median_of(scratch.sorted, num_errors)
-    if median > MAX_ERROR_PX or not _is_human(joints_m):
-        return np.inf
-    return median / math.sqrt(num_errors)
+        pairs.scores[0, joint] = scores[first, joint] if both else 0.0
+        pairs.scores[1, joint] = scores[second, joint] if both else 0.0
+        for axis in range(2):
+            pairs.px[0, joint, axis] = keypoints_px[first, joint, axis] if both else 0.0
+            pairs.px[1, joint, axis] = keypoints_px[second, joint, axis] if both else 0.0
+    return shared
 
 
 @kernel
-def _error_px(joint: int, end: int, joints_m: Floats, site: Site, scratch: Scratch) -> float:
-    """Return the reprojection error in pixels of the images that the noise was measured on."""
-    camera = scratch.pair_cameras[end]
-    x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
-    p = site.projections
-    depth = p[camera, 2, 0] * x + p[camera, 2, 1] * y + p[camera, 2, 2] * z + p[camera, 2, 3]
-    depth = depth if abs(depth) >= 1e-6 else 1e-6
-    squares = 0.0
-    for axis in range(2):
-        at = p[camera, axis, 0] * x + p[camera, axis, 1] * y
-        at += p[camera, axis, 2] * z + p[camera, axis, 3]
-        squares += (at / depth - scratch.pair_px[end, joint, axis]) ** 2
-    return float(math.sqrt(squares) / site.scales[camera])
+def _fit(
+    joints_m: Floats,
+    projections: Floats,
+    scales: Floats,
+    cameras: Integers,
+    px: Floats,
+    sorted_px: Floats,
+) -> float:
+    """Return how badly two detections meet in `joints_m`; inf where they are two people's."""
+    num_errors = num_good = 0
+    for joint in range(len(joints_m)):
+        x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
+        if math.isnan(x):
+            continue
+        worst = 0.0
+        for end in range(2):
+            p = projections[cameras[end]]
+            depth = p[2, 0] * x + p[2, 1] * y + p[2, 2] * z + p[2, 3]
+            depth = depth if abs(depth) >= 1e-6 else 1e-6
+            du = (p[0, 0] * x + p[0, 1] * y + p[0, 2] * z + p[0, 3]) / depth - px[end, joint, 0]
+            dv = (p[1, 0] * x + p[1, 1] * y + p[1, 2] * z + p[1, 3]) / depth - px[end, joint, 1]
+            error = math.sqrt(du * du + dv * dv) / scales[cameras[end]]
+            worst = error if error > worst else worst
+        num_good += worst < MAX_ERROR_PX
+        sorted_px[num_errors] = worst
+        num_errors += 1
+    if num_good < MIN_JOINTS:
+        return np.inf
+    median = median_of(sorted_px, num_errors)
+    return median / math.sqrt(num_errors) if median <= MAX_ERROR_PX else np.inf
 
 
 @kernel
@@ -256,23 +271,24 @@ def _is_human(joints_m: Floats) -> bool:
         lowest, highest = np.inf, -np.inf
         for joint in range(len(joints_m)):
             if not math.isnan(joints_m[joint, 0]):
-                lowest = min(lowest, joints_m[joint, axis])
-                highest = max(highest, joints_m[joint, axis])
-        extent = max(extent, highest - lowest)
+                at = joints_m[joint, axis]
+                lowest = at if at < lowest else lowest
+                highest = at if at > highest else highest
+        extent = highest - lowest if highest - lowest > extent else extent
     return MIN_EXTENT_M <= extent <= MAX_EXTENT_M
 
 
 @kernel
-def _is_apart(joints_m: Floats, num_tracks: int, tracks: Tracks) -> bool:
+def _is_apart(pair: int, num_tracks: int, joints_m: Floats, state: Floats) -> bool:
     for track in range(num_tracks):
         known = 0
         total = 0.0
-        for joint in range(len(joints_m)):
-            if math.isnan(joints_m[joint, 0]):
+        for joint in range(joints_m.shape[1]):
+            if math.isnan(joints_m[pair, joint, 0]):
                 continue
             squares = 0.0
             for axis in range(3):
-                squares += (tracks.state[track, joint, axis] - joints_m[joint, axis]) ** 2
+                squares += (state[track, joint, axis] - joints_m[pair, joint, axis]) ** 2
             total += math.sqrt(squares)
             known += 1
         if total / known < APART_M:
@@ -281,36 +297,48 @@ def _is_apart(joints_m: Floats, num_tracks: int, tracks: Tracks) -> bool:
 
 
 @kernel
-def _start(track: int, track_id: int, joints_m: Floats, tracks: Tracks, scratch: Scratch) -> None:
+def _start(
+    track: int,
+    track_id: int,
+    pair: int,
+    joints_m: Floats,
+    middle: Floats,
+    sorted_m: Floats,
+    tracks: Tracks,
+) -> None:
     """Fill the row of a new track, but for the cameras that saw it."""
-    num_joints = len(joints_m)
-    middle = scratch.places[0, 0]
+    num_joints = joints_m.shape[1]
     for axis in range(3):
         count = 0
         for joint in range(num_joints):
-            if not math.isnan(joints_m[joint, 0]):
-                scratch.sorted[count] = joints_m[joint, axis]
+            if not math.isnan(joints_m[pair, joint, 0]):
+                sorted_m[count] = joints_m[pair, joint, axis]
                 count += 1
-        middle[axis] = median_of(scratch.sorted, count)
-    tracks.track_ids[track] = track_id
-    tracks.covariance[track] = 0.0
+        middle[axis] = median_of(sorted_m, count)
     for joint in range(num_joints):
         squares = 0.0
         for axis in range(3):
-            squares += (joints_m[joint, axis] - middle[axis]) ** 2
+            squares += (joints_m[pair, joint, axis] - middle[axis]) ** 2
         known = math.sqrt(squares) < REACH_M  # False for NaN
         spread = START_JOINT_M if known else START_UNSEEN_M
+        for a in range(6):
+            for b in range(6):
+                tracks.covariance[track, joint, a, b] = 0.0
         for axis in range(3):
-            tracks.state[track, joint, axis] = joints_m[joint, axis] if known else middle[axis]
+            place = joints_m[pair, joint, axis] if known else middle[axis]
+            tracks.state[track, joint, axis] = place
             tracks.state[track, joint, axis + 3] = 0.0
             tracks.covariance[track, joint, axis, axis] = spread**2
             tracks.covariance[track, joint, axis + 3, axis + 3] = START_SPEED_MPS**2
         tracks.unmeasured_s[track, joint] = 0.0 if known else np.inf
+    tracks.track_ids[track] = track_id
     tracks.existence[track] = START_EXISTENCE
     tracks.hits[track] = 2
-    tracks.seen_by[track] = False
-    tracks.last_seen_s[track] = np.inf
-    tracks.delivered[track] = DELIVERED_PRIOR
     tracks.confirmed[track] = False
-    tracks.bones_m[track] = 0.0
-    tracks.bone_counts[track] = 0.0
+    for camera in range(tracks.seen_by.shape[1]):
+        tracks.seen_by[track, camera] = False
+        tracks.last_seen_s[track, camera] = np.inf
+        tracks.delivered[track, camera] = DELIVERED_PRIOR
+    for bone in range(tracks.bones_m.shape[1]):
+        tracks.bones_m[track, bone] = 0.0
+        tracks.bone_counts[track, bone] = 0.0

@@ -22,22 +22,30 @@ from e3pose.filter.existence import (
 )
 from e3pose.filter.update import MIN_SCORE
 from e3pose.kernels.compile import kernel
-from e3pose.kernels.filter_memory import Memory, Site, Tracks
+from e3pose.kernels.filter_memory import Matches, Tracks, Views
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
 @kernel
-def attend(num_tracks: int, dt: float, site: Site, memory: Memory) -> None:
+def attend(
+    num_tracks: int,
+    dt: float,
+    scales: Floats,
+    noise_px: Floats,
+    views: Views,
+    matches: Matches,
+    tracks: Tracks,
+) -> None:
     """Count for each track the views that showed it and those that should have."""
-    views, tracks, scratch = memory.views, memory.tracks, memory.scratch
     num_cameras, num_joints = len(views.counts), tracks.state.shape[1]
-    rate = LEARN_RATE * min(1.0, dt / FASTEST_S)
+    rate = LEARN_RATE * (dt / FASTEST_S if dt < FASTEST_S else 1.0)
     forgotten = 1.0 - math.exp(-dt / DELIVERED_LASTS_S)
     finest = np.inf
-    for sigma in site.noise_px:
-        finest = min(finest, sigma)
+    for knot in range(len(noise_px)):
+        if noise_px[knot] < finest:
+            finest = noise_px[knot]
     for track in range(num_tracks):
         num_seen_by = 0
         for camera in range(num_cameras):
@@ -46,11 +54,11 @@ def attend(num_tracks: int, dt: float, site: Site, memory: Memory) -> None:
             told_before += forgotten * (DELIVERED_PRIOR - told_before)
             tracks.delivered[track, camera] = told_before
             if views.arrived[camera]:
-                person = scratch.assigned[camera, track]
+                person = matches.assigned[camera, track]
                 told = 0.0
                 if person >= 0:
                     row = views.starts[camera] + person
-                    best = (finest * site.scales[camera]) ** 2
+                    best = (finest * scales[camera]) ** 2
                     for joint in range(num_joints):
                         if views.weights[row, joint] > MIN_SCORE:
                             told += best / views.variances[row, joint]
@@ -58,8 +66,8 @@ def attend(num_tracks: int, dt: float, site: Site, memory: Memory) -> None:
                     tracks.hits[track] += 1
                     tracks.seen_by[track, camera] = True
                     tracks.last_seen_s[track, camera] = 0.0
-                if person >= 0 or scratch.inside[camera, track]:
-                    fit = scratch.fits[camera, track]
+                if person >= 0 or matches.inside[camera, track]:
+                    fit = matches.fits[camera, track]
                     tracks.existence[track] += rate * (fit - tracks.existence[track])
                     tracks.delivered[track, camera] += DELIVERED_RATE * (told - told_before)
             num_seen_by += tracks.seen_by[track, camera]
@@ -84,26 +92,32 @@ def end(num_tracks: int, tracks: Tracks, ended: Flags) -> int:
         if ended[track]:
             continue
         if left < track:
-            move(tracks, track, left)
+            _move(tracks, track, left)
         left += 1
     return left
 
 
 @kernel
-def move(tracks: Tracks, source: int, target: int) -> None:
+def _move(tracks: Tracks, source: int, target: int) -> None:
     """Copy the row of a track."""
     tracks.track_ids[target] = tracks.track_ids[source]
-    tracks.state[target] = tracks.state[source]
-    tracks.covariance[target] = tracks.covariance[source]
-    tracks.unmeasured_s[target] = tracks.unmeasured_s[source]
     tracks.existence[target] = tracks.existence[source]
     tracks.hits[target] = tracks.hits[source]
-    tracks.seen_by[target] = tracks.seen_by[source]
-    tracks.last_seen_s[target] = tracks.last_seen_s[source]
-    tracks.delivered[target] = tracks.delivered[source]
     tracks.confirmed[target] = tracks.confirmed[source]
-    tracks.bones_m[target] = tracks.bones_m[source]
-    tracks.bone_counts[target] = tracks.bone_counts[source]
+    for joint in range(tracks.state.shape[1]):
+        tracks.unmeasured_s[target, joint] = tracks.unmeasured_s[source, joint]
+        for a in range(6):
+            tracks.state[target, joint, a] = tracks.state[source, joint, a]
+            for b in range(6):
+                value = tracks.covariance[source, joint, a, b]
+                tracks.covariance[target, joint, a, b] = value
+    for camera in range(tracks.seen_by.shape[1]):
+        tracks.seen_by[target, camera] = tracks.seen_by[source, camera]
+        tracks.last_seen_s[target, camera] = tracks.last_seen_s[source, camera]
+        tracks.delivered[target, camera] = tracks.delivered[source, camera]
+    for bone in range(tracks.bones_m.shape[1]):
+        tracks.bones_m[target, bone] = tracks.bones_m[source, bone]
+        tracks.bone_counts[target, bone] = tracks.bone_counts[source, bone]
 
 
 @kernel
@@ -114,7 +128,7 @@ def _is_over(existence: float, covariance: Floats, unmeasured_s: Floats) -> bool
     seen = False
     for joint in range(len(covariance)):
         spread = covariance[joint, 0, 0] + covariance[joint, 1, 1] + covariance[joint, 2, 2]
-        least = min(least, spread)
+        least = spread if spread < least else least
         seen |= unmeasured_s[joint] <= END_UNSEEN_S
     return not (seen and math.sqrt(least) < END_SPREAD_M)
 
@@ -131,9 +145,9 @@ def _is_same(first: Floats, second: Floats) -> bool:
         distance = math.sqrt(squares)
         if distance < SAME_M:
             near += 1
-            below = max(below, distance)
+            below = distance if distance > below else below
         else:
-            above = min(above, distance)
+            above = distance if distance < above else above
     if 2 * near == len(first):
         return (below + above) / 2 < SAME_M
     return 2 * near > len(first)

@@ -91,34 +91,49 @@ class Waiting(NamedTuple):
     order: Integers  # the rows that stay, in order
 
 
-class Scratch(NamedTuple):
-    """Room for what lives within one step."""
+class Matches(NamedTuple):
+    """Which detection of which view is whose."""
 
     assigned: Integers  # (num_cameras, num_tracks) row within the view, -1 for none
     fits: Floats  # (num_cameras, num_tracks)
     inside: Flags  # (num_cameras, num_tracks) the view should show the track
-    told: Floats  # (num_cameras, num_tracks) information, as a share of a perfect view's
-    sight: Floats  # (4, num_joints) one track in one view: u, v, variance, in front
+
+
+class Offers(NamedTuple):
+    """Room for assigning the detections of one view."""
+
+    sight: Floats  # (4, num_joints) one track in the view: u, v, variance, in front
     cost: Floats  # (num_tracks, max_people)
     offered: Floats  # (num_tracks, max_people) likewise, of those who choose
     choosers: Integers  # (num_tracks,)
     people: Integers  # (max_people,)
-    reals: Floats  # (3, tracks or people) of the assignment
+    reals: Floats  # (3, tracks or people) for `assign`
     integers: Integers  # (5, tracks or people) likewise
     flags: Flags  # (2, tracks or people) likewise
+
+
+class Passes(NamedTuple):
+    """Room for the passes of one track's update."""
+
     places: Floats  # (2, num_joints, 3) positions before and after a pass
-    pulls: Floats  # (num_joints, 9) of bones: a symmetric matrix, a vector
+    pulls: Floats  # (num_joints, 9) information about a position, a symmetric matrix; a vector
     measured: Flags  # (num_joints,)
-    pair_px: Floats  # (2, num_joints, 2)
-    pair_scores: Floats  # (2, num_joints)
-    pair_cameras: Integers  # (2,)
-    pair_rows: Integers  # (2,) 0, 1
-    small: Floats  # (4, 4, 4)
-    sorted: Floats  # (num_joints,)
-    pair_fits: Floats  # (num_pairs,)
-    pair_ends: Integers  # (num_pairs, 2)
-    pair_joints_m: Floats  # (num_pairs, num_joints, 3)
+
+
+class Pairs(NamedTuple):
+    """Room for the pairs of leftovers that may be one person."""
+
+    fits: Floats  # (num_pairs,)
+    ends: Integers  # (num_pairs, 2)
+    joints_m: Floats  # (num_pairs, num_joints, 3)
     taken: Flags  # (num_waiting,)
+    px: Floats  # (2, num_joints, 2) of one pair
+    scores: Floats  # (2, num_joints)
+    cameras: Integers  # (2,)
+    rows: Integers  # (2,) 0, 1
+    small: Floats  # (4, 4, 4)
+    middle: Floats  # (3,)
+    sorted: Floats  # (num_joints,)
 
 
 class Memory(NamedTuple):
@@ -127,7 +142,10 @@ class Memory(NamedTuple):
     views: Views
     tracks: Tracks
     waiting: Waiting
-    scratch: Scratch
+    matches: Matches
+    offers: Offers
+    passes: Passes
+    pairs: Pairs
 
 
 def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int) -> Memory:
@@ -165,11 +183,12 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             strength=np.zeros(waiting),
             order=np.zeros(waiting, np.int64),
         ),
-        Scratch(
+        Matches(
             assigned=np.zeros((cameras, num_tracks), np.int64),
             fits=np.zeros((cameras, num_tracks)),
             inside=np.zeros((cameras, num_tracks), bool),
-            told=np.zeros((cameras, num_tracks)),
+        ),
+        Offers(
             sight=np.zeros((4, joints)),
             cost=np.zeros((num_tracks, num_people)),
             offered=np.zeros((num_tracks, num_people)),
@@ -178,18 +197,23 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             reals=np.zeros((3, most)),
             integers=np.zeros((5, most), np.int64),
             flags=np.zeros((2, most), bool),
+        ),
+        Passes(
             places=np.zeros((2, joints, 3)),
             pulls=np.zeros((joints, 9)),
             measured=np.zeros(joints, bool),
-            pair_px=np.zeros((2, joints, 2)),
-            pair_scores=np.zeros((2, joints)),
-            pair_cameras=np.zeros(2, np.int64),
-            pair_rows=np.arange(2),
-            small=np.zeros((4, 4, 4)),
-            sorted=np.zeros(joints),
-            pair_fits=np.zeros(pairs),
-            pair_ends=np.zeros((pairs, 2), np.int64),
-            pair_joints_m=np.zeros((pairs, joints, 3)),
+        ),
+        Pairs(
+            fits=np.zeros(pairs),
+            ends=np.zeros((pairs, 2), np.int64),
+            joints_m=np.zeros((pairs, joints, 3)),
             taken=np.zeros(waiting, bool),
+            px=np.zeros((2, joints, 2)),
+            scores=np.zeros((2, joints)),
+            cameras=np.zeros(2, np.int64),
+            rows=np.arange(2),
+            small=np.zeros((4, 4, 4)),
+            middle=np.zeros(3),
+            sorted=np.zeros(joints),
         ),
     )

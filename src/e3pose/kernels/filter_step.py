@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.filter.associate import BIAS_PX
 from e3pose.filter.births import MAX_LEFTOVERS, MAX_TRACKS
 from e3pose.filter.state import Belief, Leftovers, Model
 from e3pose.filter.step import LONGEST_S, MAX_PEOPLE, Estimate, bounded, check_slot, estimate_of
@@ -123,23 +124,52 @@ def step_slot(
     memory: Memory,
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
-    views, tracks = memory.views, memory.tracks
+    views, tracks, passes = memory.views, memory.tracks, memory.passes
     predict(num_tracks, dt, tracks.state, tracks.covariance, tracks.unmeasured_s)
     _prepare(site, views)
     num_views = 0
     for camera in range(len(views.counts)):
         if views.arrived[camera]:
             num_views += 1
-            associate(camera, num_tracks, site, memory)
+            associate(
+                camera,
+                num_tracks,
+                site.projections[camera],
+                site.sizes[camera],
+                (BIAS_PX * site.scales[camera]) ** 2,
+                views,
+                tracks.confirmed,
+                tracks.state,
+                tracks.covariance,
+                memory.matches,
+                memory.offers,
+            )
     for track in range(num_tracks):
         if num_views:
-            update(track, site, memory)
-        learn_bones(track, site, memory)
-    attend(num_tracks, dt, site, memory)
+            update(track, site, views, memory.matches.assigned, tracks, passes)
+        learn_bones(
+            tracks.state[track],
+            tracks.covariance[track],
+            tracks.unmeasured_s[track],
+            site.bones,
+            tracks.bones_m[track],
+            tracks.bone_counts[track],
+            passes.measured,
+        )
+    attend(num_tracks, dt, site.scales, site.noise_px, views, memory.matches, tracks)
     num_tracks, num_waiting, next_id = give_birth(
-        num_tracks, num_old, time_s, next_id, site, memory
+        num_tracks,
+        num_old,
+        time_s,
+        next_id,
+        site.projections,
+        site.scales,
+        views,
+        tracks,
+        memory.waiting,
+        memory.pairs,
     )
-    num_tracks = end(num_tracks, tracks, memory.scratch.flags[0])
+    num_tracks = end(num_tracks, tracks, memory.offers.flags[0])
     return num_tracks, num_waiting, next_id
 
 

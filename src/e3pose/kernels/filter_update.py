@@ -26,60 +26,74 @@ from e3pose.filter.update import (
     OUTLIER_SIGMAS,
 )
 from e3pose.kernels.compile import kernel
-from e3pose.kernels.filter_memory import Memory, Site
+from e3pose.kernels.filter_memory import Passes, Site, Tracks, Views
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 ROBUST = 1.0 / OUTLIER_SIGMAS**2
 
 
 @kernel
-def update(track: int, site: Site, memory: Memory) -> None:
-    """Move a track to what the views of the slot and the learned bones say."""
-    scratch, views = memory.scratch, memory.views
-    state, covariance = memory.tracks.state[track], memory.tracks.covariance[track]
-    now, then = scratch.places[0], scratch.places[1]
-    pulls = scratch.pulls
+def update(
+    track: int,
+    site: Site,
+    views: Views,
+    assigned: Integers,
+    tracks: Tracks,
+    passes: Passes,
+) -> None:
+    """Move a track to what the views of the slot and the learned bones say.
+
+    `assigned` is that of `Matches`.
+    """
+    state, covariance = tracks.state[track], tracks.covariance[track]
+    now, then = passes.places[0], passes.places[1]
+    pulls, measured = passes.pulls, passes.measured
     num_joints, num_cameras = len(state), len(views.counts)
     for joint in range(num_joints):
-        scratch.measured[joint] = False
+        measured[joint] = False
         for axis in range(3):
             now[joint, axis] = state[joint, axis]
     for iteration in range(ITERATIONS):
-        pulls[:] = 0.0
+        for joint in range(num_joints):
+            for entry in range(9):
+                pulls[joint, entry] = 0.0
         _pull_bones(
             now,
             covariance,
-            memory.tracks.bones_m[track],
-            memory.tracks.bone_counts[track],
-            site,
+            tracks.bones_m[track],
+            tracks.bone_counts[track],
+            site.bones,
+            site.slacks_m,
             pulls,
         )
         for camera in range(num_cameras):
-            if views.arrived[camera] and scratch.assigned[camera, track] >= 0:
-                row = views.starts[camera] + scratch.assigned[camera, track]
+            if views.arrived[camera] and assigned[camera, track] >= 0:
                 _pull_view(
+                    views.starts[camera] + assigned[camera, track],
                     now,
                     covariance,
                     site.projections[camera],
-                    views.pixels[row],
-                    views.weights[row],
-                    views.variances[row],
+                    views.pixels,
+                    views.weights,
+                    views.variances,
                     iteration == 0,
                     pulls,
-                    scratch.measured,
+                    measured,
                 )
-        last = iteration == ITERATIONS - 1
         for joint in range(num_joints):
-            _solve(joint, pulls, now, then, state, covariance, last)
+            _solve(joint, pulls, now, then, state, covariance, iteration == ITERATIONS - 1)
         now, then = then, now
     for joint in range(num_joints):
-        if scratch.measured[joint]:
-            memory.tracks.unmeasured_s[track, joint] = 0.0
+        if measured[joint]:
+            tracks.unmeasured_s[track, joint] = 0.0
 
 
 @kernel
 def _pull_view(
+    row: int,
     places: Floats,
     covariance: Floats,
     projection: Floats,
@@ -88,11 +102,11 @@ def _pull_view(
     variances: Floats,
     first: bool,
     pulls: Floats,
-    measured: NDArray[np.bool_],
+    measured: Flags,
 ) -> None:
     """Add to the pulls of each joint what one detection says; note what it measures."""
-    for joint in range(len(weights)):
-        if not weights[joint] > MIN_SCORE:
+    for joint in range(len(places)):
+        if not weights[row, joint] > MIN_SCORE:
             continue
         x, y, z = places[joint, 0], places[joint, 1], places[joint, 2]
         depth = (
@@ -115,7 +129,7 @@ def _pull_view(
         vz = (projection[1, 2] - v * projection[2, 2]) * inverse
         xx, xy, xz = ux * ux + vx * vx, ux * uy + vx * vy, ux * uz + vx * vz
         yy, yz, zz = uy * uy + vy * vy, uy * uz + vy * vz, uz * uz + vz * vz
-        variance = variances[joint]
+        variance = variances[row, joint]
         expected = variance
         if first:  # a prediction may be off by more than a keypoint
             expected += (
@@ -128,7 +142,7 @@ def _pull_view(
                 + covariance[joint, 0, 2] * xz
                 + covariance[joint, 1, 2] * yz
             )
-        du, dv = pixels[joint, 0] - u, pixels[joint, 1] - v
+        du, dv = pixels[row, joint, 0] - u, pixels[row, joint, 1] - v
         off = (du * du + dv * dv) / expected
         measured[joint] |= off < MEASURED_SIGMAS**2
         weight = 1.0 / ((1.0 + off * ROBUST) * variance)
@@ -145,17 +159,24 @@ def _pull_view(
 
 @kernel
 def _pull_bones(
-    places: Floats, covariance: Floats, bones_m: Floats, counts: Floats, site: Site, pulls: Floats
+    places: Floats,
+    covariance: Floats,
+    bones_m: Floats,
+    counts: Floats,
+    bones: Integers,
+    slacks_m: Floats,
+    pulls: Floats,
 ) -> None:
     """Add what the neighbours at known distances say; each thinks the other fixed."""
     for bone in range(len(bones_m)):
         if not counts[bone] > BONE_TEACHERS:
             continue
-        first, second = site.bones[bone, 0], site.bones[bone, 1]
+        first, second = bones[bone, 0], bones[bone, 1]
         x = places[first, 0] - places[second, 0]
         y = places[first, 1] - places[second, 1]
         z = places[first, 2] - places[second, 2]
-        length = max(math.sqrt(x * x + y * y + z * z), 1e-6)
+        length = math.sqrt(x * x + y * y + z * z)
+        length = length if length > 1e-6 else 1e-6
         x, y, z = x / length, y / length, z / length
         excess = length - bones_m[bone]
         for turn in range(2):
@@ -170,7 +191,7 @@ def _pull_bones(
                 + covariance[other, 0, 2] * x * z
                 + covariance[other, 1, 2] * y * z
             )
-            weight = 1.0 / (spread / 2 + site.slacks_m[bone] ** 2)
+            weight = 1.0 / (spread / 2 + slacks_m[bone] ** 2)
             pulls[joint, 0] += weight * x * x
             pulls[joint, 1] += weight * x * y
             pulls[joint, 2] += weight * x * z
@@ -256,22 +277,29 @@ def _solve(
 
 
 @kernel
-def learn_bones(track: int, site: Site, memory: Memory) -> None:
-    """Let joints that are well known and were just measured teach how far apart they are."""
-    state, covariance = memory.tracks.state[track], memory.tracks.covariance[track]
-    unmeasured_s = memory.tracks.unmeasured_s[track]
-    bones_m, counts = memory.tracks.bones_m[track], memory.tracks.bone_counts[track]
-    known = memory.scratch.measured
+def learn_bones(
+    state: Floats,
+    covariance: Floats,
+    unmeasured_s: Floats,
+    bones: Integers,
+    bones_m: Floats,
+    counts: Floats,
+    known: Flags,
+) -> None:
+    """Let joints that are well known and were just measured teach how far apart they are.
+
+    All of one track; `known` is scratch `(num_joints,)`.
+    """
     for joint in range(len(state)):
         spread = covariance[joint, 0, 0] + covariance[joint, 1, 1] + covariance[joint, 2, 2]
         known[joint] = unmeasured_s[joint] == 0 and spread < 3 * BONE_KNOWN_M**2
     for bone in range(len(bones_m)):
-        first, second = site.bones[bone, 0], site.bones[bone, 1]
+        first, second = bones[bone, 0], bones[bone, 1]
         if not (known[first] and known[second]):
             continue
         squares = 0.0
         for axis in range(3):
             squares += (state[first, axis] - state[second, axis]) ** 2
-        count = min(counts[bone], BONE_MEMORY)
-        bones_m[bone] = (bones_m[bone] * count + math.sqrt(squares)) / (count + 1)
-        counts[bone] = count + 1
+        count = counts[bone] if counts[bone] < BONE_MEMORY else float(BONE_MEMORY)
+        bones_m[bone] = (bones_m[bone] * count + math.sqrt(squares)) / (count + 1.0)
+        counts[bone] = count + 1.0
