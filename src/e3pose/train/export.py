@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 import numpy as np
 import onnx
@@ -137,6 +138,7 @@ def export(network: AttentionLstm, error_factor: Sequence[float]) -> bytes:
             "format": FORMAT,
             "version": FORMAT_VERSION,
             "history_slots": str(slots),
+            "settings": json.dumps(asdict(network.settings)),
             "joints": " ".join(COMMON_JOINTS),
             "error_factor": json.dumps([round(float(factor), 4) for factor in error_factor]),
         },
