@@ -60,6 +60,8 @@ def writing_engine(url: str) -> Engine:
 
         @event.listens_for(engine, "connect")
         def _set(connection: Any, _record: Any) -> None:
+            if connection.execute("PRAGMA page_count").fetchone() == (0,):
+                connection.execute(schema.NEW_PRAGMA)
             for pragma in schema.WRITER_PRAGMAS:
                 connection.execute(pragma)
 
@@ -82,13 +84,9 @@ def reading(store: str | Path) -> Iterator[Connection]:
             raise InputError(
                 f"{where}: found {found}, expected a store (see e3pose replay --store)"
             )
-        quoted = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
-        # A folder that may not be written has no place for the index of the log: read without one.
-        alone = not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists()
-        url = f"sqlite:///file:{quoted}?mode=ro{'&immutable=1' if alone else ''}&uri=true"
-    engine = _engine(url)
+        url = _reading_url(path)
     try:
-        with engine.connect() as connection:
+        with _connected(_engine(url)) as connection:
             if path is not None:
                 connection.execute(text("PRAGMA busy_timeout = 5000"))
             schema.check_version(connection, where)
@@ -98,8 +96,6 @@ def reading(store: str | Path) -> Iterator[Connection]:
         if is_damage(error):
             raise InputError(f"{where}: damaged ({reason}), expected a store") from None
         raise InputError(f"{where}: cannot be read ({reason})") from None
-    finally:
-        engine.dispose()
 
 
 def open_checked(url: str) -> str | None:
@@ -166,15 +162,31 @@ def _engine(url: str) -> Engine:
         raise InputError(f"{shown(url)}: cannot be opened ({reason})") from None
 
 
+def _reading_url(path: Path) -> str:
+    quoted = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
+    # A folder that may not be written has no place for the index of the log: read without one.
+    alone = not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists()
+    return f"sqlite:///file:{quoted}?mode=ro{'&immutable=1' if alone else ''}&uri=true"
+
+
 def _prepare(url: str, path: Path | None) -> None:
-    engine = writing_engine(url)
-    try:
-        with engine.begin() as connection:
-            schema.prepare(connection, shown(url))
-            if path is not None and path.stat().st_size <= CHECKED_BYTES:
+    # Looked at before it is opened for writing: what is not ours, or damaged, stays as it was.
+    if path is not None and path.is_file() and path.stat().st_size:
+        with _connected(_engine(_reading_url(path))) as connection:
+            schema.check_version(connection, shown(url), may_be_empty=True)
+            if path.stat().st_size <= CHECKED_BYTES:
                 found = connection.execute(text("PRAGMA quick_check(1)")).scalar()
                 if found != "ok":
                     raise _damage(str(found))
+    with _connected(writing_engine(url)) as connection, connection.begin():
+        schema.prepare(connection, shown(url))
+
+
+@contextmanager
+def _connected(engine: Engine) -> Iterator[Connection]:
+    try:
+        with engine.connect() as connection:
+            yield connection
     finally:
         engine.dispose()
 

@@ -122,8 +122,8 @@ ROWS = {table.name: table for table in (slots, poses, tracks, energy, events)}
 
 # Full synchronous costs one fsync a commit, once in a while: what was acknowledged then survives a
 # power cut, not only a killed process.
+NEW_PRAGMA = "PRAGMA auto_vacuum = INCREMENTAL"  # before the first table: room can be given back
 WRITER_PRAGMAS = (
-    "PRAGMA auto_vacuum = INCREMENTAL",  # before the first table, so that room can be given back
     "PRAGMA journal_mode = WAL",
     "PRAGMA synchronous = FULL",
     "PRAGMA busy_timeout = 5000",

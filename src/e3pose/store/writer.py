@@ -315,11 +315,11 @@ class StoreWriter:
         reason = _reason(error)
         if isinstance(error, DBAPIError) and self._path is not None and is_damage(error):
             try:
-                told = set_aside(self._path, reason)
+                self._say("store-damaged", set_aside(self._path, reason))
+                self._delivery.opened = False
             except OSError as refused:
-                told = f"{self._path}: damaged ({reason}), and cannot be moved ({refused})"
-            if self._trouble is None:
-                self._say("store-damaged", told)
+                if self._trouble is None:
+                    self._say("store-trouble", f"damaged ({reason}), not to be moved ({refused})")
         elif self._trouble is None:
             where = "file" if self._spool.in_file else "memory"
             kind = "store-full" if "full" in reason or "space" in reason else "store-trouble"

@@ -1,0 +1,53 @@
+"""A run of known slots: what is stored must come back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from e3pose.pipeline import SlotRecord
+from e3pose.pose import Poses3D
+from e3pose.skeleton import COCO17
+from e3pose.store import Run
+
+STARTED_NS = 1_795_000_000_000_000_000
+CAMERAS = ("north", "east", "south")
+
+
+def make_record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecord:
+    """Return a slot in which person k stands at (slot, k, joint) metres; joint 3 is missing."""
+    joints = np.zeros((num_persons, 17, 3))
+    joints[..., 0] = slot
+    joints[..., 1] = np.arange(num_persons)[:, None]
+    joints[..., 2] = np.arange(17)
+    scores = np.full((num_persons, 17), 0.5)
+    scores[:, 3] = 0.0
+    selected = np.array([True, slot % 2 == 0, False])
+    return SlotRecord(
+        slot=slot,
+        time_s=slot / fps,
+        selected=selected,
+        arrived=selected & [True, False, True],
+        poses=Poses3D(joints, scores),
+        track_ids=np.arange(num_persons) + 10,
+        occlusion=np.array([0.25, 0.5, slot / 1024]),
+        deficit=np.array([1.5, 0.0, 2.0]),
+        next_selection=~selected,
+        stage_s={"match": 0.001, "predict": 0.002},
+    )
+
+
+def make_run(site: str = "hall", started_ns: int = STARTED_NS) -> Run:
+    return Run(site, "trial", started_ns, 0.04, "coco17", COCO17.joints, CAMERAS, "test")
+
+
+@pytest.fixture
+def record() -> Callable[..., SlotRecord]:
+    return make_record
+
+
+@pytest.fixture
+def run() -> Callable[..., Run]:
+    return make_run

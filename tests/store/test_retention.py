@@ -1,0 +1,129 @@
+"""What is removed is the oldest, a little at a time, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from e3pose.errors import InputError
+from e3pose.pipeline import SlotRecord
+from e3pose.store import (
+    EnergyReading,
+    Event,
+    Retention,
+    Run,
+    Store,
+    StoreWriter,
+    WriterSettings,
+    parse_age,
+    parse_size,
+)
+from e3pose.store.delivery import Delivery
+from e3pose.store.retention import BATCH_SLOTS
+
+Records = Callable[..., SlotRecord]
+Runs = Callable[..., Run]
+STARTED_NS = 1_795_000_000_000_000_000
+NS = 10**9
+
+
+def fill(path: Path, run: Run, record: Records, slots: range) -> None:
+    with StoreWriter(path, run, WriterSettings(commit_s=0.02)) as writer:
+        for slot in slots:
+            writer.append(record(slot), wait=True)
+
+
+def test_old_slots_go_and_newer_ones_stay(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "live.db"
+    fill(path, run(), record, range(1000))
+    with StoreWriter(path, run()) as writer:
+        for second in (1, 39):
+            writer.event(Event(STARTED_NS + second * NS, "said", str(second)))
+            writer.energy(EnergyReading(STARTED_NS + second * NS, "north", 1.0, 1.0, "m"))
+    delivery = Delivery(f"sqlite:///{path}")
+    now_ns = STARTED_NS + 40 * NS  # just after the last slot
+    keep = Retention(max_age_s=10.0)
+    delivery.trim(keep, now_ns)
+    assert Store(path).rows("slots")[0]["slot"] == BATCH_SLOTS, "one small batch a time"
+    for _ in range(10):
+        delivery.trim(keep, now_ns)
+    delivery.close()
+    slots = [row["slot"] for row in Store(path).rows("slots")]
+    assert slots == list(range(750, 1000))
+    found = Store(path).query()
+    assert sorted(set(found.slots.tolist())) == slots
+    assert [row["message"] for row in Store(path).rows("events")] == ["39"]
+    assert len(Store(path).rows("energy")) == 1
+
+
+def test_newest_slot_stays_however_old(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "live.db"
+    fill(path, run(), record, range(5))
+    delivery = Delivery(f"sqlite:///{path}")
+    for _ in range(3):
+        delivery.trim(Retention(max_age_s=1.0), STARTED_NS + 10**6 * NS)
+    delivery.close()
+    assert [row["slot"] for row in Store(path).rows("slots")] == [4]
+    assert len(Store(path).runs()) == 1
+
+
+def test_runs_and_tracks_of_which_nothing_is_left_go(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    path = tmp_path / "live.db"
+    fill(path, run(), record, range(50))
+    later = run("hall", STARTED_NS + 1000 * NS)
+    fill(path, later, record, range(50))
+    delivery = Delivery(f"sqlite:///{path}")
+    for _ in range(3):
+        delivery.trim(Retention(max_age_s=500.0), STARTED_NS + 1001 * NS)
+    delivery.close()
+    (left,) = Store(path).runs()
+    assert left.run.started_ns == later.started_ns
+    assert {row["run_id"] for row in Store(path).rows("tracks")} == {left.run_id}
+    assert len(Store(path).rows("slots")) == 50
+
+
+def test_size_is_kept_by_a_running_writer(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "live.db"
+    settings = WriterSettings(commit_s=0.01, commit_slots=64, retention=Retention(max_bytes=10**6))
+    with StoreWriter(path, run(), settings) as writer:
+        for slot in range(4000):
+            writer.append(record(slot), wait=True)
+        assert writer.flush()
+    slots = [row["slot"] for row in Store(path).rows("slots")]
+    assert slots[-1] == 3999
+    assert slots == list(range(slots[0], 4000))
+    assert 300 < len(slots) < 2500, "the newest that fit"
+    assert path.stat().st_size < 1.6 * 10**6
+    (first,) = {row["first_slot"] for row in Store(path).rows("tracks")}
+    assert first == 0, "when somebody came is remembered as long as he is there"
+
+
+@pytest.mark.parametrize(
+    ("words", "seconds"),
+    [("30d", 30 * 86400), ("12h", 43200), ("90 min", 5400), ("2w", 14 * 86400), ("1.5s", 1.5)],
+)
+def test_ages(words: str, seconds: float) -> None:
+    assert parse_age(words) == seconds
+
+
+@pytest.mark.parametrize(
+    ("words", "size"), [("20GB", 20 * 10**9), ("500 MB", 5 * 10**8), ("0.5tb", 5 * 10**11)]
+)
+def test_sizes(words: str, size: int) -> None:
+    assert parse_size(words) == size
+
+
+@pytest.mark.parametrize("words", ["30", "d", "-3d", "0d", "3 months", "20GB"])
+def test_what_is_no_age(words: str) -> None:
+    with pytest.raises(InputError, match="such as 30d"):
+        parse_age(words)
+
+
+@pytest.mark.parametrize("words", ["20", "GB", "-3GB", "10KB", "1d"])
+def test_what_is_no_size(words: str) -> None:
+    with pytest.raises(InputError, match="size: found"):
+        parse_size(words)

@@ -1,0 +1,260 @@
+"""What is appended comes back: every number, in the time, track and joint asked for."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sqlite3
+from collections.abc import Callable
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose.cli import main
+from e3pose.errors import InputError
+from e3pose.pipeline import SlotRecord
+from e3pose.skeleton import COCO17
+from e3pose.store import EnergyReading, Event, Run, Store, StoreWriter
+
+Records = Callable[..., SlotRecord]
+Runs = Callable[..., Run]
+STARTED_NS = 1_795_000_000_000_000_000
+NUM_SLOTS = 100
+
+
+@pytest.fixture
+def filled(tmp_path: Path, record: Records, run: Runs) -> Path:
+    """Four seconds of two people, an event and a meter's reading."""
+    path = tmp_path / "hall.db"
+    with StoreWriter(path, run()) as writer:
+        for slot in range(NUM_SLOTS):
+            spent_j = np.array([0.5, 0.25, 0.125]) * slot
+            sigma_m = np.full((2, 17), 0.0625)
+            assert writer.append(record(slot), energy_j=spent_j, sigma_m=sigma_m, wait=True)
+        writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "east"))
+        writer.energy(EnergyReading(STARTED_NS + 2 * 10**9, "north", 7.5, 1.5, "measured", 0.75))
+        assert writer.flush()
+        status = writer.status()
+    assert status.acknowledged_slot == NUM_SLOTS - 1
+    assert (status.waiting, status.spooled, status.shed, status.trouble) == (0, 0, 0, None)
+    return path
+
+
+def test_everything_comes_back(filled: Path, record: Records) -> None:
+    found = Store(filled).query()
+    assert len(found) == NUM_SLOTS * 2
+    assert found.joints == COCO17.joints
+    assert found.joints_m.dtype == found.scores.dtype == np.float32
+    for row in (0, 77, 199):
+        slot, person = divmod(row, 2)
+        truth = record(slot)
+        assert found.slots[row] == slot
+        assert found.track_ids[row] == 10 + person
+        assert found.time_ns[row] == STARTED_NS + slot * 40_000_000
+        np.testing.assert_array_equal(found.joints_m[row], truth.poses.joints_m[person])
+        np.testing.assert_array_equal(found.scores[row], truth.poses.scores[person])
+        np.testing.assert_array_equal(found.sigma_m[row], np.full(17, 0.0625))
+    slots = Store(filled).rows("slots")
+    assert len(slots) == NUM_SLOTS
+    assert slots[8]["selected"] == "110"
+    assert slots[8]["arrived"] == "100"
+    assert slots[8]["next_selection"] == "001"
+    assert slots[8]["occlusion"] == [0.25, 0.5, 8 / 1024]
+    assert slots[8]["deficit"] == [1.5, 0.0, 2.0]
+    assert slots[8]["energy_j"] == [4.0, 2.0, 1.0]
+    assert slots[8]["took_s"] == pytest.approx(0.003)
+
+
+def test_events_and_readings_come_back(filled: Path) -> None:
+    (event,) = Store(filled).rows("events")
+    assert (event["kind"], event["camera_id"]) == ("camera-lost", "east")
+    (reading,) = Store(filled).rows("energy")
+    assert (reading["energy_j"], reading["span_s"], reading["charge"]) == (7.5, 1.5, 0.75)
+    assert Store(filled).rows("energy", STARTED_NS + 3 * 10**9) == []
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "slots"),
+    [
+        ("1", "1.08", [25, 26, 27]),
+        ("3.92", None, [98, 99]),
+        (None, "0s", [0]),
+        (STARTED_NS + 40_000_001, STARTED_NS + 120_000_000, [2, 3]),
+        ("9", "12", []),
+    ],
+)
+def test_times_include_both_ends(
+    filled: Path, start: str | int | None, end: str | int | None, slots: list[int]
+) -> None:
+    assert np.unique(Store(filled).query(start, end).slots).tolist() == slots
+
+
+def test_one_track_and_one_joint(filled: Path) -> None:
+    found = Store(filled).query("1", "2", track=11, joint="left_wrist")
+    assert found.joints == ("left_wrist",)
+    assert found.track_ids.tolist() == [11] * 26
+    np.testing.assert_array_equal(found.joints_m[:, 0, 0], np.arange(25, 51))
+    assert (found.joints_m[:, 0, 1] == 1).all()
+    assert (found.joints_m[:, 0, 2] == COCO17.index("left_wrist")).all()
+    assert len(Store(filled).query(track=99)) == 0
+
+
+def test_missing_joint_is_nan_with_score_zero(filled: Path) -> None:
+    found = Store(filled).query("0", "0.04", joint=COCO17.joints[3])
+    assert np.isnan(found.joints_m).all()
+    assert (found.scores == 0).all()
+
+
+def test_datetimes_are_understood(filled: Path) -> None:
+    start = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=STARTED_NS // 1000)
+    found = Store(filled).query(start + timedelta(seconds=1), start + timedelta(seconds=1.04))
+    assert np.unique(found.slots).tolist() == [25, 26]
+
+
+def test_sites_and_runs_are_kept_apart(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "both.db"
+    with StoreWriter(path, run("hall")) as hall, StoreWriter(path, run("yard")) as yard:
+        for slot in range(10):
+            hall.append(record(slot, num_persons=1))
+            yard.append(record(slot, num_persons=3))
+    with StoreWriter(path, run("hall", STARTED_NS + 10**12)) as later:
+        later.append(record(0, num_persons=2))
+    store = Store(path)
+    assert sorted(one.run.site for one in store.runs()) == ["hall", "hall", "yard"]
+    assert len(store.query(site="hall")) == 10 + 2
+    assert len(store.query(site="yard")) == 30
+    assert len(store.query("0", "1")) == 2, "seconds are of the newest run"
+    first = next(one.run_id for one in store.runs() if one.run.site == "hall")
+    assert len(store.query("0", "1", run=first)) == 10
+    with pytest.raises(InputError, match="expected one of hall, yard"):
+        store.query(site="attic")
+
+
+def test_a_restarted_program_goes_on_in_its_run(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "again.db"
+    for slots in (range(0, 20), range(15, 40)):
+        with StoreWriter(path, run()) as writer:
+            for slot in slots:
+                writer.append(record(slot, num_persons=1))
+    assert len(Store(path).runs()) == 1
+    found = Store(path).query(track=10)
+    assert found.slots.tolist() == list(range(40)), "once each"
+    (track,) = Store(path).rows("tracks")
+    assert (track["first_slot"], track["last_slot"]) == (0, 39)
+
+
+def test_different_skeletons_are_named(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "two.db"
+    with StoreWriter(path, run()) as writer:
+        writer.append(record(0))
+    other = Run("hall", "b", 5, 0.04, "two", ("nose", "tail"), ("c",))
+    with StoreWriter(path, other) as writer:
+        writer.event(Event(6, "start", "begun"))
+    with pytest.raises(InputError, match="run 1 has coco17 and run 2 has two"):
+        Store(path).query()
+    assert len(Store(path).query(joint="nose")) == 2
+    with pytest.raises(InputError, match="nose, tail"):
+        Store(path).query(joint="left_knee")
+
+
+@pytest.mark.parametrize("column", ["joints_m", "scores", "sigma_m"])
+def test_blob_of_wrong_size_is_named(filled: Path, column: str) -> None:
+    with sqlite3.connect(filled) as connection:
+        connection.execute(f"UPDATE poses SET {column} = x'00112233' WHERE slot = 7")
+    connection.close()
+    with pytest.raises(InputError, match=rf"hall\.db: poses: run 1.*{column}: found 4 bytes"):
+        Store(filled).query()
+    assert len(Store(filled).query("1", "2")) == 52, "other times are still read"
+
+
+def test_record_that_does_not_fit_is_refused_and_told(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    told: list[Event] = []
+    with StoreWriter(tmp_path / "s.db", run(), tell=told.append) as writer:
+        writer.append(record(0), energy_j=np.zeros(7))
+        writer.append(record(1))
+        writer.append(record(2), time_ns=2**70)
+        writer.append(record(3))
+    assert np.unique(Store(tmp_path / "s.db").query().slots).tolist() == [1, 3]
+    assert any("energy" in event.message for event in told)
+    kinds = {row["kind"] for row in Store(tmp_path / "s.db").rows("events")}
+    assert "store-refused" in kinds
+
+
+def run_cli(*tokens: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([*tokens])
+        raise SystemExit(0)
+    return int(stop.value.code or 0)
+
+
+def test_query_writes_the_same_rows_in_every_format(filled: Path, tmp_path: Path) -> None:
+    from pyarrow import parquet
+
+    names = {form: tmp_path / f"out.{form}" for form in ("csv", "parquet", "json")}
+    options = [word for form, path in names.items() for word in (f"--{form}", str(path))]
+    code = run_cli(
+        "query", str(filled), "--from", "1", "--to", "2", "--track", "11", "--joint", "nose",
+        *options,
+    )  # fmt: skip
+    assert code == 0
+    rows = list(csv.DictReader(names["csv"].read_text().splitlines()))
+    assert [row["slot"] for row in rows] == [str(slot) for slot in range(25, 51)]
+    assert {(row["track"], row["joint"]) for row in rows} == {("11", "nose")}
+    assert rows[0]["time"] == "2026-11-18T11:06:41.000000Z"
+    listed = json.loads(names["json"].read_text())
+    assert [row["x"] for row in listed] == list(range(25, 51))
+    assert listed[0]["sigma"] == 0.0625
+    table = parquet.read_table(names["parquet"])
+    assert table.column("time_ns").to_pylist() == [int(row["time_ns"]) for row in rows]
+    assert str(table.schema.field("time").type) == "timestamp[ns, tz=UTC]"
+    assert table.column("x").to_pylist() == list(range(25, 51))
+
+
+@pytest.mark.parametrize("what", ["slots", "tracks", "energy", "events", "runs"])
+def test_other_tables_are_written_too(filled: Path, tmp_path: Path, what: str) -> None:
+    from pyarrow import parquet
+
+    out = tmp_path / "out.parquet"
+    assert run_cli("query", str(filled), "--what", what, "--parquet", str(out)) == 0
+    expected = {"slots": NUM_SLOTS, "tracks": 2, "energy": 1, "events": 1, "runs": 1}
+    assert parquet.read_table(out).num_rows == expected[what]
+
+
+def test_table_on_the_terminal(filled: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_cli("query", str(filled), "--from", "2", "--to", "2", "--joint", "nose") == 0
+    lines = capsys.readouterr().out.strip().splitlines()
+    assert lines[0].split()[:5] == ["run", "slot", "time", "track", "joint"]
+    assert len(lines) == 3
+    assert run_cli("query", str(filled), "--from", "2", "--to", "3") == 0
+    assert "and more" in capsys.readouterr().out
+    assert run_cli("query", str(filled), "--from", "-10min") == 0
+    assert "Nothing" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--from", "yesterday"], "yesterday"),
+        (["--from", "3", "--to", "1"], "earlier"),
+        (["--joint", "tail"], "tail"),
+        (["--run", "9"], "run: found 9"),
+        (["--what", "events", "--joint", "nose"], "--joint"),
+        (["--csv", "STORE"], "store itself"),
+        (["--csv", "/"], "folder"),
+        (["--track", "x"], "whole number"),
+    ],
+)
+def test_wrong_question_is_one_line(
+    filled: Path, capsys: pytest.CaptureFixture[str], options: list[str], named: str
+) -> None:
+    words = [str(filled) if word == "STORE" else word for word in options]
+    before = filled.read_bytes()
+    assert run_cli("query", str(filled), *words) == 2
+    error = capsys.readouterr().err
+    assert named in error
+    assert len(error.strip().splitlines()) == 1
+    assert filled.read_bytes() == before
