@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +71,54 @@ def check_budget(budget: ArrayLike, num_selected: float) -> None:
         )
 
 
+def active_cost_j(profiles: Sequence[DeviceProfile], idle_mode: Mode, interval_s: float) -> Floats:
+    """Return `(num_cameras,)` joules that an active slot costs beyond an idle one."""
+    watts = [profile.watts("active") - profile.watts(idle_mode) for profile in profiles]
+    return np.array(watts) * interval_s
+
+
+def lifetime_budget(
+    lifetime_s: float,
+    battery_wh: ArrayLike,
+    profiles: Sequence[DeviceProfile],
+    camera_ids: Sequence[str],
+    idle_mode: Mode = "power-saving",
+) -> Floats:
+    """Return the share of slots that lets every camera's battery last.
+
+    A battery of `battery_wh` affords `battery_wh / lifetime` watts; what is left of these after the
+    power of an idle camera pays for active slots.
+
+    Args:
+        lifetime_s: seconds that the batteries are to last.
+        battery_wh: `(num_cameras,)`, or one for all.
+        profiles: `(num_cameras,)` devices.
+        camera_ids: `(num_cameras,)` names, for errors.
+        idle_mode: what a camera does that is not selected.
+
+    Returns:
+        `(num_cameras,)` the paper's E_n, in (0, 1].
+
+    Raises:
+        InputError: naming the camera whose battery an idle camera would empty before.
+    """
+    if not (np.isfinite(lifetime_s) and lifetime_s > 0):
+        raise InputError(f"lifetime: found {lifetime_s:g} s, expected more than 0")
+    capacity_j = 3600 * np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), len(profiles))
+    idle = np.array([profile.watts(idle_mode) for profile in profiles])
+    active = np.array([profile.watts("active") for profile in profiles])
+    spare = capacity_j / lifetime_s - idle
+    worst = int(np.argmin(spare))
+    if spare[worst] <= 0:
+        capacity_wh = capacity_j[worst] / 3600
+        raise InputError(
+            f"camera {camera_ids[worst]}: lifetime: found {lifetime_s / 3600:.3g} h, expected less "
+            f"than {capacity_wh / idle[worst]:.3g} h, which {capacity_wh:g} Wh last a camera in "
+            f"{idle_mode} mode that is never selected"
+        )
+    return np.asarray(np.minimum(spare / np.maximum(active - idle, 1e-9), 1.0))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Savings:
     """What a selection saves against every camera active in every slot.
@@ -84,7 +132,7 @@ class Savings:
         camera_percent: `(num_cameras,)` of CPU + GPU + WiFi + DDR.
         camera_watts: `(num_cameras,)` mean power of the whole device.
         battery_h: `(num_cameras,)` hours a battery lasts at that power.
-        battery_active_h: hours the same battery lasts an always active camera.
+        battery_active_h: hours the same battery lasts an always active camera, mean over cameras.
     """
 
     paper_percent: float
@@ -98,17 +146,17 @@ class Savings:
 
 def savings(
     duty: ArrayLike,
-    profile: DeviceProfile,
+    profile: DeviceProfile | Sequence[DeviceProfile],
     idle_mode: Mode = "power-saving",
-    battery_wh: float = DEFAULT_BATTERY_WH,
+    battery_wh: ArrayLike = DEFAULT_BATTERY_WH,
 ) -> Savings:
     """Compute what is saved by cameras that are active in a share of the slots only.
 
     Args:
         duty: `(num_cameras,)` share of slots each camera was active, [0, 1].
-        profile: what the cameras draw; all cameras are the same device.
+        profile: what the cameras draw, one for all or one for each.
         idle_mode: what a camera does that is not selected.
-        battery_wh: capacity of each camera's battery in watt-hours.
+        battery_wh: capacity of the cameras' batteries in watt-hours, one for all or one for each.
 
     Raises:
         InputError: without a camera, with a duty outside [0, 1] or a battery of no capacity.
@@ -116,27 +164,41 @@ def savings(
     shares = np.asarray(duty, dtype=np.float64)
     if shares.ndim != 1 or len(shares) == 0 or not ((shares >= 0) & (shares <= 1)).all():
         raise InputError(f"duty: found {shares.tolist()}, expected one share in [0, 1] per camera")
-    if not (np.isfinite(battery_wh) and battery_wh > 0):
-        raise InputError(f"battery capacity: found {battery_wh:g} Wh, expected more than 0")
+    capacity_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), shares.shape)
+    for capacity in capacity_wh:
+        if not (np.isfinite(capacity) and capacity > 0):
+            raise InputError(f"battery capacity: found {capacity:g} Wh, expected more than 0")
+    profiles = [profile] * len(shares) if isinstance(profile, DeviceProfile) else list(profile)
     rest = 1 - shares
-    camera_percent = rest * _percent(profile.paper_watts("active"), profile.paper_watts(idle_mode))
-    device_percent = rest * _percent(profile.watts("active"), profile.watts(idle_mode))
+    camera_percent = rest * [
+        _percent(each.paper_watts("active"), each.paper_watts(idle_mode)) for each in profiles
+    ]
+    device_percent = rest * [
+        _percent(each.watts("active"), each.watts(idle_mode)) for each in profiles
+    ]
     groups = {
         group: float(
-            rest.mean() * _percent(profile.watts("active", group), profile.watts(idle_mode, group))
+            np.mean(
+                rest
+                * [
+                    _percent(each.watts("active", group), each.watts(idle_mode, group))
+                    for each in profiles
+                ]
+            )
         )
         for group in GROUPS
-        if profile.watts("active", group) > 0
+        if all(each.watts("active", group) > 0 for each in profiles)
     }
-    watts = shares * profile.watts("active") + rest * profile.watts(idle_mode)
+    active = np.array([each.watts("active") for each in profiles])
+    watts = shares * active + rest * [each.watts(idle_mode) for each in profiles]
     return Savings(
         paper_percent=float(camera_percent.mean()),
         device_percent=float(device_percent.mean()),
         group_percent=groups,
         camera_percent=camera_percent,
         camera_watts=watts,
-        battery_h=battery_wh / watts,
-        battery_active_h=battery_wh / profile.watts("active"),
+        battery_h=capacity_wh / watts,
+        battery_active_h=float((capacity_wh / active).mean()),
     )
 
 

@@ -61,7 +61,7 @@ def test_comparison_in_parallel_processes(
     figures = tmp_path / "figures.json"
     code = run(
         "evaluate", str(folder), "--policies", "all,random,round-robin", "--cameras", "2,3",
-        "--seeds", "2", "--jobs", "2", "--battery-wh", "20", "--json", str(figures),
+        "--pipeline", "paper", "--seeds", "2", "--jobs", "2", "--battery-wh", "20", "--json", str(figures),
     )  # fmt: skip
     assert code == 0
     rows = json.loads(figures.read_text())["rows"]

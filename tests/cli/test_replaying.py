@@ -61,7 +61,7 @@ def run(*tokens: str) -> int:
 def test_figures_and_poses_are_written(folder: Path, tmp_path: Path) -> None:
     figures, poses = tmp_path / "figures.json", tmp_path / "poses.csv"
     code = run(
-        "replay", str(folder), "--policy", "round-robin", "--cameras", "2",
+        "replay", str(folder), "--policy", "round-robin", "--cameras", "2", "--pipeline", "paper",
         "--json", str(figures), "--poses", str(poses),
     )  # fmt: skip
     assert code == 0
@@ -86,7 +86,10 @@ def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
     from pyarrow import parquet
 
     poses = tmp_path / "poses.parquet"
-    assert run("replay", str(folder), "--cameras", "2", "--poses", str(poses)) == 0
+    code = run(
+        "replay", str(folder), "--cameras", "2", "--poses", str(poses), "--pipeline", "paper"
+    )
+    assert code == 0
     table = parquet.read_table(poses)
     assert table.column_names == ["slot", "time", "track", "joint", "x", "y", "z", "score"]
     assert table.num_rows == NUM_SLOTS * 17
@@ -97,7 +100,19 @@ def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
     [
         (["--policy", "best"], "policy"),
         (["--cameras", "9"], "cameras"),
-        (["--cameras", "2.5"], "2.5"),
+        (["--cameras", "4.5"], "4.5"),
+        (["--cameras", "two"], "two"),
+        (["--target-error", "40"], "--target-error"),
+        (["--target-error", "0mm"], "--target-error"),
+        (["--target-error", "40mm", "--cameras", "2"], "no --cameras"),
+        (["--target-error", "40mm", "--policy", "round-robin"], "round-robin"),
+        (["--lifetime", "10"], "--lifetime"),
+        (["--lifetime", "10h"], "c0: lifetime: found 10 h, expected less than 8 h"),
+        (["--lifetime", "5h", "--budget", "0.5"], "no --budget"),
+        (["--lifetime", "7h", "--cameras", "3"], "expected at least 3"),
+        (["--battery-wh", "c0=20"], "nothing for camera c1"),
+        (["--battery-wh", "50,c9=20"], "'c9'"),
+        (["--battery-wh", "50,60"], "two values"),
         (["--budget", "0.1"], "budget"),
         (["--profile", "toaster"], "toaster"),
         (["--poses", "poses.xlsx"], ".xlsx"),

@@ -51,22 +51,22 @@ def off_by_seed(source: Recording, settings: ReplaySettings) -> Iterator[SlotRec
 
 
 def summaries(seeds: int) -> list[dict[str, Any]]:
-    settings = tasks(ReplaySettings(), ["random"], [1], seeds)
+    settings = tasks(ReplaySettings(num_selected=1), ["random"], seeds)
     profile = load_profile("tx2")
     return list(compare(recording(), settings, profile, jobs=1, run=off_by_seed))
 
 
-def test_every_policy_and_count_has_every_seed_and_phase() -> None:
-    settings = tasks(ReplaySettings(seed=5, lead_slots=2), ["all", "e3pose"], [2, 3], 2)
-    assert [(s.policy, s.num_selected, s.seed, s.phase) for s in settings] == [
-        ("all", 2, 5, 0), ("all", 2, 6, 1), ("all", 3, 5, 0), ("all", 3, 6, 1),
-        ("e3pose", 2, 5, 0), ("e3pose", 2, 6, 1), ("e3pose", 3, 5, 0), ("e3pose", 3, 6, 1),
+def test_every_policy_has_every_seed_and_phase() -> None:
+    base = ReplaySettings(seed=5, lead_slots=2, num_selected=1.5)
+    settings = tasks(base, ["all", "e3pose"], 2)
+    assert [(s.policy, s.seed, s.phase) for s in settings] == [
+        ("all", 5, 0), ("all", 6, 1), ("e3pose", 5, 0), ("e3pose", 6, 1),
     ]  # fmt: skip
-    assert all(s.lead_slots == 2 for s in settings)
+    assert all(s.lead_slots == 2 and s.num_selected == 1.5 for s in settings)
 
 
 def test_every_lead_has_rows_of_its_own_and_a_column() -> None:
-    settings = tasks(ReplaySettings(), ["random"], [1], 2, leads=[1, 4])
+    settings = tasks(ReplaySettings(), ["random"], 2, leads=[1, 4])
     assert [(s.lead_slots, s.seed) for s in settings] == [(1, 0), (1, 1), (4, 0), (4, 1)]
     found = list(compare(recording(), settings, load_profile("tx2"), jobs=1, run=off_by_seed))
     for each, lead in zip(found, (1, 1, 4, 4), strict=True):
@@ -114,6 +114,9 @@ def test_rows_are_apart_by_policy_and_camera_count() -> None:
     assert [(r["policy"], r["cameras"], r["seeds"]) for r in table] == [
         ("random", 1, 2), ("all", 1, 1), ("random", 2, 1),
     ]  # fmt: skip
+    aimed = {**one, "settings": {**one["settings"], "target_error_m": 0.04}}
+    (row,) = rows([aimed])
+    assert (row["cameras"], row["target_mm"]) == (None, 40)
 
 
 def printed(show: Any, figures: Any) -> str:

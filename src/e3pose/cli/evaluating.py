@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs
+from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs, choice
 
 LOOP, ENERGY = LoopOptions(), EnergyOptions()
 
@@ -19,7 +19,7 @@ MAX_JOBS = 1000
 def evaluate(
     recording: Path,
     *,
-    policies: str = "all,random,independent,e3pose-mv,e3pose",
+    policies: str | None = None,
     cameras: Annotated[str | None, Parameter(alias="-C")] = None,
     leads: str | None = None,
     seeds: Whole = 5,
@@ -31,7 +31,7 @@ def evaluate(
 ) -> None:
     """Compare policies on a recording: accuracy, cameras on and energy saved, mean and spread.
 
-    Example: `e3pose evaluate shelf --policies all,random,e3pose --cameras 2,3 --seeds 5`
+    Example: `e3pose evaluate shelf --policies all,round-robin,information --cameras 1.15,2`
 
     Every policy starts afresh and sees only the views it selects. The i-th repetition runs with
     seed + i and phase + i, so that random policies draw anew and others take turns and ties from
@@ -42,9 +42,12 @@ def evaluate(
     recording
         Folder made by `e3pose detect`, `e3pose import` or `e3pose simulate`.
     policies
-        Names with commas: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose.
+        Names with commas: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
+        information. By default all, round-robin, e3pose and information, and with the pipeline
+        `paper` the rows of its table; with a target error, information alone.
     cameras
-        C, how many cameras detect in a slot; several with commas. 3 unless the rig has fewer.
+        C, how many cameras detect in a slot; several with commas, means such as 1.15 among them. By
+        default 2, and 3 with the paper's pipeline.
     leads
         Several values of --lead, with commas: accuracy and time of prediction against tau.
     seeds
@@ -58,7 +61,6 @@ def evaluate(
     """
     from e3pose.atomic import atomic_file
     from e3pose.cli.progress import track_progress
-    from e3pose.energy import load_profile
     from e3pose.errors import InputError
     from e3pose.evaluate.compare import compare, rows, tasks
     from e3pose.evaluate.drawing import check_svg
@@ -74,22 +76,31 @@ def evaluate(
     if plot is not None:
         check_svg("--plot", plot)
     check_outputs(recording, {"--json": json_file, "--plot": plot})
-    energy.check()
-    names = _names(policies)
-    device = load_profile(energy.profile)
     source = load_recording(recording)
-    base = ReplaySettings(**loop.settings())
-    counts = [min(3, len(source.rig))] if cameras is None else _counts("--cameras", cameras)
+    plan = energy.plan(source.rig.camera_ids, source.interval_s)
+    asked = loop.settings()
+    names = _names(_usual(loop) if policies is None else policies)
+    counts = [None] if cameras is None else _numbers("--cameras", cameras)
     ahead = [] if leads is None else _counts("--leads", leads)
-    settings = tasks(base, names, counts, seeds, ahead)
+    settings = [
+        each
+        for name in names
+        for count in counts
+        for each in tasks(
+            ReplaySettings(**{**asked, **choice(count, asked, plan, len(source.rig))}),
+            [name],
+            seeds,
+            ahead,
+        )
+    ]
     for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
         make_pipeline(source, each)
     summaries = compare(
         source,
         settings,
-        device,
-        idle_mode=energy.idle_mode,
-        battery_wh=energy.battery_wh,
+        plan.profiles,
+        idle_mode=plan.idle_mode,
+        battery_wh=plan.battery_wh,
         jobs=min(jobs, len(settings)),
     )
     figures = rows(list(track_progress(summaries, len(settings), "evaluate")))
@@ -103,6 +114,23 @@ def evaluate(
 
 def _names(text: str) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in text.split(",")))
+
+
+def _usual(loop: LoopOptions) -> str:
+    if loop.target_error is not None:
+        return "information"
+    if loop.pipeline == "paper":
+        return "all,random,independent,e3pose-mv,e3pose"
+    return "all,round-robin,e3pose,information"
+
+
+def _numbers(option: str, text: str) -> list[float | None]:
+    from e3pose.cli.quantities import number
+
+    parts = [
+        number(option, part.strip(), "numbers with commas, as 1.15,2") for part in text.split(",")
+    ]
+    return [int(part) if part == int(part) else part for part in dict.fromkeys(parts)]
 
 
 def _counts(option: str, text: str) -> list[int]:

@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter, Token
 
+from e3pose.cli.quantities import duration_s, length_m, number, per_camera
 from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.profiles import DeviceProfile
+
+# Of the camera slots that a lifetime affords: the rest lets the choice among the cameras be free.
+LIFETIME_SHARE = 0.95
 
 
 def whole_number(_: Any, tokens: Sequence[Token]) -> int:
@@ -52,13 +59,18 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
 class LoopOptions:
     """How the loop runs, for every verb that runs it."""
 
-    pipeline: str = "paper"
-    """The estimator: `paper` places people slot by slot, from two views each; `memory` keeps a
-    filter per person and goes on with any number of views."""
+    pipeline: str = "default"
+    """How the people are found: `default`, which is `memory`, keeps a filter per person, goes on
+    with any number of views, and lets the policy `information` decide; `paper` is the published
+    system, which places people slot by slot from two views each, under its policy `e3pose`."""
+    target_error: str | None = None
+    """Wake as few cameras as keep the expected error of the joints below this: 40mm, 4cm. In place
+    of --cameras, for the policy `information`."""
     budget: Annotated[float | None, Parameter(alias="-E")] = None
     """E, the share of slots a camera may be active in, C/N to 1; C/N + 0.2 by default."""
-    quality_weight: Annotated[float, Parameter(alias="-V")] = 1.0
-    """V: larger prefers clear views, smaller prefers even batteries."""
+    quality_weight: Annotated[float | None, Parameter(alias="-V")] = None
+    """V: larger prefers clear views, smaller prefers even batteries; the policy's own by default
+    (1, `information` 10)."""
     lead: Whole = 1
     """tau, how many slots ahead the cameras are told."""
     warmup: Whole = 10
@@ -81,6 +93,9 @@ class LoopOptions:
         """Return the fields of `ReplaySettings` that these options set."""
         return {
             "pipeline": self.pipeline,
+            "target_error_m": None
+            if self.target_error is None
+            else length_m("--target-error", self.target_error),
             "budget": self.budget,
             "quality_weight": self.quality_weight,
             "lead_slots": self.lead,
@@ -94,19 +109,92 @@ class LoopOptions:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class EnergyPlan:
+    """What every camera draws and has.
+
+    Attributes:
+        profiles: of each camera.
+        battery_wh: of each camera.
+        idle_mode: what a camera does that is not selected.
+        budget: share of slots of each camera that lets its battery last as asked; None if nobody
+            asked.
+        cost_j: energy of an active slot beyond an idle one, if that differs between cameras.
+    """
+
+    profiles: tuple[DeviceProfile, ...]
+    battery_wh: tuple[float, ...]
+    idle_mode: Literal["power-saving", "aggressive-power-saving"]
+    budget: tuple[float, ...] | None
+    cost_j: tuple[float, ...] | None
+
+
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class EnergyOptions:
     """What the cameras draw, for every verb that reports energy."""
 
     profile: str = "xavier-nx"
-    """Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file."""
+    """Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file; exceptions with
+    commas, as in xavier-nx,cam3=tx2."""
     idle_mode: Literal["power-saving", "aggressive-power-saving"] = "power-saving"
     """What a camera does in slots for which it is not selected."""
-    battery_wh: float = 50.0
-    """Capacity of each camera's battery in watt-hours."""
+    battery_wh: str = "50"
+    """Capacity of the cameras' batteries in watt-hours; exceptions with commas: 50,cam1=20."""
+    lifetime: str | None = None
+    """Keep every camera's battery alive this long: 10h, 90min, 2d. Sets the budget of each camera,
+    and without --cameras and --target-error wakes as many cameras as these pay for."""
 
-    def check(self) -> None:
-        """Raise `InputError` for a battery that cannot be."""
-        if not 0 < self.battery_wh < float("inf"):
-            raise InputError(f"--battery-wh: found {self.battery_wh:g}, expected more than 0")
+    def plan(self, camera_ids: Sequence[str], interval_s: float) -> EnergyPlan:
+        """Return what these options mean for a rig; raise `InputError` for what cannot be."""
+        from e3pose.energy import active_cost_j, lifetime_budget
+        from e3pose.profiles import load_profile
+
+        battery_wh = per_camera(
+            "--battery-wh",
+            self.battery_wh,
+            camera_ids,
+            lambda text: number("--battery-wh", text, "watt-hours above 0"),
+            "50 or 50,cam1=20",
+        )
+        profiles = per_camera(
+            "--profile", self.profile, camera_ids, load_profile, "a name or NAME,CAMERA=NAME"
+        )
+        budget = None
+        if self.lifetime is not None:
+            lifetime_s = duration_s("--lifetime", self.lifetime)
+            shares = lifetime_budget(lifetime_s, battery_wh, profiles, camera_ids, self.idle_mode)
+            budget = tuple(shares.tolist())
+        costs = tuple(active_cost_j(profiles, self.idle_mode, interval_s).tolist())
+        alike = max(costs) - min(costs) < 1e-9
+        return EnergyPlan(
+            tuple(profiles), tuple(battery_wh), self.idle_mode, budget, None if alike else costs
+        )
+
+
+def choice(
+    cameras: float | None, settings: Mapping[str, Any], plan: EnergyPlan, num_cameras: int
+) -> dict[str, Any]:
+    """Return the fields of `ReplaySettings` that say how many cameras may be woken.
+
+    Args:
+        cameras: a number a slot, a mean, or None for what the other options leave.
+        settings: of `LoopOptions`.
+        plan: of `EnergyOptions`.
+        num_cameras: of the rig.
+
+    Raises:
+        InputError: for options that contradict each other.
+    """
+    if cameras is not None and settings["target_error_m"] is not None:
+        raise InputError("--target-error: chooses the number of cameras, expected no --cameras")
+    if plan.budget is not None and settings["budget"] is not None:
+        raise InputError("--lifetime: sets the budgets of all cameras, expected no --budget")
+    budget = settings["budget"] if plan.budget is None else plan.budget
+    if cameras is None:
+        cameras = min(3, num_cameras)
+        if plan.budget is not None:
+            cameras = min(LIFETIME_SHARE * sum(plan.budget), num_cameras)
+        elif settings["pipeline"] != "paper":
+            cameras = min(2, num_cameras)
+    return {"num_selected": cameras, "budget": budget, "cost_j": plan.cost_j}

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs
+from e3pose.cli.options import EnergyOptions, LoopOptions, check_outputs, choice
 from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
 
@@ -18,8 +18,8 @@ LOOP, ENERGY, STORE = LoopOptions(), EnergyOptions(), StoreOptions()
 def replay(
     recording: Path,
     *,
-    policy: str = "e3pose",
-    cameras: Annotated[Whole | None, Parameter(alias="-C")] = None,
+    policy: str | None = None,
+    cameras: Annotated[float | None, Parameter(alias="-C")] = None,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
     store: StoreOptions = STORE,
@@ -29,7 +29,12 @@ def replay(
 ) -> None:
     """Run a recording through the system, letting it see only the cameras it selects.
 
-    Example: `e3pose replay shelf --policy e3pose --cameras 3 --poses poses.parquet`
+    Example: `e3pose replay shelf --cameras 2 --poses poses.parquet --report report.html`
+
+    Say what you want in one of three ways: a number of cameras (`--cameras 2`, or a mean such as
+    1.5), an accuracy (`--target-error 40mm`), or how long the batteries are to last
+    (`--lifetime 10h --battery-wh 50`). A lifetime may be joined with either of the others and then
+    limits them; a number and an accuracy exclude each other.
 
     Prints accuracy (where the recording has truth), what every camera did, and the energy saved.
 
@@ -38,9 +43,11 @@ def replay(
     recording
         Folder made by `e3pose detect`, `e3pose import` or `e3pose simulate`.
     policy
-        Who decides: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose.
+        Who decides: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
+        information; by default that of the pipeline.
     cameras
-        C, how many cameras detect in a slot; 3 unless the rig has fewer.
+        C, how many cameras detect in a slot; a mean if it is no whole number. By default 2, and 3
+        with the paper's pipeline.
     poses
         Write the 3D poses here, `.parquet` or `.csv`.
     report
@@ -51,7 +58,6 @@ def replay(
     from e3pose.atomic import atomic_file
     from e3pose.cli.progress import track_progress
     from e3pose.cli.storing import stored
-    from e3pose.energy import load_profile
     from e3pose.evaluate.poses_table import check_poses_path, write_poses
     from e3pose.evaluate.replay import ReplaySettings
     from e3pose.evaluate.replay import replay as run_replay
@@ -64,27 +70,32 @@ def replay(
     if report is not None and report.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--report: found {str(report)!r}, expected a name that ends in .html")
     check_outputs(recording, {"--poses": poses, "--json": json_file, "--report": report})
-    energy.check()
     if store.store is not None or store.keep or store.max_size:
         store.retention()
-    device = load_profile(energy.profile)
     source = load_recording(recording)
+    plan = energy.plan(source.rig.camera_ids, source.interval_s)
+    asked = loop.settings()
     settings = ReplaySettings(
         policy=policy,
-        num_selected=min(3, len(source.rig)) if cameras is None else cameras,
-        **loop.settings(),
+        foresees=report is not None and loop.pipeline != "paper",
+        **{**asked, **choice(cameras, asked, plan, len(source.rig))},
     )
     slots = stored(
-        run_replay(source, settings), store, source, f"replay {policy}", device, energy.idle_mode
+        run_replay(source, settings),
+        store,
+        source,
+        f"replay {settings.policy_name}",
+        plan.profiles[0],
+        plan.idle_mode,
     )
     records = list(track_progress(slots, source.num_slots, "replay"))
     summary = summarise(
         source,
         settings,
         records,
-        device,
-        idle_mode=energy.idle_mode,
-        battery_wh=energy.battery_wh,
+        plan.profiles,
+        idle_mode=plan.idle_mode,
+        battery_wh=plan.battery_wh,
     )
     if poses is not None:
         write_poses(records, source.skeleton, poses)

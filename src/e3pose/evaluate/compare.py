@@ -29,11 +29,10 @@ ASKED = ("settings", "recording")
 def tasks(
     base: ReplaySettings,
     policies: Sequence[str],
-    counts: Sequence[int],
     seeds: int,
     leads: Sequence[int] = (),
 ) -> list[ReplaySettings]:
-    """List the settings of every replay: per policy, camera count and lead, seed i with phase i.
+    """List the settings of every replay: per policy and lead, seed i with phase i.
 
     Without `leads` all have the lead of `base`.
     """
@@ -41,13 +40,11 @@ def tasks(
         replace(
             base,
             policy=policy,
-            num_selected=count,
             lead_slots=lead,
             seed=base.seed + i,
             phase=base.phase + i,
         )
         for policy in policies
-        for count in counts
         for lead in leads or (base.lead_slots,)
         for i in range(seeds)
     ]
@@ -56,10 +53,10 @@ def tasks(
 def compare(
     recording: Recording,
     settings: Sequence[ReplaySettings],
-    profile: DeviceProfile,
+    profile: DeviceProfile | Sequence[DeviceProfile],
     *,
     idle_mode: Mode = "power-saving",
-    battery_wh: float = DEFAULT_BATTERY_WH,
+    battery_wh: float | Sequence[float] = DEFAULT_BATTERY_WH,
     jobs: int = -1,
     run: Replay | None = None,
 ) -> Iterator[dict[str, Any]]:
@@ -68,9 +65,9 @@ def compare(
     Args:
         recording: what to replay; fresh state every time.
         settings: such as `tasks` lists.
-        profile: what the cameras draw.
+        profile: what the cameras draw, one for all or one for each.
         idle_mode: what a camera does that is not selected.
-        battery_wh: capacity of each camera's battery.
+        battery_wh: capacity of the cameras' batteries, one for all or one for each.
         jobs: parallel processes; all processor cores if -1.
         run: the replay function, `e3pose.evaluate.replay.replay` unless given.
 
@@ -103,38 +100,42 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Gather summaries into one row per policy, camera count and lead.
+    """Gather summaries into one row per policy, camera count or target error, and lead.
 
     Returns:
-        Rows of `policy`, `cameras`, `lead`, `seeds` and every figure of the summaries as
-        `{"mean": , "sd": }`: the sample standard deviation over seeds, 0 for one seed. A figure
-        that only some seeds have also tells the `count` of those.
+        Rows of `policy`, `cameras` and `target_mm`, one of which is None, `lead`, `seeds` and every
+        figure of the summaries as `{"mean": , "sd": }`: the sample standard deviation over seeds, 0
+        for one seed. A figure that only some seeds have also tells the `count` of those.
     """
-    groups: dict[tuple[str, int, int], list[Mapping[str, Any]]] = {}
+    groups: dict[tuple[str, Any, Any, int], list[Mapping[str, Any]]] = {}
     for summary in summaries:
         asked = summary["settings"]
-        key = (summary["policy"], asked["num_selected"], asked["lead_slots"])
+        target = asked.get("target_error_m")
+        count = asked["num_selected"] if target is None else None
+        target_mm = None if target is None else 1000 * target
+        key = (summary["policy"], count, target_mm, asked["lead_slots"])
         groups.setdefault(key, []).append(summary)
     return [
         {
             "policy": policy,
             "cameras": count,
+            "target_mm": target_mm,
             "lead": lead,
             "seeds": len(group),
             **_averaged(
                 [{k: v for k, v in s.items() if k not in (*ASKED, "policy")} for s in group]
             ),
         }
-        for (policy, count, lead), group in groups.items()
+        for (policy, count, target_mm, lead), group in groups.items()
     ]
 
 
 def _one(
     recording: Recording,
     settings: ReplaySettings,
-    profile: DeviceProfile,
+    profile: DeviceProfile | Sequence[DeviceProfile],
     idle_mode: Mode,
-    battery_wh: float,
+    battery_wh: float | Sequence[float],
     run: Replay | None,
 ) -> dict[str, Any]:
     if run is None:

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.energy import DEFAULT_BATTERY_WH, savings
+from e3pose.energy import DEFAULT_BATTERY_WH
 from e3pose.evaluate import metrics
+from e3pose.evaluate.energy_figures import energy_figures
+from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
-from e3pose.profiles import GROUPS, DeviceProfile, Mode
+from e3pose.profiles import DeviceProfile, Mode
 from e3pose.recording import Recording
 from e3pose.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 
@@ -30,10 +32,10 @@ def summarise(
     recording: Recording,
     settings: ReplaySettings,
     records: Sequence[SlotRecord],
-    profile: DeviceProfile,
+    profile: DeviceProfile | Sequence[DeviceProfile],
     *,
     idle_mode: Mode = "power-saving",
-    battery_wh: float = DEFAULT_BATTERY_WH,
+    battery_wh: float | Sequence[float] = DEFAULT_BATTERY_WH,
 ) -> dict[str, Any]:
     """Summarise a replay as a dictionary for JSON; `docs/metrics.md` says what each figure is.
 
@@ -41,9 +43,9 @@ def summarise(
         recording: what was replayed; its truth is first read here.
         settings: how it was replayed.
         records: one per slot.
-        profile: what the cameras draw.
+        profile: what the cameras draw, one for all or one for each.
         idle_mode: what a camera does in slots for which it is not selected.
-        battery_wh: capacity of each camera's battery.
+        battery_wh: capacity of the cameras' batteries, one for all or one for each.
 
     Returns:
         Nested figures. One that cannot be had (no truth, no match) is absent, never 0.
@@ -51,12 +53,13 @@ def summarise(
     return {
         "recording": recording.name,
         "slots": len(records),
-        "policy": settings.policy,
+        "policy": settings.policy_name,
         "settings": {k: v for k, v in asdict(settings).items() if v is not None},
         "metrics": accuracy(recording, records),
+        "expected": expected_figures(recording, records),
         "selection": _selection(recording, records),
         "deficits": _deficits(recording, records),
-        "energy": _energy(recording, records, profile, idle_mode, battery_wh),
+        "energy": energy_figures(recording, records, profile, idle_mode, battery_wh),
         "stage_ms": _stage_ms(records),
     }
 
@@ -143,42 +146,6 @@ def _deficits(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, 
     return {
         "final": _by_camera(recording, deficit[-1]),
         "highest": _by_camera(recording, deficit.max(axis=0)),
-    }
-
-
-def _energy(
-    recording: Recording,
-    records: Sequence[SlotRecord],
-    profile: DeviceProfile,
-    idle_mode: Mode,
-    battery_wh: float,
-) -> dict[str, Any]:
-    if not records:
-        return {}
-    duty = np.stack([record.selected for record in records]).mean(axis=0)
-    saved = savings(duty, profile, idle_mode, battery_wh)
-    seconds = len(records) * recording.interval_s
-    return {
-        "profile": profile.name,
-        "idle_mode": idle_mode,
-        "saving_percent": saved.paper_percent,
-        "device_saving_percent": saved.device_percent,
-        "components": {
-            group: {"saving_percent": saved.group_percent[group]}
-            for group in GROUPS
-            if group in saved.group_percent
-        },
-        "cameras": {
-            camera_id: {
-                "saving_percent": float(saved.camera_percent[n]),
-                "mean_watts": float(saved.camera_watts[n]),
-                "energy_j": float(saved.camera_watts[n] * seconds),
-                "battery_hours": float(saved.battery_h[n]),
-            }
-            for n, camera_id in enumerate(recording.rig.camera_ids)
-        },
-        "battery_wh": battery_wh,
-        "battery_hours_always_active": saved.battery_active_h,
     }
 
 

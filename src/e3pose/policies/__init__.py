@@ -57,6 +57,7 @@ class PolicyRow:
         holds: whether slots without a view show the poses of the slot before, being lost frames of
             a lower frame rate rather than failed estimates.
         foresees: whether it needs to know what each camera is expected to tell.
+        aims: whether it can choose the number of cameras by the error that it expects.
         about: one line for `--help` and tables.
     """
 
@@ -67,6 +68,7 @@ class PolicyRow:
     predictor: str = "constant-velocity"
     holds: bool = False
     foresees: bool = False
+    aims: bool = False
 
 
 POLICIES: dict[str, PolicyRow] = {
@@ -104,6 +106,7 @@ POLICIES: dict[str, PolicyRow] = {
         ),
         "the cameras that are expected to tell most about everybody",
         foresees=True,
+        aims=True,
     ),
 }
 

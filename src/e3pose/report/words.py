@@ -33,8 +33,8 @@ def duty(recording: Recording, records: Sequence[SlotRecord]) -> NDArray[np.floa
 
 
 def budget(summary: Mapping[str, Any], num_cameras: int) -> float | None:
-    """Return the share of slots a camera could be awake, or None if the policy asks for none."""
-    from e3pose.evaluate.replay import default_budget
+    """Return the share of slots a camera could be awake; None without one limit for all."""
+    from e3pose.evaluate.settings import default_budget
     from e3pose.policies import POLICIES
 
     row = POLICIES.get(str(summary.get("policy")))
@@ -42,6 +42,10 @@ def budget(summary: Mapping[str, Any], num_cameras: int) -> float | None:
         number(summary, "settings", "budget"),
         number(summary, "settings", "num_selected"),
     )
+    settings = summary.get("settings")
+    each = settings.get("budget") if isinstance(settings, Mapping) else None
+    if isinstance(each, Sequence) or number(summary, "settings", "target_error_m") is not None:
+        return asked
     if row is None or not row.budgeted or count is None:
         return asked
     return default_budget(count, num_cameras) if asked is None else asked

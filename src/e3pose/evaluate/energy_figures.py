@@ -1,0 +1,79 @@
+"""What a replay's selection spent and saved, also on the paper's two devices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from e3pose.energy import savings
+from e3pose.profiles import GROUPS, DeviceProfile, Mode, load_profile
+from e3pose.recording import Recording
+
+if TYPE_CHECKING:
+    from e3pose.pipeline import SlotRecord
+
+# The devices of the paper, and what 3 of 5 cameras a slot save on each of them: percent of the
+# power of CPU, GPU, WiFi and memory, lowest and highest.
+PAPER_SAVINGS = {"xavier-nx": (20.66, 31.21), "tx2": (17.72, 28.67)}
+PAPER_DUTY = 3 / 5
+
+
+def energy_figures(
+    recording: Recording,
+    records: Sequence[SlotRecord],
+    profile: DeviceProfile | Sequence[DeviceProfile],
+    idle_mode: Mode,
+    battery_wh: float | Sequence[float],
+) -> dict[str, Any]:
+    """Return the figures of `docs/energy.md`; empty without a slot."""
+    if not records:
+        return {}
+    duty = np.stack([record.selected for record in records]).mean(axis=0)
+    profiles = [profile] * len(duty) if isinstance(profile, DeviceProfile) else list(profile)
+    batteries_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), duty.shape)
+    saved = savings(duty, profiles, idle_mode, batteries_wh)
+    seconds = len(records) * recording.interval_s
+    return {
+        "profile": ", ".join(dict.fromkeys(each.name for each in profiles)),
+        "idle_mode": idle_mode,
+        "saving_percent": saved.paper_percent,
+        "device_saving_percent": saved.device_percent,
+        "components": {
+            group: {"saving_percent": saved.group_percent[group]}
+            for group in GROUPS
+            if group in saved.group_percent
+        },
+        "cameras": {
+            camera_id: {
+                "saving_percent": float(saved.camera_percent[n]),
+                "mean_watts": float(saved.camera_watts[n]),
+                "active_watts": profiles[n].watts("active"),
+                "energy_j": float(saved.camera_watts[n] * seconds),
+                "battery_wh": float(batteries_wh[n]),
+                "battery_hours": float(saved.battery_h[n]),
+            }
+            for n, camera_id in enumerate(recording.rig.camera_ids)
+        },
+        "battery_wh": float(batteries_wh.mean()),
+        "battery_hours_always_active": saved.battery_active_h,
+        "devices": {name: _on_device(float(duty.mean()), name) for name in PAPER_SAVINGS},
+    }
+
+
+def _on_device(duty: float, name: str) -> dict[str, float]:
+    """Return what cameras of one kind that are active in a share `duty` of the slots save.
+
+    `times_paper` is against the paper's 3 of 5 cameras, both by the same profile.
+    """
+    profile = load_profile(name)
+    modes: tuple[Mode, Mode] = ("power-saving", "aggressive-power-saving")
+    saving, aggressive = (savings([duty], profile, mode).paper_percent for mode in modes)
+    paper = savings([PAPER_DUTY], profile).paper_percent
+    return {
+        "saving_percent": saving,
+        "aggressive_saving_percent": aggressive,
+        "times_paper": saving / paper,
+        "aggressive_times_paper": aggressive / paper,
+    }

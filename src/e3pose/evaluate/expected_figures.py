@@ -1,0 +1,76 @@
+"""Whether the error that the estimator expects is the error that it makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.evaluate.metrics import MATCH_LIMIT_M, mean_errors_m
+from e3pose.recording import Recording
+from e3pose.uncertainty import distance_within_m, expected_distance_m
+
+if TYPE_CHECKING:
+    from e3pose.pipeline import SlotRecord
+
+Floats = NDArray[np.float64]
+
+MM = 1000.0
+BAND = 0.9
+
+
+def expected_figures(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+    """Return the expected error of shown joints and, where the truth is known, how honest it is.
+
+    Returns:
+        `error_mm`: the mean expected error of all shown joints. `foreseen_mm`: the mean of what was
+        expected of a slot when its cameras were chosen. With truth in the recording's own skeleton
+        also, of the joints of people matched within 500 mm: `matched_mm` what was expected of
+        them, `actual_mm` how far off they were, and `coverage_90`: the share, in percent, within
+        the distance that was to hold 90 %. A figure that cannot be had is absent.
+    """
+    known = [record for record in records if np.isfinite(record.covariance_m2).any()]
+    figures: dict[str, Any] = {}
+    if known:
+        covariance = np.concatenate([_joints(record.covariance_m2) for record in known])
+        figures["error_mm"] = MM * float(np.nanmean(expected_distance_m(covariance)))
+    foreseen = [record.reasons.error_m for record in records if record.reasons is not None]
+    if np.isfinite(foreseen).any():
+        figures["foreseen_mm"] = MM * float(np.nanmean(foreseen))
+    truth = recording.truth
+    if truth is None or truth.skeleton != recording.skeleton or not known:
+        return figures
+    first, stop = recording.scored_slots or (0, recording.num_slots)
+    pairs = [
+        _matched(record, truth.joints_m[record.slot])
+        for record in known
+        if first <= record.slot < stop
+    ]
+    expected, within, actual = (np.concatenate(part) for part in zip(*pairs, strict=True))
+    if len(actual):
+        figures["matched_mm"] = MM * float(expected.mean())
+        figures["actual_mm"] = MM * float(actual.mean())
+        figures["coverage_90"] = 100 * float((actual <= within).mean())
+    return figures
+
+
+def _matched(record: SlotRecord, truth_m: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return expected errors, 90 % distances and actual errors of the joints of matched people."""
+    from scipy.optimize import linear_sum_assignment
+
+    joints_m = record.poses.joints_m
+    gain = np.maximum(MATCH_LIMIT_M - mean_errors_m(joints_m, truth_m), 0.0)
+    persons, actors = linear_sum_assignment(gain, maximize=True)
+    right = gain[persons, actors] > 0
+    persons, actors = persons[right], actors[right]
+    actual = np.linalg.norm(joints_m[persons] - truth_m[actors], axis=-1)
+    covariance = record.covariance_m2[persons]
+    told = np.isfinite(actual) & np.isfinite(covariance).all(axis=(-1, -2))
+    spread = covariance[told]
+    return expected_distance_m(spread), distance_within_m(spread, BAND), actual[told]
+
+
+def _joints(covariance_m2: Floats) -> Floats:
+    return covariance_m2.reshape(-1, 3, 3)
