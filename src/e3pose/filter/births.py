@@ -21,7 +21,8 @@ MAX_ERROR_PX = 10.0  # reprojection, the median over joints
 MIN_EXTENT_M, MAX_EXTENT_M = 0.4, 2.3  # along any axis of the world
 REACH_M = 1.6  # a joint farther from the middle is a mistake
 APART_M = 0.35  # somebody nearer to a track than this is that track
-START_JOINT_M, START_UNSEEN_M, START_SPEED_MPS = 0.1, 0.5, 1.0  # uncertainty at the start
+START_JOINT_M, START_UNSEEN_M = 0.1, 0.5  # uncertainty at the start
+START_SPEED_MPS, START_TURN_MPS = 1.0, 0.5  # of the root; of a joint beside its parent
 START_EXISTENCE = 0.6
 MAX_TRACKS = 64  # nobody is started beyond, so that ghosts of hostile views cannot pile up
 MAX_LEFTOVERS = 64  # newest first: a view full of noise must not cost the slot
@@ -106,7 +107,15 @@ def _start(belief: Belief, joints_m: Floats, cameras: NDArray[np.int64], model: 
     covariance = np.zeros((len(known), 6, 6))
     spread = np.where(known, START_JOINT_M, START_UNSEEN_M) ** 2
     covariance[:, :3, :3] = spread[:, None, None] * np.eye(3)
-    covariance[:, 3:, 3:] = START_SPEED_MPS**2 * np.eye(3)
+    depth = np.zeros(len(known))
+    for steps, level in enumerate(model.tree.levels):
+        depth[level] = steps
+    speed = START_SPEED_MPS**2 + depth * START_TURN_MPS**2
+    covariance[:, 3:, 3:] = speed[:, None, None] * np.eye(3)
+    shared = np.zeros_like(covariance)  # all start with the velocity of their parents
+    shared[:, 3:, 3:] = np.where(depth > 0, speed - START_TURN_MPS**2, 0.0)[:, None, None] * np.eye(
+        3
+    )
     seen_by = np.zeros(len(model.rig), dtype=bool)
     seen_by[cameras] = True
     no_bones = np.zeros(len(model.bones))
@@ -114,11 +123,13 @@ def _start(belief: Belief, joints_m: Floats, cameras: NDArray[np.int64], model: 
         "track_ids": belief.next_id,
         "state": state,
         "covariance": covariance,
+        "shared": shared,
         "unmeasured_s": np.where(known, 0.0, np.inf),
         "existence": START_EXISTENCE,
         "hits": 2,
         "seen_by": seen_by,
         "last_seen_s": np.where(seen_by, 0.0, np.inf),
+        "bias_px": np.zeros((len(model.rig), len(known), 2)),
         "delivered": np.full(len(model.rig), DELIVERED_PRIOR),
         "confirmed": False,
         "bones_m": no_bones,

@@ -45,7 +45,7 @@ class Outlook:
 
 def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
     """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen."""
-    then = predict(belief, ahead_s)
+    then = predict(belief, ahead_s, model)
     return Outlook(
         track_ids=belief.track_ids,
         confirmed=belief.confirmed,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from e3pose.camera import Rig
 from e3pose.errors import InputError
 from e3pose.filter.noise import OPENPOSE, Noise
+from e3pose.filter.tree import Tree, grow
 from e3pose.skeleton import BODY_LIMBS, FACE_LIMBS, Skeleton
 
 Floats = NDArray[np.float64]
@@ -27,7 +28,7 @@ STIFF = (
     ("left_eye", "right_eye"),
     ("left_ear", "right_ear"),
 )
-STIFF_SLACK_M = 0.04  # detectors slide joints along the body by about this
+STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
 # A head turns and nods: what it does to these lengths is a few centimetres.
 LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
 LOOSE_SLACK_M = 0.08
@@ -59,6 +60,18 @@ class Model:
         Detectors see images at one input size, so their error is a share of the image.
         """
         return np.asarray(self.image_sizes.max(axis=1) / self.noise.image_px)
+
+    @cached_property
+    def tree(self) -> Tree:
+        """How the joints hang together."""
+        return grow(self.skeleton)
+
+    @cached_property
+    def links(self) -> Ints:
+        """`(num_joints,)` the bone between each joint and its parent, -1 where there is none."""
+        rows = {frozenset(pair): row for row, pair in enumerate(self.bones.tolist())}
+        edges = enumerate(self.tree.parents.tolist())
+        return np.array([rows.get(frozenset(edge), -1) for edge in edges], dtype=np.int64)
 
     @cached_property
     def bones(self) -> Ints:
@@ -124,6 +137,8 @@ class Belief:
         track_ids: `(num_tracks,)` unique within a run, rising.
         state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres a second.
         covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
+        shared: `(num_tracks, num_joints, 6, 6)` covariance of each joint's `state` with that of its
+            parent in `Model.tree`; 0 at the root.
         unmeasured_s: `(num_tracks, num_joints)` seconds since a joint was measured; inf if never.
         existence: `(num_tracks,)` in [0, 1]: recent share of the views that should show the
             person and did.
@@ -133,6 +148,8 @@ class Belief:
         delivered: `(num_tracks, num_cameras)` in [0, 1]: what the views of a camera recently told
             about the person, as a share of what a view with every joint in plain sight would
             (`existence.DELIVERED_PRIOR` before it looked, and again long after).
+        bias_px: `(num_tracks, num_cameras, num_joints, 2)` how far a view's keypoints of the person
+            are off for seconds.
         confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
         bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
@@ -144,12 +161,14 @@ class Belief:
     track_ids: Ints
     state: Floats
     covariance: Floats
+    shared: Floats
     unmeasured_s: Floats
     existence: Floats
     hits: Ints
     seen_by: Flags
     last_seen_s: Floats
     delivered: Floats
+    bias_px: Floats
     confirmed: Flags
     bones_m: Floats
     bone_counts: Floats
@@ -168,12 +187,14 @@ class Belief:
             track_ids=np.zeros(0, dtype=np.int64),
             state=np.zeros((0, joints, 6)),
             covariance=np.zeros((0, joints, 6, 6)),
+            shared=np.zeros((0, joints, 6, 6)),
             unmeasured_s=np.zeros((0, joints)),
             existence=np.zeros(0),
             hits=np.zeros(0, dtype=np.int64),
             seen_by=np.zeros((0, len(model.rig)), dtype=bool),
             last_seen_s=np.zeros((0, len(model.rig))),
             delivered=np.zeros((0, len(model.rig))),
+            bias_px=np.zeros((0, len(model.rig), joints, 2)),
             confirmed=np.zeros(0, dtype=bool),
             bones_m=np.zeros((0, bones)),
             bone_counts=np.zeros((0, bones)),

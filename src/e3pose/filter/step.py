@@ -12,7 +12,7 @@ from e3pose.filter.associate import associate
 from e3pose.filter.births import give_birth
 from e3pose.filter.existence import attend, end
 from e3pose.filter.state import Belief, Flags, Floats, Ints, Leftovers, Model
-from e3pose.filter.update import MIN_SCORE, Sightings, predict, update
+from e3pose.filter.update import MIN_SCORE, Sightings, learn_biases, predict, update
 from e3pose.match import MAX_PIXEL
 from e3pose.match import MIN_SCORE as MISSING_SCORE
 from e3pose.pose import Poses2D
@@ -65,7 +65,7 @@ def step(
     dt = 0.0 if first else now - belief.time_s
     if dt > LONGEST_S:
         belief = replace(Belief.empty(model), next_id=belief.next_id)
-    belief = predict(replace(belief, time_s=now), dt)
+    belief = predict(replace(belief, time_s=now), dt, model)
     cameras, keypoints, scores = _sorted(model, views)
     found = [
         associate(belief, k, s, camera, model)
@@ -75,8 +75,9 @@ def step(
     assigned = np.array([rows for rows, _ in found], dtype=np.int64).reshape(shape)
     fits = np.array([fit for _, fit in found]).reshape(shape)
     predicted = belief
-    seen = _sightings(model, cameras, keypoints, scores, assigned)
+    seen = _sightings(belief, cameras, keypoints, scores, assigned, model)
     belief = update(belief, seen, model)
+    belief = learn_biases(belief, seen, cameras, dt)
     told = _information_share(seen, model, cameras)
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
@@ -122,7 +123,12 @@ def _sorted(model: Model, views: Mapping[int, Poses2D]) -> tuple[Ints, list[Floa
 
 
 def _sightings(
-    model: Model, cameras: Ints, keypoints: list[Floats], scores: list[Floats], assigned: Ints
+    belief: Belief,
+    cameras: Ints,
+    keypoints: list[Floats],
+    scores: list[Floats],
+    assigned: Ints,
+    model: Model,
 ) -> Sightings:
     shape = (*assigned.shape, len(model.skeleton))
     all_keypoints, all_scores = np.full((*shape, 2), np.nan), np.zeros(shape)
@@ -131,6 +137,7 @@ def _sightings(
         all_keypoints[view, seen] = keypoints[view][row[seen]]
         all_scores[view, seen] = scores[view][row[seen]]
     sigma = model.noise.of(all_scores, model.scales[cameras].reshape(-1, 1, 1))
+    all_keypoints -= np.swapaxes(belief.bias_px[:, cameras], 0, 1)
     return Sightings(model.rig.projections[cameras], all_keypoints, all_scores, sigma)
 
 

@@ -1,4 +1,4 @@
-"""Predict and update: one Kalman filter per joint, measured directly by pixels of any views."""
+"""Predict and update: one Kalman filter per person, measured directly by pixels of any views."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.state import Belief, Model
+from e3pose.filter import bias
+from e3pose.filter.state import Belief, Ints, Model
+from e3pose.filter.tree import Links, conditionals, solve
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Acceleration as white noise, drawn anew every 1/25 s; least error on simulated scenes from 3 to 9.
-ACCELERATION_MPS2 = 7.0
 ACCELERATION_LASTS_S = 1 / 25
 VELOCITY_LASTS_S = 0.78  # a velocity that is not seen again is down to 1/e: 5 % lost in 1/25 s
 MIN_SCORE = 0.05  # keypoints below this are not used
@@ -42,19 +42,22 @@ class Sightings:
     sigma_px: Floats
 
 
-def predict(belief: Belief, dt: float) -> Belief:
+def predict(belief: Belief, dt: float, model: Model) -> Belief:
     """Return the belief `dt` seconds later, before anything is seen."""
-    fade = np.exp(-dt / VELOCITY_LASTS_S)
+    decay = np.exp(-dt / VELOCITY_LASTS_S)
     transition = np.eye(6)
-    transition[:3, 3:] = VELOCITY_LASTS_S * (1 - fade) * np.eye(3)
-    transition[3:, 3:] = fade * np.eye(3)
-    density = ACCELERATION_MPS2**2 * ACCELERATION_LASTS_S
-    drift = density * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    transition[:3, 3:] = VELOCITY_LASTS_S * (1 - decay) * np.eye(3)
+    transition[3:, 3:] = decay * np.eye(3)
+    drift = np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], np.eye(3)) * ACCELERATION_LASTS_S
+    tree = model.tree
     return replace(
         belief,
         state=belief.state @ transition.T,
-        covariance=transition @ belief.covariance @ transition.T + np.kron(drift, np.eye(3)),
+        covariance=transition @ belief.covariance @ transition.T
+        + tree.drift_m2ps4[:, None, None] * drift,
+        shared=transition @ belief.shared @ transition.T + tree.shared_m2ps4[:, None, None] * drift,
         unmeasured_s=belief.unmeasured_s + dt,
+        bias_px=bias.fade(belief.bias_px, dt),
     )
 
 
@@ -94,9 +97,10 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
         return belief
     measured = np.zeros(belief.unmeasured_s.shape, dtype=bool)
     if len(seen.projections):
-        prior = np.linalg.inv(belief.covariance)
-        state = belief.state
+        prior = conditionals(model.tree, belief.covariance, belief.shared)
+        moved = np.zeros_like(belief.state)
         for iteration in range(ITERATIONS):
+            state = belief.state + moved
             pixels, depth, jacobian = project(state[..., :3], seen.projections)
             usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M)
             error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
@@ -105,38 +109,71 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
             off = (error**2).sum(axis=-1) / (variance + (doubt if iteration == 0 else 0.0))
             weight = np.where(usable, 1 / (1 + off / OUTLIER_SIGMAS**2) / variance, 0.0)
             measured |= (usable & (off < MEASURED_SIGMAS**2)).any(axis=0)
-            information = prior.copy()
-            pull = (prior @ (belief.state - state)[..., None])[..., 0]
-            information[..., :3, :3] += np.einsum(
+            error += (jacobian @ moved[..., :3, None])[..., 0]  # from the prediction
+            information, pull = np.zeros_like(belief.covariance), np.zeros_like(moved)
+            information[..., :3, :3] = np.einsum(
                 "v...,v...ab,v...ac->...bc", weight, jacobian, jacobian
             )
-            pull[..., :3] += np.einsum("v...,v...ab,v...a->...b", weight, jacobian, error)
-            _pull_bones(belief, state, information, pull, model)
-            state = state + np.linalg.solve(information, pull[..., None])[..., 0]
-        covariance = np.linalg.inv(information)
-        covariance = (covariance + np.swapaxes(covariance, -1, -2)) / 2
-        belief = replace(belief, state=state, covariance=covariance)
+            pull[..., :3] = np.einsum("v...,v...ab,v...a->...b", weight, jacobian, error)
+            _pull_bones(belief, moved, information, pull, model)
+            links = _links(belief, moved, model)
+            moved, covariance, shared = solve(model.tree, prior, information, pull, links)
+        belief = replace(belief, state=belief.state + moved, covariance=covariance, shared=shared)
     belief = replace(belief, unmeasured_s=np.where(measured, 0.0, belief.unmeasured_s))
     return _learn_bones(belief, model)
 
 
+def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float) -> Belief:
+    """Return the belief after each view of a slot was compared with the updated people."""
+    biases = belief.bias_px.copy()
+    pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
+    usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M)
+    error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
+    doubt = pixel_variance(jacobian, belief.covariance[..., :3, :3])
+    for view, camera in enumerate(cameras.tolist()):
+        since_s = belief.last_seen_s[:, camera] + dt
+        biases[:, camera] = bias.learn(
+            biases[:, camera], error[view], seen.sigma_px[view], doubt[view], since_s
+        )
+    return replace(belief, bias_px=biases)
+
+
+def _links(belief: Belief, moved: Floats, model: Model) -> Links:
+    """Return the bones within the tree, which are solved together with it."""
+    parents, rows = np.maximum(model.tree.parents, 0), model.links
+    state = belief.state + moved
+    between = state[..., :3] - state[:, parents, :3]
+    length = np.maximum(np.linalg.norm(between, axis=-1), 1e-6)
+    along = between / length[..., None]
+    turned = ((moved[..., :3] - moved[:, parents, :3]) * along).sum(axis=-1)
+    trusted = (rows >= 0) & (belief.bone_counts[:, rows] > BONE_TEACHERS)
+    return Links(
+        along=along,
+        excess_m=length - belief.bones_m[:, rows] - turned,
+        weights=np.where(trusted, 1 / model.slacks_m[rows] ** 2, 0.0),
+    )
+
+
 def _pull_bones(
-    belief: Belief, state: Floats, information: Floats, pull: Floats, model: Model
+    belief: Belief, moved: Floats, information: Floats, pull: Floats, model: Model
 ) -> None:
-    """Add to each joint what its neighbours at known distances say; each thinks the other fixed."""
-    first, second = model.bones.T
+    """Add what bones across the tree say to either end, which takes the other as fixed."""
+    across = np.setdiff1d(np.arange(len(model.bones)), model.links)
+    first, second = model.bones[across].T
+    state = belief.state + moved
     apart = state[:, first, :3] - state[:, second, :3]  # (num_tracks, num_bones, 3)
     length = np.maximum(np.linalg.norm(apart, axis=-1), 1e-6)
     along = apart / length[..., None]
-    excess = length - belief.bones_m
-    trusted = belief.bone_counts > BONE_TEACHERS
+    excess = length - belief.bones_m[:, across]
+    trusted = belief.bone_counts[:, across] > BONE_TEACHERS
     outer = along[..., :, None] * along[..., None, :]
     rows = np.arange(len(belief))[:, None]
     for end, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         spread = np.einsum("tba,tbac,tbc->tb", along, belief.covariance[:, other, :3, :3], along)
-        weight = np.where(trusted, 1 / (spread / 2 + model.slacks_m**2), 0.0)
+        weight = np.where(trusted, 1 / (spread / 2 + model.slacks_m[across] ** 2), 0.0)
+        gone = (moved[:, end, :3] * along).sum(axis=-1)
         np.add.at(information[..., :3, :3], (rows, end), weight[..., None, None] * outer)
-        np.add.at(pull[..., :3], (rows, end), -sign * (weight * excess)[..., None] * along)
+        np.add.at(pull[..., :3], (rows, end), (weight * (gone - sign * excess))[..., None] * along)
 
 
 def _learn_bones(belief: Belief, model: Model) -> Belief:
