@@ -93,9 +93,19 @@ class Corruption:
 
 
 class Sampler:
-    """Draw windows from clips at any frame rate, mirrored, scaled, at another pace, and spoilt."""
+    """Draw windows from clips at any frame rate, mirrored, scaled, at another pace, and spoilt.
 
-    def __init__(self, clips: Sequence[Clip], history_slots: int, num_leads: int) -> None:
+    With `usual_fps` most windows have that frame rate, instead of rates around 27.
+    """
+
+    def __init__(
+        self,
+        clips: Sequence[Clip],
+        history_slots: int,
+        num_leads: int,
+        usual_fps: tuple[float, float] = USUAL_FPS,
+    ) -> None:
+        self.usual_fps = usual_fps
         padded = [_padded(clip.joints_m) for clip in clips]
         self.frames = np.concatenate(padded)
         self.lengths = np.array([len(c.joints_m) for c in clips])
@@ -109,7 +119,7 @@ class Sampler:
         """Return `size` windows."""
         usual = rng.random(size) < 0.65
         fps = np.where(
-            usual, rng.uniform(*USUAL_FPS, size), np.exp(rng.uniform(*LOG_ANY_FPS, size))
+            usual, rng.uniform(*self.usual_fps, size), np.exp(rng.uniform(*LOG_ANY_FPS, size))
         )
         clip = rng.choice(len(self.lengths), size, p=self.weights / self.weights.sum())
         span = self.history_slots + self.num_leads
