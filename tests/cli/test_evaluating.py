@@ -131,3 +131,25 @@ def test_wrong_option_is_one_line_and_nothing_is_written(
 def test_missing_recording_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("evaluate", str(tmp_path / "nothing")) == 2
     assert "nothing" in capsys.readouterr().err
+
+
+def test_bad_days_are_asked_for_on_the_command_line(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figures = tmp_path / "bad.json"
+    options = ["--policies", "all", "--seeds", "4", "--jobs", "1", "--json", str(figures)]
+    bad = ["--kill-camera", "each@5", "--kill-camera", "c0@0.2s", "--loss", "0.25", "--fps", "12.5"]
+    assert run("evaluate", str(folder), *options, *bad) == 0
+    (row,) = json.loads(figures.read_text())["rows"]
+    # Of 15 slots c0 is awake in the first 3; every other camera is gone in one repetition of four.
+    assert row["selection"]["duty"]["c0"]["mean"] == pytest.approx(3 / 15)
+    assert 0.5 < row["selection"]["duty"]["c1"]["mean"] < 0.9
+    assert row["selection"]["mean_views"]["mean"] < 0.9 * row["selection"]["mean_cameras"]["mean"]
+    for wrong, message in (
+        (["--kill-camera", "c9@3"], "found 'c9', expected one of c0, c1, c2, c3, or each"),
+        (["--kill-camera", "c1"], "expected CAMERA@SLOT or CAMERA@SECONDSs"),
+        (["--loss", "2"], "--loss: found 2"),
+        (["--fps", "50"], "--fps: found 50"),
+    ):
+        assert run("evaluate", str(folder), *options[:-2], *wrong) == 2
+        assert message in capsys.readouterr().err.replace("\n", " ")

@@ -8,9 +8,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.cli.bad_days import BadDayOptions
 from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs, choice
 
-LOOP, ENERGY = LoopOptions(), EnergyOptions()
+LOOP, ENERGY, BAD_DAY = LoopOptions(), EnergyOptions(), BadDayOptions()
 
 MAX_SEEDS = 10_000
 MAX_JOBS = 1000
@@ -25,6 +26,7 @@ def evaluate(
     seeds: Whole = 5,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
+    bad_day: BadDayOptions = BAD_DAY,
     jobs: Whole = -1,
     json_file: Annotated[Path | None, Parameter(name="--json")] = None,
     plot: Path | None = None,
@@ -36,6 +38,9 @@ def evaluate(
     Every policy starts afresh and sees only the views it selects. The i-th repetition runs with
     seed + i and phase + i, so that random policies draw anew and others take turns and ties from
     another camera.
+
+    Ask how it copes: `--kill-camera each@100` loses another camera in every repetition, at slot
+    100; `--loss 0.3` loses 30 % of the views; `--fps 10` has fewer frames.
 
     Parameters
     ----------
@@ -76,8 +81,9 @@ def evaluate(
     if plot is not None:
         check_svg("--plot", plot)
     check_outputs(recording, {"--json": json_file, "--plot": plot})
-    source = load_recording(recording)
-    plan = energy.plan(source.rig.camera_ids, source.interval_s)
+    source = bad_day.thinned(load_recording(recording))
+    plan = energy.plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
+    day = bad_day.day(source, plan.watts)
     asked = loop.settings()
     names = _names(_usual(loop) if policies is None else policies)
     counts = [None] if cameras is None else _numbers("--cameras", cameras)
@@ -87,7 +93,7 @@ def evaluate(
         for name in names
         for count in counts
         for each in tasks(
-            ReplaySettings(**{**asked, **choice(count, asked, plan, len(source.rig))}),
+            ReplaySettings(bad_day=day, **{**asked, **choice(count, asked, plan, len(source.rig))}),
             [name],
             seeds,
             ahead,

@@ -128,6 +128,14 @@ class EnergyPlan:
     budget: tuple[float, ...] | None
     cost_j: tuple[float, ...] | None
 
+    @property
+    def watts(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """What the cameras draw when active, and when not."""
+        return (
+            tuple(profile.watts("active") for profile in self.profiles),
+            tuple(profile.watts(self.idle_mode) for profile in self.profiles),
+        )
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -139,24 +147,39 @@ class EnergyOptions:
     commas, as in xavier-nx,cam3=tx2."""
     idle_mode: Literal["power-saving", "aggressive-power-saving"] = "power-saving"
     """What a camera does in slots for which it is not selected."""
-    battery_wh: str = "50"
-    """Capacity of the cameras' batteries in watt-hours; exceptions with commas: 50,cam1=20."""
+    battery_wh: str | None = None
+    """Capacity of the cameras' batteries in watt-hours; exceptions with commas: 50,cam1=20. By
+    default what the recording says of a camera, and 50 for the others."""
     lifetime: str | None = None
     """Keep every camera's battery alive this long: 10h, 90min, 2d. Sets the budget of each camera,
     and without --cameras and --target-error wakes as many cameras as these pay for."""
 
-    def plan(self, camera_ids: Sequence[str], interval_s: float) -> EnergyPlan:
-        """Return what these options mean for a rig; raise `InputError` for what cannot be."""
-        from e3pose.energy import active_cost_j, lifetime_budget
+    def plan(
+        self,
+        camera_ids: Sequence[str],
+        interval_s: float,
+        known_wh: Mapping[str, float] | None = None,
+    ) -> EnergyPlan:
+        """Return what these options mean for a rig; raise `InputError` for what cannot be.
+
+        Args:
+            camera_ids: the rig's.
+            interval_s: of a slot.
+            known_wh: by camera, what a recording says of batteries.
+        """
+        from e3pose.energy import DEFAULT_BATTERY_WH, active_cost_j, lifetime_budget
         from e3pose.profiles import load_profile
 
         battery_wh = per_camera(
             "--battery-wh",
-            self.battery_wh,
+            self.battery_wh or str(DEFAULT_BATTERY_WH),
             camera_ids,
             lambda text: number("--battery-wh", text, "watt-hours above 0"),
             "50 or 50,cam1=20",
         )
+        if self.battery_wh is None:
+            known = known_wh or {}
+            battery_wh = [known.get(i, wh) for i, wh in zip(camera_ids, battery_wh, strict=True)]
         profiles = per_camera(
             "--profile", self.profile, camera_ids, load_profile, "a name or NAME,CAMERA=NAME"
         )

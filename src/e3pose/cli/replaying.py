@@ -8,11 +8,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.cli.bad_days import BadDayOptions
 from e3pose.cli.options import EnergyOptions, LoopOptions, check_outputs, choice
 from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
 
-LOOP, ENERGY, STORE = LoopOptions(), EnergyOptions(), StoreOptions()
+LOOP, ENERGY, BAD_DAY, STORE = LoopOptions(), EnergyOptions(), BadDayOptions(), StoreOptions()
 
 
 def replay(
@@ -22,6 +23,7 @@ def replay(
     cameras: Annotated[float | None, Parameter(alias="-C")] = None,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
+    bad_day: BadDayOptions = BAD_DAY,
     store: StoreOptions = STORE,
     poses: Path | None = None,
     report: Path | None = None,
@@ -72,12 +74,14 @@ def replay(
     check_outputs(recording, {"--poses": poses, "--json": json_file, "--report": report})
     if store.store is not None or store.keep or store.max_size:
         store.retention()
-    source = load_recording(recording)
-    plan = energy.plan(source.rig.camera_ids, source.interval_s)
+    source = bad_day.thinned(load_recording(recording))
+    plan = energy.plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
+    day = bad_day.day(source, plan.watts)
     asked = loop.settings()
     settings = ReplaySettings(
         policy=policy,
         foresees=report is not None and loop.pipeline != "paper",
+        bad_day=day,
         **{**asked, **choice(cameras, asked, plan, len(source.rig))},
     )
     slots = stored(

@@ -42,13 +42,13 @@ class BadDay:
     Attributes:
         kills: cameras that die.
         loss: share of the selected views that never arrive, [0, 1]; their energy is spent.
-        watts: what a camera draws when active and when not; with them, cameras of a recording with
-            batteries are gone once those are empty.
+        watts: what each camera draws when active, and when not; with them, the cameras for which
+            the recording has a battery are gone once it is empty.
     """
 
     kills: tuple[Kill, ...] = ()
     loss: float = 0.0
-    watts: tuple[float, float] | None = None
+    watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
 
 NO_BAD_DAY = BadDay()

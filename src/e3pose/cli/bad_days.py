@@ -1,0 +1,48 @@
+"""Options that make a replay go wrong on purpose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from e3pose.evaluate.bad_days import BadDay
+    from e3pose.recording import Recording
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class BadDayOptions:
+    """What goes wrong, for every verb that runs the loop."""
+
+    kill_camera: Annotated[tuple[str, ...], Parameter(negative="")] = ()
+    """CAMERA@SLOT or CAMERA@12.5s: this camera is gone from then on; repeatable. `each` for the
+    camera kills another one in every repetition."""
+    loss: float = 0.0
+    """Share of the selected views that never arrive; their energy is spent."""
+    fps: float | None = None
+    """Take so many frames a second of the recording only."""
+
+    def day(
+        self, recording: Recording, watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    ) -> BadDay:
+        """Return what goes wrong; raise `InputError` for what cannot.
+
+        Args:
+            recording: as `thinned` returns it.
+            watts: what each camera draws when active, and when not.
+        """
+        from e3pose.evaluate.bad_days import BadDay, arriving, deaths_s, parse_kill
+
+        day = BadDay(tuple(parse_kill(text) for text in self.kill_camera), self.loss, watts)
+        deaths_s(recording, day.kills)
+        arriving(len(recording.rig), day.loss, 0, 0)
+        return day
+
+    def thinned(self, recording: Recording) -> Recording:
+        """Return the recording at the frame rate that is asked for."""
+        from e3pose.evaluate.bad_days import thinned
+
+        return recording if self.fps is None else thinned(recording, self.fps)

@@ -1,0 +1,155 @@
+"""Replays in which cameras die, views are lost and frames are few."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+from e3pose.evaluate.bad_days import (
+    BadDay,
+    Kill,
+    arriving,
+    capacity_j,
+    deaths_s,
+    parse_kill,
+    thinned,
+)
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.pipeline import SlotRecord
+from e3pose.recording import Recording
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+
+SCENE = simulate(
+    SceneSettings(people=2, seconds=4, cameras=4, detector=DetectorSettings(perfect=True)), 5
+)
+
+
+def run(recording: Recording, **settings: object) -> list[SlotRecord]:
+    policy = {"policy": "round-robin", "num_selected": 2, "backend": "reference", **settings}
+    return list(replay(recording, ReplaySettings(pipeline="paper", **policy)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("text", "kill"),
+    [
+        ("cam2@100", Kill("cam2", slot=100)),
+        ("cam2@12.5s", Kill("cam2", time_s=12.5)),
+        ("each@0", Kill("each", slot=0)),
+        ("a@b@3s", Kill("a@b", time_s=3.0)),
+    ],
+)
+def test_kills_are_read(text: str, kill: Kill) -> None:
+    assert parse_kill(text) == kill
+
+
+@pytest.mark.parametrize("text", ["cam2", "@3", "cam2@", "cam2@-1", "cam2@1.5", "cam2@1e9", "x@s"])
+def test_what_is_no_kill_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"--kill-camera: found .*expected CAMERA@SLOT"):
+        parse_kill(text)
+
+
+def test_the_earliest_death_counts_and_each_takes_the_phase() -> None:
+    recording = replace(SCENE, dies_at_s={"cam1": 2.0, "cam2": 1.0})
+    kills = [Kill("cam1", slot=25), Kill("cam2", time_s=3.0), Kill("each", time_s=0.5)]
+    assert deaths_s(recording, kills, phase=7).tolist() == [np.inf, 1.0, 1.0, 0.5]
+    with pytest.raises(InputError, match="--kill-camera: found 'eve', expected one of cam0"):
+        deaths_s(recording, [Kill("eve", slot=1)])
+
+
+def test_a_dead_camera_is_never_selected_again() -> None:
+    for day in (BadDay((Kill("cam1", slot=30),)), BadDay((Kill("cam1", time_s=1.2),))):
+        awake = np.stack([record.selected for record in run(SCENE, bad_day=day)])
+        assert awake[:30, 1].mean() > 0.4
+        assert not awake[30:, 1].any()
+        # From the order on that could know of it, the others take its turns.
+        assert (awake[31:].sum(axis=1) == 2).all()
+
+
+def test_a_death_of_the_recording_counts_too() -> None:
+    awake = np.stack([r.selected for r in run(replace(SCENE, dies_at_s={"cam3": 2.0}))])
+    assert awake[:50, 3].any() and not awake[50:, 3].any()
+
+
+def test_lost_views_cost_energy_but_do_not_arrive() -> None:
+    records = run(SCENE, policy="all", bad_day=BadDay(loss=0.3))
+    selected = np.stack([record.selected for record in records])
+    arrived = np.stack([record.arrived for record in records])
+    assert selected.mean() > 0.9  # but for cameras that seem dead for a moment
+    assert 0.25 < (selected & ~arrived).sum() / selected.sum() < 0.35
+    again = np.stack([r.arrived for r in run(SCENE, policy="all", bad_day=BadDay(loss=0.3))])
+    other = run(SCENE, policy="all", seed=1, bad_day=BadDay(loss=0.3))
+    assert (again == arrived).all()
+    assert (np.stack([record.arrived for record in other]) != arrived).any()
+
+
+def test_policies_lose_the_same_views() -> None:
+    every = np.stack([arriving(4, 0.4, 3, slot) for slot in range(100)])
+    turns = run(SCENE, seed=3, bad_day=BadDay(loss=0.4))
+    for record, came in zip(turns, every, strict=True):
+        assert (record.arrived == record.selected & came).all()
+
+
+@pytest.mark.parametrize("loss", [-0.1, 1.1, float("nan")])
+def test_a_loss_is_a_share(loss: float) -> None:
+    with pytest.raises(InputError, match="--loss: found"):
+        next(replay(SCENE, ReplaySettings(bad_day=BadDay(loss=loss))))
+
+
+def test_everything_may_be_lost() -> None:
+    records = run(SCENE, bad_day=BadDay(loss=1.0))
+    assert not any(record.arrived.any() for record in records)
+    gone = BadDay(tuple(Kill(f"cam{i}", slot=20) for i in range(4)))
+    assert not any(record.selected.any() for record in run(SCENE, bad_day=gone)[20:])
+
+
+def test_empty_batteries_end_cameras() -> None:
+    """12 W active and 6 W idle for 4 s: 36 J are 3 s of activity, or 6 s of idleness."""
+    recording = replace(SCENE, battery_wh={"cam0": 36 / 3600, "cam1": 36 / 3600})
+    assert capacity_j(recording).tolist() == pytest.approx([36, 36, np.inf, np.inf])
+    watts = ((12.0,) * 4, (6.0,) * 4)
+    always = np.stack(
+        [r.selected for r in run(recording, policy="all", bad_day=BadDay(watts=watts))]
+    )
+    assert always[:75].all() and not always[76:, :2].any() and always[76:, 2:].all()
+    unlimited = np.stack([r.selected for r in run(recording, policy="all")])
+    assert unlimited.all()
+
+
+def test_thinning_keeps_views_times_and_truth_together() -> None:
+    slow = thinned(replace(SCENE, scored_slots=(10, 60)), 10)
+    assert slow.fps == 10 and slow.num_slots == 40 and slow.truth is not None
+    assert SCENE.truth is not None
+    for slot in range(slow.num_slots):
+        before = int(np.rint(slot * 2.5))
+        np.testing.assert_array_equal(slow.truth.joints_m[slot], SCENE.truth.joints_m[before])
+        for camera in range(4):
+            old, new = SCENE.view(before, camera), slow.view(slot, camera)
+            assert old is not None and new is not None
+            np.testing.assert_array_equal(old.keypoints_px, new.keypoints_px)
+            time_s = slow.views[camera].times_s[slot]
+            assert time_s == pytest.approx(before / 25) and abs(time_s - slot / 10) <= 0.02 + 1e-9
+    assert slow.scored_slots == (4, 24)
+
+
+def test_thinning_keeps_losses_lost() -> None:
+    dying = simulate(SceneSettings(scene="dying-cameras", people=1, seconds=2), 0)
+    slow = thinned(dying, 5)
+    for old, new in zip(dying.views, slow.views, strict=True):
+        assert new.slots.tolist() == [s for s in range(10) if s * 5 in set(old.slots.tolist())]
+
+
+def test_thinning_to_the_same_rate_changes_nothing_and_no_rate_is_made_up() -> None:
+    assert thinned(SCENE, SCENE.fps) is SCENE
+    for fps in (0.0, 30.0, -1.0, float("nan")):
+        with pytest.raises(InputError, match="--fps: found"):
+            thinned(SCENE, fps)
+
+
+def test_a_rig_of_one_camera_can_lose_it() -> None:
+    alone = replace(SCENE, rig=Rig(SCENE.rig.cameras[:1]), views=SCENE.views[:1])
+    records = run(alone, num_selected=1, bad_day=BadDay((Kill("each", slot=5),)))
+    assert [bool(record.selected.any()) for record in records] == [True] * 5 + [False] * 95
