@@ -13,11 +13,13 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError
 
 from e3pose import __version__
+from e3pose.cli.calibrating import calibrate_app
 from e3pose.cli.demonstrating import demo
 from e3pose.cli.detecting import detect
 from e3pose.cli.evaluating import evaluate
 from e3pose.cli.importing import import_app
 from e3pose.cli.information import info
+from e3pose.cli.learning import learn_app
 from e3pose.cli.models import models_app
 from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.querying import query
@@ -46,8 +48,10 @@ VERBS: dict[str, Callable[..., Any]] = {
     "query": query,
     "evaluate": evaluate,
     "evaluate-predictor": evaluate_predictor,
+    "calibrate": calibrate_app,
     "models": models_app,
     "train": train,
+    "learn": learn_app,
 }
 for _verb, _function in VERBS.items():
     app.command(_function, name=_verb)

@@ -76,7 +76,7 @@ class OnlineTrainer:
             self._lock.close()
             raise InputError(f"{folder}: another process learns there") from None
         self._events: deque[str] = deque(maxlen=MAX_EVENTS)
-        self._gathering = Gathering()
+        self._gathering = Gathering(clock.now_ns())
         self._waiting: queue.Queue[Gathering] = queue.Queue(MAX_WAITING)
         self._ready: queue.SimpleQueue[Predictor] = queue.SimpleQueue()
         self._trainer: TrainerProcess | None = None
@@ -101,6 +101,12 @@ class OnlineTrainer:
         self._gathering.add(record)
         if self._gathering.full(round(self.settings.chunk_s / self.settings.interval_s)):
             self._put_by()
+
+    def new_run(self) -> None:
+        """Say that slots and track ids begin anew from here."""
+        if self._gathering.records:
+            self._put_by()
+        self._gathering = Gathering(max(self._gathering.run + 1, self.clock.now_ns()))
 
     def poll(self) -> Predictor | None:
         """Return a predictor to use from the next slot on, or None to go on; never waits."""
@@ -153,7 +159,7 @@ class OnlineTrainer:
             self._trainer = None
         if self._gathering.records:
             self._put_by()
-        self._write_waiting()
+        self.write_waiting()
         self._lock.close()
 
     # What the thread beside the edge does.
@@ -162,7 +168,7 @@ class OnlineTrainer:
         """Do what is to be done: write, start, watch, judge, load. Never raises."""
         now_s = self.clock.now_ns() / 1e9
         try:
-            self._write_waiting()
+            self.write_waiting()
             self._follow_manifest()
             if self._trainer is not None:
                 self._watch(self._trainer, now_s)
@@ -176,17 +182,18 @@ class OnlineTrainer:
             self.attend()
 
     def _put_by(self) -> None:
-        gathered, self._gathering = self._gathering, Gathering()
+        gathered, self._gathering = self._gathering, Gathering(self._gathering.run)
         try:
             self._waiting.put_nowait(gathered)
         except queue.Full:
             self._tell("poses lost: the disk is too slow", logging.WARNING)
 
-    def _write_waiting(self) -> None:
+    def write_waiting(self) -> None:
+        """Write the poses that wait for it."""
         while not self._waiting.empty():
             gathered = self._waiting.get()
             try:
-                path = self.ring.write(gathered.chunk(self.ring.run))
+                path = self.ring.write(gathered.chunk())
             except (InputError, OSError) as error:
                 self._tell(f"poses lost: {error}", logging.WARNING)
                 continue

@@ -26,7 +26,7 @@ class Chunk:
     """Some seconds of poses, a row for every person in every slot.
 
     Attributes:
-        run: number of the run of the system that track ids and slots belong to.
+        run: when the run of the system began that track ids and slots belong to; as good as unique.
         slots: `(num_poses,)` rising.
         track_ids: `(num_poses,)`.
         joints_m: `(num_poses, num_joints, 3)` world metres, NaN where missing.
@@ -42,8 +42,15 @@ class Chunk:
 
 @dataclass(slots=True)
 class Gathering:
-    """Slots in memory, before they become a file."""
+    """Slots in memory, before they become a file.
 
+    Attributes:
+        run: that they belong to.
+        records: slots with people.
+        poses: in all of them.
+    """
+
+    run: int
     records: list[SlotRecord] = field(default_factory=list)
     poses: int = 0
 
@@ -60,11 +67,11 @@ class Gathering:
         passed = self.records[-1].slot - self.records[0].slot + 1
         return passed >= slots or self.poses >= MAX_CHUNK_POSES
 
-    def chunk(self, run: int) -> Chunk:
+    def chunk(self) -> Chunk:
         """Return what was gathered."""
         counts = [len(record.poses) for record in self.records]
         return Chunk(
-            run,
+            self.run,
             np.repeat([record.slot for record in self.records], counts).astype(np.int64),
             np.concatenate([record.track_ids for record in self.records]),
             np.concatenate([r.poses.joints_m for r in self.records]).astype(np.float32),
@@ -80,7 +87,6 @@ class Ring:
         self.folder, self.skeleton, self.max_bytes = folder, skeleton, max_bytes
         numbers = [int(path.stem) for path in self.files()]
         self.next = max(numbers, default=0) + 1
-        self.run = self.next  # higher than any before
 
     def files(self) -> list[Path]:
         """Return the files, oldest first."""
