@@ -20,6 +20,7 @@ from e3pose.filter.births import (
     START_EXISTENCE,
     START_JOINT_M,
     START_SPEED_MPS,
+    START_TURN_MPS,
     START_UNSEEN_M,
     SURE_SCORE,
     WAIT_S,
@@ -41,6 +42,7 @@ def give_birth(
     next_id: int,
     projections: Floats,
     scales: Floats,
+    depths: Integers,
     views: Views,
     tracks: Tracks,
     waiting: Waiting,
@@ -67,7 +69,9 @@ def give_birth(
         pairs.fits[best] = np.inf
         if not _is_apart(best, num_tracks, pairs.joints_m, tracks.state):
             continue
-        _start(num_tracks, next_id, best, pairs.joints_m, pairs.middle, pairs.sorted, tracks)
+        _start(
+            num_tracks, next_id, best, depths, pairs.joints_m, pairs.middle, pairs.sorted, tracks
+        )
         for end in range(2):
             index = pairs.ends[best, end]
             pairs.taken[index] = True
@@ -301,6 +305,7 @@ def _start(
     track: int,
     track_id: int,
     pair: int,
+    depths: Integers,
     joints_m: Floats,
     middle: Floats,
     sorted_m: Floats,
@@ -324,12 +329,16 @@ def _start(
         for a in range(6):
             for b in range(6):
                 tracks.covariance[track, joint, a, b] = 0.0
+                tracks.shared[track, joint, a, b] = 0.0
+        speed = START_SPEED_MPS**2 + depths[joint] * START_TURN_MPS**2
         for axis in range(3):
             place = joints_m[pair, joint, axis] if known else middle[axis]
             tracks.state[track, joint, axis] = place
             tracks.state[track, joint, axis + 3] = 0.0
             tracks.covariance[track, joint, axis, axis] = spread**2
-            tracks.covariance[track, joint, axis + 3, axis + 3] = START_SPEED_MPS**2
+            tracks.covariance[track, joint, axis + 3, axis + 3] = speed
+            if depths[joint] > 0:  # all start with the velocity of their parents
+                tracks.shared[track, joint, axis + 3, axis + 3] = speed - START_TURN_MPS**2
         tracks.unmeasured_s[track, joint] = 0.0 if known else np.inf
     tracks.track_ids[track] = track_id
     tracks.existence[track] = START_EXISTENCE
@@ -339,6 +348,9 @@ def _start(
         tracks.seen_by[track, camera] = False
         tracks.last_seen_s[track, camera] = np.inf
         tracks.delivered[track, camera] = DELIVERED_PRIOR
+        for joint in range(num_joints):
+            tracks.bias_px[track, camera, joint, 0] = 0.0
+            tracks.bias_px[track, camera, joint, 1] = 0.0
     for bone in range(tracks.bones_m.shape[1]):
         tracks.bones_m[track, bone] = 0.0
         tracks.bone_counts[track, bone] = 0.0

@@ -111,10 +111,16 @@ def _move(tracks: Tracks, source: int, target: int) -> None:
             for b in range(6):
                 value = tracks.covariance[source, joint, a, b]
                 tracks.covariance[target, joint, a, b] = value
+                value = tracks.shared[source, joint, a, b]
+                tracks.shared[target, joint, a, b] = value
     for camera in range(tracks.seen_by.shape[1]):
         tracks.seen_by[target, camera] = tracks.seen_by[source, camera]
         tracks.last_seen_s[target, camera] = tracks.last_seen_s[source, camera]
         tracks.delivered[target, camera] = tracks.delivered[source, camera]
+        for joint in range(tracks.state.shape[1]):
+            for axis in range(2):
+                value = tracks.bias_px[source, camera, joint, axis]
+                tracks.bias_px[target, camera, joint, axis] = value
     for bone in range(tracks.bones_m.shape[1]):
         tracks.bones_m[target, bone] = tracks.bones_m[source, bone]
         tracks.bone_counts[target, bone] = tracks.bone_counts[source, bone]

@@ -30,11 +30,24 @@ class Site(NamedTuple):
     noise_px: Floats  # (num_knots,)
     bones: Integers  # (num_bones, 2)
     slacks_m: Floats  # (num_bones,)
+    loose: Flags  # (num_bones,) not between a joint and its parent
+    links: Integers  # (num_joints,) the bone to its parent, -1 for none
+    parents: Integers  # (num_joints,) -1 at the root
+    order: Integers  # (num_joints,) the root first, each joint after its parent
+    depths: Integers  # (num_joints,) steps from the root
+    drift_m2ps4: Floats  # (num_joints,)
+    shared_m2ps4: Floats  # (num_joints,)
     lenses: Lenses
 
 
 def make_site(model: Model) -> Site:
     """Collect the constants of a model."""
+    tree = model.tree
+    loose = np.ones(len(model.bones), bool)
+    loose[model.links[model.links >= 0]] = False
+    depths = np.zeros(len(model.skeleton), np.int64)
+    for depth, joints in enumerate(tree.levels):
+        depths[joints] = depth
     return Site(
         np.ascontiguousarray(model.rig.projections),
         np.ascontiguousarray(model.image_sizes),
@@ -43,6 +56,13 @@ def make_site(model: Model) -> Site:
         np.array(model.noise.sigma_px),
         np.ascontiguousarray(model.bones),
         np.ascontiguousarray(model.slacks_m),
+        loose,
+        np.ascontiguousarray(model.links),
+        np.ascontiguousarray(tree.parents),
+        np.concatenate(tree.levels),
+        depths,
+        np.ascontiguousarray(tree.drift_m2ps4),
+        np.ascontiguousarray(tree.shared_m2ps4),
         make_lenses(model.rig),
     )
 
@@ -69,12 +89,14 @@ class Tracks(NamedTuple):
     track_ids: Integers
     state: Floats
     covariance: Floats
+    shared: Floats
     unmeasured_s: Floats
     existence: Floats
     hits: Integers
     seen_by: Flags
     last_seen_s: Floats
     delivered: Floats
+    bias_px: Floats
     confirmed: Flags
     bones_m: Floats
     bone_counts: Floats
@@ -113,10 +135,17 @@ class Offers(NamedTuple):
 
 
 class Passes(NamedTuple):
-    """Room for the passes of one track's update."""
+    """Room for the passes of one track's update; blocks of 6 x 6 are rows of 36 numbers."""
 
-    places: Floats  # (2, num_joints, 3) positions before and after a pass
-    pulls: Floats  # (num_joints, 9) information about a position, a symmetric matrix; a vector
+    prior_own: Floats  # (num_joints, 36) information of the prior about each joint
+    prior_across: Floats  # (num_joints, 36) about each joint and its parent
+    own: Floats  # (num_joints, 36) the same of one pass, and what is made of it
+    across: Floats  # (num_joints, 36)
+    room: Floats  # (3, 36)
+    pull: Floats  # (num_joints, 6)
+    moved: Floats  # (num_joints, 6) from the prediction
+    places: Floats  # (num_joints, 3)
+    seen: Floats  # (num_joints, 9) of keypoints and loose bones: a symmetric 3 x 3, a vector
     measured: Flags  # (num_joints,)
 
 
@@ -199,8 +228,15 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             flags=np.zeros((2, most), bool),
         ),
         Passes(
-            places=np.zeros((2, joints, 3)),
-            pulls=np.zeros((joints, 9)),
+            prior_own=np.zeros((joints, 36)),
+            prior_across=np.zeros((joints, 36)),
+            own=np.zeros((joints, 36)),
+            across=np.zeros((joints, 36)),
+            room=np.zeros((3, 36)),
+            pull=np.zeros((joints, 6)),
+            moved=np.zeros((joints, 6)),
+            places=np.zeros((joints, 3)),
+            seen=np.zeros((joints, 9)),
             measured=np.zeros(joints, bool),
         ),
         Pairs(

@@ -15,6 +15,7 @@ from e3pose.filter.state import Belief, Leftovers, Model
 from e3pose.filter.step import LONGEST_S, MAX_PEOPLE, Estimate, bounded, check_slot, estimate_of
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_associate import associate
+from e3pose.kernels.filter_bias import learn_bias
 from e3pose.kernels.filter_births import give_birth
 from e3pose.kernels.filter_existence import attend, end
 from e3pose.kernels.filter_memory import Memory, Site, Views, make_memory, make_site
@@ -125,7 +126,7 @@ def step_slot(
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
     views, tracks, passes = memory.views, memory.tracks, memory.passes
-    predict(num_tracks, dt, tracks.state, tracks.covariance, tracks.unmeasured_s)
+    predict(num_tracks, dt, site.drift_m2ps4, site.shared_m2ps4, tracks)
     _prepare(site, views)
     num_views = 0
     for camera in range(len(views.counts)):
@@ -147,6 +148,20 @@ def step_slot(
     for track in range(num_tracks):
         if num_views:
             update(track, site, views, memory.matches.assigned, tracks, passes)
+        for camera in range(len(views.counts)):
+            person = memory.matches.assigned[camera, track]
+            if views.arrived[camera] and person >= 0:
+                learn_bias(
+                    views.starts[camera] + person,
+                    tracks.last_seen_s[track, camera] + dt,
+                    tracks.state[track],
+                    tracks.covariance[track],
+                    site.projections[camera],
+                    views.pixels,
+                    views.weights,
+                    views.variances,
+                    tracks.bias_px[track, camera],
+                )
         learn_bones(
             tracks.state[track],
             tracks.covariance[track],
@@ -164,6 +179,7 @@ def step_slot(
         next_id,
         site.projections,
         site.scales,
+        site.depths,
         views,
         tracks,
         memory.waiting,

@@ -1,12 +1,4 @@
-"""Update: the loops of `filter.update.update`, for one track.
-
-A view measures positions only, so the information it adds to the 6 x 6 of a joint is a 3 x 3 block
-M. With S the predicted covariance, S_p its first three columns and S_pp their first three rows,
-
-    x = x_predicted + S_p (1 + M S_pp)^-1 r,    S - S_p (1 + M S_pp)^-1 M S_p'
-
-is what the reference finds by inverting 6 x 6 matrices.
-"""
+"""Update: the loops of `filter.update`, for one track."""
 
 from __future__ import annotations
 
@@ -27,6 +19,7 @@ from e3pose.filter.update import (
 )
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_memory import Passes, Site, Tracks, Views
+from e3pose.kernels.filter_tree import eliminate, prepare, spread_out
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -49,62 +42,88 @@ def update(
     `assigned` is that of `Matches`.
     """
     state, covariance = tracks.state[track], tracks.covariance[track]
-    now, then = passes.places[0], passes.places[1]
-    pulls, measured = passes.pulls, passes.measured
+    bones_m, counts = tracks.bones_m[track], tracks.bone_counts[track]
     num_joints, num_cameras = len(state), len(views.counts)
+    blocks = covariance.reshape(num_joints, 36)
+    shared = tracks.shared[track].reshape(num_joints, 36)
+    moved, places, seen = passes.moved, passes.places, passes.seen
+    prepare(
+        site.order,
+        site.parents,
+        blocks,
+        shared,
+        passes.prior_own,
+        passes.prior_across,
+        passes.own,
+        passes.room,
+    )
     for joint in range(num_joints):
-        measured[joint] = False
-        for axis in range(3):
-            now[joint, axis] = state[joint, axis]
+        passes.measured[joint] = False
+        for axis in range(6):
+            moved[joint, axis] = 0.0
     for iteration in range(ITERATIONS):
         for joint in range(num_joints):
+            for axis in range(3):
+                places[joint, axis] = state[joint, axis] + moved[joint, axis]
             for entry in range(9):
-                pulls[joint, entry] = 0.0
-        _pull_bones(
-            now,
-            covariance,
-            tracks.bones_m[track],
-            tracks.bone_counts[track],
-            site.bones,
-            site.slacks_m,
-            pulls,
-        )
+                seen[joint, entry] = 0.0
         for camera in range(num_cameras):
             if views.arrived[camera] and assigned[camera, track] >= 0:
                 _pull_view(
                     views.starts[camera] + assigned[camera, track],
-                    now,
+                    places,
+                    moved,
                     covariance,
                     site.projections[camera],
                     views.pixels,
                     views.weights,
                     views.variances,
+                    tracks.bias_px[track, camera],
                     iteration == 0,
-                    pulls,
-                    measured,
+                    seen,
+                    passes.measured,
                 )
-        for joint in range(num_joints):
-            _solve(joint, pulls, now, then, state, covariance, iteration == ITERATIONS - 1)
-        now, then = then, now
+        _pull_loose_bones(
+            places, moved, covariance, bones_m, counts, site.bones, site.slacks_m, site.loose, seen
+        )
+        _sum_up(passes)
+        _pull_links(
+            places,
+            moved,
+            bones_m,
+            counts,
+            site.links,
+            site.parents,
+            site.slacks_m,
+            passes.own,
+            passes.across,
+            passes.pull,
+        )
+        eliminate(site.order, site.parents, passes.own, passes.across, passes.pull, moved)
     for joint in range(num_joints):
-        if measured[joint]:
+        for axis in range(6):
+            state[joint, axis] += moved[joint, axis]
+        if passes.measured[joint]:
             tracks.unmeasured_s[track, joint] = 0.0
+    spread_out(site.order, site.parents, passes.own, passes.across, blocks, shared, passes.room)
 
 
 @kernel
 def _pull_view(
     row: int,
     places: Floats,
+    moved: Floats,
     covariance: Floats,
     projection: Floats,
     pixels: Floats,
     weights: Floats,
     variances: Floats,
+    bias_px: Floats,
     first: bool,
-    pulls: Floats,
+    seen: Floats,
     measured: Flags,
 ) -> None:
-    """Add to the pulls of each joint what one detection says; note what it measures."""
+    """Add to `seen` what one detection says about each joint; note what it measures."""
     for joint in range(len(places)):
         if not weights[row, joint] > MIN_SCORE:
             continue
@@ -142,34 +161,39 @@ def _pull_view(
                 + covariance[joint, 0, 2] * xz
                 + covariance[joint, 1, 2] * yz
             )
-        du, dv = pixels[row, joint, 0] - u, pixels[row, joint, 1] - v
+        du = pixels[row, joint, 0] - bias_px[joint, 0] - u
+        dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
         off = (du * du + dv * dv) / expected
         measured[joint] |= off < MEASURED_SIGMAS**2
         weight = 1.0 / ((1.0 + off * ROBUST) * variance)
-        pulls[joint, 0] += weight * xx
-        pulls[joint, 1] += weight * xy
-        pulls[joint, 2] += weight * xz
-        pulls[joint, 3] += weight * yy
-        pulls[joint, 4] += weight * yz
-        pulls[joint, 5] += weight * zz
-        pulls[joint, 6] += weight * (ux * du + vx * dv)
-        pulls[joint, 7] += weight * (uy * du + vy * dv)
-        pulls[joint, 8] += weight * (uz * du + vz * dv)
+        du += ux * moved[joint, 0] + uy * moved[joint, 1] + uz * moved[joint, 2]
+        dv += vx * moved[joint, 0] + vy * moved[joint, 1] + vz * moved[joint, 2]
+        seen[joint, 0] += weight * xx
+        seen[joint, 1] += weight * xy
+        seen[joint, 2] += weight * yy
+        seen[joint, 3] += weight * xz
+        seen[joint, 4] += weight * yz
+        seen[joint, 5] += weight * zz
+        seen[joint, 6] += weight * (ux * du + vx * dv)
+        seen[joint, 7] += weight * (uy * du + vy * dv)
+        seen[joint, 8] += weight * (uz * du + vz * dv)
 
 
 @kernel
-def _pull_bones(
+def _pull_loose_bones(
     places: Floats,
+    moved: Floats,
     covariance: Floats,
     bones_m: Floats,
     counts: Floats,
     bones: Integers,
     slacks_m: Floats,
-    pulls: Floats,
+    loose: Flags,
+    seen: Floats,
 ) -> None:
-    """Add what the neighbours at known distances say; each thinks the other fixed."""
+    """Add what bones that are not in the tree say to either end; each thinks the other fixed."""
     for bone in range(len(bones_m)):
-        if not counts[bone] > BONE_TEACHERS:
+        if not (loose[bone] and counts[bone] > BONE_TEACHERS):
             continue
         first, second = bones[bone, 0], bones[bone, 1]
         x = places[first, 0] - places[second, 0]
@@ -180,7 +204,7 @@ def _pull_bones(
         x, y, z = x / length, y / length, z / length
         excess = length - bones_m[bone]
         for turn in range(2):
-            joint, other, sign = (first, second, -1.0) if turn == 0 else (second, first, 1.0)
+            joint, other, sign = (first, second, 1.0) if turn == 0 else (second, first, -1.0)
             spread = (
                 covariance[other, 0, 0] * x * x
                 + covariance[other, 1, 1] * y * y
@@ -192,88 +216,72 @@ def _pull_bones(
                 + covariance[other, 1, 2] * y * z
             )
             weight = 1.0 / (spread / 2 + slacks_m[bone] ** 2)
-            pulls[joint, 0] += weight * x * x
-            pulls[joint, 1] += weight * x * y
-            pulls[joint, 2] += weight * x * z
-            pulls[joint, 3] += weight * y * y
-            pulls[joint, 4] += weight * y * z
-            pulls[joint, 5] += weight * z * z
-            pull = sign * weight * excess
-            pulls[joint, 6] += pull * x
-            pulls[joint, 7] += pull * y
-            pulls[joint, 8] += pull * z
+            gone = moved[joint, 0] * x + moved[joint, 1] * y + moved[joint, 2] * z
+            pull = weight * (gone - sign * excess)
+            seen[joint, 0] += weight * x * x
+            seen[joint, 1] += weight * x * y
+            seen[joint, 2] += weight * y * y
+            seen[joint, 3] += weight * x * z
+            seen[joint, 4] += weight * y * z
+            seen[joint, 5] += weight * z * z
+            seen[joint, 6] += pull * x
+            seen[joint, 7] += pull * y
+            seen[joint, 8] += pull * z
 
 
 @kernel
-def _solve(
-    joint: int,
-    pulls: Floats,
-    now: Floats,
-    then: Floats,
-    state: Floats,
-    covariance: Floats,
-    last: bool,
+def _sum_up(passes: Passes) -> None:
+    """Begin a pass with the prior and what was seen."""
+    for joint in range(len(passes.moved)):
+        for entry in range(36):
+            passes.own[joint, entry] = passes.prior_own[joint, entry]
+            passes.across[joint, entry] = passes.prior_across[joint, entry]
+        entry = 0
+        for a in range(3):
+            for b in range(a + 1):
+                passes.own[joint, 6 * a + b] += passes.seen[joint, entry]
+                entry += 1
+            passes.pull[joint, a] = passes.seen[joint, 6 + a]
+            passes.pull[joint, a + 3] = 0.0
+
+
+@kernel
+def _pull_links(
+    places: Floats,
+    moved: Floats,
+    bones_m: Floats,
+    counts: Floats,
+    links: Integers,
+    parents: Integers,
+    slacks_m: Floats,
+    own: Floats,
+    across: Floats,
+    pull: Floats,
 ) -> None:
-    """Write the next place of a joint to `then`; the `last` time also its state and covariance."""
-    xx, xy, xz = pulls[joint, 0], pulls[joint, 1], pulls[joint, 2]
-    yy, yz, zz = pulls[joint, 3], pulls[joint, 4], pulls[joint, 5]
-    s = covariance[joint]
-    s00, s01, s02 = s[0, 0], s[0, 1], s[0, 2]
-    s10, s11, s12 = s[1, 0], s[1, 1], s[1, 2]
-    s20, s21, s22 = s[2, 0], s[2, 1], s[2, 2]
-    dx = state[joint, 0] - now[joint, 0]
-    dy = state[joint, 1] - now[joint, 1]
-    dz = state[joint, 2] - now[joint, 2]
-    r0 = pulls[joint, 6] - (xx * dx + xy * dy + xz * dz)
-    r1 = pulls[joint, 7] - (xy * dx + yy * dy + yz * dz)
-    r2 = pulls[joint, 8] - (xz * dx + yz * dy + zz * dz)
-    a00 = 1.0 + xx * s00 + xy * s10 + xz * s20
-    a01 = xx * s01 + xy * s11 + xz * s21
-    a02 = xx * s02 + xy * s12 + xz * s22
-    a10 = xy * s00 + yy * s10 + yz * s20
-    a11 = 1.0 + xy * s01 + yy * s11 + yz * s21
-    a12 = xy * s02 + yy * s12 + yz * s22
-    a20 = xz * s00 + yz * s10 + zz * s20
-    a21 = xz * s01 + yz * s11 + zz * s21
-    a22 = 1.0 + xz * s02 + yz * s12 + zz * s22
-    c00 = a11 * a22 - a12 * a21
-    c10 = a12 * a20 - a10 * a22
-    c20 = a10 * a21 - a11 * a20
-    scale = 1.0 / (a00 * c00 + a01 * c10 + a02 * c20)
-    i00, i10, i20 = scale * c00, scale * c10, scale * c20
-    i01 = scale * (a02 * a21 - a01 * a22)
-    i11 = scale * (a00 * a22 - a02 * a20)
-    i21 = scale * (a01 * a20 - a00 * a21)
-    i02 = scale * (a01 * a12 - a02 * a11)
-    i12 = scale * (a02 * a10 - a00 * a12)
-    i22 = scale * (a00 * a11 - a01 * a10)
-    y0 = i00 * r0 + i01 * r1 + i02 * r2
-    y1 = i10 * r0 + i11 * r1 + i12 * r2
-    y2 = i20 * r0 + i21 * r1 + i22 * r2
-    then[joint, 0] = state[joint, 0] + s00 * y0 + s01 * y1 + s02 * y2
-    then[joint, 1] = state[joint, 1] + s10 * y0 + s11 * y1 + s12 * y2
-    then[joint, 2] = state[joint, 2] + s20 * y0 + s21 * y1 + s22 * y2
-    if not last:
-        return
-    for row in range(6):
-        state[joint, row] += s[row, 0] * y0 + s[row, 1] * y1 + s[row, 2] * y2
-    w00 = i00 * xx + i01 * xy + i02 * xz
-    w01 = i00 * xy + i01 * yy + i02 * yz
-    w02 = i00 * xz + i01 * yz + i02 * zz
-    w11 = i10 * xy + i11 * yy + i12 * yz
-    w12 = i10 * xz + i11 * yz + i12 * zz
-    w22 = i20 * xz + i21 * yz + i22 * zz
-    # From the last row up, so that what is still to be read is as it was.
-    for row in range(5, -1, -1):
-        p0, p1, p2 = s[row, 0], s[row, 1], s[row, 2]
-        q0 = p0 * w00 + p1 * w01 + p2 * w02
-        q1 = p0 * w01 + p1 * w11 + p2 * w12
-        q2 = p0 * w02 + p1 * w12 + p2 * w22
-        for column in range(row, -1, -1):
-            s[row, column] -= q0 * s[column, 0] + q1 * s[column, 1] + q2 * s[column, 2]
-    for row in range(6):
-        for column in range(row):
-            s[column, row] = s[row, column]
+    """Add what the bones of the tree say to both of their ends together."""
+    for joint in range(len(links)):
+        bone, parent = links[joint], parents[joint]
+        if bone < 0 or not counts[bone] > BONE_TEACHERS:
+            continue
+        squares = turned = 0.0
+        for axis in range(3):
+            between = places[joint, axis] - places[parent, axis]
+            squares += between * between
+            turned += (moved[joint, axis] - moved[parent, axis]) * between
+        length = math.sqrt(squares)
+        length = length if length > 1e-6 else 1e-6
+        weight = 1.0 / slacks_m[bone] ** 2
+        excess = length - bones_m[bone] - turned / length
+        for a in range(3):
+            along = (places[joint, a] - places[parent, a]) / length
+            pull[joint, a] -= weight * excess * along
+            pull[parent, a] += weight * excess * along
+            for b in range(3):
+                both = weight * along * (places[joint, b] - places[parent, b]) / length
+                across[joint, 6 * a + b] -= both
+                if b <= a:
+                    own[joint, 6 * a + b] += both
+                    own[parent, 6 * a + b] += both
 
 
 @kernel

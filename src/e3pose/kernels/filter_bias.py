@@ -1,0 +1,82 @@
+"""Biases of views: the loops of `filter.update.learn_biases` and `filter.bias`, for one track."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.filter.bias import CLIP_SIGMAS, LEARNED_S, MOST
+from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE
+from e3pose.kernels.compile import kernel
+
+Floats = NDArray[np.float64]
+
+
+@kernel
+def learn_bias(
+    row: int,
+    since_s: float,
+    state: Floats,
+    covariance: Floats,
+    projection: Floats,
+    pixels: Floats,
+    weights: Floats,
+    variances: Floats,
+    bias_px: Floats,
+) -> None:
+    """Compare the detection in `row` with the updated track that it is of.
+
+    Args:
+        row: of the detection in `pixels`, `weights` and `variances`.
+        since_s: seconds since the view saw the person before; inf if never.
+        state: `(num_joints, 6)`.
+        covariance: `(num_joints, 6, 6)`.
+        projection: `(3, 4)`.
+        pixels: `(num_rows, num_joints, 2)`.
+        weights: `(num_rows, num_joints)`.
+        variances: `(num_rows, num_joints)`.
+        bias_px: `(num_joints, 2)`, of this view, moved.
+    """
+    rate = 1.0 - math.exp(-since_s / LEARNED_S)
+    rate = rate if rate < MOST else MOST
+    for joint in range(len(state)):
+        if not weights[row, joint] > MIN_SCORE:
+            continue
+        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
+        depth = (
+            projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
+        )
+        if not depth > MIN_DEPTH_M:
+            continue
+        inverse = 1.0 / depth
+        u = inverse * (
+            projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]
+        )
+        v = inverse * (
+            projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]
+        )
+        doubt = 0.0
+        for axis in range(2):
+            at = u if axis == 0 else v
+            dx = (projection[axis, 0] - at * projection[2, 0]) * inverse
+            dy = (projection[axis, 1] - at * projection[2, 1]) * inverse
+            dz = (projection[axis, 2] - at * projection[2, 2]) * inverse
+            doubt += (
+                covariance[joint, 0, 0] * dx * dx
+                + covariance[joint, 1, 1] * dy * dy
+                + covariance[joint, 2, 2] * dz * dz
+            ) / 2
+            doubt += (
+                covariance[joint, 0, 1] * dx * dy
+                + covariance[joint, 0, 2] * dx * dz
+                + covariance[joint, 1, 2] * dy * dz
+            )
+        variance = variances[row, joint]
+        du = pixels[row, joint, 0] - bias_px[joint, 0] - u
+        dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
+        off = math.sqrt((du * du + dv * dv) / variance) / CLIP_SIGMAS
+        blame = rate * variance / (variance + doubt) / (off if off > 1.0 else 1.0)
+        bias_px[joint, 0] += blame * du
+        bias_px[joint, 1] += blame * dv
