@@ -46,8 +46,11 @@ def filter_step(backend: str, model: Model) -> FilterStep:
     """Return the filter's step in the `backend` asked for; raise `InputError` for another."""
     if backend not in ("numba", "reference"):
         raise InputError(f"estimator: backend: found {backend!r}, expected numba or reference")
-    # The kernels follow: until they know the tree of joints, both are the reference.
-    return step
+    if backend == "reference":
+        return step
+    from e3pose.kernels.filter_step import StepKernel
+
+    return StepKernel()
 
 
 def _filtered(settings: EstimatorSettings) -> Filtered:
