@@ -1,0 +1,113 @@
+"""`e3pose calibrate`: measure on your own recordings what the estimator should believe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+
+from e3pose.cli.options import check_outputs
+from e3pose.errors import InputError
+
+calibrate_app = App(
+    name="calibrate", help="Measure on your own recordings what the estimator should believe."
+)
+
+MAX_SECONDS = 3600.0
+
+
+@calibrate_app.command
+def noise(
+    recording: Path,
+    *,
+    out: Path | None = None,
+    plot: Path | None = None,
+    seconds: float = 120.0,
+    other_rigs: Annotated[bool, Parameter(negative="")] = False,
+    detector: str | None = None,
+) -> None:
+    """Measure how far off your detector's keypoints are, by their score. Needs no labels.
+
+    Example: `e3pose calibrate noise my-recording --out my-noise.toml`, and from then on
+    `e3pose replay other-recording --pipeline memory --noise my-noise.toml`
+
+    People are followed with all cameras on and smoothed over all of them but one; that one is
+    compared with the others, and so is every camera in turn. It takes three cameras or more that
+    see the same people, and is good to about a tenth with five, a fifth with three.
+
+    Parameters
+    ----------
+    recording
+        Folder made by `e3pose detect` or `e3pose import`.
+    out
+        Write the noise file here, for --noise.
+    plot
+        Draw the noise here, an .svg file.
+    seconds
+        How much of the recording to use, from its start.
+    other_rigs
+        Take out what shifts all keypoints of a camera alike, as a calibration that is a little off
+        does: for a file that is to serve other rigs too.
+    detector
+        Its name in the noise file; by default as the recording says.
+    """
+    from rich.console import Console
+
+    from e3pose.atomic import atomic_file
+    from e3pose.evaluate.drawing import check_svg
+    from e3pose.evaluate.noise_calibration import calibrate_noise
+    from e3pose.evaluate.noise_report import as_file, draw_noise, print_noise
+    from e3pose.noises import detector_of, encode_noise, load_noise_file
+    from e3pose.recording import load_recording
+
+    if not 0 < seconds <= MAX_SECONDS:
+        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    if plot is not None:
+        check_svg("--plot", plot)
+    check_outputs(recording, {"--out": out, "--plot": plot})
+    source = load_recording(recording)
+    shipped = load_noise_file(detector_of(source.source))
+    with _bar() as (track, told):
+        calibrated = calibrate_noise(
+            source,
+            start=shipped.noise(),
+            seconds=seconds,
+            without_shifts=other_rigs,
+            replayed=partial(track, total=min(source.num_slots, round(seconds * source.fps))),
+            told=told,
+        )
+    file = as_file(
+        calibrated, source.rig, detector or shipped.detector, f"{source.name}: {source.source}"
+    )
+    correlations = calibrated.measured.autocorrelation
+    if out is not None:
+        with atomic_file(out) as temporary:
+            temporary.write_text(encode_noise(file), encoding="utf-8")
+    if plot is not None:
+        draw_noise(plot, file, correlations, shipped)
+    console = Console()
+    if not console.is_terminal:  # a file or a pipe has no width to fit
+        console = Console(width=160)
+    print_noise(file, correlations, console)
+
+
+@contextmanager
+def _bar() -> Iterator[tuple[Callable[..., Any], Callable[[str, int, int], None]]]:
+    """Yield what to wrap the slots in, and what to tell of the rest; silent without a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress, TaskID
+
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def told(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bar.add_task(what, total=total)
+            bar.update(tasks[what], completed=done)
+
+        yield partial(bar.track, description="following people"), told

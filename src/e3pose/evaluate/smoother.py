@@ -1,0 +1,100 @@
+"""An offline smoother: where joints were, from all keypoints of any views before and after.
+
+    least sum over slots and views of  rho(|k - pi(x)| / sigma)  +  sum over slots of  |a|^2 / q dt
+
+with `pi` the projection, `a` the second difference of the path and `rho` growing slowly for
+outliers: iterated, reweighted least squares, each pass one banded system per joint. No labels, no
+causality: what calibration compares single views with, not an estimator of the loop.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# As the filter's: white acceleration of 7 m/s2, drawn anew every 1/25 s (`filter/update.py`).
+DENSITY_M2_PER_S3 = 7.0**2 / 25
+OUTLIER_SIGMAS = 2.5
+PASSES = 5
+MIN_DEPTH_M = 0.1
+ANCHOR_M = 1.0  # a joint that nothing sees stays about where it was believed, this loosely
+
+
+def smooth(
+    keypoints_px: Floats,
+    sigma_px: Floats,
+    projections: Floats,
+    start_m: Floats,
+    interval_s: float,
+    passes: int = PASSES,
+) -> Floats:
+    """Return the paths of the joints of one person.
+
+    Args:
+        keypoints_px: `(num_slots, num_cameras, num_joints, 2)` undistorted, NaN where not seen.
+        sigma_px: `(num_slots, num_cameras, num_joints)` expected error; inf to leave one out.
+        projections: `(num_cameras, 3, 4)`.
+        start_m: `(num_slots, num_joints, 3)` where joints were roughly, all finite.
+        interval_s: seconds a slot.
+        passes: how often to start again from the last path.
+
+    Returns:
+        `(num_slots, num_joints, 3)` metres.
+    """
+    path: Floats = start_m.copy()
+    seen = np.isfinite(keypoints_px).all(axis=-1) & np.isfinite(sigma_px)
+    variance = np.where(seen, sigma_px, 1.0) ** 2
+    for _ in range(passes):
+        pixels, depth, jacobian = project_all(path, projections)
+        usable = seen & (depth > MIN_DEPTH_M)
+        error = np.where(usable[..., None], keypoints_px - pixels, 0.0)
+        off = (error**2).sum(axis=-1) / variance
+        weight = np.where(usable, 1 / (1 + off / OUTLIER_SIGMAS**2) / variance, 0.0)
+        information = np.einsum("tcj,tcjab,tcjad->tjbd", weight, jacobian, jacobian, optimize=True)
+        pull = np.einsum("tcj,tcjab,tcja->tjb", weight, jacobian, error, optimize=True)
+        pull += (information @ path[..., None])[..., 0] + path / ANCHOR_M**2
+        path = _solve(information, pull, interval_s)
+    return path
+
+
+def project_all(points_m: Floats, projections: Floats) -> tuple[Floats, Floats, Floats]:
+    """Project points `(num_slots, num_joints, 3)` into all cameras and differentiate.
+
+    Returns:
+        `(num_slots, num_cameras, num_joints, 2)` undistorted pixels, their depths, and
+        `(num_slots, num_cameras, num_joints, 2, 3)` pixels by metres.
+    """
+    P = projections[None, :, None]
+    homogeneous = (P[..., :3] @ points_m[:, None, :, :, None])[..., 0] + P[..., 3]
+    depth = homogeneous[..., 2]
+    safe = np.where(np.abs(depth) < 1e-6, 1e-6, depth)[..., None]
+    pixels = homogeneous[..., :2] / safe
+    jacobian = (P[..., :2, :3] - pixels[..., None] * P[..., 2:, :3]) / safe[..., None]
+    return pixels, depth, jacobian
+
+
+def _solve(information: Floats, pull: Floats, interval_s: float) -> Floats:
+    """Solve for all slots at once, joint by joint: blocks on the diagonal, two on either side."""
+    from scipy.linalg import solveh_banded
+
+    num_slots, num_joints = pull.shape[:2]
+    stiffness = 1 / (DENSITY_M2_PER_S3 * interval_s**3)
+    difference = np.zeros((3, num_slots))  # the squared second difference, by its diagonals
+    for offset in range(max(0, num_slots - 2)):
+        difference[0, offset : offset + 3] += (1, 4, 1)
+        difference[1, offset : offset + 2] += (-2, -2)
+        difference[2, offset] += 1
+    path = np.empty_like(pull)
+    for joint in range(num_joints):
+        bands = np.zeros((7, num_slots, 3))  # bands[6 + i - j, j] of the matrix's (i, j), j >= i
+        for row in range(3):
+            for column in range(row, 3):
+                bands[6 + row - column, :, column] = information[:, joint, row, column]
+        bands[6] += (stiffness * difference[0] + 1 / ANCHOR_M**2)[:, None]
+        bands[3, 1:] += (stiffness * difference[1, :-1])[:, None]
+        bands[0, 2:] += (stiffness * difference[2, :-2])[:, None]
+        flat = bands.reshape(7, 3 * num_slots)
+        path[:, joint] = solveh_banded(flat, pull[:, joint].reshape(-1)).reshape(-1, 3)
+    return path

@@ -1,0 +1,57 @@
+"""The noise files that come with the package, one per detector, and those of users."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from e3pose.bounded import parse_toml, read_toml
+from e3pose.errors import InputError
+from e3pose.filter.noise import Noise
+from e3pose.noises.file import NoiseFile, decode_noise
+
+DEFAULT = "openpose"  # of a recording that does not say what detected it
+# By detector, and the words by which the source of a recording names it, the longest first.
+SHIPPED = {
+    "openpose-thin": ("openpose-thin",),
+    "movenet-multipose": ("movenet-multipose", "movenet"),
+    "yolo-pose": ("yolo-pose", "yolo"),
+    "trt-pose": ("trt-pose", "trt_pose"),
+    "rtmlib": ("rtmlib", "rtmpose", "rtmo"),
+    "openpose": ("openpose",),
+}
+MAX_BYTES = 1_000_000
+
+
+def detector_of(source: str) -> str:
+    """Return the detector that the source of a recording names, or `DEFAULT`."""
+    text = source.lower()
+    for name, words in SHIPPED.items():
+        if any(word in text for word in words):
+            return name
+    return DEFAULT
+
+
+def load_noise(name_or_path: str | Path) -> Noise:
+    """Load the noise of a detector: one of `SHIPPED`, or a TOML file of the user's own.
+
+    Raises:
+        InputError: naming the file and the field that is wrong.
+    """
+    return load_noise_file(name_or_path).noise()
+
+
+def load_noise_file(name_or_path: str | Path) -> NoiseFile:
+    """Load a noise file with all that it says; see `load_noise`."""
+    name = str(name_or_path)
+    if name in SHIPPED:
+        packaged = resources.files("e3pose.noises").joinpath(f"{name}.toml")
+        where = f"noise {name}"
+        return decode_noise(parse_toml(packaged.read_text(encoding="utf-8"), where), where)
+    path = Path(name_or_path)
+    if not path.is_file():
+        raise InputError(
+            f"{name[:200]}: noise: found no such file, expected {', '.join(SHIPPED)} "
+            "or the path of a TOML file"
+        )
+    return decode_noise(read_toml(path, MAX_BYTES), str(path))
