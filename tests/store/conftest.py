@@ -24,6 +24,8 @@ def make_record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecor
     joints[..., 2] = np.arange(17)
     scores = np.full((num_persons, 17), 0.5)
     scores[:, 3] = 0.0
+    measured = scores > 0
+    measured[:, 5] = slot % 2 == 0  # in other slots it is only expected
     selected = np.array([True, slot % 2 == 0, False])
     return SlotRecord(
         slot=slot,
@@ -35,6 +37,8 @@ def make_record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecor
         occlusion=np.array([0.25, 0.5, slot / 1024]),
         deficit=np.array([1.5, 0.0, 2.0]),
         next_selection=~selected,
+        covariance_m2=np.tile(np.diag([0.25, 0.5, 0.75]), (num_persons, 17, 1, 1)),
+        measured=measured,
         stage_s={"match": 0.001, "predict": 0.002},
     )
 

@@ -56,6 +56,7 @@ def test_everything_comes_back(filled: Path, record: Records) -> None:
         np.testing.assert_array_equal(found.joints_m[row], truth.poses.joints_m[person])
         np.testing.assert_array_equal(found.scores[row], truth.poses.scores[person])
         np.testing.assert_array_equal(found.sigma_m[row], np.full(17, 0.0625))
+        np.testing.assert_array_equal(found.measured[row], truth.measured[person])
     slots = Store(filled).rows("slots")
     assert len(slots) == NUM_SLOTS
     assert slots[8]["selected"] == "110"
@@ -159,7 +160,16 @@ def test_different_skeletons_are_named(tmp_path: Path, record: Records, run: Run
         Store(path).query(joint="left_knee")
 
 
-@pytest.mark.parametrize("column", ["joints_m", "scores", "sigma_m"])
+def test_sigma_is_that_of_the_records_covariance(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    with StoreWriter(tmp_path / "s.db", run()) as writer:
+        writer.append(record(0))
+    sigma_m = Store(tmp_path / "s.db").query().sigma_m
+    np.testing.assert_allclose(sigma_m, np.sqrt(0.5), rtol=1e-3)
+
+
+@pytest.mark.parametrize("column", ["joints_m", "scores", "sigma_m", "measured"])
 def test_blob_of_wrong_size_is_named(filled: Path, column: str) -> None:
     with sqlite3.connect(filled) as connection:
         connection.execute(f"UPDATE poses SET {column} = x'00112233' WHERE slot = 7")
@@ -208,6 +218,7 @@ def test_query_writes_the_same_rows_in_every_format(filled: Path, tmp_path: Path
     listed = json.loads(names["json"].read_text())
     assert [row["x"] for row in listed] == list(range(25, 51))
     assert listed[0]["sigma"] == 0.0625
+    assert listed[0]["measured"] is True
     table = parquet.read_table(names["parquet"])
     assert table.column("time_ns").to_pylist() == [int(row["time_ns"]) for row in rows]
     assert str(table.schema.field("time").type) == "timestamp[ns, tz=UTC]"

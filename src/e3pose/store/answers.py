@@ -36,6 +36,8 @@ class StoredPoses:
         joints_m: `(num_rows, num_joints, 3)` metres, NaN where missing.
         scores: `(num_rows, num_joints)` in [0, 1], 0 where missing.
         sigma_m: `(num_rows, num_joints)` standard deviations, NaN where unknown.
+        measured: `(num_rows, num_joints)` whether a view of the slot measured the joint; otherwise
+            it is what the people's motion leads to expect.
         joints: names of the joint axis.
     """
 
@@ -46,6 +48,7 @@ class StoredPoses:
     joints_m: NDArray[np.float32]
     scores: NDArray[np.float32]
     sigma_m: NDArray[np.float32]
+    measured: NDArray[np.bool_]
     joints: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -87,12 +90,13 @@ def stored_poses(
         InputError: when a blob has not the size of its shape, or a score is none.
     """
     place = f"{where}: poses: run {rows[0].run_id}, slots from {rows[0].slot}" if rows else where
-    joints_m, scores, sigma_m = (
+    joints_m, scores, sigma_m, bits = (
         stack_blobs([getattr(row, name) for row in rows], dtype, shape, f"{place}: {name}")
         for name, dtype, shape in (
             ("joints_m", "<f4", (num_joints, 3)),
             ("scores", "<f2", (num_joints,)),
             ("sigma_m", "<f2", (num_joints,)),
+            ("measured", "|u1", (-(-num_joints // 8),)),
         )
     )
     if not ((scores >= 0) & (scores <= 1)).all():
@@ -108,21 +112,24 @@ def stored_poses(
             f"{place}: {', '.join(names)}: found something else than numbers"
         ) from None
     missing = (scores <= 0)[..., None]
+    measured = np.unpackbits(bits, axis=-1, count=num_joints).astype(bool)
     return StoredPoses(
         run_ids=run_ids,
         slots=slots,
         time_ns=time_ns,
         track_ids=track_ids,
         joints_m=np.where(missing, np.float32(np.nan), joints_m)[:, chosen],
-        scores=scores[:, chosen],
-        sigma_m=sigma_m[:, chosen],
+        scores=scores[:, chosen].astype(np.float32),
+        sigma_m=sigma_m[:, chosen].astype(np.float32),
+        measured=measured[:, chosen],
         joints=joints,
     )
 
 
 def joined(chunks: Sequence[StoredPoses]) -> StoredPoses:
     """Return chunks of one answer as one."""
-    names = ("run_ids", "slots", "time_ns", "track_ids", "joints_m", "scores", "sigma_m")
+    people = ("run_ids", "slots", "time_ns", "track_ids")
+    names = (*people, "joints_m", "scores", "sigma_m", "measured")
     arrays = {name: np.concatenate([getattr(c, name) for c in chunks]) for name in names}
     return StoredPoses(**arrays, joints=chunks[0].joints)
 

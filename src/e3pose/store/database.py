@@ -69,8 +69,12 @@ def writing_engine(url: str) -> Engine:
 
 
 @contextmanager
-def reading(store: str | Path) -> Iterator[Connection]:
+def reading(store: str | Path, engines: dict[str, Engine] | None = None) -> Iterator[Connection]:
     """Yield a connection that cannot write and never waits for the writer.
+
+    Args:
+        store: a path or URL.
+        engines: where the engine, and with it the SQL of questions, is kept for the next time.
 
     Raises:
         InputError: when there is no store, or one that is damaged or of another version.
@@ -85,8 +89,10 @@ def reading(store: str | Path) -> Iterator[Connection]:
                 f"{where}: found {found}, expected a store (see e3pose replay --store)"
             )
         url = _reading_url(path)
+    engines = {} if engines is None else engines
+    engine = engines.get(url) or engines.setdefault(url, _engine(url))
     try:
-        with _connected(_engine(url)) as connection:
+        with engine.connect() as connection:
             if path is not None:
                 connection.execute(text("PRAGMA busy_timeout = 5000"))
             schema.check_version(connection, where)

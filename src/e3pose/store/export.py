@@ -17,7 +17,6 @@ from e3pose.store.times import iso_text
 Columns = Mapping[str, Sequence[Any]]
 
 DECIMALS_M = 5  # hundredths of a millimetre: below any camera's noise
-POSE_COLUMNS = ("run", "slot", "time", "time_ns", "track", "joint", "x", "y", "z", "score", "sigma")
 
 
 class Sink(Protocol):
@@ -45,6 +44,7 @@ def pose_columns(poses: StoredPoses) -> dict[str, list[Any]]:
         "y": positions[:, 1].tolist(),
         "z": positions[:, 2].tolist(),
         "score": poses.scores[person, joint].astype(np.float64).round(4).tolist(),
+        "measured": poses.measured[person, joint].tolist(),
         "sigma": [None if np.isnan(value) else value for value in sigma.tolist()],
     }
 
@@ -162,6 +162,8 @@ def _arrow_type(name: str, values: Sequence[Any]) -> Any:
     first = next((value for value in values if value is not None), None)
     if isinstance(first, list):
         return pyarrow.list_(pyarrow.float32())
+    if isinstance(first, bool) or name == "measured":
+        return pyarrow.bool_()
     if isinstance(first, str) or name in ("joint", "camera_id"):
         return pyarrow.string()
     if isinstance(first, int) or name.endswith("_ns") or name in ("run", "slot", "track"):

@@ -111,7 +111,8 @@ def slot_rows(
     Args:
         record: what the slot left behind.
         time_ns: when it was captured, since 1970, UTC.
-        sigma_m: `(num_persons, num_joints)` standard deviation of each joint, where known.
+        sigma_m: `(num_persons, num_joints)` standard deviation of each joint; by default what the
+            record's covariance says, along an axis.
         energy_j: `(num_cameras,)` joules that the slot is charged with, where known.
 
     Raises:
@@ -149,7 +150,11 @@ def slot_rows(
     # Half precision would take a very small score for a missing joint.
     scores = record.poses.scores
     scores = np.where(scores > 0, np.maximum(scores, SMALLEST_SCORE), 0.0).astype("<f2")
-    sigma = None if sigma_m is None else sigma_m.astype("<f2")
+    if sigma_m is None:
+        variance_m2 = np.trace(record.covariance_m2, axis1=-2, axis2=-1) / 3
+        sigma_m = np.sqrt(np.maximum(variance_m2, 0.0))  # NaN stays NaN
+    sigma = None if np.isnan(sigma_m).all() else np.asarray(sigma_m, dtype="<f2")
+    measured = np.packbits(record.measured, axis=-1)
     for person, track_id in enumerate(record.track_ids.tolist()):
         rows.append(
             (
@@ -161,6 +166,7 @@ def slot_rows(
                     "joints_m": joints_m[person].tobytes(),
                     "scores": scores[person].tobytes(),
                     "sigma_m": None if sigma is None else sigma[person].tobytes(),
+                    "measured": measured[person].tobytes(),
                 },
             )
         )
@@ -225,16 +231,14 @@ def flags_text(flags: NDArray[np.bool_]) -> str:
     return "".join("1" if flag else "0" for flag in flags.tolist())
 
 
-def stack_blobs(
-    blobs: list[Any], dtype: str, shape: tuple[int, ...], where: str
-) -> NDArray[np.float32]:
-    """Return blobs as one `(num_blobs, *shape)` float32 array; one that is missing is NaN.
+def stack_blobs(blobs: list[Any], dtype: str, shape: tuple[int, ...], where: str) -> NDArray[Any]:
+    """Return blobs as one `(num_blobs, *shape)` array; one that may be missing is NaN.
 
     Raises:
         InputError: when a blob has not the bytes of its shape.
     """
     size = np.dtype(dtype).itemsize * int(np.prod(shape, dtype=np.int64))
-    empty = np.full(shape, np.nan, dtype=dtype).tobytes()
+    empty = np.full(shape, np.nan, dtype=dtype).tobytes() if dtype[1] == "f" else None
     parts = []
     for blob in blobs:
         part = empty if blob is None else blob
@@ -242,8 +246,7 @@ def stack_blobs(
             found = f"{len(part)} bytes" if isinstance(part, bytes) else type(part).__name__
             raise InputError(f"{where}: found {found}, expected {size} bytes")
         parts.append(part)
-    flat: NDArray[np.float32] = np.frombuffer(b"".join(parts), dtype=dtype).astype(np.float32)
-    return flat.reshape(len(blobs), *shape)
+    return np.frombuffer(b"".join(parts), dtype=dtype).reshape(len(blobs), *shape)
 
 
 def _blob(values: NDArray[Any], dtype: str) -> bytes:

@@ -1,7 +1,7 @@
 """The tables of a store, their version, and what SQLite is told before they are used.
 
 One row per person and slot, joints as a blob of float32: measured against rows per joint and blobs
-per slot in `docs/decisions/0010-store-layout.md`.
+per slot in `docs/decisions/0002-store-layout.md`.
 """
 
 from __future__ import annotations
@@ -79,6 +79,7 @@ poses = Table(
     Column("joints_m", LargeBinary, nullable=False),  # (num_joints, 3) float32, NaN where missing
     Column("scores", LargeBinary, nullable=False),  # (num_joints,) float16, 0 where missing
     Column("sigma_m", LargeBinary),  # (num_joints,) float16 standard deviation, where one is known
+    Column("measured", LargeBinary, nullable=False),  # a bit per joint: seen in this slot itself
     sqlite_with_rowid=False,
 )
 

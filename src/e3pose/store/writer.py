@@ -7,9 +7,9 @@ bounded spool and from there to the database as soon as it does.
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -121,7 +121,10 @@ class StoreWriter:
         self._tell, self._wall_ns = tell, wall_ns
         self._url = database_url(store)
         self._path = database_path(self._url)
-        self._queue: queue.Queue[_Item] = queue.Queue(self.settings.queue_slots)
+        # No lock and nobody woken when a slot is appended: one deque operation, and the thread
+        # looks for itself. A queue's lock made the loop wait for the thread now and then.
+        self._items: deque[_Item] = deque()
+        self._wake = threading.Event()
         self._stop = threading.Event()
         self._shed = self._told_shed = self._events = 0
         self._acknowledged = NO_SLOT
@@ -154,7 +157,8 @@ class StoreWriter:
         Args:
             record: what the slot left behind; its arrays must not change afterwards.
             time_ns: when it was captured; by default the run's start and the record's time.
-            sigma_m: `(num_persons, num_joints)` standard deviation of each joint, where known.
+            sigma_m: `(num_persons, num_joints)` standard deviation of each joint; by default what
+                the record's covariance says.
             energy_j: `(num_cameras,)` joules that the slot is charged with, where known.
             wait: wait for room in the queue, for those who can: a replay.
 
@@ -177,7 +181,7 @@ class StoreWriter:
         """Return how the writer is doing; cheap enough for every slot."""
         return WriterStatus(
             acknowledged_slot=self._acknowledged,
-            waiting=self._queue.qsize(),
+            waiting=len(self._items),
             spooled=len(self._spool),
             shed=self._shed + self._spool.lost_rows,
             trouble=self._trouble,
@@ -186,15 +190,14 @@ class StoreWriter:
     def flush(self, timeout_s: float = 10.0) -> bool:
         """Wait until all that was handed over is committed, or spooled; return whether it is."""
         done = threading.Event()
-        try:
-            self._queue.put(done, timeout=timeout_s)
-        except queue.Full:
-            return False
+        self._items.append(done)
+        self._wake.set()
         return done.wait(timeout_s)
 
     def close(self, timeout_s: float = 10.0) -> None:
         """Commit what was handed over and end the thread; what is spooled stays in its file."""
         self._stop.set()
+        self._wake.set()
         self._thread.join(timeout_s)
 
     def __enter__(self) -> StoreWriter:
@@ -209,21 +212,25 @@ class StoreWriter:
         self.close()
 
     def _hand_over(self, item: _Item, wait: bool) -> bool:
-        while True:
-            try:
-                self._queue.put(item, block=wait, timeout=1.0)
-                return True
-            except queue.Full:
-                if not wait or not self._thread.is_alive():
-                    self._shed += 1
-                    return False
+        while len(self._items) >= self.settings.queue_slots:
+            if not wait or not self._thread.is_alive():
+                self._shed += 1
+                return False
+            self._wake.set()
+            time.sleep(0.002)
+        self._items.append(item)
+        return True
 
     # What follows runs in the writer's thread.
 
     def _work(self) -> None:
         stopping = False
         while not stopping:
-            stopping = self._stop.is_set() and self._queue.empty()
+            if len(self._items) < self.settings.commit_slots:
+                self._wake.wait(self.settings.commit_s)
+                self._wake.clear()
+            # Asked before looking: whatever was handed over by then is still taken.
+            stopping = self._stop.is_set() and len(self._items) <= self.settings.commit_slots
             rows, newest, waiting = self._gather()
             try:
                 self._deliver(rows, newest)
@@ -237,26 +244,19 @@ class StoreWriter:
         self._spool.close(keep=len(self._spool) > 0)
 
     def _gather(self) -> tuple[list[Row], int, list[threading.Event]]:
-        """Return the rows that came within one commit, the newest slot in them, who waits."""
+        """Return the rows of one commit, the newest slot in them, and who waits for them."""
         rows: list[Row] = []
         waiting: list[threading.Event] = []
-        newest, slots = NO_SLOT, 0
-        end_s = time.monotonic() + self.settings.commit_s
-        while slots < self.settings.commit_slots and not waiting:
-            left_s = 0.02 if self._stop.is_set() else end_s - time.monotonic()
-            try:
-                item = self._queue.get(timeout=max(left_s, 0.001))
-            except queue.Empty:
-                break
+        newest = NO_SLOT
+        for _ in range(min(len(self._items), self.settings.commit_slots)):
+            item = self._items.popleft()
             if isinstance(item, threading.Event):
                 waiting.append(item)
                 continue
-            if not rows:
-                end_s = time.monotonic() + self.settings.commit_s
             if isinstance(item, _Slot):
                 newest = max(newest, item.record.slot)
-                slots += 1
             rows += self._encode(item)
+            time.sleep(0)  # lets the loop have the interpreter in the middle of a batch
         if self._shed + self._spool.lost_rows > self._told_shed:
             count = self._shed + self._spool.lost_rows
             self._say("store-shed", f"{count - self._told_shed} records given up: no more room")
