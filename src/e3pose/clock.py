@@ -66,3 +66,28 @@ class ManualClock:
             while self.time_ns < until_ns and not event.is_set():
                 self.changed.wait(0.01)  # the event may be set without a word to us
         return event.is_set()
+
+
+@dataclass(frozen=True, slots=True)
+class SlotTimes:
+    """Where slots lie in the edge's time: slot 0 is around `origin_ns`.
+
+    Attributes:
+        origin_ns: the middle of slot 0.
+        interval_ns: length of a slot.
+    """
+
+    origin_ns: int
+    interval_ns: int
+
+    def slot_at(self, edge_ns: int) -> int:
+        """Return the slot that a time belongs to; negative before slot 0."""
+        return (edge_ns - self.origin_ns + self.interval_ns // 2) // self.interval_ns
+
+    def middle_ns(self, slot: int) -> int:
+        """Return the time in the middle of a slot, to which its views are meant to belong."""
+        return self.origin_ns + slot * self.interval_ns
+
+    def begin_ns(self, slot: int) -> int:
+        """Return when a slot begins: an order for it must have come."""
+        return self.middle_ns(slot) - self.interval_ns // 2

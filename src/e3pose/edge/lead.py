@@ -38,6 +38,12 @@ def take_in_delay(lead: Lead, delay_s: float) -> Lead:
     return replace(lead, delays_s=(*lead.delays_s, delay_s)[-MAX_SAMPLES:])
 
 
+def cautious(deadline_s: float, interval_s: float) -> Lead:
+    """Return the lead to begin with: enough even if every slot waits for its deadline."""
+    slots = math.ceil(deadline_s / interval_s + 0.5 + MARGIN_SHARE)
+    return Lead(min(max(slots, 1), MAX_LEAD))
+
+
 def adapt(lead: Lead, interval_s: float, wake_s: float = 0.0) -> Lead:
     """Return the lead for the next slot.
 

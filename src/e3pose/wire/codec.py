@@ -195,6 +195,7 @@ def _check_heartbeat(beat: Heartbeat, where: str) -> None:
         late_orders=beat.late_orders,
         orders=beat.orders,
         clock_error_ns=beat.clock_error_ns,
+        order_delay_ns=beat.order_delay_ns,
     )
     _check_numbers(where, -1e6, 1e6, clock_drift_ppm=beat.clock_drift_ppm)
     _check_numbers(

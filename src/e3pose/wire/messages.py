@@ -101,7 +101,8 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         dropped: frames and views that a newer one replaced before they were dealt with.
         late_orders: orders that came after the slot they were for.
         orders: orders that came.
-        order_margin_ns: how long before its slot the newest order came; negative if late.
+        order_margin_ns: how long before its slot the tightest order since the heartbeat before
+            came; negative if late.
         clock_offset_ns: edge time minus camera time.
         clock_drift_ppm: how fast that grows, millionths.
         clock_error_ns: how far it may be off.
@@ -113,6 +114,8 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         battery_j: charge that is left; None on mains or where unknown.
         charging_w: power that the battery is given.
         problem: what keeps it from working, in words; empty if nothing.
+        order_delay_ns: the longest, since the heartbeat before, from the middle of the slot that
+            an order was made from until it came; 0 if none came.
     """
 
     camera_id: str
@@ -137,6 +140,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     battery_j: float | None = None
     charging_w: float = 0.0
     problem: str = ""
+    order_delay_ns: int = 0
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):

@@ -1,0 +1,103 @@
+"""Collect the views of each slot until all are in or its deadline has passed."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.clock import Clock
+from e3pose.pose import Poses2D
+
+MAX_AHEAD_SLOTS = 64  # a view of a slot farther ahead than any order is a clock gone wrong
+WAIT_NS = 20_000_000  # how long to sleep at most between looks at who is still online
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A view and when it came.
+
+    Attributes:
+        poses: what it shows.
+        captured_ns: when its frame was taken, edge time.
+        arrived_ns: when it came.
+    """
+
+    poses: Poses2D
+    captured_ns: int
+    arrived_ns: int
+
+
+@dataclass(slots=True, eq=False)
+class Gather:
+    """The views of the slots to come, by slot and camera; bounded, for any threads.
+
+    Attributes:
+        slot: the oldest slot that is still open.
+        late: per camera, views that came after their slot was closed.
+        early: per camera, views of slots too far ahead to be believed.
+        repeated: per camera, views of a slot that it had sent a view of; the newest counts.
+    """
+
+    num_cameras: int
+    slot: int = 0
+    late: NDArray[np.int64] = field(init=False)
+    early: NDArray[np.int64] = field(init=False)
+    repeated: NDArray[np.int64] = field(init=False)
+    _slots: dict[int, dict[int, Arrival]] = field(default_factory=dict)
+    _lock: threading.Condition = field(default_factory=threading.Condition)
+
+    def __post_init__(self) -> None:
+        self.late, self.early, self.repeated = (
+            np.zeros(self.num_cameras, dtype=np.int64) for _ in range(3)
+        )
+
+    def add(self, slot: int, camera: int, arrival: Arrival) -> bool:
+        """Take in a view; return whether its slot is open. A newer view of a slot replaces it."""
+        with self._lock:
+            if slot < self.slot:
+                self.late[camera] += 1
+                return False
+            if slot > self.slot + MAX_AHEAD_SLOTS:
+                self.early[camera] += 1
+                return False
+            views = self._slots.setdefault(slot, {})
+            self.repeated[camera] += camera in views
+            views[camera] = arrival
+            if slot == self.slot:
+                self._lock.notify_all()
+            return True
+
+    def wake(self) -> None:
+        """Let `close` look again: a camera came, went, or the program ends."""
+        with self._lock:
+            self._lock.notify_all()
+
+    def waits_for(self, wanted: NDArray[np.bool_]) -> bool:
+        """Return whether a view of a wanted camera is missing in the oldest open slot."""
+        with self._lock:
+            here = self._slots.get(self.slot, {})
+            return any(camera not in here for camera in np.flatnonzero(wanted).tolist())
+
+    def sleep(self, clock: Clock, until_ns: int) -> None:
+        """Wait for a view of the oldest open slot, for a time, or a moment."""
+        with self._lock:
+            nap_ns = min(until_ns - clock.now_ns(), WAIT_NS)
+            if nap_ns > 0:
+                self._lock.wait(nap_ns / 1e9)
+
+    def close(self) -> Mapping[int, Arrival]:
+        """Return the views of the oldest open slot and open the next; what comes now is late."""
+        with self._lock:
+            views = self._slots.pop(self.slot, {})
+            self.slot += 1
+            return views
+
+    def skip_to(self, slot: int) -> None:
+        """Give up all slots before `slot`."""
+        with self._lock:
+            self.slot = max(self.slot, slot)
+            self._slots = {s: views for s, views in self._slots.items() if s >= self.slot}

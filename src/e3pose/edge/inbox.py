@@ -1,0 +1,201 @@
+"""Receiving: what cameras say, checked, sorted into views and what is known of each camera."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import Rig
+from e3pose.clock import Clock
+from e3pose.edge.gather import Arrival, Gather
+from e3pose.edge.roster import (
+    CameraLife,
+    Roster,
+    come_or_go,
+    flooding,
+    greet,
+    hear,
+    take_beat,
+    take_wrong,
+    trouble,
+)
+from e3pose.errors import InputError
+from e3pose.wire import topics
+from e3pose.wire.codec import decode, encode, poses_2d
+from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, View
+from e3pose.wire.transport import Transport
+
+
+@dataclass(eq=False)
+class Inbox:
+    """The receiving side of an edge: one callback a topic, each of them quick.
+
+    Attributes:
+        site: name of the site.
+        rig: the cameras; messages of others are counted and ignored.
+        joints: of the edge's skeleton.
+        interval_s: seconds a slot.
+        gather: where views go.
+        clock: the edge's.
+        on_delay: told the delays of orders that cameras measured, in seconds.
+        on_beat: told every heartbeat.
+        roster: what is known of the cameras; replaced whole, so that readers need no lock.
+        strangers: messages of cameras that the rig does not have.
+        wrong: messages that made no sense.
+        flooded: messages that were not read because their camera sends too many.
+    """
+
+    site: str
+    rig: Rig
+    joints: Sequence[str]
+    interval_s: float
+    gather: Gather
+    clock: Clock
+    on_delay: Callable[[float], None]
+    on_beat: Callable[[Heartbeat], None]
+    roster: Roster = field(init=False)
+    strangers: int = 0
+    wrong: int = 0
+    flooded: int = 0
+    last_wrong: str = ""
+    _index: dict[str, int] = field(init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        self.roster = Roster.of(self.rig.camera_ids)
+        self._index = {camera_id: i for i, camera_id in enumerate(self.rig.camera_ids)}
+
+    def listen(self, transport: Transport) -> None:
+        """Receive from now on."""
+        for what, receive in (
+            ("view", self._view),
+            ("hello", self._hello),
+            ("heartbeat", self._heartbeat),
+        ):
+            transport.subscribe(topics.of_camera(self.site, topics.ANY, what), receive)
+        transport.watch(topics.of_camera(self.site, topics.ANY, "alive"), self._presence)
+        transport.answer(topics.of_camera(self.site, topics.ANY, "clock"), self._clock)
+
+    def troubles(self) -> list[str]:
+        """Return, camera by camera, why it cannot be chosen; empty where it can."""
+        now_ns = self.clock.now_ns()
+        return [
+            trouble(life, self.joints, camera.image_size, self.interval_s, now_ns)
+            for life, camera in zip(self.roster.lives, self.rig.cameras, strict=True)
+        ]
+
+    def online(self) -> NDArray[np.bool_]:
+        """Return `(num_cameras,)`: who can be chosen now."""
+        return np.array([not why for why in self.troubles()], dtype=bool)
+
+    def _change(self, index: int, change: Callable[[CameraLife], CameraLife]) -> CameraLife:
+        with self._lock:
+            life = change(self.roster.lives[index])
+            self.roster = self.roster.with_life(index, life)
+            return life
+
+    def _camera(self, topic: str) -> int | None:
+        """Return the index of the camera that wrote on a topic, None if it is to be ignored."""
+        try:
+            index = self._index.get(topics.sender(topic))
+        except InputError:
+            index = None
+        if index is None:
+            self.strangers += 1
+            return None
+        now_ns = self.clock.now_ns()
+        life = self._change(index, lambda life: hear(life, now_ns))
+        if flooding(life, 1 / self.interval_s):
+            self.flooded += 1
+            if life.told == round(life.told / 64) * 64:  # a flood is wrong, told in passing
+                self._change(index, lambda life: take_wrong(life, now_ns))
+            return None
+        return index
+
+    def _refuse(self, index: int, error: InputError) -> None:
+        now_ns = self.clock.now_ns()
+        self.wrong += 1
+        self.last_wrong = str(error)
+        self._change(index, lambda life: take_wrong(life, now_ns))
+
+    def _view(self, topic: str, payload: bytes) -> None:
+        arrived_ns = self.clock.now_ns()
+        index = self._camera(topic)
+        if index is None:
+            return
+        camera_id = self.rig.camera_ids[index]
+        try:
+            view = decode(payload, View, camera_id)
+            _check_sender(view.camera_id, camera_id)
+            if view.scores.shape[1] != len(self.joints):
+                raise InputError(
+                    f"{camera_id}: view: found {view.scores.shape[1]} joints, "
+                    f"expected {len(self.joints)}"
+                )
+            poses = poses_2d(view)
+        except InputError as error:
+            self._refuse(index, error)
+            return
+        self.gather.add(view.slot, index, Arrival(poses, view.captured_edge_ns, arrived_ns))
+
+    def _hello(self, topic: str, payload: bytes) -> None:
+        index = self._camera(topic)
+        if index is None:
+            return
+        try:
+            hello = decode(payload, Hello, self.rig.camera_ids[index])
+            _check_sender(hello.camera_id, self.rig.camera_ids[index])
+        except InputError as error:
+            self._refuse(index, error)
+            return
+        now_ns = self.clock.now_ns()
+        self._change(index, lambda life: greet(life, hello, now_ns))
+
+    def _heartbeat(self, topic: str, payload: bytes) -> None:
+        index = self._camera(topic)
+        if index is None:
+            return
+        try:
+            beat = decode(payload, Heartbeat, self.rig.camera_ids[index])
+            _check_sender(beat.camera_id, self.rig.camera_ids[index])
+        except InputError as error:
+            self._refuse(index, error)
+            return
+        now_ns = self.clock.now_ns()
+        self._change(index, lambda life: take_beat(life, beat, now_ns))
+        if beat.order_delay_ns > 0:
+            self.on_delay(beat.order_delay_ns / 1e9)
+        self.on_beat(beat)
+
+    def _presence(self, topic: str, there: bool) -> None:
+        try:
+            index = self._index.get(topics.sender(topic))
+        except InputError:
+            index = None
+        if index is None:
+            self.strangers += 1
+            return
+        now_ns = self.clock.now_ns()
+        self._change(index, lambda life: come_or_go(life, there, now_ns))
+        self.gather.wake()
+
+    def _clock(self, topic: str, payload: bytes) -> bytes | None:
+        received_ns = self.clock.now_ns()
+        index = self._camera(topic)
+        if index is None:
+            return None
+        try:
+            question = decode(payload, ClockQuestion, self.rig.camera_ids[index])
+        except InputError as error:
+            self._refuse(index, error)
+            return None
+        return encode(ClockAnswer(question.sent_ns, received_ns, self.clock.now_ns()))
+
+
+def _check_sender(named: str, camera_id: str) -> None:
+    if named != camera_id:
+        raise InputError(f"{camera_id}: message: found one of {named}, expected its own")

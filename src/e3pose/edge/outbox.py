@@ -1,0 +1,51 @@
+"""What waits to be sent: the newest for each topic and slot, and never much of it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+MAX_WAITING = 4096
+
+
+@dataclass(slots=True, eq=False)
+class Outbox:
+    """Messages by what a newer one replaces; for any threads.
+
+    Attributes:
+        replaced: how many a newer one replaced before they were sent.
+    """
+
+    replaced: int = 0
+    _waiting: dict[tuple[str, int], bytes] = field(default_factory=dict)
+    _change: threading.Condition = field(default_factory=threading.Condition)
+    _closed: bool = False
+
+    def put(self, topic: str, payload: bytes, slot: int = -1) -> None:
+        """Let a message wait; it takes the place of one for the same topic and slot."""
+        with self._change:
+            self.replaced += self._waiting.pop((topic, slot), None) is not None
+            if len(self._waiting) >= MAX_WAITING:
+                self._waiting.pop(next(iter(self._waiting)))
+                self.replaced += 1
+            self._waiting[topic, slot] = payload
+            self._change.notify()
+
+    def close(self) -> None:
+        """Send what waits and then end."""
+        with self._change:
+            self._closed = True
+            self._change.notify()
+
+    def run(self, publish: Callable[[str, bytes], None]) -> None:
+        """Send, until closed; the body of the sending thread."""
+        while True:
+            with self._change:
+                while not self._waiting and not self._closed:
+                    self._change.wait()
+                if not self._waiting:
+                    return
+                batch, self._waiting = self._waiting, {}
+            for (topic, _), payload in batch.items():
+                publish(topic, payload)

@@ -1,0 +1,72 @@
+"""What the edge tells: the people of a slot, and how the site is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from e3pose.edge.roster import CameraLife
+from e3pose.pipeline import SlotRecord
+from e3pose.policies.base import Floats
+from e3pose.wire.codec import pack
+from e3pose.wire.messages import CameraStatus, Poses
+
+
+def sigma_m(record: SlotRecord) -> Floats:
+    """Return `(num_persons, num_joints)` standard deviation along an axis; NaN where unknown."""
+    variance = np.trace(record.covariance_m2, axis1=-2, axis2=-1) / 3
+    return np.asarray(np.sqrt(variance))
+
+
+def poses_message(
+    record: SlotRecord, joints: Sequence[str], time_ns: int, published_ns: int
+) -> Poses:
+    """Return the message of a slot's people."""
+    return Poses(
+        slot=record.slot,
+        time_edge_ns=time_ns,
+        joints=tuple(joints),
+        track_ids=pack(record.track_ids.astype(np.int64)),
+        joints_m=pack(record.poses.joints_m.astype(np.float32)),
+        sigma_m=pack(sigma_m(record).astype(np.float32)),
+        measured=pack(np.asarray(record.measured, dtype=bool)),
+        published_edge_ns=published_ns,
+    )
+
+
+def camera_status(
+    life: CameraLife, why: str, deficit: float, duty: float, late: int, lost: int, now_ns: int
+) -> CameraStatus:
+    """Return what the edge knows of a camera.
+
+    Args:
+        life: of the camera.
+        why: why it cannot be chosen; empty if it can.
+        deficit: its queue.
+        duty: share of the last minute's slots in which it was selected.
+        late: views that came too late.
+        lost: views that were ordered and never came.
+        now_ns: the time.
+    """
+    beat, capacity_wh = life.beat, life.hello.battery_wh if life.hello else None
+    charge = beat.battery_j if beat else None
+    return CameraStatus(
+        camera_id=life.camera_id,
+        online=not why,
+        why=why,
+        mode=beat.mode if beat else None,
+        last_seen_s=None if life.heard_ns is None else (now_ns - life.heard_ns) / 1e9,
+        duty=duty,
+        power_w=beat.power_w if beat else None,
+        measured=bool(beat and beat.measured),
+        battery=(
+            None
+            if charge is None or not capacity_wh
+            else min(max(charge / (capacity_wh * 3600), 0.0), 1.0)
+        ),
+        deficit=float(deficit),
+        late=late,
+        lost=lost,
+        clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
+    )

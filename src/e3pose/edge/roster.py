@@ -1,0 +1,172 @@
+"""What the edge knows of every camera, and which of them can be chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+from e3pose.wire.messages import Heartbeat, Hello
+
+SILENT_S = 1.9  # without a word for so long a camera is given up; it speaks twice a second
+WRONG_LIMIT = 20  # messages that make no sense, within the time below: it is left out
+WRONG_S = 10.0
+QUARANTINE_S = 10.0  # and looked at again after this
+FLOOD_RATE = 4.0  # times the messages that a camera needs, beyond which the rest is not read
+CLOCK_ERROR_SHARE = (
+    0.5  # of a slot: a camera that knows the time worse cannot say which slot it saw
+)
+FROZEN_S = 5.0  # active all that time, but no new frame taken
+
+
+@dataclass(frozen=True, slots=True)
+class CameraLife:
+    """One camera as the edge knows it; a value.
+
+    Attributes:
+        camera_id: who.
+        present: whether its program is connected.
+        hello: what it said it is.
+        beat: its newest heartbeat.
+        heard_ns: when its newest message came; None before the first.
+        wrong: when messages came that made no sense, newest last.
+        quarantined_until_ns: until when it is left out because of those.
+        told: messages of this second, for `flooding`.
+        second: which second that is.
+        frame_ns: when its count of frames last grew.
+        restarts: how often its program was started anew.
+    """
+
+    camera_id: str
+    present: bool = False
+    hello: Hello | None = None
+    beat: Heartbeat | None = None
+    heard_ns: int | None = None
+    wrong: tuple[int, ...] = ()
+    quarantined_until_ns: int = 0
+    told: int = 0
+    second: int = 0
+    frame_ns: int = 0
+    restarts: int = 0
+
+
+def come_or_go(life: CameraLife, there: bool, now_ns: int) -> CameraLife:
+    """Return the life of a camera whose program connected or went away."""
+    return replace(life, present=there, heard_ns=now_ns if there else life.heard_ns)
+
+
+def greet(life: CameraLife, hello: Hello, now_ns: int) -> CameraLife:
+    """Return the life of a camera that said what it is."""
+    again = life.hello is not None and life.hello.session != hello.session
+    return replace(
+        life,
+        present=True,
+        hello=hello,
+        heard_ns=now_ns,
+        beat=None if again else life.beat,
+        frame_ns=now_ns if again or life.hello is None else life.frame_ns,
+        restarts=life.restarts + again,
+    )
+
+
+def take_beat(life: CameraLife, beat: Heartbeat, now_ns: int) -> CameraLife:
+    """Return the life of a camera that said how it is."""
+    moved = life.beat is None or beat.captured != life.beat.captured
+    return replace(
+        life,
+        present=True,
+        beat=beat,
+        heard_ns=now_ns,
+        frame_ns=now_ns if moved or beat.mode == "aggressive-power-saving" else life.frame_ns,
+    )
+
+
+def hear(life: CameraLife, now_ns: int) -> CameraLife:
+    """Return the life of a camera from which anything came."""
+    second = now_ns // 10**9
+    told = life.told + 1 if second == life.second else 1
+    return replace(life, present=True, heard_ns=now_ns, told=told, second=second)
+
+
+def flooding(life: CameraLife, fps: float) -> bool:
+    """Return whether a camera says far more this second than it has to say."""
+    return life.told > FLOOD_RATE * (fps + 10)
+
+
+def take_wrong(life: CameraLife, now_ns: int) -> CameraLife:
+    """Return the life of a camera that sent something that makes no sense."""
+    recent = tuple(at for at in life.wrong if now_ns - at < WRONG_S * 1e9)[-WRONG_LIMIT:]
+    wrong = (*recent, now_ns)
+    if len(wrong) < WRONG_LIMIT:
+        return replace(life, wrong=wrong)
+    return replace(life, wrong=(), quarantined_until_ns=now_ns + round(QUARANTINE_S * 1e9))
+
+
+def trouble(
+    life: CameraLife,
+    joints: Sequence[str],
+    image_size: tuple[int, int],
+    interval_s: float,
+    now_ns: int,
+) -> str:
+    """Return why a camera cannot be chosen, in words; empty if it can.
+
+    Args:
+        life: what is known of it.
+        joints: of the edge's skeleton, which its detector must find.
+        image_size: of its calibration.
+        interval_s: seconds a slot.
+        now_ns: the time.
+    """
+    if life.heard_ns is None:
+        return "never seen"
+    if not life.present:
+        return "not connected"
+    if now_ns - life.heard_ns > SILENT_S * 1e9:
+        return f"silent for {(now_ns - life.heard_ns) / 1e9:.0f} s"
+    if now_ns < life.quarantined_until_ns:
+        return "sends messages that make no sense"
+    if life.hello is None:
+        return "has not said what it is"
+    if tuple(life.hello.joints) != tuple(joints):
+        return f"finds {len(life.hello.joints)} other joints than the edge's {len(joints)}"
+    if tuple(life.hello.image_size) != tuple(image_size):
+        width, height = life.hello.image_size
+        return (
+            f"has images of {width} x {height}, but was calibrated for "
+            f"{image_size[0]} x {image_size[1]}"
+        )
+    if life.beat is None:
+        return "has not said how it is"
+    return _ailing(life, life.beat, interval_s, now_ns)
+
+
+def _ailing(life: CameraLife, beat: Heartbeat, interval_s: float, now_ns: int) -> str:
+    if beat.problem:
+        return beat.problem
+    if beat.battery_j is not None and beat.battery_j <= 0:
+        return "battery empty"
+    if beat.clock_error_ns > CLOCK_ERROR_SHARE * interval_s * 1e9:
+        return f"knows the time only to {beat.clock_error_ns / 1e6:.0f} ms"
+    if now_ns - life.frame_ns > FROZEN_S * 1e9:
+        return "takes no new frames"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Roster:
+    """All cameras of a rig, in its order; a value.
+
+    Attributes:
+        lives: one per camera.
+    """
+
+    lives: tuple[CameraLife, ...] = field(default_factory=tuple)
+
+    @classmethod
+    def of(cls, camera_ids: Sequence[str]) -> Roster:
+        """Return the roster before anybody was heard."""
+        return cls(tuple(CameraLife(camera_id) for camera_id in camera_ids))
+
+    def with_life(self, index: int, life: CameraLife) -> Roster:
+        """Return the roster with another life of one camera."""
+        return Roster((*self.lives[:index], life, *self.lives[index + 1 :]))

@@ -1,0 +1,502 @@
+"""The edge server: four kinds of threads around the one `pipeline.step`.
+
+    receiving (the transport's threads -> Inbox -> Gather)
+    fusion and selection (`_run_slots`: close a slot, step, hand on)
+    sending (Outbox)
+    keeping (`_run_housekeeping`: status, checkpoint, events)
+
+It contains no mathematics: it owns the clock, the threads and what is counted.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.clock import Clock, SlotTimes
+from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from e3pose.edge.gather import Arrival, Gather
+from e3pose.edge.inbox import Inbox
+from e3pose.edge.lead import Lead, adapt, cautious, take_in_delay
+from e3pose.edge.outbox import Outbox
+from e3pose.edge.reports import camera_status, poses_message, sigma_m
+from e3pose.edge.tally import Durations
+from e3pose.edge.turns import skip_to, with_lead
+from e3pose.errors import InputError
+from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
+from e3pose.predictors.base import Predictor
+from e3pose.store.rows import Event
+from e3pose.wire import topics
+from e3pose.wire.codec import encode
+from e3pose.wire.messages import CameraMode, Heartbeat, Order, Status
+from e3pose.wire.transport import Transport
+
+BACKLOG_S = 2.0  # an edge that is farther behind gives up slots instead of working them off
+MINUTE_S = 60.0
+KEEP_EVENTS = 20
+KEEPING_S = 1.0  # status, checkpoint
+
+
+class Sink(Protocol):
+    """Who keeps what happened; `store.StoreWriter` is one. Its methods return at once."""
+
+    def append(
+        self,
+        record: SlotRecord,
+        *,
+        time_ns: int | None = None,
+        sigma_m: NDArray[np.float64] | None = None,
+        energy_j: NDArray[np.float64] | None = None,
+        wait: bool = False,
+    ) -> bool:
+        """Keep a slot."""
+        ...
+
+    def event(self, event: Event) -> bool:
+        """Keep an event."""
+        ...
+
+
+class Learner(Protocol):
+    """Who improves the predictor while the edge runs; `learning.OnlineTrainer` is one."""
+
+    def collect(self, record: SlotRecord) -> None:
+        """Take in a slot."""
+        ...
+
+    def poll(self) -> Predictor | None:
+        """Return a better predictor to use from now on, if there is one."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeSettings:
+    """How an edge server runs.
+
+    Attributes:
+        site: its name, and so its topics.
+        joints: names of the skeleton's joints.
+        deadline_s: how long after the middle of a slot its views are waited for.
+        idle_modes: what each camera does in slots without an order.
+        adaptive_lead: whether the lead follows the delays; otherwise it stays.
+        checkpoint: file for the state; None keeps none.
+        start_wait_s: how long to wait for the rest once two cameras are there.
+    """
+
+    site: str
+    joints: Sequence[str]
+    deadline_s: float
+    idle_modes: Sequence[CameraMode]
+    adaptive_lead: bool = True
+    checkpoint: Path | None = None
+    start_wait_s: float = 3.0
+
+
+@dataclass(slots=True, eq=False)
+class Counts:
+    """What is counted while an edge runs.
+
+    Attributes:
+        slots: slots computed.
+        lost: slots that were given up.
+        views: views that came in time.
+        ordered: `(num_cameras,)` slots in which each camera was wanted.
+        missed: `(num_cameras,)` of those, slots for which no view came in time.
+    """
+
+    num_cameras: int
+    slots: int = 0
+    lost: int = 0
+    views: int = 0
+    ordered: NDArray[np.int64] = field(init=False)
+    missed: NDArray[np.int64] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.ordered = np.zeros(self.num_cameras, dtype=np.int64)
+        self.missed = np.zeros(self.num_cameras, dtype=np.int64)
+
+
+class EdgeServer:
+    """Runs a site until stopped. Use as a context manager, or `start` and `stop` it."""
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        transport: Transport,
+        settings: EdgeSettings,
+        clock: Clock,
+        sink: Sink | None = None,
+        learner: Learner | None = None,
+        tell: Callable[[Event], None] = lambda event: None,
+        on_beat: Callable[[Heartbeat], None] = lambda beat: None,
+    ) -> None:
+        """Take up the state of the checkpoint, if there is one that fits.
+
+        Args:
+            pipeline: the parts of the loop.
+            transport: how to reach the cameras; the server closes it.
+            settings: see `EdgeSettings`.
+            clock: the edge's time.
+            sink: keeps every slot.
+            learner: improves the predictor.
+            tell: called with what a person should know, on any thread.
+            on_beat: called with every heartbeat, on a thread of the transport.
+        """
+        self.pipeline, self.settings, self.clock = pipeline, settings, clock
+        self.transport, self.sink, self.learner = transport, sink, learner
+        self._tell_person = tell
+        self.interval_ns = round(pipeline.interval_s * 1e9)
+        self.session = clock.now_ns() % 2**53
+        self.started_ns = clock.now_ns()
+        num_cameras = len(pipeline.rig)
+        self.counts = Counts(num_cameras)
+        self.gather = Gather(num_cameras)
+        self.inbox = Inbox(
+            settings.site,
+            pipeline.rig,
+            settings.joints,
+            pipeline.interval_s,
+            self.gather,
+            clock,
+            self._take_delay,
+            on_beat,
+        )
+        self.outbox = Outbox()
+        if settings.adaptive_lead:
+            self.lead = cautious(settings.deadline_s, pipeline.interval_s)
+            self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
+        else:
+            self.lead = Lead(pipeline.lead_slots)
+        self.latency, self.stepping = Durations(), Durations()
+        self.events: deque[Event] = deque(maxlen=KEEP_EVENTS)
+        self.state: SlotState = initial_state(self.pipeline)
+        self.times: SlotTimes | None = None  # until the first slot
+        self.newest: SlotRecord | None = None
+        self._delays: deque[float] = deque(maxlen=512)
+        self._selected: deque[NDArray[np.bool_]] = deque(
+            maxlen=round(MINUTE_S / pipeline.interval_s)
+        )
+        self._sent_ns: dict[int, int] = {}  # slot to when its orders went out
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self.failure: BaseException | None = None
+        self._resume()
+
+    def __enter__(self) -> EdgeServer:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self) -> None:
+        """Begin to receive, and to compute slots once cameras are there."""
+        self.inbox.listen(self.transport)
+        self.transport.be_present(topics.of_site(self.settings.site, "alive"))
+        for name, body in (
+            ("fusion", self._run_slots),
+            ("sending", lambda: self.outbox.run(self.transport.publish)),
+            ("keeping", self._run_housekeeping),
+        ):
+            thread = threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    def stop(self) -> None:
+        """End after the slot in work, keep the state, leave the site."""
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self.gather.wake()
+        for thread in self._threads:
+            if thread.name != "sending":
+                thread.join(timeout=5.0)
+        self._keep_checkpoint()
+        self.outbox.close()
+        for thread in self._threads:
+            thread.join(timeout=5.0)
+        self.transport.close()
+
+    def running(self) -> bool:
+        """Return whether all threads still work."""
+        return self.failure is None and not self._stop.is_set()
+
+    def tell(self, kind: str, message: str, camera_id: str | None = None) -> None:
+        """Let people and the store know of something."""
+        event = Event(self.clock.now_ns(), kind, message, camera_id)
+        self.events.append(event)
+        self._tell_person(event)
+        if self.sink is not None:
+            self.sink.event(event)
+
+    def status(self) -> Status:
+        """Return how the site is."""
+        now_ns = self.clock.now_ns()
+        record = self.newest
+        duty = np.mean(
+            list(self._selected) or [np.zeros(len(self.pipeline.rig), dtype=bool)], axis=0
+        )
+        cameras = tuple(
+            camera_status(
+                life,
+                why,
+                self.state.deficit[index],
+                float(duty[index]),
+                int(self.gather.late[index]),
+                int(self.counts.missed[index]),
+                now_ns,
+            )
+            for index, (life, why) in enumerate(
+                zip(self.inbox.roster.lives, self.inbox.troubles(), strict=True)
+            )
+        )
+        reasons = record.reasons if record else None
+        error_m = reasons.error_m if reasons else None
+        uptime_s = (now_ns - self.started_ns) / 1e9
+        return Status(
+            site=self.settings.site,
+            slot=self.state.slot - 1 if record else 0,
+            fps=self.counts.slots / max(uptime_s, 1e-3),
+            lead=self.lead.slots,
+            people=len(record.track_ids) if record else 0,
+            cameras=cameras,
+            step_ms=_pair(self.stepping.quantiles_ms(0.5, 0.99)),
+            latency_ms=_pair(self.latency.quantiles_ms(0.5, 0.99)),
+            uptime_s=uptime_s,
+            events=tuple(_line(event.message) for event in self.events),
+            expected_error_mm=error_m * 1000
+            if error_m is not None and error_m == error_m
+            else None,
+            slots_lost=self.counts.lost,
+        )
+
+    # The fusion thread.
+
+    def _run_slots(self) -> None:
+        if not self._wait_for_cameras():
+            return
+        times = self.times = self._begin()
+        while not self._stop.is_set():
+            self._catch_up(times)
+            slot = self.state.slot
+            if not self._wait_for_views(times, slot):
+                return
+            self._compute(times, slot, self.gather.close())
+
+    def _wait_for_cameras(self) -> bool:
+        """Wait until all cameras are there, or two and then a while; return whether to begin."""
+        two_ns: int | None = None
+        while not self._stop.is_set():
+            online, now_ns = self.inbox.online(), self.clock.now_ns()
+            two_ns = (two_ns or now_ns) if online.sum() >= min(2, len(online)) else None
+            waited = two_ns is not None and now_ns - two_ns >= self.settings.start_wait_s * 1e9
+            if online.all() or waited or (self.times is not None and online.any()):
+                return True
+            self.clock.wait(self._stop, now_ns + 50_000_000)
+        return False
+
+    def _begin(self) -> SlotTimes:
+        now_ns = self.clock.now_ns()
+        if self.times is None:
+            ahead = (1 + self.lead.slots) * self.interval_ns
+            times = SlotTimes(now_ns + ahead, self.interval_ns)
+        else:
+            times = self.times
+            self._skip(max(self.state.slot, times.slot_at(now_ns) + 1))
+        for ahead, decision in enumerate(self.state.selections):
+            self._order(times, self.state.slot + ahead, decision)
+        return times
+
+    def _catch_up(self, times: SlotTimes) -> None:
+        behind_ns = self.clock.now_ns() - self._deadline_ns(times, self.state.slot)
+        if behind_ns < BACKLOG_S * 1e9:
+            return
+        slot = self.state.slot + behind_ns // self.interval_ns
+        self.counts.lost += slot - self.state.slot
+        self.tell("slots-lost", f"{slot - self.state.slot} slots given up: the edge was behind")
+        self._skip(slot)
+
+    def _skip(self, slot: int) -> None:
+        self.state = skip_to(self.state, slot, self.pipeline.budget)
+        self.gather.skip_to(slot)
+
+    def _deadline_ns(self, times: SlotTimes, slot: int) -> int:
+        return times.middle_ns(slot) + round(self.settings.deadline_s * 1e9)
+
+    def _wait_for_views(self, times: SlotTimes, slot: int) -> bool:
+        """Wait until nothing more is to come, or the deadline; return False when to end."""
+        deadline_ns = self._deadline_ns(times, slot)
+        while not self._stop.is_set():
+            now_ns = self.clock.now_ns()
+            wanted = self._told_in_time(times, slot) & self.inbox.online()
+            until_ns = deadline_ns if self.gather.waits_for(wanted) else times.middle_ns(slot)
+            if now_ns >= min(until_ns, deadline_ns):
+                return True
+            self.gather.sleep(self.clock, until_ns)
+        return False
+
+    def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
+        begun_ns = self.clock.now_ns()
+        online = self.inbox.online()
+        told = self._told_in_time(times, slot)
+        wanted = told & online
+        self.state = replace(
+            self.state, selections=np.concatenate([told[None], self.state.selections[1:]])
+        )
+        views = {camera: arrival.poses for camera, arrival in arrivals.items()}
+        # A camera that is not believed to be there but delivered all the same was there.
+        online = online | np.isin(np.arange(len(online)), list(views))
+        self.state, record = step(self.pipeline, self.state, views, online)
+        done_ns = self.clock.now_ns()
+        message = poses_message(record, self.settings.joints, times.middle_ns(slot), done_ns)
+        self.outbox.put(topics.of_site(self.settings.site, "poses"), encode(message))
+        self._order(times, slot + self.pipeline.lead_slots, record.next_selection)
+        self.newest = record
+        self.stepping.add(done_ns - begun_ns)
+        used = [a.arrived_ns for camera, a in arrivals.items() if record.arrived[camera]]
+        if used:
+            self.latency.add(self.clock.now_ns() - max(*used, times.middle_ns(slot)))
+        self.counts.slots += 1
+        self.counts.views += len(used)
+        self.counts.ordered += wanted
+        self.counts.missed += wanted & ~record.arrived
+        self._selected.append(record.selected)
+        if self.sink is not None:
+            self.sink.append(record, time_ns=times.middle_ns(slot), sigma_m=sigma_m(record))
+        self._improve(record)
+
+    def _told_in_time(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
+        """Return `(num_cameras,)`: who was selected for a slot and can have known of it.
+
+        An order that went out too late is no reason to wait for a view, nor to think its camera
+        dead.
+        """
+        in_time = self._sent_ns.get(slot, times.begin_ns(slot) + 1) <= times.begin_ns(slot)
+        return np.asarray(self.state.selections[0] & in_time)
+
+    def _order(self, times: SlotTimes, slot: int, decision: NDArray[np.bool_]) -> None:
+        """Tell every camera what to do in a slot."""
+        sent_ns = self._sent_ns[slot] = self.clock.now_ns()
+        self._sent_ns = {s: at for s, at in self._sent_ns.items() if s >= self.state.slot}
+        for index, camera_id in enumerate(self.pipeline.rig.camera_ids):
+            order = Order(
+                camera_id=camera_id,
+                slot=slot,
+                active=bool(decision[index]),
+                idle_mode=self.settings.idle_modes[index],
+                origin_edge_ns=times.origin_ns,
+                interval_ns=times.interval_ns,
+                sent_edge_ns=sent_ns,
+                session=self.session,
+                lead=self.pipeline.lead_slots,
+            )
+            topic = topics.of_order(self.settings.site, camera_id)
+            self.outbox.put(topic, encode(order), slot)
+
+    def _improve(self, record: SlotRecord) -> None:
+        """Between two slots: another lead, a better predictor."""
+        if self.learner is not None:
+            self.learner.collect(record)
+            better = self.learner.poll()
+            if better is not None:
+                self.pipeline = replace(self.pipeline, predictor=better)
+                self.tell("predictor", "a better predictor was learned and is used from now on")
+        if not self.settings.adaptive_lead:
+            return
+        while self._delays:
+            self.lead = take_in_delay(self.lead, self._delays.popleft())
+        before = self.lead.slots
+        self.lead = adapt(self.lead, self.pipeline.interval_s, self._wake_s())
+        if self.lead.slots != before:
+            self.tell(
+                "lead", f"orders now go out {self.lead.slots} slots ahead instead of {before}"
+            )
+            self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
+            self.state = with_lead(self.state, self.lead.slots)
+
+    def _wake_s(self) -> float:
+        """Return how long the slowest camera that may be asleep takes to wake."""
+        return max(
+            (
+                life.hello.wake_s
+                for life, mode in zip(
+                    self.inbox.roster.lives, self.settings.idle_modes, strict=True
+                )
+                if life.hello is not None and mode == "aggressive-power-saving"
+            ),
+            default=0.0,
+        )
+
+    def _take_delay(self, delay_s: float) -> None:
+        self._delays.append(delay_s)  # deques are safe to append to from any thread
+
+    # The keeping thread.
+
+    def _run_housekeeping(self) -> None:
+        before = ["never seen"] * len(self.pipeline.rig)
+        while not self._stop.is_set():
+            troubles = self.inbox.troubles()
+            for camera_id, was, why in zip(
+                self.pipeline.rig.camera_ids, before, troubles, strict=True
+            ):
+                if bool(was) != bool(why):
+                    kind = "camera-lost" if why else "camera-back"
+                    self.tell(kind, f"{camera_id}: {why or 'is there'}", camera_id)
+            before = troubles
+            self.gather.wake()
+            self.outbox.put(topics.of_site(self.settings.site, "status"), encode(self.status()))
+            self._keep_checkpoint()
+            self.clock.wait(self._stop, self.clock.now_ns() + round(KEEPING_S * 1e9))
+
+    def _keep_checkpoint(self) -> None:
+        path, times = self.settings.checkpoint, self.times
+        if path is None or times is None:
+            return
+        pipeline, state = self.pipeline, self.state  # values: they do not change under us
+        made = Checkpoint(state, times.origin_ns, len(state.selections), self.clock.now_ns())
+        try:
+            save_checkpoint(path, made, pipeline)
+        except (InputError, OSError) as error:
+            self.tell("checkpoint", f"the state cannot be kept: {_line(str(error))}")
+
+    def _resume(self) -> None:
+        path = self.settings.checkpoint
+        if path is None or not path.exists():
+            return
+        try:
+            found = load_checkpoint(path, self.pipeline)
+        except InputError as error:
+            aside = path.with_name(path.name + ".unusable")
+            path.replace(aside)
+            self.tell("checkpoint", f"begun afresh, the old state is kept as {aside}: {error}")
+            return
+        self.times = SlotTimes(found.origin_ns, self.interval_ns)
+        self.lead = Lead(found.lead_slots if self.settings.adaptive_lead else self.lead.slots)
+        self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
+        self.state = with_lead(found.state, self.lead.slots)
+        away_s = (self.clock.now_ns() - found.made_ns) / 1e9
+        self.tell("resumed", f"goes on after slot {self.state.slot - 1}, {away_s:.1f} s later")
+
+    def _guarded(self, body: Callable[[], Any]) -> None:
+        try:
+            body()
+        except BaseException as error:  # the program must end with it, not go on half
+            self.failure = error
+            self._stop.set()
+            self.gather.wake()
+            self.outbox.close()
+
+
+def _pair(values: tuple[float, ...]) -> tuple[float, float]:
+    return values[0], values[1]
+
+
+def _line(text: str) -> str:
+    return "".join(char if char.isprintable() else " " for char in text)[:300]

@@ -1,0 +1,43 @@
+"""Room for one thing between two threads: the newest wins."""
+
+from __future__ import annotations
+
+import threading
+from typing import Generic, TypeVar
+
+Thing = TypeVar("Thing")
+
+
+class Box(Generic[Thing]):
+    """Hand things over; what is not taken in time is dropped and counted.
+
+    Attributes:
+        dropped: things that a newer one replaced.
+    """
+
+    def __init__(self) -> None:
+        self.dropped = 0
+        self._thing: Thing | None = None
+        self._closed = False
+        self._change = threading.Condition()
+
+    def put(self, thing: Thing) -> None:
+        """Lay a thing in the box; one that lies there is dropped."""
+        with self._change:
+            self.dropped += self._thing is not None
+            self._thing = thing
+            self._change.notify()
+
+    def take(self) -> Thing | None:
+        """Wait for a thing and take it; None once the box is closed."""
+        with self._change:
+            while self._thing is None and not self._closed:
+                self._change.wait()
+            thing, self._thing = self._thing, None
+            return None if self._closed else thing
+
+    def close(self) -> None:
+        """Let whoever waits go."""
+        with self._change:
+            self._closed = True
+            self._change.notify_all()

@@ -1,0 +1,101 @@
+"""What a camera was told to do, slot by slot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from e3pose.clock import SlotTimes
+from e3pose.wire.messages import CameraMode, Order
+
+KEPT_SLOTS = 4  # of the past: a frame may be dealt with after its slot
+EARLY_SHARE = 0.3  # of a slot
+TIE_SHARE = 0.2  # of a slot: more than frames jitter
+MAX_AHEAD = 2000  # orders for slots farther ahead are a mistake
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """The orders of a camera; a value.
+
+    Attributes:
+        session: of the edge that gave them; 0 before the first.
+        times: where slots lie; None before the first order.
+        active: slot to whether to look in it, for slots that were told of.
+        idle_mode: what to do otherwise.
+        orders: how many came.
+        late: how many came after their slot had begun, and so were ignored.
+    """
+
+    session: int = 0
+    times: SlotTimes | None = None
+    active: Mapping[int, bool] = field(default_factory=dict)
+    idle_mode: CameraMode = "power-saving"
+    orders: int = 0
+    late: int = 0
+
+    def is_active(self, slot: int) -> bool:
+        """Return whether to look in a slot; without an order, not."""
+        return self.active.get(slot, False)
+
+    def next_active_ns(self, now_edge_ns: int) -> int | None:
+        """Return when the next slot in which to look begins, now at the earliest; None if unknown.
+
+        Args:
+            now_edge_ns: the edge's time.
+        """
+        if self.times is None:
+            return None
+        here = self.times.slot_at(now_edge_ns)
+        ahead = [slot for slot, active in self.active.items() if active and slot >= here]
+        return max(now_edge_ns, self.times.begin_ns(min(ahead))) if ahead else None
+
+
+def take_order(schedule: Schedule, order: Order, now_edge_ns: int) -> Schedule:
+    """Return the schedule after an order came.
+
+    An order of a newer edge forgets those of the one before. An order that comes after its slot
+    began is counted and ignored: what the edge expects of that slot is decided already.
+    """
+    if order.session < schedule.session:
+        return schedule
+    times = SlotTimes(order.origin_edge_ns, order.interval_ns)
+    fresh = order.session > schedule.session or times != schedule.times
+    active = {} if fresh else dict(schedule.active)
+    here = times.slot_at(now_edge_ns)
+    late = now_edge_ns > times.begin_ns(order.slot)
+    if not late and order.slot - here <= MAX_AHEAD:
+        active[order.slot] = order.active
+    return replace(
+        schedule,
+        session=order.session,
+        times=times,
+        active={slot: told for slot, told in active.items() if slot >= here - KEPT_SLOTS},
+        idle_mode=order.idle_mode,
+        orders=schedule.orders + 1,
+        late=schedule.late + late,
+    )
+
+
+def slot_of_frame(
+    times: SlotTimes, edge_ns: int, newest_slot: int, frame_interval_ns: int
+) -> int | None:
+    """Return the slot that a frame stands for; None if another frame is the better one.
+
+    Each slot has one frame: about the one nearest to its middle, as far as can be known when it
+    comes. A camera whose frames fall on the border between slots must not leave every other slot
+    empty, so a frame may stand for the slot after its own, and need not be nearer than the next
+    one by a hair.
+
+    Args:
+        times: where slots lie.
+        edge_ns: when the frame was taken, edge time.
+        newest_slot: the slot of the frame before, in which nothing more is needed.
+        frame_interval_ns: time to the next frame, about.
+    """
+    slot = max(times.slot_at(edge_ns), newest_slot + 1)
+    if edge_ns < times.begin_ns(slot) - EARLY_SHARE * times.interval_ns:
+        return None
+    off_ns = abs(edge_ns - times.middle_ns(slot))
+    next_off_ns = abs(edge_ns + frame_interval_ns - times.middle_ns(slot))
+    return slot if off_ns <= next_off_ns + TIE_SHARE * times.interval_ns else None

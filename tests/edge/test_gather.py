@@ -1,0 +1,76 @@
+"""Views wait for their slot; what is late, early or twice is counted."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from e3pose.clock import ManualClock, WallClock
+from e3pose.edge.gather import MAX_AHEAD_SLOTS, Arrival, Gather
+from e3pose.pose import Poses2D
+
+
+def arrival(x: float = 1.0) -> Arrival:
+    return Arrival(Poses2D(np.full((1, 1, 2), x), np.ones((1, 1))), 0, 0)
+
+
+def test_slot_gets_its_views_and_no_others() -> None:
+    gather = Gather(3)
+    assert gather.add(0, 1, arrival()) and gather.add(1, 2, arrival())
+    assert set(gather.close()) == {1}
+    assert set(gather.close()) == {2}
+    assert set(gather.close()) == set()
+
+
+def test_late_view_is_counted_and_refused() -> None:
+    gather = Gather(2)
+    gather.close()
+    assert not gather.add(0, 1, arrival())
+    assert gather.late.tolist() == [0, 1]
+
+
+def test_view_of_the_far_future_is_refused() -> None:
+    gather = Gather(2)
+    assert gather.add(MAX_AHEAD_SLOTS, 0, arrival())
+    assert not gather.add(MAX_AHEAD_SLOTS + 1, 0, arrival())
+    assert gather.early.tolist() == [1, 0]
+
+
+def test_newer_view_of_a_slot_counts() -> None:
+    gather = Gather(2)
+    gather.add(0, 0, arrival(1.0))
+    gather.add(0, 0, arrival(2.0))
+    assert gather.close()[0].poses.keypoints_px[0, 0, 0] == 2.0
+    assert gather.repeated.tolist() == [1, 0]
+
+
+def test_waits_only_for_cameras_that_are_wanted() -> None:
+    gather = Gather(2)
+    gather.add(0, 0, arrival())
+    assert gather.waits_for(np.array([True, True]))
+    assert not gather.waits_for(np.array([True, False]))
+    assert not gather.waits_for(np.array([False, False]))
+
+
+def test_skipped_slots_are_forgotten() -> None:
+    gather = Gather(1)
+    for slot in range(10):
+        gather.add(slot, 0, arrival(slot))
+    gather.skip_to(8)
+    assert gather.close()[0].poses.keypoints_px[0, 0, 0] == 8
+    gather.skip_to(2)  # time does not run backwards
+    assert gather.slot == 9
+
+
+def test_sleeper_is_woken_by_a_view_of_its_slot() -> None:
+    gather, clock = Gather(1), WallClock()
+    threading.Timer(0.005, lambda: gather.add(0, 0, arrival())).start()
+    while gather.waits_for(np.array([True])):
+        gather.sleep(clock, clock.now_ns() + 10**9)
+    assert set(gather.close()) == {0}
+
+
+def test_nobody_sleeps_past_the_deadline() -> None:
+    gather, clock = Gather(1), ManualClock(1000)
+    gather.sleep(clock, 1000)  # returns at once

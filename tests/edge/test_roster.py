@@ -1,0 +1,142 @@
+"""Who can be chosen: every way in which a camera fails, and its way back."""
+
+from __future__ import annotations
+
+import pytest
+
+from e3pose.edge.roster import (
+    FLOOD_RATE,
+    FROZEN_S,
+    QUARANTINE_S,
+    SILENT_S,
+    WRONG_LIMIT,
+    CameraLife,
+    come_or_go,
+    flooding,
+    greet,
+    hear,
+    take_beat,
+    take_wrong,
+    trouble,
+)
+from e3pose.wire.messages import Heartbeat, Hello
+
+JOINTS = ("nose", "hip")
+SIZE = (640, 480)
+SECOND = 10**9
+NOW = 1000 * SECOND
+HELLO = Hello("cam1", 5, JOINTS, SIZE, 25.0)
+BEAT = Heartbeat("cam1", 5, NOW, "active", captured=10)
+
+
+def well(at_ns: int = NOW) -> CameraLife:
+    return take_beat(greet(CameraLife("cam1"), HELLO, at_ns), BEAT, at_ns)
+
+
+def why(life: CameraLife, at_ns: int = NOW) -> str:
+    return trouble(life, JOINTS, SIZE, 0.04, at_ns)
+
+
+def test_camera_that_is_well_can_be_chosen() -> None:
+    assert why(well()) == ""
+
+
+@pytest.mark.parametrize(
+    ("life", "told"),
+    [
+        (CameraLife("cam1"), "never seen"),
+        (come_or_go(well(), False, NOW), "not connected"),
+        (hear(CameraLife("cam1"), NOW), "has not said what it is"),
+        (greet(CameraLife("cam1"), HELLO, NOW), "has not said how it is"),
+    ],
+)
+def test_incomplete_camera_says_what_is_missing(life: CameraLife, told: str) -> None:
+    assert told in why(life)
+
+
+def test_silence_is_noticed_within_two_seconds() -> None:
+    assert why(well(), NOW + round(SILENT_S * SECOND) - 1) == ""
+    assert SILENT_S < 2 and "silent for" in why(well(), NOW + round(SILENT_S * SECOND) + 1)
+
+
+def test_word_from_a_silent_camera_brings_it_back() -> None:
+    later = NOW + 60 * SECOND
+    assert why(take_beat(well(), replace_beat(captured=99), later), later) == ""
+
+
+@pytest.mark.parametrize(
+    ("hello", "told"),
+    [
+        (Hello("cam1", 5, ("nose",), SIZE, 25.0), "finds 1 other joints than the edge's 2"),
+        (Hello("cam1", 5, ("hip", "nose"), SIZE, 25.0), "other joints"),
+        (Hello("cam1", 5, JOINTS, (640, 481), 25.0), "640 x 481, but was calibrated for 640 x 480"),
+    ],
+)
+def test_camera_of_another_rig_is_refused(hello: Hello, told: str) -> None:
+    assert told in why(take_beat(greet(CameraLife("cam1"), hello, NOW), BEAT, NOW))
+
+
+def replace_beat(**changes: object) -> Heartbeat:
+    fields = {name: getattr(BEAT, name) for name in BEAT.__struct_fields__}
+    return Heartbeat(**{**fields, **changes})
+
+
+@pytest.mark.parametrize(
+    ("beat", "told"),
+    [
+        (replace_beat(problem="the source gives no frames"), "the source gives no frames"),
+        (replace_beat(battery_j=0.0), "battery empty"),
+        (replace_beat(clock_error_ns=30_000_000), "knows the time only to 30 ms"),
+    ],
+)
+def test_ailing_camera_says_what_ails_it(beat: Heartbeat, told: str) -> None:
+    assert why(take_beat(well(), beat, NOW)) == told
+
+
+def test_frozen_camera_is_noticed_though_it_speaks() -> None:
+    life = well()
+    for second in range(1, 9):
+        life = take_beat(life, BEAT, NOW + second * SECOND)
+        frozen = second > FROZEN_S
+        assert why(life, NOW + second * SECOND) == ("takes no new frames" if frozen else "")
+    asleep = well()
+    for second in range(1, 9):
+        asleep = take_beat(
+            asleep, replace_beat(mode="aggressive-power-saving"), NOW + second * SECOND
+        )
+    assert why(asleep, NOW + 8 * SECOND) == ""
+
+
+def test_nonsense_leads_to_quarantine_and_out_again() -> None:
+    life = well()
+    for _ in range(WRONG_LIMIT - 1):
+        life = take_wrong(life, NOW)
+    assert why(life) == ""
+    life = take_wrong(life, NOW)
+    assert why(life) == "sends messages that make no sense"
+    later = NOW + round(QUARANTINE_S * SECOND)
+    assert why(take_beat(life, replace_beat(captured=11), later), later) == ""
+
+
+def test_rare_nonsense_is_forgiven() -> None:
+    life = well()
+    for second in range(200):
+        life = take_wrong(life, NOW + second * SECOND)
+    assert life.quarantined_until_ns == 0
+
+
+def test_flood_is_noticed_and_ends_with_its_second() -> None:
+    life = well()
+    limit = round(FLOOD_RATE * (25 + 10))
+    for _ in range(limit):
+        life = hear(life, NOW)
+    assert not flooding(life, 25)
+    life = hear(life, NOW)
+    assert flooding(life, 25)
+    assert not flooding(hear(life, NOW + SECOND), 25)
+
+
+def test_restarted_program_is_counted_and_begins_anew() -> None:
+    again = greet(well(), Hello("cam1", 6, JOINTS, SIZE, 25.0), NOW)
+    assert again.restarts == 1 and why(again) == "has not said how it is"
+    assert greet(well(), HELLO, NOW).restarts == 0
