@@ -119,7 +119,9 @@ def detect_videos(
             if run.done == 0:
                 work.remove()  # there is nothing to continue
             raise
-        recording = _recording(dest, work, grid, seen_rig, sources, detector.skeleton, damages)
+        recording = _recording(
+            dest, work, grid, seen_rig, sources, detector.skeleton, detector_name, damages
+        )
         _finish(recording, dest, sources, settings, identity)
         work.remove()
     reports = {
@@ -263,11 +265,13 @@ def _recording(
     rig: Rig,
     sources: Mapping[str, VideoSource],
     skeleton: Skeleton,
+    detector_name: str,
     damages: Mapping[str, str],
 ) -> Recording:
     views = [_series(work.path(camera_id), len(skeleton)) for camera_id in sources]
     num_slots = max((int(series.slots[-1]) + 1 for series in views if len(series.slots)), default=0)
-    source = "Detected in " + ", ".join(video.path.name for video in sources.values()) + "."
+    files_seen = ", ".join(video.path.name for video in sources.values())
+    source = f"Detected by {detector_name} in {files_seen}."  # the noise of keypoints follows it
     for camera_id, damage in damages.items():
         source += f" {sources[camera_id].path.name}: {damage}." if damage else ""
     files = {camera_id: str(video.path.resolve()) for camera_id, video in sources.items()}

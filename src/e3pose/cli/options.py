@@ -82,6 +82,9 @@ class LoopOptions:
     predictor: str | None = None
     """What foresees the poses: attention-lstm, constant-velocity, damped-velocity, zero-velocity;
     by default the policy's own."""
+    noise: str | None = None
+    """How far off keypoints are, by score: a detector's name, or a file that `e3pose calibrate
+    noise` made; by default as the recording's detector is known to err."""
     reject_outliers: bool = False
     """Leave out views that disagree with the others."""
     occlusion_limit: float = 0.1
@@ -103,6 +106,7 @@ class LoopOptions:
             "seed": self.seed,
             "phase": self.phase,
             "predictor": self.predictor,
+            "noise": self.noise,
             "reject_outliers": self.reject_outliers,
             "occlusion_limit": self.occlusion_limit,
             "round_trip_s": self.round_trip_ms / 1000,

@@ -11,7 +11,7 @@ from e3pose.estimators.base import Outlook as Outlook
 from e3pose.estimators.base import People as People
 from e3pose.estimators.filtered import Filtered, FilterStep
 from e3pose.estimators.per_slot import PerSlot
-from e3pose.filter import Model, step
+from e3pose.filter import OPENPOSE, Model, Noise, step
 from e3pose.fuse import Fuser, FusionSettings
 from e3pose.skeleton import Skeleton
 
@@ -27,6 +27,7 @@ class EstimatorSettings:
         history_slots: how much of the past the predictor is given.
         fusion: of the estimator without a memory.
         backend: `numba` kernels or the numpy `reference`.
+        noise: of the detector's keypoints, for the estimator with a memory.
     """
 
     rig: Rig
@@ -35,6 +36,7 @@ class EstimatorSettings:
     history_slots: int
     fusion: FusionSettings
     backend: Literal["numba", "reference"]
+    noise: Noise = OPENPOSE
 
 
 def _per_slot(settings: EstimatorSettings) -> PerSlot:
@@ -54,7 +56,7 @@ def filter_step(backend: str, model: Model) -> FilterStep:
 
 
 def _filtered(settings: EstimatorSettings) -> Filtered:
-    model = Model(settings.rig, settings.skeleton)
+    model = Model(settings.rig, settings.skeleton, settings.noise)
     return Filtered(model, settings.history_slots, filter_step(settings.backend, model))
 
 

@@ -15,6 +15,7 @@ from e3pose.errors import InputError
 from e3pose.estimators import EstimatorSettings, make_estimator
 from e3pose.evaluate.bad_days import NO_BAD_DAY, BadDay
 from e3pose.fuse import FusionSettings
+from e3pose.noises import detector_of, load_noise
 from e3pose.pipeline import Pipeline
 from e3pose.policies import POLICIES, PolicyRow, PolicySettings, policy_row
 from e3pose.predictors import make_predictor, make_predictor_or_fallback
@@ -60,6 +61,8 @@ class ReplaySettings:
         cost_j: energy of an active slot beyond that of an idle one, of each camera; all alike by
             default, and only the proportions matter.
         bad_day: cameras that die and views that are lost.
+        noise: of the detector's keypoints, a name or file for `load_noise`; by default that of the
+            detector which the recording names.
     """
 
     pipeline: str = "paper"
@@ -80,6 +83,7 @@ class ReplaySettings:
     foresees: bool = False
     cost_j: tuple[float, ...] | None = None
     bad_day: BadDay = NO_BAD_DAY
+    noise: str | None = None
 
     @property
     def policy_name(self) -> str:
@@ -119,6 +123,7 @@ def make_pipeline(
                 refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
             ),
             backend=settings.backend,
+            noise=load_noise(settings.noise or detector_of(recording.source)),
         ),
     )
     policy = row.make(
