@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.camera import Rig
 from e3pose.energy import check_budget
 from e3pose.errors import InputError
 from e3pose.estimators import EstimatorSettings, make_estimator
@@ -19,7 +20,7 @@ from e3pose.noises import detector_of, load_noise
 from e3pose.pipeline import Pipeline
 from e3pose.policies import POLICIES, PolicyRow, PolicySettings, policy_row
 from e3pose.predictors import make_predictor, make_predictor_or_fallback
-from e3pose.recording import Recording
+from e3pose.skeleton import Skeleton
 from e3pose.turns import spread_order
 
 PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
@@ -100,30 +101,54 @@ def pipeline_row(name: str) -> tuple[str, str]:
     return PIPELINES[name]
 
 
+class Place(Protocol):
+    """Where the loop runs: a recording is one, and so is a live site."""
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras."""
+        ...
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Of the detectors."""
+        ...
+
+    @property
+    def interval_s(self) -> float:
+        """Seconds a slot."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """Where the keypoints come from, in words that may name the detector."""
+        ...
+
+
 def make_pipeline(
-    recording: Recording,
+    place: Place,
     settings: ReplaySettings,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Pipeline:
     """Build the parts that `settings` ask for.
 
     Raises:
-        InputError: naming the option that cannot be had for this recording.
+        InputError: naming the option that cannot be had for this place.
     """
     row = policy_row(settings.policy_name)
-    _check(settings, row, len(recording.rig))
+    _check(settings, row, len(place.rig))
     estimator = make_estimator(
         pipeline_row(settings.pipeline)[0],
         EstimatorSettings(
-            rig=recording.rig,
-            skeleton=recording.skeleton,
-            interval_s=recording.interval_s,
+            rig=place.rig,
+            skeleton=place.skeleton,
+            interval_s=place.interval_s,
             history_slots=settings.warmup_slots,
             fusion=FusionSettings(
                 refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
             ),
             backend=settings.backend,
-            noise=load_noise(settings.noise or detector_of(recording.source)),
+            noise=load_noise(settings.noise or detector_of(place.source)),
         ),
     )
     policy = row.make(
@@ -135,20 +160,20 @@ def make_pipeline(
             occlusion_limit=settings.occlusion_limit,
             round_trip_s=settings.round_trip_s,
             target_error_m=settings.target_error_m,
-            order=spread_order(recording.rig),
+            order=spread_order(place.rig),
         )
     )
     return Pipeline(
-        rig=recording.rig,
-        num_joints=len(recording.skeleton),
-        interval_s=recording.interval_s,
+        rig=place.rig,
+        num_joints=len(place.skeleton),
+        interval_s=place.interval_s,
         estimator=estimator,
         # A predictor that was asked for must be had; the policy's own has a stand-in.
-        predictor=make_predictor_or_fallback(row.predictor, recording.skeleton)
+        predictor=make_predictor_or_fallback(row.predictor, place.skeleton)
         if settings.predictor is None
-        else make_predictor(settings.predictor, recording.skeleton),
+        else make_predictor(settings.predictor, place.skeleton),
         policy=policy,
-        budget=_budget(settings, len(recording.rig), row.counts),
+        budget=_budget(settings, len(place.rig), row.counts),
         cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
         clock=clock,
         lead_slots=settings.lead_slots,
