@@ -52,7 +52,7 @@ def collected_clips(
             target = to_common(smooth(sure, interval_s), columns)
             errors = (to_common(given, columns) - target)[:, None]
             whole = Clip(
-                "collected", target.astype(np.float32), 1 / interval_s,
+                "the running system", target.astype(np.float32), 1 / interval_s,
                 errors_m=errors.astype(np.float16),
             )  # fmt: skip
             clips += whole.without_gaps(shortest)
