@@ -46,7 +46,9 @@ class Foresight:
         track_ids: `(num_tracks,)`.
         confirmed: `(num_tracks,)` who is shown.
         prior: `(num_tracks, num_joints, 6)` before any view of the slot.
-        views: `(num_cameras, num_tracks, num_joints, 6)` that each camera would add.
+        views: `(num_cameras, num_tracks, num_joints, 6)` that each camera would add if its errors
+            were new ones, which is what the estimator counts.
+        fresh: `(num_cameras, num_tracks)` share of that which is new.
         entrants: `(num_cameras,)` people whom nobody knows yet and another camera showed, as far
             as each camera overlooks the ground where they may be.
     """
@@ -55,6 +57,7 @@ class Foresight:
     confirmed: Flags
     prior: Floats
     views: Floats
+    fresh: Floats
     entrants: Floats
 
     def information(self, subsets: Flags) -> Floats:
@@ -68,23 +71,24 @@ class Foresight:
         """
         if self.prior.size == 0:
             return np.zeros(len(subsets))
-        gain = np.log(_det(self._after(subsets))) - np.log(_det(self.prior.reshape(-1, 6)))
+        after = self._after(subsets, self.views * self.fresh[..., None, None])
+        gain = np.log(_det(after)) - np.log(_det(self.prior.reshape(-1, 6)))
         return np.asarray(gain.mean(axis=-1) / 2)
 
     def expected_error_m(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` metres: the mean distance of shown joints from the truth.
 
-        NaN when nobody is shown.
+        It is what the estimator will state after the views, and NaN when nobody is shown.
         """
         shown = np.repeat(self.confirmed, self.prior.shape[1])
         if not shown.any():
             return np.full(len(subsets), np.nan)
-        after = self._after(subsets)[:, shown]
+        after = self._after(subsets, self.views)[:, shown]
         return np.asarray(_distance(after).mean(axis=-1))
 
-    def _after(self, subsets: Flags) -> Floats:
+    def _after(self, subsets: Flags, views: Floats) -> Floats:
         """Return `(num_subsets, num_tracks * num_joints, 6)`."""
-        added = subsets.astype(np.float64) @ self.views.reshape(len(self.views), -1)
+        added = subsets.astype(np.float64) @ views.reshape(len(views), -1)
         return np.asarray((added + self.prior.reshape(-1)).reshape(len(subsets), -1, 6))
 
 
@@ -113,9 +117,10 @@ def foresee(
         fresh = freshness(np.maximum(last_seen_s - before_s, 0.0)[cameras])
         prior = prior + np.einsum("ct,ctjk->tjk", fresh, full[cameras])
         last_seen_s = np.where(cameras[:, None], np.minimum(last_seen_s, before_s), last_seen_s)
-    views = full * freshness(last_seen_s)[..., None, None]
     entrants = outlook.unexplained @ overlap(rig)
-    return Foresight(outlook.track_ids, outlook.confirmed, prior, views, entrants)
+    return Foresight(
+        outlook.track_ids, outlook.confirmed, prior, full, freshness(last_seen_s), entrants
+    )
 
 
 @lru_cache(maxsize=8)

@@ -28,6 +28,7 @@ def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
         confirmed=np.array([True, True]),
         prior=np.broadcast_to([400.0, 0, 0, 400, 0, 400], (2, 3, 6)),
         views=views[..., rows, columns],
+        fresh=np.ones((num_cameras, 2)),
         entrants=np.zeros(num_cameras),
     )
 

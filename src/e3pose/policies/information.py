@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 MOST_SUBSETS = 60  # that are all tried: any count of up to seven cameras, and 2 of 11
-WATCH_NATS_PER_S = 0.1  # what a camera that has not looked for a second may show that is new
+WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
 WATCH_LIMIT_S = 5.0
 ENTRANT_NATS = 0.5  # of a second view of somebody new
 LOOK_AGAIN_S = 0.2  # with a target, some camera looks at least this often, whoever is known
