@@ -115,4 +115,5 @@ def test_hostile_files_are_refused(tmp_path: Path) -> None:
     for path in bad:
         with pytest.raises(InputError, match=path.name):
             load_chunk(path, COCO17.joints)
+    for path in bad[-4:]:  # of another skeleton, or no file of poses at all
         assert slots_in(path, COCO17.joints) == 0

@@ -22,6 +22,8 @@ from e3pose.errors import InputError
         ("minutes", 0.0),
         ("batch", 1),
         ("seed", -1),
+        ("combinations", 0),
+        ("jobs", 0),
     ],
 )
 def test_an_impossible_option_is_named(tmp_path: Path, option: str, value: float) -> None:

@@ -95,6 +95,7 @@ def learn_replay(
         every_s=every,
         train_s=60 * minutes,
         margin=margin,
+        chunk_s=max(1.0, min(30.0, held_back / 4)),
     )
     trainer = OnlineTrainer(out, sources[0].skeleton, settings, WallClock(), background=paced)
     options = {
@@ -173,6 +174,9 @@ def _run(
         slots = list(track_progress(run, source.num_slots, source.name))
         predictor = slots[-1].predictor if slots else predictor
         print(_summary(source, slots))
+        if not paced:
+            trainer.write_waiting()
+        print(f"  {trainer.collected_s:.0f} s with people are collected")
         if not paced:
             trainer.attend()
             while trainer.training:

@@ -80,6 +80,8 @@ def train(
     """
     import math
 
+    from e3pose.train.parallel import Workers
+
     _check(
         ("hold-out", hold_out, 0.0, 0.9),
         ("history", history, 4, 100),
@@ -91,6 +93,7 @@ def train(
         ("seed", seed, 0, 2**31 - 1),
         ("combinations", combinations, 1, 1000),
     )
+    workers = Workers(jobs, dask)
     from rich.console import Console
     from rich.progress import Progress
 
@@ -101,10 +104,8 @@ def train(
     from e3pose.train.estimates import EstimateSettings
     from e3pose.train.lessons import LessonSettings, lessons
     from e3pose.train.network import NetworkSettings
-    from e3pose.train.parallel import Workers
     from e3pose.train.windows import Clip
 
-    workers = Workers(jobs, dask)
     wanted = LessonSettings(
         target=target,
         include_scored=include_scored,

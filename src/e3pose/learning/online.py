@@ -20,7 +20,7 @@ import numpy as np
 
 from e3pose.clock import Clock
 from e3pose.errors import InputError
-from e3pose.learning.job import LACKS_TORCH, Job, read_result
+from e3pose.learning.job import LACKS_TORCH, WEIGHTS, Job, read_result
 from e3pose.learning.process import TRAINER, TrainerProcess
 from e3pose.learning.ring import Gathering, Ring, slots_in
 from e3pose.learning.settings import LearningSettings
@@ -131,6 +131,11 @@ class OnlineTrainer:
     def training(self) -> bool:
         """Whether a trainer is at work."""
         return self._trainer is not None
+
+    @property
+    def collected_s(self) -> float:
+        """Seconds with people in them that are on disk."""
+        return sum(self._slots_of.values()) * self.settings.interval_s
 
     def versions(self) -> tuple[Version, ...]:
         """Return the versions that are kept, oldest first; raise `InputError` if damaged."""
@@ -269,7 +274,7 @@ class OnlineTrainer:
         if Path(trainer.job.base) != self._weights_of(self.store.read(), self._running).resolve():
             self._tell("nothing is changed: another version was chosen in the meantime")
             return
-        predictor = self._load(trainer.folder / "attention-lstm.onnx")
+        predictor = self._load(trainer.folder / WEIGHTS)
         version = self.store.add(
             content,
             card,

@@ -35,7 +35,7 @@ Views = Mapping[int, Poses2D]
 
 MIN_VIEWS = 2
 CHUNK_SLOTS = 50  # a task: seconds of work, so that workers are busy to the end
-MAX_COMBINATIONS = 1000
+FOLLOWING = 0.1  # share of the work, roughly
 ALL_VIEWS = FusionSettings(reject_outliers=True)
 SOME_VIEWS = FusionSettings(refine_steps=0)  # the paper's DLT, as it runs in the loop
 
@@ -112,7 +112,10 @@ def estimated_clips(
         workers: who does it; the result does not depend on them.
         progress: called with the share that is done.
     """
-    people = [each for stretch in stretches for each in follow(recording, *stretch, settings)]
+    people = []
+    for done, stretch in enumerate(stretches, start=1):
+        people += follow(recording, *stretch, settings)
+        progress(FOLLOWING * done / len(stretches))
     chunks = [
         _chunk(recording, people, first, min(first + CHUNK_SLOTS, stop))
         for start, stop in stretches
@@ -127,7 +130,7 @@ def estimated_clips(
         for slot, (rows, _) in enumerate(chunk.people, start=chunk.first_slot):
             for row, error in zip(rows.tolist(), found[slot - chunk.first_slot], strict=True):
                 errors[row][slot - people[row].first_slot] = error
-        progress(done / len(chunks))
+        progress(FOLLOWING + (1 - FOLLOWING) * done / len(chunks))
     columns = common_columns(recording.skeleton)
     clips = []
     for number, (person, error) in enumerate(zip(people, errors, strict=True)):

@@ -41,7 +41,7 @@ class Workers:
     def __post_init__(self) -> None:
         if self.jobs != -1 and not 1 <= self.jobs <= MAX_JOBS:
             raise InputError(
-                f"jobs: found {self.jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores"
+                f"--jobs: found {self.jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores"
             )
 
     def run(

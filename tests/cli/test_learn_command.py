@@ -1,0 +1,79 @@
+"""`e3pose learn`: runs without torch, lists versions, goes back."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from e3pose.cli.learning import learn_replay, list_versions, rollback
+from e3pose.errors import InputError
+from e3pose.learning.versions import Version, VersionStore
+from e3pose.recording import save_recording
+from e3pose.simulate import SceneSettings, simulate
+
+
+def filled(folder: Path) -> Path:
+    store = VersionStore(folder / "versions")
+    for number in (1, 2):
+        version = Version(0, number - 1, 1.8e9, "", (1, 5), (0.011, 0.022), (0.0333, 0.0444), 300)
+        store.add(f"weights {number}".encode(), "# Card\n", version)
+    return folder
+
+
+def shown(text: str) -> dict[str, str]:
+    """Return the rows of the table by version."""
+    rows = [line.split() for line in text.splitlines()[1:]]
+    return {row[1] if row[0] == "*" else row[0]: " ".join(row) for row in rows if row}
+
+
+def test_versions_are_listed_with_their_figures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    list_versions(filled(tmp_path))
+    rows = shown(capsys.readouterr().out)
+    assert set(rows) == {"0", "1", "2"}
+    assert rows["2"].startswith("* 2 1 2027-") and "5: 44.4 22.0" in rows["2"]
+    assert not rows["1"].startswith("*")
+
+
+def test_one_goes_back_by_one_or_to_a_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rollback(filled(tmp_path))
+    assert "version 1 is current" in capsys.readouterr().out
+    rollback(tmp_path, to=0)
+    rollback(tmp_path, to=2)
+    assert VersionStore(tmp_path / "versions").read().current == 2
+    with pytest.raises(InputError, match="version 9"):
+        rollback(tmp_path, to=9)
+
+
+def test_a_folder_without_versions_is_named(tmp_path: Path) -> None:
+    for call in (list_versions, rollback):
+        with pytest.raises(InputError, match="found no versions there"):
+            call(tmp_path / "nothing")
+    assert not (tmp_path / "nothing").exists()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("torch") is not None, reason="torch is installed")
+def test_without_torch_the_system_runs_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = simulate(SceneSettings(people=2, seconds=6.0, fps=10.0, cameras=3), seed=4)
+    save_recording(recording, tmp_path / "recording")
+    learn_replay(
+        [tmp_path / "recording"], out=tmp_path / "out", held_back=1.0, least=2.0, minutes=0.1
+    )
+    said = capsys.readouterr().out
+    assert "60 slots with version 0" in said
+    assert "torch is not installed" in said and "pip install 'e3pose[train]'" in said
+
+
+def test_recordings_must_fit_together(tmp_path: Path) -> None:
+    for name, fps in (("slow", 10.0), ("fast", 20.0)):
+        settings = SceneSettings(people=1, seconds=1.0, fps=fps, cameras=2)
+        save_recording(simulate(settings, seed=0), tmp_path / name)
+    with pytest.raises(InputError, match="several skeletons or rates"):
+        learn_replay([tmp_path / "slow", tmp_path / "fast"], out=tmp_path / "out")
