@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 
 from e3pose.errors import InputError
 from e3pose.predictors.base import Prediction as Prediction
@@ -13,6 +14,7 @@ from e3pose.predictors.zero_velocity import ZeroVelocity
 from e3pose.skeleton import COCO17, Skeleton
 
 FALLBACK = "constant-velocity"
+WEIGHTS_ENDING = ".onnx"  # what `e3pose train` and `e3pose learn` leave behind
 
 
 def _attention_lstm(skeleton: Skeleton) -> Predictor:
@@ -31,10 +33,19 @@ PREDICTORS: dict[str, Callable[[Skeleton], Predictor]] = {
 
 
 def make_predictor(name: str, skeleton: Skeleton = COCO17) -> Predictor:
-    """Return the predictor called `name`; raise `InputError` listing the known ones."""
+    """Return the predictor called `name`, or that of a file of weights, `.onnx`.
+
+    Raises:
+        InputError: listing the known names, or saying what is wrong with the file.
+    """
+    if name.endswith(WEIGHTS_ENDING):
+        from e3pose.predictors.attention_lstm import AttentionLstm
+
+        return AttentionLstm(skeleton, Path(name))
     if name not in PREDICTORS:
         raise InputError(
-            f"predictor {name[:40]!r} is unknown, expected one of {', '.join(PREDICTORS)}"
+            f"predictor {name[:40]!r} is unknown, expected one of {', '.join(PREDICTORS)}, or a "
+            f"file of weights that ends in {WEIGHTS_ENDING}"
         )
     return PREDICTORS[name](skeleton)
 
