@@ -49,33 +49,33 @@ def prepare(
             factors[joint, entry] = covariance[joint, entry]
             own[joint, entry] = 0.0
             across[joint, entry] = 0.0
-        _factor(factors, joint)
+        _factor(factors[joint])
         parent = parents[joint]
         if parent < 0:
-            _invert(factors, joint, room, 0)
-            _add_square(room, 0, own, joint)
+            _invert(factors[joint], room[0])
+            _add_square(room[0], own[joint])
             continue
         # Given its parent a joint is N(G x_p, S), with G the transpose of the solution here.
         for a in range(6):
             for b in range(6):
                 room[0, 6 * a + b] = shared[joint, 6 * b + a]
-        _forward(factors, parent, room, 0)
-        _backward(factors, parent, room, 0)
+        _forward(factors[parent], room[0])
+        _backward(factors[parent], room[0])
         for a in range(6):
             for b in range(a + 1):
                 total = covariance[joint, 6 * a + b]
                 for k in range(6):
                     total -= room[0, 6 * k + a] * shared[joint, 6 * b + k]
                 room[1, 6 * a + b] = total
-        _factor(room, 1)
-        _invert(room, 1, room, 2)
-        _add_square(room, 2, own, joint)
+        _factor(room[1])
+        _invert(room[1], room[2])
+        _add_square(room[2], own[joint])
         for a in range(6):
             for b in range(6):
                 across[joint, 6 * a + b] = -room[0, 6 * b + a]
-        _forward(room, 1, across, joint)
-        _add_square(across, joint, own, parent)
-        _backward(room, 1, across, joint)
+        _forward(room[1], across[joint])
+        _add_square(across[joint], own[parent])
+        _backward(room[1], across[joint])
 
 
 @kernel
@@ -90,7 +90,7 @@ def eliminate(
     for place in range(len(order) - 1, -1, -1):
         joint = order[place]
         parent = parents[joint]
-        _factor(own, joint)
+        _factor(own[joint])
         for a in range(6):
             total = pull[joint, a]
             for k in range(a):
@@ -98,7 +98,7 @@ def eliminate(
             pull[joint, a] = total * own[joint, 7 * a]
         if parent < 0:
             break
-        _forward(own, joint, across, joint)
+        _forward(own[joint], across[joint])
         for k in range(6):
             for a in range(6):
                 factor = across[joint, 6 * k + a]
@@ -132,12 +132,12 @@ def spread_out(
     for place in range(len(order)):
         joint = order[place]
         parent = parents[joint]
-        _invert(own, joint, room, 0)
+        _invert(own[joint], room[0])
         for entry in range(36):
             room[1, entry] = 0.0
-        _add_square(room, 0, room, 1)
+        _add_square(room[0], room[1])
         if parent >= 0:
-            _backward(own, joint, across, joint)
+            _backward(own[joint], across[joint])
             for a in range(6):
                 for b in range(6):
                     total = 0.0
@@ -157,60 +157,55 @@ def spread_out(
 
 
 @kernel
-def _factor(blocks: Floats, row: int) -> None:
+def _factor(block: Floats) -> None:
     """Replace the lower half of a block by its Cholesky factor."""
     for a in range(6):
         for b in range(a):
-            total = blocks[row, 6 * a + b]
+            total = block[6 * a + b]
             for k in range(b):
-                total -= blocks[row, 6 * a + k] * blocks[row, 6 * b + k]
-            blocks[row, 6 * a + b] = total * blocks[row, 7 * b]
-        total = blocks[row, 7 * a]
+                total -= block[6 * a + k] * block[6 * b + k]
+            block[6 * a + b] = total * block[7 * b]
+        total = block[7 * a]
         for k in range(a):
-            total -= blocks[row, 6 * a + k] ** 2
-        blocks[row, 7 * a] = 1.0 / math.sqrt(total)
+            total -= block[6 * a + k] ** 2
+        block[7 * a] = 1.0 / math.sqrt(total)
 
 
 @kernel
-def _forward(factors: Floats, row: int, blocks: Floats, target: int) -> None:
+def _forward(factor: Floats, block: Floats) -> None:
     """Multiply a block by L^-1 from the left."""
     for a in range(6):
         for k in range(a):
-            factor = factors[row, 6 * a + k]
             for b in range(6):
-                blocks[target, 6 * a + b] -= factor * blocks[target, 6 * k + b]
-        factor = factors[row, 7 * a]
+                block[6 * a + b] -= factor[6 * a + k] * block[6 * k + b]
         for b in range(6):
-            blocks[target, 6 * a + b] *= factor
+            block[6 * a + b] *= factor[7 * a]
 
 
 @kernel
-def _backward(factors: Floats, row: int, blocks: Floats, target: int) -> None:
+def _backward(factor: Floats, block: Floats) -> None:
     """Multiply a block by the transpose of L^-1 from the left."""
     for a in range(5, -1, -1):
         for k in range(a + 1, 6):
-            factor = factors[row, 6 * k + a]
             for b in range(6):
-                blocks[target, 6 * a + b] -= factor * blocks[target, 6 * k + b]
-        factor = factors[row, 7 * a]
+                block[6 * a + b] -= factor[6 * k + a] * block[6 * k + b]
         for b in range(6):
-            blocks[target, 6 * a + b] *= factor
+            block[6 * a + b] *= factor[7 * a]
 
 
 @kernel
-def _invert(factors: Floats, row: int, blocks: Floats, target: int) -> None:
+def _invert(factor: Floats, block: Floats) -> None:
     """Write L^-1, zeros above the diagonal included."""
     for a in range(6):
         for b in range(6):
-            blocks[target, 6 * a + b] = 1.0 if a == b else 0.0
-    _forward(factors, row, blocks, target)
+            block[6 * a + b] = 1.0 if a == b else 0.0
+    _forward(factor, block)
 
 
 @kernel
-def _add_square(blocks: Floats, row: int, sums: Floats, target: int) -> None:
-    """Add B' B to the lower half of a block."""
+def _add_square(block: Floats, total: Floats) -> None:
+    """Add B' B to the lower half of `total`."""
     for k in range(6):
         for a in range(6):
-            factor = blocks[row, 6 * k + a]
             for b in range(a + 1):
-                sums[target, 6 * a + b] += factor * blocks[row, 6 * k + b]
+                total[6 * a + b] += block[6 * k + a] * block[6 * k + b]
