@@ -13,7 +13,7 @@ from e3pose.skeleton import COCO17
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install e3pose[edge]")
 
-from e3pose.predictors.attention_lstm import SHIPPED  # noqa: E402
+from e3pose.predictors.attention_lstm import SHIPPED
 
 
 def test_a_file_of_weights_predicts_as_it_does_when_shipped(tmp_path: Path) -> None:
