@@ -19,13 +19,17 @@ from e3pose.cli.detecting import detect
 from e3pose.cli.evaluating import evaluate
 from e3pose.cli.importing import import_app
 from e3pose.cli.information import info
+from e3pose.cli.keys import keys_app
 from e3pose.cli.learning import learn_app
+from e3pose.cli.living import camera, edge, up
+from e3pose.cli.metering import power
 from e3pose.cli.models import models_app
 from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.querying import query
 from e3pose.cli.replaying import replay
 from e3pose.cli.simulating import simulate
 from e3pose.cli.training import train
+from e3pose.cli.watching import top
 from e3pose.errors import InputError
 
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -46,10 +50,16 @@ VERBS: dict[str, Callable[..., Any]] = {
     "info": info,
     "replay": replay,
     "query": query,
+    "power": power,
     "evaluate": evaluate,
     "evaluate-predictor": evaluate_predictor,
     "calibrate": calibrate_app,
     "models": models_app,
+    "edge": edge,
+    "up": up,
+    "camera": camera,
+    "keys": keys_app,
+    "top": top,
     "train": train,
     "learn": learn_app,
 }
@@ -68,6 +78,10 @@ EXTRAS = {
     "scipy": "edge",
     "sqlalchemy": "edge",
     "yaml": "edge",
+    "prometheus_client": "edge",
+    "structlog": "edge",
+    "cryptography": "edge",
+    "zenoh": "edge",
     "plotly": "report",
     "matplotlib": "report",
     "distributed": "train",

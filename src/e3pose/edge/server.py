@@ -31,6 +31,7 @@ from e3pose.edge.tally import Durations
 from e3pose.edge.turns import skip_to, with_lead
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
+from e3pose.pose import Poses2D
 from e3pose.predictors.base import Predictor
 from e3pose.store.rows import Event
 from e3pose.wire import topics
@@ -198,6 +199,7 @@ class EdgeServer:
 
     def start(self) -> None:
         """Begin to receive, and to compute slots once cameras are there."""
+        warm_up(self.pipeline)
         self.inbox.listen(self.transport)
         self.transport.be_present(topics.of_site(self.settings.site, "alive"))
         for name, body in (
@@ -492,6 +494,22 @@ class EdgeServer:
             self._stop.set()
             self.gather.wake()
             self.outbox.close()
+
+
+def warm_up(pipeline: Pipeline) -> None:
+    """Make everything that is compiled or loaded at its first use be so, before the first slot."""
+    joints = np.zeros((2, 2, pipeline.num_joints, 3))
+    pipeline.predictor.predict(joints, pipeline.interval_s, pipeline.lead_slots)
+    state = initial_state(pipeline)
+    everybody = np.ones(len(pipeline.rig), dtype=bool)
+    for _ in range(3):
+        views = {
+            camera: Poses2D(
+                np.zeros((1, pipeline.num_joints, 2)), np.ones((1, pipeline.num_joints))
+            )
+            for camera in range(len(pipeline.rig))
+        }
+        state, _record = step(pipeline, state, views, everybody)
 
 
 def _pair(values: tuple[float, ...]) -> tuple[float, float]:

@@ -52,16 +52,23 @@ class LiveFrame:
 
     Attributes:
         captured_ns: when it was taken, by the camera's clock.
+        image_size: `(width, height)` in pixels.
         look: return what is to be detected in: an RGB image `(height, width, 3)`, or whatever the
             detector of a simulated source takes. Converting waits until somebody looks.
     """
 
     captured_ns: int
+    image_size: tuple[int, int]
     look: Callable[[], Any]
 
 
 class LiveSource(Protocol):
     """Where frames come from, at their own pace."""
+
+    @property
+    def fps(self) -> float:
+        """Frames a second, about."""
+        ...
 
     def open(self) -> None:
         """Begin; raise `InputError` saying why it cannot."""
@@ -92,8 +99,6 @@ class NodeSettings:
         site: its site.
         camera_id: its name there.
         joints: that its detector finds.
-        image_size: `(width, height)` of its images.
-        fps: of its source.
         wake_s: from aggressive power-saving to the first frame.
         detector: name of the network.
         battery_wh: capacity; None on mains.
@@ -102,8 +107,6 @@ class NodeSettings:
     site: str
     camera_id: str
     joints: tuple[str, ...]
-    image_size: tuple[int, int]
-    fps: float
     wake_s: float = 0.0
     detector: str = ""
     battery_wh: float | None = None
@@ -166,6 +169,7 @@ class CameraNode:
         self._stop = threading.Event()
         self._order = threading.Event()  # set when one came: a sleeping source may have to wake
         self._lock = threading.Lock()
+        self._image_size: tuple[int, int] | None = None  # until the first frame
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
         self._threads: list[threading.Thread] = []
         self.failure: BaseException | None = None
@@ -278,11 +282,12 @@ class CameraNode:
     def _take(self, frame: LiveFrame) -> None:
         """Hand a frame on if it stands for a slot in which to look."""
         self.counted.captured += 1
+        self._image_size = frame.image_size
         schedule = self.schedule
         if schedule.times is None:
             return
         edge_ns = self.offset.offset.edge_ns(frame.captured_ns)
-        interval_ns = round(1e9 / self.settings.fps)
+        interval_ns = round(1e9 / self.source.fps)
         newest = (schedule.session, self._newest[1] if self._newest[0] == schedule.session else -1)
         slot = slot_of_frame(schedule.times, edge_ns, newest[1], interval_ns)
         if slot is None:
@@ -328,10 +333,9 @@ class CameraNode:
         site, camera_id = self.settings.site, self.settings.camera_id
         count, mode_since_ns = 0, self.clock.now_ns()
         while not self._stop.is_set():
-            if count % HELLO_EVERY == 0:
-                self.transport.publish(
-                    topics.of_camera(site, camera_id, "hello"), encode(self._hello())
-                )
+            if self._image_size is not None and count % HELLO_EVERY == 0:
+                hello = encode(self._hello(self._image_size))
+                self.transport.publish(topics.of_camera(site, camera_id, "hello"), hello)
             self._exchange()
             now_ns = self.clock.now_ns()
             self._account(now_ns - mode_since_ns)
@@ -340,7 +344,7 @@ class CameraNode:
                 self.transport.publish(
                     topics.of_camera(site, camera_id, "heartbeat"), encode(self._heartbeat())
                 )
-            count += 1
+            count += self._image_size is not None  # who it is, once it knows
             self.clock.wait(self._stop, self.clock.now_ns() + BEAT_NS)
 
     def _account(self, span_ns: int) -> None:
@@ -370,14 +374,14 @@ class CameraNode:
         )
         self.offset = take_in(self.offset, exchange)
 
-    def _hello(self) -> Hello:
+    def _hello(self, image_size: tuple[int, int]) -> Hello:
         settings = self.settings
         return Hello(
             camera_id=settings.camera_id,
             session=self.session,
             joints=settings.joints,
-            image_size=settings.image_size,
-            fps=settings.fps,
+            image_size=image_size,
+            fps=self.source.fps,
             wake_s=settings.wake_s,
             detector=settings.detector,
             software=__version__,

@@ -22,7 +22,7 @@ from typing import Any
 from e3pose.clock import Clock
 from e3pose.errors import InputError
 from e3pose.node.live import LiveFrame, LiveSource
-from e3pose.node.source import Frame, open_video
+from e3pose.node.source import FALLBACK_RATE, Frame, open_video
 from e3pose.pose import Poses2D
 from e3pose.recording import Recording
 
@@ -60,9 +60,11 @@ def make_source(name: str, camera_id: str, clock: Clock, fps: float | None) -> L
     if path.is_dir():
         return PacedSource(_images(path, fps or 25.0), clock)
     video = open_video(path)
-    return PacedSource(
-        Loop(video.num_frames / video.rate, lambda start_s: _pictures(video.frames(start_s))), clock
+    length_s = video.num_frames / video.rate
+    loop = Loop(
+        video.rate, video.image_size, length_s, lambda start_s: _pictures(video.frames(start_s))
     )
+    return PacedSource(loop, clock)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,10 +72,14 @@ class Loop:
     """Frames that begin again after their end.
 
     Attributes:
+        fps: frames a second.
+        image_size: `(width, height)` in pixels.
         length_s: of one round.
         frames: the frames from a time on, with the times since the beginning of the round.
     """
 
+    fps: float
+    image_size: tuple[int, int]
     length_s: float
     frames: Callable[[float], Iterator[tuple[float, Callable[[], Any]]]]
 
@@ -87,6 +93,11 @@ class PacedSource:
     _playing: Iterator[tuple[float, Callable[[], Any]]] | None = None
     _round_ns: int = 0
     _ahead: tuple[float, Callable[[], Any]] | None = None
+
+    @property
+    def fps(self) -> float:
+        """See `LiveSource.fps`."""
+        return self.loop.fps
 
     def open(self) -> None:
         """See `LiveSource.open`."""
@@ -111,7 +122,7 @@ class PacedSource:
             if wait_s < -READ_S:  # the machine was busy, or asleep
                 continue
             time.sleep(max(wait_s, 0.0))
-            return LiveFrame(due_ns, due[1])
+            return LiveFrame(due_ns, self.loop.image_size, due[1])
         return None
 
     def close(self) -> None:
@@ -147,7 +158,15 @@ class RecordedSource:
                 shown = Poses2D.empty(joints) if view is None else view
                 yield slot * interval_s, lambda shown=shown: shown  # type: ignore[misc]
 
-        self._source = PacedSource(Loop(self.recording.num_slots * interval_s, frames), self.clock)
+        camera = self.recording.rig.cameras[self.recording.rig.index(self.camera_id)]
+        length_s = self.recording.num_slots * interval_s
+        loop = Loop(self.recording.fps, camera.image_size, length_s, frames)
+        self._source = PacedSource(loop, self.clock)
+
+    @property
+    def fps(self) -> float:
+        """See `LiveSource.fps`."""
+        return self.recording.fps
 
     def open(self) -> None:
         """See `LiveSource.open`."""
@@ -176,6 +195,7 @@ class StreamSource:
 
     url: str
     clock: Clock
+    fps: float = FALLBACK_RATE
     _container: Any = None
     _frames: Iterator[Any] | None = None
 
@@ -187,6 +207,8 @@ class StreamSource:
         try:
             self._container = av.open(self.url, options=options, timeout=(5.0, READ_S * 2))
             self._frames = self._container.decode(video=0)
+            rate = self._container.streams.video[0].average_rate
+            self.fps = float(rate) if rate else self.fps
         except (av.FFmpegError, OSError, IndexError, ValueError) as error:
             raise InputError(f"source {_shown(self.url)}: {_reason(error)}") from None
 
@@ -206,7 +228,8 @@ class StreamSource:
             except InputError:
                 return None
             return None
-        return LiveFrame(self.clock.now_ns(), lambda: frame.to_ndarray(format="rgb24"))
+        size = (frame.width, frame.height)
+        return LiveFrame(self.clock.now_ns(), size, lambda: frame.to_ndarray(format="rgb24"))
 
     def close(self) -> None:
         """See `LiveSource.close`."""
@@ -221,7 +244,8 @@ class OpenCvSource:
 
     device: int | str
     clock: Clock
-    fps: float | None = None
+    asked_fps: float | None = None
+    fps: float = FALLBACK_RATE
     _capture: Any = None
 
     def open(self) -> None:
@@ -241,8 +265,10 @@ class OpenCvSource:
             capture = cv2.VideoCapture(self.device, cv2.CAP_V4L2)
         if not capture.isOpened():
             raise InputError(f"source {str(self.device)[:80]}: cannot be opened")
-        if self.fps:
-            capture.set(cv2.CAP_PROP_FPS, self.fps)
+        if self.asked_fps:
+            capture.set(cv2.CAP_PROP_FPS, self.asked_fps)
+        told = capture.get(cv2.CAP_PROP_FPS)
+        self.fps = told if 0 < told < 1000 else self.asked_fps or FALLBACK_RATE
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # old frames are of no use
         self._capture = capture
 
@@ -257,7 +283,8 @@ class OpenCvSource:
         found, image = self._capture.retrieve()
         if not found:
             return None
-        return LiveFrame(captured_ns, lambda: cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+        size = (image.shape[1], image.shape[0])
+        return LiveFrame(captured_ns, size, lambda: cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
 
     def close(self) -> None:
         """See `LiveSource.close`."""
@@ -280,7 +307,8 @@ def _images(folder: Path, fps: float) -> Loop:
         for index in range(round(start_s * fps + 0.499), len(paths)):
             yield index / fps, lambda path=paths[index]: _read_image(path)  # type: ignore[misc]
 
-    return Loop(len(paths) / fps, frames)
+    height, width = _read_image(paths[0]).shape[:2]
+    return Loop(fps, (width, height), len(paths) / fps, frames)
 
 
 def _read_image(path: Path) -> Any:

@@ -1,0 +1,317 @@
+"""`e3pose edge`, `camera`, `up`: a site at work."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.camera import Rig
+    from e3pose.evaluate.settings import ReplaySettings
+    from e3pose.site.config import SiteTable
+
+SHOW_EVERY_S = 10.0
+
+
+def edge(
+    site: Path,
+    /,
+    *,
+    json_logs: Annotated[bool, Parameter(negative="")] = False,
+    for_s: Annotated[float | None, Parameter(name="--for")] = None,
+) -> None:
+    """Run the edge server of a site: receive, fuse, choose cameras, tell them.
+
+    Example: `e3pose edge site.toml`
+
+    Waits until the cameras are there, closes a slot when all views are in or its deadline passes,
+    and publishes the people of every slot. Ends on Ctrl-C with a summary; started again it goes on
+    where it was. Look at it with `e3pose top site.toml`. docs/live.md has the whole story.
+
+    Parameters
+    ----------
+    site
+        The site file.
+    json_logs
+        Log one JSON object a line.
+    for_s
+        End by itself after so many seconds.
+    """
+    from contextlib import ExitStack
+
+    from e3pose.clock import WallClock
+    from e3pose.site.config import load_site
+    from e3pose.site.edge_program import edge_link, make_edge, place_of
+    from e3pose.site.logs import open_log
+    from e3pose.site.run import run_until_stopped
+    from e3pose.wire.network import open_network
+
+    table = load_site(site)
+    rig = _rig(site, table)
+    place = place_of(site, table, rig)
+    settings = loop_settings(site, table, rig)
+    link, roll = edge_link(site, table)
+    log = open_log("edge", json_logs, site=table.name)
+    clock = WallClock()
+    with ExitStack() as stack:
+        transport = open_network(
+            link, roll.cameras if roll else None, roll.viewers if roll else None
+        )
+
+        def tell(event: Any) -> None:
+            log.info(event.message, kind=event.kind, camera=event.camera_id)
+
+        server = make_edge(site, table, place, settings, transport, clock, tell, stack)
+        if table.metrics_port is not None:
+            from e3pose.site.metrics import serve_metrics
+
+            stack.callback(serve_metrics(server, table.metrics_port).shutdown)
+        stack.callback(server.stop)
+        log.info("getting ready; the very first time this compiles for a minute or two")
+        server.start()
+        log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(rig))
+        end_ns = None if for_s is None else clock.now_ns() + round(for_s * 1e9)
+        run_until_stopped(lambda: server.running() and (end_ns is None or clock.now_ns() < end_ns))
+        server.stop()
+        if server.failure is not None:
+            raise server.failure
+        _summary(server)
+
+
+def camera(
+    config: Path | None = None,
+    /,
+    *,
+    site: str | None = None,
+    name: str | None = None,
+    source: str | None = None,
+    endpoint: str | None = None,
+    keys: str | None = None,
+    detector: str | None = None,
+    model: str | None = None,
+    provider: str | None = None,
+    fps: float | None = None,
+    wake_s: float | None = None,
+    battery_wh: float | None = None,
+    meter: str | None = None,
+    profile: str | None = None,
+    insecure: Annotated[bool | None, Parameter(negative="")] = None,
+    json_logs: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Run one camera: capture, detect when told to, send keypoints.
+
+    Examples: `e3pose camera camera.toml`,
+    `e3pose camera --site lab --name cam1 --source usb:0 --endpoint tls/edge.local:7447 --keys cam1`
+
+    Images never leave the camera. It finds the edge by itself, also when that comes later or comes
+    back, and looks only in slots for which it was told to. Ends on Ctrl-C.
+
+    Parameters
+    ----------
+    config
+        A camera file; the options below take precedence.
+    site
+        Name of the site.
+    name
+        Name of the camera in the site's calibration.
+    source
+        usb:0, rtsp://..., gstreamer:PIPELINE, a video, a folder of images, recorded:RECORDING.
+    endpoint
+        Where the edge listens: tls/HOST:PORT, or tcp/HOST:PORT on the same machine.
+    keys
+        The folder that `e3pose keys add` made for this camera.
+    detector
+        Name of the network, see `e3pose models list`.
+    model
+        File of the network.
+    provider
+        Where it runs: auto, tensorrt, cuda, cpu.
+    fps
+        Frames a second to ask of the source.
+    wake_s
+        Seconds from aggressive power-saving to the first frame.
+    battery_wh
+        Capacity of the battery; without it the camera is on mains.
+    meter
+        How power is measured: auto, or model for the profile's figures.
+    profile
+        Power profile for what is not measured.
+    insecure
+        Allow plain tcp beyond this machine.
+    json_logs
+        Log one JSON object a line.
+    """
+    from e3pose.clock import WallClock
+    from e3pose.site.camera_program import camera_link, make_camera
+    from e3pose.site.config import load_node
+    from e3pose.site.logs import open_log
+    from e3pose.site.run import run_until_stopped
+    from e3pose.wire.network import open_network
+
+    given = {
+        "site": site, "camera": name, "source": source, "endpoint": endpoint, "keys": keys,
+        "detector": detector, "model": model, "provider": provider, "fps": fps, "wake_s": wake_s,
+        "battery_wh": battery_wh, "meter": meter, "profile": profile, "insecure": insecure,
+    }  # fmt: skip
+    told = {key: value for key, value in given.items() if value is not None}
+    if config is None:
+        for option, key in (("--site", "site"), ("--name", "camera"), ("--source", "source")):
+            if key not in told:
+                raise InputError(f"{option}: not found, expected it or a camera file")
+    node, folder = load_node(config, told), Path() if config is None else config.parent
+    link = camera_link(node, folder)
+    log = open_log("camera", json_logs, site=node.site, camera=node.camera)
+    clock = WallClock()
+    transport = open_network(link)
+    made = make_camera(node, folder, transport, clock, log.warning, _meter(node))
+    with made:
+        log.info("ready", source=node.source, endpoint=node.endpoint)
+        run_until_stopped(made.running)
+        counted = made.counted
+    if made.failure is not None:
+        raise made.failure
+    late = made.schedule.late
+    print(
+        f"{node.camera}: {counted.captured} frames, {counted.detected} looked at, "
+        f"{counted.sent} views sent, {late} late orders"
+    )
+
+
+def up(
+    site: Path,
+    /,
+    *,
+    logs: Path | None = None,
+    for_s: Annotated[float | None, Parameter(name="--for")] = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Start a whole site on this machine, for trying out: the edge and a process per camera.
+
+    Example: `e3pose up site.toml`
+
+    Every `[[camera]]` of the site file says with `source` what it sees. Shows what `e3pose top`
+    shows; Ctrl-C ends all.
+
+    Parameters
+    ----------
+    site
+        The site file.
+    logs
+        Folder for the output of each program; `logs` beside the site file by default.
+    for_s
+        End by itself after so many seconds.
+    quiet
+        Show nothing.
+    """
+    import time
+
+    from rich.console import Console
+    from rich.live import Live
+
+    from e3pose.site.config import load_site
+    from e3pose.site.follow import Follower, viewer_link
+    from e3pose.site.screen import screen
+    from e3pose.site.up import Program, camera_command, run_site
+    from e3pose.wire.network import open_network
+
+    table = load_site(site)
+    rig = _rig(site, table)
+    loop_settings(site, table, rig)  # what is wrong is told here, not in a log
+    folder = logs or site.parent / "logs"
+    folder.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "e3pose", "edge", str(site)]
+    programs = [Program("edge", command, folder / "edge.log")] + [
+        Program(i, camera_command(site, table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
+    ]
+    transport = open_network(viewer_link(site, table, None))
+    follower = Follower(table.name)
+    follower.listen(transport)
+    console = Console(quiet=quiet)
+    begun_s = came_s = time.monotonic()
+    end_s = None if for_s is None else begun_s + for_s
+    showing = console.is_terminal and not quiet
+    with Live(console=console, auto_refresh=False) if showing else _nothing() as live:
+
+        def stopped() -> bool:
+            nonlocal came_s
+            if follower.fresh.is_set():
+                follower.fresh.clear()
+                came_s = time.monotonic()
+            if live is not None:
+                live.update(screen(follower.status, time.monotonic() - came_s), refresh=True)
+            return end_s is not None and time.monotonic() >= end_s
+
+        try:
+            run_site(programs, stopped, console.print)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            transport.close()
+    if follower.status is not None and not showing:
+        console.print(screen(follower.status, 0.0))
+    console.print(f"ended; logs are in {folder}")
+
+
+@contextmanager
+def _nothing() -> Iterator[None]:
+    yield None
+
+
+def _meter(node: Any) -> Any:
+    """Return what fills the power fields of heartbeats: the profile's figures."""
+    from e3pose.profiles import load_profile
+
+    profile = load_profile(node.profile)
+    return lambda mode: {"power_w": profile.watts(mode), "measured": False}
+
+
+def loop_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:
+    """Return the settings of the loop that a site file asks for; its keys are those of replay."""
+    from e3pose.cli.options import EnergyOptions, LoopOptions, choice
+    from e3pose.evaluate.settings import ReplaySettings
+    from e3pose.site.config import cameras_of, options_from
+
+    table = dict(site.loop)
+    cameras = table.pop("cameras", None)
+    if "lead" in table:
+        raise InputError(f"{path}: loop: lead: expected it at the top, a number or adaptive")
+    if not (cameras is None or (isinstance(cameras, (int, float)) and cameras > 0)):
+        raise InputError(f"{path}: loop: cameras: found {cameras!r}, expected a number above 0")
+    policy = table.pop("policy", None)
+    loop = options_from(path, "loop", table, LoopOptions).settings()
+    loop["lead_slots"] = site.lead if isinstance(site.lead, int) else 1
+    energy = options_from(path, "energy", site.energy, EnergyOptions)
+    known = {i: c.battery_wh for i, c in cameras_of(path, site, rig).items() if c.battery_wh}
+    plan = energy.plan(rig.camera_ids, 1 / site.fps, known)
+    return ReplaySettings(policy=policy, **{**loop, **choice(cameras, loop, plan, len(rig))})
+
+
+def _rig(path: Path, site: SiteTable) -> Rig:
+    from e3pose.calibration import load_rig
+    from e3pose.site.config import beside
+
+    return load_rig(beside(path, site.calibration))
+
+
+def _summary(server: Any) -> None:
+    counts, status = server.counts, server.status()
+    print(
+        f"{counts.slots} slots, {counts.lost} lost, {counts.views} views; "
+        f"lead {status.lead}; a slot takes {status.step_ms[0]:.1f} ms (99 %: "
+        f"{status.step_ms[1]:.1f}), poses come {status.latency_ms[0]:.1f} ms (99 %: "
+        f"{status.latency_ms[1]:.1f}) after the last view"
+    )
+    for camera in status.cameras:
+        state = "online" if camera.online else camera.why
+        print(
+            f"  {camera.camera_id}: {state}, looked in {camera.duty:.0%} of the last minute, "
+            f"{camera.late} views late, {camera.lost} lost",
+            file=sys.stdout,
+        )

@@ -1,0 +1,1 @@
+"""A site: its configuration, and the programs that run on its machines."""

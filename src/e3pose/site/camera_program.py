@@ -1,0 +1,90 @@
+"""The program on a camera: a camera file in, a running `CameraNode` out."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from e3pose.clock import Clock
+from e3pose.keys.folder import certificates_in, check_certificates
+from e3pose.node.live import CameraNode, LiveDetector, NodeSettings
+from e3pose.node.live_source import RecordedDetector, make_source
+from e3pose.site.config import NodeTable
+from e3pose.wire.access import Link, check_link, split_endpoint
+from e3pose.wire.transport import Transport
+
+RECORDED = "recorded"
+
+
+def camera_link(node: NodeTable, folder: Path) -> Link:
+    """Return how a camera joins its site.
+
+    Args:
+        node: its configuration.
+        folder: to which its paths are relative.
+
+    Raises:
+        InputError: for an endpoint that is not safe, or certificates that cannot be used.
+    """
+    certificates = None
+    if split_endpoint(node.endpoint)[0] == "tls" and node.keys is not None:
+        certificates = certificates_in(folder / Path(node.keys).expanduser(), "camera")
+        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+    link = Link("camera", node.site, node.endpoint, certificates, insecure=node.insecure)
+    check_link(link)
+    return link
+
+
+def make_camera(
+    node: NodeTable,
+    folder: Path,
+    transport: Transport,
+    clock: Clock,
+    tell: Callable[[str], None],
+    meter: Callable[[Any], dict[str, Any]],
+) -> CameraNode:
+    """Return a camera, its network loaded and tried, not yet started.
+
+    Args:
+        node: its configuration.
+        folder: to which its paths are relative.
+        transport: how to reach the edge.
+        clock: its own.
+        tell: called with what a person should know.
+        meter: the power fields of its heartbeats.
+
+    Raises:
+        InputError: when the source or the network cannot be used.
+    """
+    name = node.source
+    kind, colon, rest = name.partition(":")
+    if kind == RECORDED and colon:
+        name = f"{RECORDED}:{folder / rest}"
+    elif "://" not in name and kind not in ("usb", "gstreamer"):
+        name = str(folder / name)
+    source = make_source(name, node.camera, clock, node.fps)
+    detector, joints = _detector(node, folder, source)
+    settings = NodeSettings(
+        site=node.site,
+        camera_id=node.camera,
+        joints=joints,
+        wake_s=node.wake_s,
+        detector=node.detector,
+        battery_wh=node.battery_wh,
+    )
+    return CameraNode(settings, source, detector, transport, clock, meter, tell)
+
+
+def _detector(node: NodeTable, folder: Path, source: Any) -> tuple[LiveDetector, tuple[str, ...]]:
+    if node.source.startswith(f"{RECORDED}:"):
+        return RecordedDetector(), source.recording.skeleton.joints
+    import numpy as np
+
+    from e3pose.detectors import make_detector
+
+    model = None if node.model is None else folder / Path(node.model).expanduser()
+    detector = make_detector(node.detector, model, node.provider)
+    detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first look is slow: now, then
+    return detector, detector.skeleton.joints

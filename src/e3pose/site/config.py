@@ -1,0 +1,293 @@
+"""The configuration of a site and of a camera: TOML files, every key known, every path relative.
+
+`docs/live.md` describes both. Keys of `[loop]` and `[energy]` are the options of `e3pose replay`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import msgspec
+
+from e3pose.bounded import read_toml
+from e3pose.camera import Rig, check_camera_id
+from e3pose.errors import InputError
+from e3pose.wire.access import split_endpoint
+from e3pose.wire.topics import check_site
+
+MAX_BYTES = 2**20
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+IdleMode = Literal["power-saving", "aggressive-power-saving"]
+
+
+class LinkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[link]`: where the edge listens.
+
+    Attributes:
+        endpoint: `tls/HOST:PORT`, or `tcp/HOST:PORT` on loopback.
+        keys: folder of `e3pose keys`, for tls.
+        upstream: routers to join, where sites share them.
+        insecure: whether plain tcp beyond this machine is allowed.
+    """
+
+    endpoint: str = DEFAULT_ENDPOINT
+    keys: str | None = None
+    upstream: tuple[str, ...] = ()
+    insecure: bool = False
+
+
+class StoreTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[store]`: where every slot is kept.
+
+    Attributes:
+        path: a file (SQLite) or the URL of a database.
+        keep: the oldest to keep, such as `30d`.
+        max_size: the most to keep, such as `20GB`.
+    """
+
+    path: str
+    keep: str | None = None
+    max_size: str | None = None
+
+
+class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[[camera]]`: one camera of the site, and for `e3pose up` what it sees.
+
+    Attributes:
+        id: its name in the calibration.
+        idle_mode: what it does in slots without an order.
+        source: see `node.live_source`.
+        detector: name of a detector; `recorded` for recorded sources.
+        model: file of the network.
+        provider: where it runs.
+        wake_s: seconds from aggressive power-saving to its first frame.
+        battery_wh: capacity; without it the camera is on mains.
+        meter: how its power is measured; see `power`.
+    """
+
+    id: str
+    idle_mode: IdleMode = "power-saving"
+    source: str | None = None
+    detector: str | None = None
+    model: str | None = None
+    provider: str = "auto"
+    wake_s: float = 0.5
+    battery_wh: float | None = None
+    meter: str = "auto"
+
+
+class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A site file.
+
+    Attributes:
+        format: `e3pose-site`.
+        version: 1.
+        name: of the site.
+        calibration: file of the rig.
+        skeleton: of the detectors.
+        fps: slots a second.
+        deadline_ms: how long after the middle of a slot its views are waited for.
+        lead: slots between an order and the slot it is for; `adaptive` follows the delays.
+        state: file that the edge goes on from after a restart; empty for none.
+        learn: folder of the online trainer; without it nothing is learned.
+        metrics_port: of Prometheus metrics on loopback; without it there are none.
+        link: see `LinkTable`.
+        store: see `StoreTable`.
+        loop: options of the loop, see `e3pose replay --help`.
+        energy: options of the energy, likewise.
+        camera: the cameras; those of the calibration that are not named here have the defaults.
+    """
+
+    format: Literal["e3pose-site"]
+    version: Literal[1]
+    name: str
+    calibration: str
+    fps: float
+    skeleton: str = "coco17"
+    deadline_ms: float = 150.0
+    lead: int | Literal["adaptive"] = "adaptive"
+    state: str = "state.npz"
+    learn: str | None = None
+    metrics_port: int | None = None
+    link: LinkTable = LinkTable()
+    store: StoreTable | None = None
+    loop: dict[str, Any] = {}
+    energy: dict[str, Any] = {}
+    camera: tuple[CameraTable, ...] = ()
+
+
+class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A camera file; the options of `e3pose camera` take precedence.
+
+    Attributes:
+        format: `e3pose-camera`.
+        version: 1.
+        site: name of the site.
+        camera: its id there.
+        source: see `node.live_source`.
+        endpoint: of the edge.
+        keys: folder that `e3pose keys add` made, for tls.
+        insecure: whether plain tcp beyond this machine is allowed.
+        detector: name of a detector.
+        model: file of the network.
+        provider: where it runs.
+        fps: frames a second to ask of the source; None for its own.
+        wake_s: seconds from aggressive power-saving to the first frame.
+        battery_wh: capacity; without it the camera is on mains.
+        meter: how its power is measured.
+        profile: power profile, for what is not measured.
+    """
+
+    format: Literal["e3pose-camera"]
+    version: Literal[1]
+    site: str
+    camera: str
+    source: str
+    endpoint: str = DEFAULT_ENDPOINT
+    keys: str | None = None
+    insecure: bool = False
+    detector: str = "movenet"
+    model: str | None = None
+    provider: str = "auto"
+    fps: float | None = None
+    wake_s: float = 0.5
+    battery_wh: float | None = None
+    meter: str = "auto"
+    profile: str = "xavier-nx"
+
+
+Table = TypeVar("Table", SiteTable, NodeTable)
+
+
+def load_site(path: Path) -> SiteTable:
+    """Return the configuration of a site.
+
+    Raises:
+        InputError: naming the file, the key, what was found and what was expected.
+    """
+    site = _converted(path, read_toml(path, MAX_BYTES), SiteTable)
+    _within(path, "fps", site.fps, 0.1, 1000)
+    _within(path, "deadline_ms", site.deadline_ms, 0, 60_000)
+    if isinstance(site.lead, int):
+        _within(path, "lead", site.lead, 1, 60)
+    if site.metrics_port is not None:
+        _within(path, "metrics_port", site.metrics_port, 1, 65535)
+    _named(path, lambda: check_site(site.name))
+    _named(path, lambda: split_endpoint(site.link.endpoint))
+    seen: set[str] = set()
+    for camera in site.camera:
+        _named(path, lambda camera=camera: check_camera_id(camera.id))
+        if camera.id in seen:
+            raise InputError(f"{path}: camera {camera.id}: found twice, expected once")
+        seen.add(camera.id)
+        _check_camera(path, camera.wake_s, camera.battery_wh)
+    return site
+
+
+def load_node(path: Path | None, options: Mapping[str, Any]) -> NodeTable:
+    """Return the configuration of a camera.
+
+    Args:
+        path: of the camera file; None for options alone.
+        options: keys of the file that take precedence over it.
+
+    Raises:
+        InputError: as `load_site`.
+    """
+    table: dict[str, Any] = {"format": "e3pose-camera", "version": 1}
+    where = Path("options") if path is None else path
+    if path is not None:
+        table = read_toml(path, MAX_BYTES)
+    node = _converted(where, {**table, **options}, NodeTable)
+    _named(where, lambda: check_site(node.site))
+    _named(where, lambda: check_camera_id(node.camera))
+    _named(where, lambda: split_endpoint(node.endpoint))
+    if node.fps is not None:
+        _within(where, "fps", node.fps, 0.1, 1000)
+    _check_camera(where, node.wake_s, node.battery_wh)
+    return node
+
+
+def cameras_of(path: Path, site: SiteTable, rig: Rig) -> dict[str, CameraTable]:
+    """Return the configuration of every camera of the rig, in its order.
+
+    Raises:
+        InputError: when the site names a camera that the calibration does not have.
+    """
+    named = {camera.id: camera for camera in site.camera}
+    for camera_id in named:
+        if camera_id not in rig.camera_ids:
+            raise InputError(
+                f"{path}: camera {camera_id}: not in the calibration, "
+                f"expected one of {', '.join(rig.camera_ids)[:300]}"
+            )
+    return {i: named.get(i) or CameraTable(i) for i in rig.camera_ids}
+
+
+def beside(path: Path, name: str) -> Path:
+    """Return the place that a name in a configuration file means: relative to the file."""
+    return path.parent / Path(name).expanduser()
+
+
+def _converted(path: Path, table: Mapping[str, Any], kind: type[Table]) -> Table:
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}: {_told(str(error), kind)}") from None
+
+
+def _told(error: str, kind: type[msgspec.Struct]) -> str:
+    """Return msgspec's message with the place first, and what is known where a key is not."""
+    what, _, place = error.partition(" - at ")
+    where = place.strip("`").removeprefix("$").lstrip(".")
+    line = f"{where}: {what}" if where else what
+    if "unknown field" in what and not where:
+        line += f", expected one of {', '.join(kind.__struct_fields__)}"
+    return line[0].lower() + line[1:]
+
+
+def _within(path: Path, key: str, value: float, low: float, high: float) -> None:
+    if not low <= value <= high:  # NaN fails too
+        raise InputError(f"{path}: {key}: found {value:g}, expected {low:g} to {high:g}")
+
+
+def _check_camera(path: Path, wake_s: float, battery_wh: float | None) -> None:
+    _within(path, "wake_s", wake_s, 0, 3600)
+    if battery_wh is not None:
+        _within(path, "battery_wh", battery_wh, 1e-3, 1e6)
+
+
+def _named(path: Path, check: Any) -> None:
+    try:
+        check()
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def options_from(path: Path, table: str, found: Mapping[str, Any], known: Any) -> Any:
+    """Return the options of a dataclass that a table of a site file sets.
+
+    Args:
+        path: of the file, for errors.
+        table: its name, for errors.
+        found: its keys, written with `_` or `-` as on the command line.
+        known: the dataclass.
+
+    Raises:
+        InputError: for an unknown key or a value of another type.
+    """
+    from dataclasses import fields
+
+    plain = {key.replace("-", "_"): value for key, value in found.items()}
+    names = [item.name for item in fields(known)]
+    for key in plain:
+        if key not in names:
+            raise InputError(
+                f"{path}: {table}: unknown key {key[:60]!r}, expected one of {', '.join(names)}"
+            )
+    try:
+        return msgspec.convert(plain, known)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}: {table}: {error}") from None

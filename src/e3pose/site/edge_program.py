@@ -1,0 +1,125 @@
+"""The program on the edge server: a site file in, a running `EdgeServer` out."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from e3pose import __version__
+from e3pose.camera import Rig
+from e3pose.clock import Clock
+from e3pose.edge.server import EdgeServer, EdgeSettings
+from e3pose.evaluate.settings import ReplaySettings, make_pipeline
+from e3pose.keys.folder import Roll, certificates_in, check_certificates, read_roll
+from e3pose.site.config import SiteTable, beside, cameras_of
+from e3pose.skeleton import Skeleton, skeleton_by_name
+from e3pose.store.rows import Event, Run
+from e3pose.wire.access import Link, check_link, split_endpoint
+from e3pose.wire.transport import Transport
+
+
+@dataclass(frozen=True, slots=True)
+class LivePlace:
+    """Where a live loop runs; see `evaluate.settings.Place`."""
+
+    rig: Rig
+    skeleton: Skeleton
+    interval_s: float
+    source: str
+
+
+def edge_link(path: Path, site: SiteTable) -> tuple[Link, Roll | None]:
+    """Return how the edge of a site joins, and who may join it.
+
+    Raises:
+        InputError: for an endpoint that is not safe, or certificates that cannot be used.
+    """
+    table, roll, certificates = site.link, None, None
+    if split_endpoint(table.endpoint)[0] == "tls" and table.keys is not None:
+        folder = beside(path, table.keys)
+        roll = read_roll(folder)
+        certificates = certificates_in(folder, "edge")
+        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+    link = Link(
+        "edge", site.name, table.endpoint, certificates, table.upstream, insecure=table.insecure
+    )
+    check_link(link)
+    return link, roll
+
+
+def place_of(path: Path, site: SiteTable, rig: Rig) -> LivePlace:
+    """Return the place that a site file describes."""
+    cameras = cameras_of(path, site, rig)
+    detectors = sorted({camera.detector for camera in cameras.values() if camera.detector})
+    return LivePlace(rig, skeleton_by_name(site.skeleton), 1 / site.fps, " ".join(detectors))
+
+
+def make_edge(
+    path: Path,
+    site: SiteTable,
+    place: LivePlace,
+    settings: ReplaySettings,
+    transport: Transport,
+    clock: Clock,
+    tell: Callable[[Event], None],
+    stack: ExitStack,
+) -> EdgeServer:
+    """Return the edge of a site, not yet started, with its store and its trainer.
+
+    Args:
+        path: of the site file.
+        site: what it says.
+        place: the cameras.
+        settings: of the loop.
+        transport: how to reach the cameras.
+        clock: the edge's.
+        tell: called with what a person should know.
+        stack: closes what is opened here.
+    """
+    cameras = cameras_of(path, site, place.rig)
+    checkpoint = beside(path, site.state) if site.state else None
+    edge_settings = EdgeSettings(
+        site=site.name,
+        joints=place.skeleton.joints,
+        deadline_s=site.deadline_ms / 1e3,
+        idle_modes=[camera.idle_mode for camera in cameras.values()],
+        adaptive_lead=site.lead == "adaptive",
+        checkpoint=checkpoint,
+    )
+    edge = EdgeServer(make_pipeline(place, settings), transport, edge_settings, clock, tell=tell)
+    if site.store is not None:
+        from e3pose.store import Retention, StoreWriter, WriterSettings, parse_age, parse_size
+
+        times = edge.times
+        run = Run(
+            site=site.name,
+            name=site.name,
+            # A state that goes on belongs to the run that it came from.
+            started_ns=clock.now_ns() if times is None else times.origin_ns,
+            interval_s=place.interval_s,
+            skeleton=place.skeleton.name,
+            joints=place.skeleton.joints,
+            cameras=place.rig.camera_ids,
+            software=f"e3pose {__version__}",
+        )
+        retention = Retention(
+            max_age_s=None if site.store.keep is None else parse_age(site.store.keep),
+            max_bytes=None if site.store.max_size is None else parse_size(site.store.max_size),
+        )
+        place_of_store = site.store.path
+        store = place_of_store if "://" in place_of_store else beside(path, place_of_store)
+        edge.sink = stack.enter_context(
+            StoreWriter(store, run, WriterSettings(retention=retention), tell=tell)
+        )
+    if site.learn is not None:
+        from e3pose.learning import LearningSettings, OnlineTrainer
+
+        trainer = OnlineTrainer(
+            beside(path, site.learn), place.skeleton, LearningSettings(place.interval_s), clock
+        )
+        stack.callback(trainer.close)
+        edge.learner = trainer
+    return edge

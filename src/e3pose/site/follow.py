@@ -1,0 +1,93 @@
+"""Follow a running site from outside: the status and the poses that its edge publishes."""
+
+from __future__ import annotations
+
+import datetime
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from e3pose.errors import InputError
+from e3pose.keys.folder import certificates_in, check_certificates
+from e3pose.site.config import SiteTable, beside
+from e3pose.wire import topics
+from e3pose.wire.access import Link, split_endpoint
+from e3pose.wire.codec import decode
+from e3pose.wire.messages import Poses, Status
+from e3pose.wire.transport import Transport
+
+ANY_HOST = ("0.0.0.0", "[::]", "*")
+
+
+@dataclass(eq=False)
+class Follower:
+    """Keeps the newest status and poses of a site.
+
+    Attributes:
+        site: its name.
+        status: the newest; None before the first.
+        poses: the newest; None before the first.
+        problem: what was wrong with the newest message that made no sense.
+    """
+
+    site: str
+    status: Status | None = None
+    poses: Poses | None = None
+    problem: str = ""
+    fresh: threading.Event = field(default_factory=threading.Event)
+
+    def listen(self, transport: Transport, on_poses: Callable[[Poses], None] | None = None) -> None:
+        """Follow from now on; `on_poses` is called on a thread of the transport."""
+
+        def take_status(_topic: str, payload: bytes) -> None:
+            try:
+                self.status = decode(payload, Status, "edge")
+            except InputError as error:
+                self.problem = str(error)
+            self.fresh.set()
+
+        def take_poses(_topic: str, payload: bytes) -> None:
+            try:
+                self.poses = decode(payload, Poses, "edge")
+            except InputError as error:
+                self.problem = str(error)
+                return
+            if on_poses is not None:
+                on_poses(self.poses)
+
+        transport.subscribe(topics.of_site(self.site, "status"), take_status)
+        transport.subscribe(topics.of_site(self.site, "poses"), take_poses)
+
+
+def viewer_link(path: Path, site: SiteTable, viewer: Path | None) -> Link:
+    """Return how a program that only looks joins a site.
+
+    Args:
+        path: of the site file.
+        site: what it says.
+        viewer: folder that `e3pose keys add NAME --viewer` made; on the edge server itself, its own
+            certificate serves by default.
+
+    Raises:
+        InputError: for certificates that cannot be used.
+    """
+    protocol, host, port = split_endpoint(site.link.endpoint)
+    # Where the edge listens everywhere, it is reached here.
+    endpoint = f"{protocol}/{'localhost' if host in ANY_HOST else host}:{port}"
+    certificates = None
+    if protocol == "tls":
+        if viewer is None:
+            folder = beside(path, site.link.keys or "keys")
+            found = sorted((folder / "viewers").glob("*/viewer.pem"))
+            if not found:
+                raise InputError(
+                    f"{folder}: found no viewer's certificate, expected one: "
+                    f"e3pose keys add NAME --viewer --keys {folder}"
+                )
+            viewer = found[0].parent
+        certificates = certificates_in(viewer, "viewer")
+        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+        if host == "127.0.0.1":
+            endpoint = f"tls/localhost:{port}"
+    return Link("viewer", site.name, endpoint, certificates, insecure=site.link.insecure)

@@ -1,0 +1,33 @@
+"""Structured logs: a line a person can read on a terminal, JSON for machines."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import structlog
+
+
+def open_log(program: str, as_json: bool, **about: Any) -> Any:
+    """Return a logger that writes to standard error.
+
+    Args:
+        program: which one logs.
+        as_json: one JSON object a line, instead of text.
+        about: said with every line.
+    """
+    renderer: Any = (
+        structlog.processors.JSONRenderer()
+        if as_json
+        else structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty(), pad_event_to=0)
+    )
+    structlog.configure(
+        processors=[
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            renderer,
+        ],
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        cache_logger_on_first_use=True,
+    )
+    return structlog.get_logger().bind(program=program, **about)

@@ -1,0 +1,107 @@
+"""What `e3pose top` shows: a status as a table, in plain colours."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from e3pose.wire.messages import CameraStatus, Status
+
+MODES = {
+    "active": ("active", "green"),
+    "power-saving": ("saving", "cyan"),
+    "aggressive-power-saving": ("asleep", "blue"),
+}
+BAR = 10
+LOW_BATTERY = 0.2
+EVENTS = 8
+
+
+def screen(status: Status | None, stale_s: float) -> RenderableType:
+    """Return the picture of a site.
+
+    Args:
+        status: the newest; None before the first.
+        stale_s: seconds since it came.
+    """
+    if status is None:
+        return Text("waiting for the edge ... (Ctrl-C ends)", style="yellow")
+    lines: list[RenderableType] = [_head(status, stale_s), _cameras(status)]
+    if status.events:
+        lines.append(Text("\n".join(("newest events:", *status.events[-EVENTS:])), style="dim"))
+    return Group(*lines)
+
+
+def _head(status: Status, stale_s: float) -> Text:
+    online = sum(camera.online for camera in status.cameras)
+    head = Text()
+    head.append(f"{status.site}  ", style="bold")
+    if stale_s > 3:
+        head.append(f"no news for {stale_s:.0f} s  ", style="bold red")
+    style = "green" if online == len(status.cameras) else "yellow" if online else "red"
+    head.append(f"{online}/{len(status.cameras)} cameras", style=style)
+    head.append(f"  {status.people} people", style="bold")
+    if status.expected_error_mm is not None:
+        head.append(f" within {status.expected_error_mm:.0f} mm")
+    head.append(
+        f"\nslot {status.slot}  {status.fps:.1f} a second  lead {status.lead}  "
+        f"step {status.step_ms[0]:.1f} ms (99 %: {status.step_ms[1]:.1f})  "
+        f"latency {status.latency_ms[0]:.1f} ms (99 %: {status.latency_ms[1]:.1f})  "
+        f"up {_duration(status.uptime_s)}"
+    )
+    if status.slots_lost:
+        head.append(f"  {status.slots_lost} slots lost", style="red")
+    watts = [camera.power_w for camera in status.cameras if camera.power_w is not None]
+    if watts:
+        head.append(f"\n{sum(watts):.1f} W in all cameras")
+    return head
+
+
+def _cameras(status: Status) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("camera", "mode", "duty", "watts", "battery", "deficit"):
+        table.add_column(name, justify="left" if name in ("camera", "mode") else "right")
+    for name in ("seen", "late", "lost", "clock ms"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    for camera in status.cameras:
+        table.add_row(*_row(camera))
+    return table
+
+
+def _row(camera: CameraStatus) -> list[Text]:
+    if camera.online:
+        word, style = MODES.get(camera.mode or "", ("?", ""))
+        mode = Text(word, style=style)
+    else:
+        mode = Text("offline", style="red")
+    watts = "" if camera.power_w is None else f"{camera.power_w:.1f}"
+    if watts and not camera.measured:
+        watts = f"~{watts}"  # a model says so
+    battery = Text("mains" if camera.battery is None else "")
+    if camera.battery is not None:
+        full = round(camera.battery * BAR)
+        style = "red" if camera.battery < LOW_BATTERY else "green"
+        battery = Text("|" * full + "." * (BAR - full), style=style)
+        battery.append(f" {camera.battery:4.0%}", style="")
+    seen = "never" if camera.last_seen_s is None else f"{camera.last_seen_s:.1f} s"
+    return [
+        Text(camera.camera_id, style="bold"),
+        mode,
+        Text(f"{camera.duty:.0%}"),
+        Text(watts),
+        battery,
+        Text(f"{camera.deficit:.1f}"),
+        Text(seen),
+        Text(str(camera.late), style="yellow" if camera.late else ""),
+        Text(str(camera.lost), style="yellow" if camera.lost else ""),
+        Text(f"{camera.clock_offset_ms:+.1f}"),
+        Text(camera.why, style="red"),
+    ]
+
+
+def _duration(seconds: float) -> str:
+    minutes, left = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{left:02}"

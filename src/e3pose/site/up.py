@@ -1,0 +1,148 @@
+"""Start a whole site on one machine: the edge, and a process per camera that has a source."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+from e3pose.site.config import SiteTable, beside, cameras_of
+from e3pose.site.follow import ANY_HOST
+from e3pose.wire.access import split_endpoint
+
+END_S = 8.0  # to end cleanly, before it is killed
+RESTART_S = 2.0
+
+
+def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
+    """Return the command line of a camera of a site, run on this machine.
+
+    Raises:
+        InputError: when the site file does not say what the camera sees.
+    """
+    camera = cameras_of(path, site, rig)[camera_id]
+    if camera.source is None:
+        raise InputError(
+            f"{path}: camera {camera_id}: source: not found, expected what it sees, "
+            "such as a video or recorded:RECORDING"
+        )
+    protocol, host, port = split_endpoint(site.link.endpoint)
+    host = "localhost" if host in ANY_HOST or protocol == "tls" else host
+    kind, colon, rest = camera.source.partition(":")
+    source = camera.source
+    if kind == "recorded" and colon:
+        source = f"recorded:{beside(path, rest)}"
+    elif "://" not in source and kind not in ("usb", "gstreamer"):
+        source = str(beside(path, source))
+    command = [
+        sys.executable, "-m", "e3pose", "camera",
+        "--site", site.name, "--name", camera_id, "--source", source,
+        "--endpoint", f"{protocol}/{host}:{port}", "--wake-s", str(camera.wake_s),
+        "--provider", camera.provider, "--meter", camera.meter,
+    ]  # fmt: skip
+    if protocol == "tls":
+        keys = beside(path, site.link.keys or "keys") / "cameras" / camera_id
+        command += ["--keys", str(keys)]
+    for option, value in (
+        ("--detector", camera.detector),
+        ("--model", None if camera.model is None else str(beside(path, camera.model))),
+        ("--battery-wh", camera.battery_wh),
+    ):
+        if value is not None:
+            command += [option, str(value)]
+    if site.link.insecure:
+        command.append("--insecure")
+    return command
+
+
+@dataclass(eq=False)
+class Program:
+    """One process of the site, started again when it ends by itself.
+
+    Attributes:
+        name: what to call it.
+        command: how to start it.
+        log: where its output goes.
+        restarts: how often it was started again.
+    """
+
+    name: str
+    command: Sequence[str]
+    log: Path
+    restarts: int = 0
+    process: subprocess.Popen[bytes] | None = None
+    _due_s: float = field(default=0.0)
+
+    def start(self) -> None:
+        """Start it; its output is appended to its log."""
+        with self.log.open("ab") as output:
+            # Its own group: a Ctrl-C on the terminal is for us, who end everybody in order.
+            self.process = subprocess.Popen(
+                self.command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            )
+
+    def ended(self) -> int | None:
+        """Return how it ended; None while it runs."""
+        return None if self.process is None else self.process.poll()
+
+
+def run_site(
+    programs: Sequence[Program], stopped: Callable[[], bool], tell: Callable[[str], None]
+) -> None:
+    """Run programs until stopped; one that ends by itself is started again, or told of.
+
+    Args:
+        programs: the edge first.
+        stopped: whether to end.
+        tell: called with what a person should know.
+
+    Raises:
+        InputError: when a program refuses its input: that does not get better by itself.
+    """
+    for program in programs:
+        program.start()
+    try:
+        while not stopped():
+            for program in programs:
+                code = program.ended()
+                if code is None:
+                    continue
+                if code == 2:
+                    raise InputError(f"{program.name}: {_last_line(program.log)}")
+                if program._due_s == 0.0:
+                    program._due_s = time.monotonic() + RESTART_S
+                    tell(f"{program.name} ended with code {code}; started again in {RESTART_S:g} s")
+                elif time.monotonic() >= program._due_s:
+                    program.restarts, program._due_s = program.restarts + 1, 0.0
+                    program.start()
+            time.sleep(0.1)
+    finally:
+        end(programs)
+
+
+def end(programs: Sequence[Program]) -> None:
+    """End programs politely, cameras before the edge, and kill what does not listen."""
+    for group in (programs[1:], programs[:1]):
+        for program in group:
+            if program.process is not None and program.process.poll() is None:
+                program.process.send_signal(signal.SIGINT)
+        deadline_s = time.monotonic() + END_S
+        for program in group:
+            if program.process is None:
+                continue
+            try:
+                program.process.wait(max(0.1, deadline_s - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                program.process.kill()
+                program.process.wait()
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_text(errors="replace").strip().splitlines()
+    return lines[-1][:500] if lines else "ended without a word"
