@@ -236,6 +236,7 @@ def up(
     console = Console(quiet=quiet)
     begun_s = came_s = time.monotonic()
     end_s = None if for_s is None else begun_s + for_s
+    shown: list[Any] = [None]
     showing = console.is_terminal and not quiet
     with Live(console=console, auto_refresh=False) if showing else _nothing() as live:
 
@@ -244,6 +245,8 @@ def up(
             if follower.fresh.is_set():
                 follower.fresh.clear()
                 came_s = time.monotonic()
+                shown.append(follower.status)
+                del shown[:-1]  # the last of a site at work, not of one that is ending
             if live is not None:
                 live.update(screen(follower.status, time.monotonic() - came_s), refresh=True)
             return end_s is not None and time.monotonic() >= end_s
@@ -254,8 +257,8 @@ def up(
             pass
         finally:
             transport.close()
-    if follower.status is not None and not showing:
-        console.print(screen(follower.status, 0.0))
+    if shown[-1] is not None and not showing:
+        console.print(screen(shown[-1], 0.0))
     console.print(f"ended; logs are in {folder}")
 
 

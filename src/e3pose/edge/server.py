@@ -184,6 +184,7 @@ class EdgeServer:
         self._selected: deque[NDArray[np.bool_]] = deque(
             maxlen=round(MINUTE_S / pipeline.interval_s)
         )
+        self._first_ns: int | None = None  # when the first slot was computed
         self._sent_ns: dict[int, int] = {}  # slot to when its orders went out
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -262,10 +263,11 @@ class EdgeServer:
         reasons = record.reasons if record else None
         error_m = reasons.error_m if reasons else None
         uptime_s = (now_ns - self.started_ns) / 1e9
+        slots_s = max((now_ns - (self._first_ns or now_ns)) / 1e9, 1e-3)
         return Status(
             site=self.settings.site,
             slot=self.state.slot - 1 if record else 0,
-            fps=self.counts.slots / max(uptime_s, 1e-3),
+            fps=min(self.counts.slots / slots_s, 2 / self.pipeline.interval_s),
             lead=self.lead.slots,
             people=len(record.track_ids) if record else 0,
             cameras=cameras,
@@ -346,6 +348,7 @@ class EdgeServer:
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
+        self._first_ns = self._first_ns or begun_ns
         online = self.inbox.online()
         told = self._told_in_time(times, slot)
         wanted = told & online

@@ -60,11 +60,21 @@ def _head(status: Status, stale_s: float) -> Text:
 
 def _cameras(status: Status) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("camera", "mode", "duty", "watts", "battery", "deficit"):
-        table.add_column(name, justify="left" if name in ("camera", "mode") else "right")
-    for name in ("seen", "late", "lost", "clock ms"):
-        table.add_column(name, justify="right")
-    table.add_column("")
+    for name in (
+        "camera",
+        "mode",
+        "duty",
+        "W",
+        "battery",
+        "owes",
+        "seen",
+        "late",
+        "lost",
+        "ms off",
+    ):
+        left = name in ("camera", "mode")
+        table.add_column(name, justify="left" if left else "right", no_wrap=True)
+    table.add_column("", no_wrap=False)
     for camera in status.cameras:
         table.add_row(*_row(camera))
     return table
@@ -79,7 +89,7 @@ def _row(camera: CameraStatus) -> list[Text]:
     watts = "" if camera.power_w is None else f"{camera.power_w:.1f}"
     if watts and not camera.measured:
         watts = f"~{watts}"  # a model says so
-    battery = Text("mains" if camera.battery is None else "")
+    battery = Text("")
     if camera.battery is not None:
         full = round(camera.battery * BAR)
         style = "red" if camera.battery < LOW_BATTERY else "green"
@@ -96,7 +106,7 @@ def _row(camera: CameraStatus) -> list[Text]:
         Text(seen),
         Text(str(camera.late), style="yellow" if camera.late else ""),
         Text(str(camera.lost), style="yellow" if camera.lost else ""),
-        Text(f"{camera.clock_offset_ms:+.1f}"),
+        Text("" if camera.last_seen_s is None else f"{camera.clock_offset_ms:+.1f}"),
         Text(camera.why, style="red"),
     ]
 
