@@ -1,0 +1,110 @@
+"""`e3pose power`: what this machine can say of its own power."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from e3pose.power import Charge, Reading
+
+LEAST_S, MOST_S = 0.1, 60.0
+
+
+def power(
+    *,
+    watch: Annotated[bool, Parameter(negative="")] = False,
+    seconds: float = 1.0,
+    profile: str = "generic",
+    json: Annotated[bool, Parameter(negative="")] = False,
+    root: Annotated[Path, Parameter(show=False)] = Path("/"),
+) -> None:
+    """Say what this machine draws, supply by supply, and whether that is measured or modelled.
+
+    Example: `e3pose power --watch`
+
+    Looks for the power sensors of NVIDIA Jetson boards, a battery's gauge, and the energy counters
+    of Intel and AMD processors, in this order. Where there is none, the profile is shown.
+
+    Parameters
+    ----------
+    watch
+        Go on until Ctrl-C.
+    seconds
+        How long to measure, 0.1 to 60.
+    profile
+        What is shown where nothing can be measured: xavier-nx, tx2, generic, or a TOML file.
+    json
+        Print JSON in the place of a table; with --watch one line each time.
+    """
+    from rich.console import Console
+    from rich.live import Live
+
+    from e3pose.power import MeterError, choose_meter, read_charge
+    from e3pose.profiles import load_profile
+
+    if not LEAST_S <= seconds <= MOST_S:
+        raise InputError(f"--seconds: found {seconds:g}, expected {LEAST_S:g} to {MOST_S:g}")
+    if not root.is_dir():
+        raise InputError(f"--root: found no folder {root}, expected one")
+    meter = choose_meter(load_profile(profile), root)
+
+    def look() -> tuple[Reading, Charge | None]:
+        time.sleep(seconds)
+        reading = meter.read("active")
+        try:
+            return reading, read_charge(root)
+        except MeterError:
+            return reading, None
+
+    # A pipe gets whole lines; only a terminal has a width to fold to.
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 200)
+    if json:
+        while True:
+            _print_json(*look())
+            if not watch:
+                return
+    if not watch:
+        console.print(_table(*look()))
+        return
+    with Live(_table(*look()), console=console, auto_refresh=False) as live:
+        while True:
+            live.update(_table(*look()), refresh=True)
+
+
+def _table(reading: Reading, charge: Charge | None) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("supply")
+    table.add_column("W", justify="right")
+    table.add_column("")
+    for rail in reading.rails:
+        table.add_row(
+            Text(rail.name), f"{rail.watts:.3f}", "" if rail.counted else "part of others"
+        )
+    style = "green" if reading.measured else "yellow"
+    table.add_row("device", f"{reading.watts:.3f}", Text(reading.how, style=style))
+    if charge is not None:
+        share = "" if charge.share is None else f", {charge.share:.0%}"
+        flow = f", {charge.charging_w:.2f} W in" if charge.charging_w else ""
+        table.add_row(
+            "battery", "", f"{charge.energy_j / 3600:.2f} Wh{share}, {charge.status}{flow}"
+        )
+    return table
+
+
+def _print_json(reading: Reading, charge: Charge | None) -> None:
+    import msgspec
+
+    content: dict[str, Any] = {"reading": reading, "charge": charge}
+    print(msgspec.json.encode(content).decode(), flush=True)

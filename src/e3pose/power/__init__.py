@@ -1,0 +1,33 @@
+"""Power: what a camera draws, what a slot of it costs, and what it may spend.
+
+`choose_meter` finds what this machine can measure, `PowerSampler` adds it up, `learn` says what an
+active slot costs, `allowance_j` what it may cost.
+"""
+
+from e3pose.power.base import Meter, MeterError, Rail, Reading
+from e3pose.power.battery import Charge, read_charge
+from e3pose.power.budgets import Budget, Supply, allowance_j, parse_budget, slot_shares
+from e3pose.power.choose import choose_meter
+from e3pose.power.learned import LearnedCost, SlotCost, learn, slot_cost, unlearned
+from e3pose.power.sampler import PowerSampler
+
+__all__ = [
+    "Budget",
+    "Charge",
+    "LearnedCost",
+    "Meter",
+    "MeterError",
+    "PowerSampler",
+    "Rail",
+    "Reading",
+    "SlotCost",
+    "Supply",
+    "allowance_j",
+    "choose_meter",
+    "learn",
+    "parse_budget",
+    "read_charge",
+    "slot_cost",
+    "slot_shares",
+    "unlearned",
+]

@@ -1,0 +1,140 @@
+"""A thread that reads the meter often and adds up the energy, for a camera's heartbeat."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from e3pose.power.base import Meter, MeterError, Reading
+from e3pose.power.battery import Charge, read_charge
+from e3pose.profiles import Mode
+
+PERIOD_S = 0.1  # a camera changes its mode with the slots: what is read seldom misses that
+CHARGE_PERIOD_S = 2.0  # gauges say something new every few seconds
+MAX_GAP_S = 5.0  # a longer one is a machine that slept, and drew nothing that we know of
+
+
+@dataclass(frozen=True, slots=True)
+class Total:
+    """Energy so far.
+
+    Attributes:
+        energy_j: since the start.
+        span_s: time that it covers.
+        watts: of the newest reading.
+        measured: whether all of it since the last `restart_span` was measured.
+        how: of the newest reading.
+        time_s: of the newest reading; None before the first.
+    """
+
+    energy_j: float = 0.0
+    span_s: float = 0.0
+    watts: float = 0.0
+    measured: bool = True
+    how: str = ""
+    time_s: float | None = None
+
+
+def add_reading(total: Total, reading: Reading, time_s: float) -> Total:
+    """Add what was drawn since the reading before: counted, or the mean of both ends' watts."""
+    gap_s = 0.0 if total.time_s is None else time_s - total.time_s
+    gap_s = gap_s if 0 < gap_s <= MAX_GAP_S else 0.0
+    if reading.energy_j is not None:
+        spent_j = reading.energy_j if gap_s else 0.0
+    else:
+        spent_j = 0.5 * (total.watts + reading.watts) * gap_s
+    return Total(
+        energy_j=total.energy_j + spent_j,
+        span_s=total.span_s + gap_s,
+        watts=reading.watts,
+        measured=total.measured and reading.measured,
+        how=reading.how,
+        time_s=time_s,
+    )
+
+
+class PowerSampler:
+    """Adds up what the device draws. Call it for the power fields of a heartbeat."""
+
+    def __init__(
+        self,
+        meter: Meter,
+        mode: Callable[[], Mode] = lambda: "active",
+        root: Path = Path("/"),
+        capacity_wh: float | None = None,
+        clock_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Take a meter that never fails, such as that of `choose_meter`; starts with `with`.
+
+        Args:
+            meter: what is read.
+            mode: what the camera does now, for meters that are models.
+            root: above `sys`, for the battery.
+            capacity_wh: of the battery, for gauges that only know a percentage.
+            clock_s: seconds.
+        """
+        self.mode = mode
+        self._meter, self._root, self._capacity_wh = meter, root, capacity_wh
+        self._clock_s = clock_s
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._total = Total()
+        self._charge: Charge | None = None
+        self._charge_s = -CHARGE_PERIOD_S
+        self._thread = threading.Thread(target=self._work, name="power", daemon=True)
+
+    def __enter__(self) -> PowerSampler:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._thread.join(2.0)
+
+    def sample(self) -> Total:
+        """Read the meter once and add it up."""
+        with self._lock:
+            time_s = self._clock_s()
+            try:
+                reading = self._meter.read(self.mode())
+            except MeterError:  # a meter without a model behind it
+                return self._total
+            self._total = add_reading(self._total, reading, time_s)
+            if time_s - self._charge_s >= CHARGE_PERIOD_S:
+                self._charge_s = time_s
+                try:
+                    self._charge = read_charge(self._root, self._capacity_wh)
+                except MeterError:
+                    self._charge = None
+            return self._total
+
+    def __call__(self, _mode: Mode | None = None) -> dict[str, Any]:
+        """Return `power_w`, `energy_j`, `measured`, `battery_j`, `charging_w` of a heartbeat.
+
+        `measured` is of the time since it was asked for the last time.
+        """
+        total = self.sample()
+        with self._lock:
+            charge = self._charge
+            self._total = replace(self._total, measured=True)
+        return {
+            "power_w": total.watts,
+            "energy_j": total.energy_j,
+            "measured": total.measured and total.time_s is not None,
+            "battery_j": None if charge is None else charge.energy_j,
+            "charging_w": 0.0 if charge is None else charge.charging_w,
+        }
+
+    def _work(self) -> None:
+        while not self._stop.wait(PERIOD_S):
+            self.sample()
