@@ -70,3 +70,8 @@ def camera_status(
         lost=lost,
         clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
     )
+
+
+def one_line(text: str) -> str:
+    """Return text as a message may carry it: printable, on one line, not endless."""
+    return "".join(char if char.isprintable() else " " for char in text)[:300]

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,102 +25,23 @@ from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lead import Lead, adapt, cautious, take_in_delay
 from e3pose.edge.outbox import Outbox
-from e3pose.edge.reports import camera_status, poses_message, sigma_m
-from e3pose.edge.tally import Durations
+from e3pose.edge.partners import Learner, Sink
+from e3pose.edge.reports import camera_status, one_line, poses_message, sigma_m
+from e3pose.edge.settings import EdgeSettings
+from e3pose.edge.tally import Counts
 from e3pose.edge.turns import skip_to, with_lead
+from e3pose.edge.warm import warm_up
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
-from e3pose.pose import Poses2D
-from e3pose.predictors.base import Predictor
 from e3pose.store.rows import Event
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
-from e3pose.wire.messages import CameraMode, Heartbeat, Order, Status
+from e3pose.wire.messages import Heartbeat, Order, Status
 from e3pose.wire.transport import Transport
 
 BACKLOG_S = 2.0  # an edge that is farther behind gives up slots instead of working them off
-MINUTE_S = 60.0
 KEEP_EVENTS = 20
 KEEPING_S = 1.0  # status, checkpoint
-
-
-class Sink(Protocol):
-    """Who keeps what happened; `store.StoreWriter` is one. Its methods return at once."""
-
-    def append(
-        self,
-        record: SlotRecord,
-        *,
-        time_ns: int | None = None,
-        sigma_m: NDArray[np.float64] | None = None,
-        energy_j: NDArray[np.float64] | None = None,
-        wait: bool = False,
-    ) -> bool:
-        """Keep a slot."""
-        ...
-
-    def event(self, event: Event) -> bool:
-        """Keep an event."""
-        ...
-
-
-class Learner(Protocol):
-    """Who improves the predictor while the edge runs; `learning.OnlineTrainer` is one."""
-
-    def collect(self, record: SlotRecord) -> None:
-        """Take in a slot."""
-        ...
-
-    def poll(self) -> Predictor | None:
-        """Return a better predictor to use from now on, if there is one."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class EdgeSettings:
-    """How an edge server runs.
-
-    Attributes:
-        site: its name, and so its topics.
-        joints: names of the skeleton's joints.
-        deadline_s: how long after the middle of a slot its views are waited for.
-        idle_modes: what each camera does in slots without an order.
-        adaptive_lead: whether the lead follows the delays; otherwise it stays.
-        checkpoint: file for the state; None keeps none.
-        start_wait_s: how long to wait for the rest once two cameras are there.
-    """
-
-    site: str
-    joints: Sequence[str]
-    deadline_s: float
-    idle_modes: Sequence[CameraMode]
-    adaptive_lead: bool = True
-    checkpoint: Path | None = None
-    start_wait_s: float = 3.0
-
-
-@dataclass(slots=True, eq=False)
-class Counts:
-    """What is counted while an edge runs.
-
-    Attributes:
-        slots: slots computed.
-        lost: slots that were given up.
-        views: views that came in time.
-        ordered: `(num_cameras,)` slots in which each camera was wanted.
-        missed: `(num_cameras,)` of those, slots for which no view came in time.
-    """
-
-    num_cameras: int
-    slots: int = 0
-    lost: int = 0
-    views: int = 0
-    ordered: NDArray[np.int64] = field(init=False)
-    missed: NDArray[np.int64] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.ordered = np.zeros(self.num_cameras, dtype=np.int64)
-        self.missed = np.zeros(self.num_cameras, dtype=np.int64)
 
 
 class EdgeServer:
@@ -157,7 +77,7 @@ class EdgeServer:
         self.session = clock.now_ns() % 2**53
         self.started_ns = clock.now_ns()
         num_cameras = len(pipeline.rig)
-        self.counts = Counts(num_cameras)
+        self.counts = Counts(num_cameras, pipeline.interval_s)
         self.gather = Gather(num_cameras)
         self.inbox = Inbox(
             settings.site,
@@ -175,16 +95,11 @@ class EdgeServer:
             self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
         else:
             self.lead = Lead(pipeline.lead_slots)
-        self.latency, self.stepping = Durations(), Durations()
         self.events: deque[Event] = deque(maxlen=KEEP_EVENTS)
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
         self._delays: deque[float] = deque(maxlen=512)
-        self._selected: deque[NDArray[np.bool_]] = deque(
-            maxlen=round(MINUTE_S / pipeline.interval_s)
-        )
-        self._first_ns: int | None = None  # when the first slot was computed
         self._sent_ns: dict[int, int] = {}  # slot to when its orders went out
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -241,44 +156,34 @@ class EdgeServer:
 
     def status(self) -> Status:
         """Return how the site is."""
-        now_ns = self.clock.now_ns()
-        record = self.newest
-        duty = np.mean(
-            list(self._selected) or [np.zeros(len(self.pipeline.rig), dtype=bool)], axis=0
-        )
+        now_ns, record, counts = self.clock.now_ns(), self.newest, self.counts
+        duty, troubles = counts.duty(), self.inbox.troubles()
         cameras = tuple(
             camera_status(
                 life,
-                why,
+                troubles[index],
                 self.state.deficit[index],
                 float(duty[index]),
                 int(self.gather.late[index]),
-                int(self.counts.missed[index]),
+                int(counts.missed[index]),
                 now_ns,
             )
-            for index, (life, why) in enumerate(
-                zip(self.inbox.roster.lives, self.inbox.troubles(), strict=True)
-            )
+            for index, life in enumerate(self.inbox.roster.lives)
         )
-        reasons = record.reasons if record else None
-        error_m = reasons.error_m if reasons else None
-        uptime_s = (now_ns - self.started_ns) / 1e9
-        slots_s = max((now_ns - (self._first_ns or now_ns)) / 1e9, 1e-3)
+        error_m = record.reasons.error_m if record and record.reasons else np.nan
         return Status(
             site=self.settings.site,
-            slot=self.state.slot - 1 if record else 0,
-            fps=min(self.counts.slots / slots_s, 2 / self.pipeline.interval_s),
+            slot=record.slot if record else 0,
+            fps=counts.fps(now_ns),
             lead=self.lead.slots,
             people=len(record.track_ids) if record else 0,
             cameras=cameras,
-            step_ms=_pair(self.stepping.quantiles_ms(0.5, 0.99)),
-            latency_ms=_pair(self.latency.quantiles_ms(0.5, 0.99)),
-            uptime_s=uptime_s,
-            events=tuple(_line(event.message) for event in self.events),
-            expected_error_mm=error_m * 1000
-            if error_m is not None and error_m == error_m
-            else None,
-            slots_lost=self.counts.lost,
+            step_ms=counts.stepping.median_and_99_ms(),
+            latency_ms=counts.latency.median_and_99_ms(),
+            uptime_s=(now_ns - self.started_ns) / 1e9,
+            events=tuple(one_line(event.message) for event in self.events),
+            expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
+            slots_lost=counts.lost,
         )
 
     # The fusion thread.
@@ -348,7 +253,7 @@ class EdgeServer:
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
-        self._first_ns = self._first_ns or begun_ns
+        self.counts.first_ns = self.counts.first_ns or begun_ns
         online = self.inbox.online()
         told = self._told_in_time(times, slot)
         wanted = told & online
@@ -364,15 +269,15 @@ class EdgeServer:
         self.outbox.put(topics.of_site(self.settings.site, "poses"), encode(message))
         self._order(times, slot + self.pipeline.lead_slots, record.next_selection)
         self.newest = record
-        self.stepping.add(done_ns - begun_ns)
+        self.counts.stepping.add(done_ns - begun_ns)
         used = [a.arrived_ns for camera, a in arrivals.items() if record.arrived[camera]]
         if used:
-            self.latency.add(self.clock.now_ns() - max(*used, times.middle_ns(slot)))
+            self.counts.latency.add(self.clock.now_ns() - max(*used, times.middle_ns(slot)))
         self.counts.slots += 1
         self.counts.views += len(used)
         self.counts.ordered += wanted
         self.counts.missed += wanted & ~record.arrived
-        self._selected.append(record.selected)
+        self.counts.selected.append(record.selected)
         if self.sink is not None:
             self.sink.append(record, time_ns=times.middle_ns(slot), sigma_m=sigma_m(record))
         self._improve(record)
@@ -469,7 +374,7 @@ class EdgeServer:
         try:
             save_checkpoint(path, made, pipeline)
         except (InputError, OSError) as error:
-            self.tell("checkpoint", f"the state cannot be kept: {_line(str(error))}")
+            self.tell("checkpoint", f"the state cannot be kept: {one_line(str(error))}")
 
     def _resume(self) -> None:
         path = self.settings.checkpoint
@@ -497,27 +402,3 @@ class EdgeServer:
             self._stop.set()
             self.gather.wake()
             self.outbox.close()
-
-
-def warm_up(pipeline: Pipeline) -> None:
-    """Make everything that is compiled or loaded at its first use be so, before the first slot."""
-    joints = np.zeros((2, 2, pipeline.num_joints, 3))
-    pipeline.predictor.predict(joints, pipeline.interval_s, pipeline.lead_slots)
-    state = initial_state(pipeline)
-    everybody = np.ones(len(pipeline.rig), dtype=bool)
-    for _ in range(3):
-        views = {
-            camera: Poses2D(
-                np.zeros((1, pipeline.num_joints, 2)), np.ones((1, pipeline.num_joints))
-            )
-            for camera in range(len(pipeline.rig))
-        }
-        state, _record = step(pipeline, state, views, everybody)
-
-
-def _pair(values: tuple[float, ...]) -> tuple[float, float]:
-    return values[0], values[1]
-
-
-def _line(text: str) -> str:
-    return "".join(char if char.isprintable() else " " for char in text)[:300]

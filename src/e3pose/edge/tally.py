@@ -1,4 +1,4 @@
-"""How long things take: the newest samples, and their quantiles."""
+"""What an edge counts, and how long things take."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 MAX_SAMPLES = 4096  # some minutes of slots
+MINUTE_S = 60.0
 
 
 @dataclass(slots=True, eq=False)
@@ -20,9 +22,56 @@ class Durations:
         """Take in one."""
         self.samples_ns.append(duration_ns)
 
-    def quantiles_ms(self, *shares: float) -> tuple[float, ...]:
-        """Return quantiles in milliseconds; 0 before the first sample."""
+    def median_and_99_ms(self) -> tuple[float, float]:
+        """Return the median and the 99th percentile in milliseconds; 0 before the first sample."""
         samples = list(self.samples_ns)  # another thread may add meanwhile
         if not samples:
-            return (0.0,) * len(shares)
-        return tuple(float(q) for q in np.quantile(samples, shares) / 1e6)
+            return 0.0, 0.0
+        median, high = np.quantile(samples, [0.5, 0.99]) / 1e6
+        return float(median), float(high)
+
+
+@dataclass(slots=True, eq=False)
+class Counts:
+    """What is counted while an edge runs.
+
+    Attributes:
+        slots: slots computed.
+        lost: slots that were given up.
+        views: views that came in time.
+        ordered: `(num_cameras,)` slots in which each camera was wanted.
+        missed: `(num_cameras,)` of those, slots for which no view came in time.
+        first_ns: when the first slot was computed.
+        latency: from the last view's arrival to the poses.
+        stepping: computing of a slot.
+        selected: who looked in the slots of the last minute.
+    """
+
+    num_cameras: int
+    interval_s: float
+    slots: int = 0
+    lost: int = 0
+    views: int = 0
+    ordered: NDArray[np.int64] = field(init=False)
+    missed: NDArray[np.int64] = field(init=False)
+    first_ns: int | None = None
+    latency: Durations = field(default_factory=Durations)
+    stepping: Durations = field(default_factory=Durations)
+    selected: deque[NDArray[np.bool_]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.ordered = np.zeros(self.num_cameras, dtype=np.int64)
+        self.missed = np.zeros(self.num_cameras, dtype=np.int64)
+        self.selected = deque(maxlen=max(1, round(MINUTE_S / self.interval_s)))
+
+    def duty(self) -> NDArray[np.float64]:
+        """Return `(num_cameras,)`: share of the last minute's slots in which each looked."""
+        looked = list(self.selected) or [np.zeros(self.num_cameras, dtype=bool)]
+        return np.asarray(np.mean(looked, axis=0))
+
+    def fps(self, now_ns: int) -> float:
+        """Return slots a second since the first."""
+        if self.first_ns is None:
+            return 0.0
+        run_s = max((now_ns - self.first_ns) / 1e9, self.interval_s)
+        return min(self.slots / run_s, 2 / self.interval_s)  # a slot is no measurement

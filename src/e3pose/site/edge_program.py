@@ -11,7 +11,8 @@ from pathlib import Path
 from e3pose import __version__
 from e3pose.camera import Rig
 from e3pose.clock import Clock
-from e3pose.edge.server import EdgeServer, EdgeSettings
+from e3pose.edge.server import EdgeServer
+from e3pose.edge.settings import EdgeSettings
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.keys.folder import Roll, certificates_in, check_certificates, read_roll
 from e3pose.site.config import SiteTable, beside, cameras_of

@@ -1,0 +1,32 @@
+"""How an edge server runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from e3pose.wire.messages import CameraMode
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeSettings:
+    """How an edge server runs.
+
+    Attributes:
+        site: its name, and so its topics.
+        joints: names of the skeleton's joints.
+        deadline_s: how long after the middle of a slot its views are waited for.
+        idle_modes: what each camera does in slots without an order.
+        adaptive_lead: whether the lead follows the delays; otherwise it stays.
+        checkpoint: file for the state; None keeps none.
+        start_wait_s: how long to wait for the rest once two cameras are there.
+    """
+
+    site: str
+    joints: Sequence[str]
+    deadline_s: float
+    idle_modes: Sequence[CameraMode]
+    adaptive_lead: bool = True
+    checkpoint: Path | None = None
+    start_wait_s: float = 3.0

@@ -1,0 +1,24 @@
+"""Make everything that is compiled or loaded at its first use be so before the first slot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from e3pose.pipeline import Pipeline, initial_state, step
+from e3pose.pose import Poses2D
+
+
+def warm_up(pipeline: Pipeline) -> None:
+    """Run a few made-up slots through the loop, and forget them."""
+    joints = np.zeros((2, 2, pipeline.num_joints, 3))
+    pipeline.predictor.predict(joints, pipeline.interval_s, pipeline.lead_slots)
+    state = initial_state(pipeline)
+    everybody = np.ones(len(pipeline.rig), dtype=bool)
+    for _ in range(3):
+        views = {
+            camera: Poses2D(
+                np.zeros((1, pipeline.num_joints, 2)), np.ones((1, pipeline.num_joints))
+            )
+            for camera in range(len(pipeline.rig))
+        }
+        state, _record = step(pipeline, state, views, everybody)
