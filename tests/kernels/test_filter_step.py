@@ -313,6 +313,17 @@ def test_views_full_of_noise_are_bounded_and_equal() -> None:
     assert len(fast.leftovers) <= MAX_LEFTOVERS
 
 
+def test_one_noisy_view_keeps_nobody_from_being_born() -> None:
+    rng = np.random.default_rng(2)
+    plain = fast = Belief.empty(MODEL)
+    for views, time_s in seen(RING, 5)[:20]:
+        crowded = {**views, 0: noise(80, rng)}
+        plain, _ = step(MODEL, plain, crowded, time_s)
+        fast, found = KERNEL(MODEL, fast, crowded, time_s)
+        assert_agree(fast, plain)
+    assert len(found) >= 3
+
+
 def test_more_tracks_than_anybody_starts_are_still_stepped() -> None:
     views, _ = seen(RING, 5)[0]
     belief, _ = step(MODEL, Belief.empty(MODEL), views, 0.0)

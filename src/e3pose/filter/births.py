@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter.existence import DELIVERED_PRIOR
-from e3pose.filter.state import Belief, Leftovers, Model
+from e3pose.filter.state import Belief, Ints, Leftovers, Model
 from e3pose.filter.update import project
 from e3pose.triangulate import triangulate
 
@@ -41,6 +41,7 @@ def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
     """
     sure = (fresh.scores > SURE_SCORE).sum(axis=1) >= MIN_JOINTS
     fresh = fresh.take(sure)
+    fresh = fresh.take(_spread(fresh))
     old = belief.leftovers.take(belief.leftovers.times_s > belief.time_s - WAIT_S)
     waiting = fresh.join(old).take(np.arange(min(MAX_LEFTOVERS, len(fresh) + len(old))))
     order = np.lexsort((waiting.scores.sum(axis=1), waiting.cameras, -waiting.times_s))
@@ -54,6 +55,18 @@ def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
         belief = _start(belief, joints_m, waiting.cameras[[a, b]], model)
     keep = np.array([i not in taken for i in range(len(waiting))], dtype=bool)
     return replace(belief, leftovers=waiting.take(keep))
+
+
+def _spread(fresh: Leftovers) -> Ints:
+    """Return the rows of at most `MAX_LEFTOVERS`, as many of each camera, the surest first."""
+    if len(fresh) <= MAX_LEFTOVERS:
+        return np.arange(len(fresh))
+    order = np.lexsort((-fresh.scores.sum(axis=1), fresh.cameras))
+    ranks = np.zeros(len(fresh), dtype=np.int64)  # among those of the same camera
+    ranks[order] = np.arange(len(fresh)) - np.searchsorted(
+        fresh.cameras[order], fresh.cameras[order]
+    )
+    return np.sort(np.lexsort((fresh.cameras, ranks))[:MAX_LEFTOVERS])
 
 
 def _pairs(

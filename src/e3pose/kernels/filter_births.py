@@ -91,17 +91,17 @@ def give_birth(
 def _collect(num_old: int, time_s: float, views: Views, waiting: Waiting) -> int:
     """Add the leftovers of this slot and put all in order; return how many there are."""
     num_joints = views.weights.shape[1]
+    _rank(views)
+    rank, room = _last_rank(views)
     row, count = num_old, 0
     for camera in range(len(views.counts)):
-        for person in range(views.counts[camera]):
-            at = views.starts[camera] + person
-            if not views.free[at] or count == MAX_LEFTOVERS:
+        for at in range(views.starts[camera], views.starts[camera] + views.counts[camera]):
+            if views.ranks[at] < 0 or views.ranks[at] > rank:
                 continue
-            sure = 0
-            for joint in range(num_joints):
-                sure += views.weights[at, joint] > SURE_SCORE
-            if sure < MIN_JOINTS:
-                continue
+            if views.ranks[at] == rank:
+                if room == 0:
+                    continue
+                room -= 1
             waiting.times_s[row] = time_s
             waiting.cameras[row] = camera
             for joint in range(num_joints):
@@ -127,6 +127,45 @@ def _collect(num_old: int, time_s: float, views: Views, waiting: Waiting) -> int
             place -= 1
         waiting.order[place] = row
     return count
+
+
+@kernel
+def _rank(views: Views) -> None:
+    """Fill `views.ranks`: how many of the same camera are surer, -1 for those that do not wait."""
+    for camera in range(len(views.counts)):
+        start, stop = views.starts[camera], views.starts[camera] + views.counts[camera]
+        for at in range(start, stop):
+            views.ranks[at] = -1
+            sure = 0
+            for joint in range(views.weights.shape[1]):
+                sure += views.weights[at, joint] > SURE_SCORE
+            if views.free[at] and sure >= MIN_JOINTS:
+                views.ranks[at] = 0
+                views.strength[at] = _sum(at, views.weights)
+                for other in range(start, at):
+                    if views.ranks[other] < 0:
+                        continue
+                    if views.strength[other] >= views.strength[at]:
+                        views.ranks[at] += 1
+                    else:
+                        views.ranks[other] += 1
+
+
+@kernel
+def _last_rank(views: Views) -> tuple[int, int]:
+    """Return the rank up to which detections may wait, and how many of that rank."""
+    rank = 0
+    room = MAX_LEFTOVERS
+    while rank < MAX_LEFTOVERS:
+        count = 0
+        for camera in range(len(views.counts)):
+            for at in range(views.starts[camera], views.starts[camera] + views.counts[camera]):
+                count += views.ranks[at] == rank
+        if count == 0 or count >= room:
+            break
+        room -= count
+        rank += 1
+    return rank, room
 
 
 @kernel

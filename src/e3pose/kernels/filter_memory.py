@@ -77,6 +77,8 @@ class Views(NamedTuple):
     starts: Integers  # (num_cameras,) the row of a camera's first detection
     cameras: Integers  # (num_rows,)
     free: Flags  # (num_rows,) no track explains it
+    strength: Floats  # (num_rows,) sum of scores
+    ranks: Integers  # (num_rows,) how many of the same camera are surer
     pixels: Floats  # (num_rows, num_joints, 2) undistorted
     weights: Floats  # (num_rows, num_joints) scores
     variances: Floats  # (num_rows, num_joints) of either coordinate, px^2
@@ -193,6 +195,8 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             starts=np.zeros(cameras, np.int64),
             cameras=np.zeros(rows, np.int64),
             free=np.zeros(rows, bool),
+            strength=np.zeros(rows),
+            ranks=np.zeros(rows, np.int64),
             pixels=np.zeros((rows, joints, 2)),
             weights=np.zeros((rows, joints)),
             variances=np.zeros((rows, joints)),
