@@ -93,6 +93,7 @@ class Reasons:
     """Why cameras were chosen for a slot.
 
     Attributes:
+        slot: the slot they were chosen for.
         gain_nats: `(num_cameras,)` information a joint that each camera adds to, or would add to,
             the others that were chosen.
         price: `(num_cameras,)` what its queue asked for.
@@ -100,6 +101,7 @@ class Reasons:
             nobody is known.
     """
 
+    slot: int
     gain_nats: Floats
     price: Floats
     error_m: float
@@ -282,7 +284,7 @@ def _reasons(situation: Situation, decision: Selection) -> Reasons | None:
     information = foresight.information(np.concatenate([decision | one, decision & ~one]))
     with_each, without_each = np.split(information, 2)
     error_m = foresight.expected_error_m(decision[None])[0]
-    return Reasons(with_each - without_each, situation.price, float(error_m))
+    return Reasons(situation.slot, with_each - without_each, situation.price, float(error_m))
 
 
 def _look(

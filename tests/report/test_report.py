@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from e3pose.camera import Camera, Rig
-from e3pose.pipeline import SlotRecord
+from e3pose.pipeline import Reasons, SlotRecord
 from e3pose.pose import Poses3D
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.report import scene as scenes
@@ -255,3 +255,34 @@ def test_truth_can_be_shown_where_there_is_some() -> None:
     assert scene(source, [record(0)])["truth"] == [[[500] * 3 * len(COCO17)]]
     assert any(a.get("id") == "truth" for _, a in page(source, [record(0)], {}).tags)
     assert not any(a.get("id") == "truth" for _, a in page(recording(1), [record(0)], {}).tags)
+
+
+def test_reasons_are_shown_at_the_slot_they_were_given_for() -> None:
+    gains = ([0.5, 0.25], [0.125, 0.75])
+    records = [
+        record(slot, reasons=Reasons(slot + 2, np.array(gain), np.array([1.0, 0.0]), 0.04))
+        for slot, gain in enumerate(gains)
+    ]
+    drawn = scene(recording(4), [*records, record(2), record(3)])
+    assert drawn["gain"] == [[None, None, 0.5, 0.125], [None, None, 0.25, 0.75]]
+    assert drawn["expected"] == [None, None, 40, 40]
+    shown = page(recording(4), [*records, record(2), record(3)], summary())
+    assert any(attributes.get("id") == "why" for _, attributes in shown.tags)
+    layout = json.loads(shown.scripts["figures"])["strips"]["layout"]
+    assert any("expected to tell" in note["text"] for note in layout["annotations"])
+    without = page(recording(1), [record(0)], summary())
+    assert not any(attributes.get("id") == "why" for _, attributes in without.tags)
+
+
+def test_joints_are_drawn_by_their_uncertainty() -> None:
+    sure = np.broadcast_to(0.01**2 * np.eye(3), (1, 17, 3, 3)).copy()
+    sure[0, 4] *= 16
+    known = record(0, [7], covariance_m2=sure, measured=np.ones((1, 17), dtype=bool))
+    ((person,),) = scene(recording(1), [known])["people"]
+    # The length of a normal vector of standard deviation 1 a axis is below 2.5003 in 90 %.
+    assert person[2][0] == 25
+    assert person[2][4] == 100
+    assert any(a.get("id") == "sure" for _, a in page(recording(1), [known], summary()).tags)
+    assert not any(
+        a.get("id") == "sure" for _, a in page(recording(1), [record(0, [7])], summary()).tags
+    )

@@ -30,6 +30,7 @@ WATCH_LIMIT_S = 5.0
 ENTRANT_NATS = 0.5  # of a second view of somebody new
 LOOK_AGAIN_S = 0.2  # with a target, some camera looks at least this often, whoever is known
 BURST_S = 2.0  # with a target, how far ahead of its budget a camera may run
+NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
 NO_BETTER = 0.05  # a target that all cameras miss: go on while they lower the error by this share
 
 
@@ -74,15 +75,20 @@ class Information:
             selections = np.zeros((len(subsets), len(allowed)), dtype=bool)
             selections[:, candidates] = subsets
             value = self.quality_weight * foresight.information(selections) + selections @ worth
-            return np.asarray(selections[int(np.argmax(np.round(value, 9)))])
+            return np.asarray(selections[int(np.argmax(self._rounded(value)))])
         selection = np.zeros(len(allowed), dtype=bool)
         for _ in range(count):
             free = candidates[~selection[candidates]]
             tried = np.repeat(selection[None], len(free), axis=0)
             tried[np.arange(len(free)), free] = True
             value = self.quality_weight * foresight.information(tried) + worth[free]
-            selection[free[int(np.argmax(np.round(value, 9)))]] = True
+            selection[free[int(np.argmax(self._rounded(value)))]] = True
         return selection
+
+    def _rounded(self, value: Floats) -> Floats:
+        """Return values of which nearly equal ones are equal, so that the phase decides."""
+        step = max(NEAR_NATS * self.quality_weight, 1e-9)
+        return np.asarray(np.round(value / step))
 
     def _fewest(self, situation: Situation, foresight: Foresight, target_m: float) -> Selection:
         """Return the fewest cameras that are expected to meet the target, or that still help."""

@@ -17,6 +17,7 @@ STATE_COLOURS = [
 ]  # fmt: skip
 # One hue each, light to dark, so that they read without colour vision too.
 OCCLUSION_COLOURS = [[0, "#f4f1ee"], [0.5, "#d9905a"], [1, "#7c2d12"]]
+GAIN_COLOURS = [[0, "#f0f5f1"], [0.5, "#66b08a"], [1, "#0b4f31"]]
 DEFICIT_COLOURS = [[0, "#f0f2f8"], [0.5, "#7b8fd0"], [1, "#1e2f7a"]]
 STATE_WORDS = ("asleep", "awake", "ordered, but no view came")
 HEAD_PX = 34  # above each strip, for its title
@@ -25,19 +26,24 @@ GAPS_UNTIL = 160  # slots that are still wide enough for a gap between them
 
 
 def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
-    """Draw cameras over time: selection, predicted occlusion, deficit; one axis of time for all."""
+    """Draw cameras over time: selection, expected information if anybody worked it out, predicted
+    occlusion, deficit; one axis of time for all.
+    """
     cameras: Sequence[str] = scene["cameras"]
     row_px = 22 if len(cameras) <= 8 else 13
     strip_px = row_px * len(cameras)
-    height = 3 * (HEAD_PX + strip_px) + FOOT_PX
-    inner = height - FOOT_PX
-    rows = (
+    rows = [
         ("Which cameras were awake", "states", STATE_COLOURS, 2.0, ""),
         ("Occlusion predicted in each camera (0: nobody hides anybody)", "occlusion",
          OCCLUSION_COLOURS, max(0.05, _highest(scene["occlusion"])), ".2f"),
         ("Energy deficit (slots spent above budget, not yet made up for)", "deficit",
          DEFICIT_COLOURS, max(1.0, _highest(scene["deficit"])), ".1f"),
-    )  # fmt: skip
+    ]  # fmt: skip
+    if "gain" in scene:
+        title = "What each camera was expected to tell beyond the others chosen (nats a joint)"
+        rows.insert(1, (title, "gain", GAIN_COLOURS, max(0.1, _highest(scene["gain"])), ".2f"))
+    height = len(rows) * (HEAD_PX + strip_px) + FOOT_PX
+    inner = height - FOOT_PX
     data: list[dict[str, Any]] = []
     layout: dict[str, Any] = {
         "height": height,
@@ -52,7 +58,7 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
             "showgrid": False,
             "zeroline": False,
             "range": _slot_range(scene),
-            "anchor": "y3",
+            "anchor": f"y{len(rows)}",
             "exponentformat": "none",
         },
     }

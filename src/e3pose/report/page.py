@@ -34,6 +34,12 @@ SETTING_WORDS = {
     "reject_outliers": "outlier views rejected",
     "seed": "seed",
 }
+# Filled in by player.js.
+WHY = (
+    "<div class='soft'>Why these: expected information (nats a joint) and energy deficit</div>"
+    "<table id='why'><thead><tr><th>camera</th><th>gain</th><th>deficit</th></tr></thead>"
+    "<tbody></tbody></table><p class='soft' id='expected'></p>"
+)
 # The characters that could end a script or start a comment in it, written as JSON escapes.
 SCRIPT_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
@@ -71,6 +77,8 @@ def render(recording: Recording, records: Sequence[SlotRecord], summary: Mapping
         ),
         cell=_cell(drawn),
         truth_box=_truth_box(drawn),
+        sure_box=_sure_box(drawn),
+        why=WHY if "gain" in drawn else "",
         energy_words=_text(_energy_words(summary), 1000),
         energy_boxes="".join(boxes),
         settings=_settings(recording, summary),
@@ -152,6 +160,15 @@ def _truth_box(drawn: Mapping[str, Any]) -> str:
     if not drawn["truthLimbs"]:
         return ""
     return "<label class='soft'><input type='checkbox' id='truth'> show the truth (grey)</label>"
+
+
+def _sure_box(drawn: Mapping[str, Any]) -> str:
+    if not any(len(person) > 2 for people in drawn["people"] for person in people):
+        return ""
+    return (
+        "<label class='soft'><input type='checkbox' id='sure' checked> discs: where each joint is "
+        "in nine of ten cases</label>"
+    )
 
 
 def _cell(drawn: Mapping[str, Any]) -> str:

@@ -56,6 +56,7 @@ function draw() {
   if (byId("truth") && byId("truth").checked) {
     for (const person of DATA.truth[frame] || []) addSkeleton(project, line, person, DATA.truthLimbs, TRUTH_INK, 2);
   }
+  drawSureness(project);
   for (const [track, joints] of DATA.people[frame] || []) {
     const top = addSkeleton(project, line, joints, DATA.limbs, colourOf(track), 4.5);
     addNeck(project, line, joints, colourOf(track));
@@ -109,6 +110,25 @@ function drawShadows(project) {
   }
 }
 
+// A disc around each joint that holds it in nine of ten cases: small where it is known well.
+function drawSureness(project) {
+  if (!byId("sure") || !byId("sure").checked) return;
+  const focal = 1.1 * Math.min(canvas.clientWidth, 1.4 * canvas.clientHeight);
+  pen.globalAlpha = 0.16;
+  for (const [track, joints, radii] of DATA.people[frame] || []) {
+    pen.fillStyle = colourOf(track);
+    for (let i = 0; radii && i < radii.length; i++) {
+      if (radii[i] === null || joints[3 * i] === null) continue;
+      const p = project(joints[3 * i], joints[3 * i + 1], joints[3 * i + 2]);
+      if (!p) continue;
+      pen.beginPath();
+      pen.arc(p[0], p[1], Math.min(Math.max((focal * radii[i]) / p[2], 1.5), 200), 0, 2 * Math.PI);
+      pen.fill();
+    }
+  }
+  pen.globalAlpha = 1;
+}
+
 function addSkeleton(project, line, joints, limbs, colour, thick) {
   const pixels = [];
   for (let i = 0; i < joints.length; i += 3) {
@@ -149,6 +169,7 @@ function seek(index) {
   byId("scrub").value = frame;
   byId("where").textContent = `slot ${DATA.slots[frame]} · ${DATA.times[frame].toFixed(2)} s`;
   showPeople();
+  showReasons();
   stale = true;
   for (const listener of listeners) listener(frame);
 }
@@ -167,6 +188,23 @@ function showPeople() {
   if (tracks.length > MAX_LISTED) list.append(`and ${tracks.length - MAX_LISTED} more`);
   const awake = DATA.cameras.filter((_, camera) => DATA.states[camera][frame] === AWAKE);
   byId("awake").textContent = awake.length ? awake.join(", ") : "none";
+}
+
+// Why the cameras of this slot were chosen: what each tells beyond the others, what its queue asks.
+function showReasons() {
+  if (!DATA.gain) return;
+  const order = DATA.cameras.map((_, camera) => camera);
+  order.sort((a, b) => (DATA.gain[b][frame] ?? 0) - (DATA.gain[a][frame] ?? 0));
+  const digits = (value, places) => (value === null ? "–" : value.toFixed(places));
+  byId("why").tBodies[0].replaceChildren(...order.slice(0, MAX_LISTED).map((camera) => {
+    const row = document.createElement("tr");
+    row.className = DATA.states[camera][frame] === ASLEEP ? "" : "on";
+    const cells = [DATA.cameras[camera], digits(DATA.gain[camera][frame], 2), digits(DATA.price[camera][frame], 1)];
+    for (const text of cells) row.insertCell().append(text);
+    return row;
+  }));
+  const expected = DATA.expected[frame];
+  byId("expected").textContent = expected === null ? "" : `expected error with these: ${expected} mm`;
 }
 
 function play(on) {
@@ -216,7 +254,7 @@ canvas.addEventListener("wheel", (event) => {
 }, { passive: false });
 byId("play").addEventListener("click", () => play(!playing));
 byId("scrub").addEventListener("input", () => seek(Number(byId("scrub").value)));
-if (byId("truth")) byId("truth").addEventListener("change", () => (stale = true));
+for (const box of ["truth", "sure"]) if (byId(box)) byId(box).addEventListener("change", () => (stale = true));
 window.addEventListener("resize", () => (stale = true));
 document.addEventListener("keydown", (event) => {
   if (["SELECT", "INPUT", "BUTTON"].includes(event.target.tagName)) return;

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from e3pose.camera import Camera, Rig
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth
 from e3pose.skeleton import Skeleton
+from e3pose.uncertainty import distance_within_m
 
 Floats = NDArray[np.float64]
 
@@ -21,6 +22,7 @@ MAX_COORDINATES = 3_000_000  # about 20 MB of page
 MAX_COORDINATE_M = 1000.0  # a joint further out is a mistake, and nothing to look at
 FRUSTUM_SHARE = 0.06  # of the scene's size: how large cameras are drawn
 NUM_COLOURS = 8  # of `COLOURS` in player.js
+BAND = 0.9  # share of cases in which a joint lies within its drawn distance
 ASLEEP, AWAKE, LOST = 0, 1, 2  # what a camera did in a slot, as the strip's codes
 
 
@@ -58,13 +60,7 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
         "colours": [chosen[track_id] for track_id in track_ids],
         "limbs": [list(limb) for limb in recording.skeleton.limbs],
         "neck": _neck(recording.skeleton),
-        "people": [
-            [
-                [number[int(track_id)], _millimetres(joints_m)]
-                for track_id, joints_m in zip(record.track_ids, record.poses.joints_m, strict=True)
-            ]
-            for record in shown
-        ],
+        "people": [_people(record, number) for record in shown],
         "truth": [_truth(recording.truth, record.slot) for record in shown],
         "truthLimbs": [list(i) for i in recording.truth.skeleton.limbs] if recording.truth else [],
         "cameras": list(recording.rig.camera_ids),
@@ -75,6 +71,39 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
         "states": _by_camera(recording, [_states(record) for record in shown], digits=0),
         "occlusion": _by_camera(recording, [record.occlusion for record in shown]),
         "deficit": _by_camera(recording, [record.deficit for record in shown]),
+        **_reasons(recording, records, shown),
+    }
+
+
+def _people(record: SlotRecord, number: Mapping[int, int]) -> list[list[Any]]:
+    """Return for each person the track, the joints and, where it is known, how sure each joint is.
+
+    The last are distances in millimetres that hold a joint in nine of ten cases.
+    """
+    within = distance_within_m(record.covariance_m2, BAND)
+    people = []
+    for track_id, joints_m, radii_m in zip(
+        record.track_ids, record.poses.joints_m, within, strict=True
+    ):
+        known = [_millimetres(radii_m)] if np.isfinite(radii_m).any() else []
+        people.append([number[int(track_id)], _millimetres(joints_m), *known])
+    return people
+
+
+def _reasons(
+    recording: Recording, records: Sequence[SlotRecord], shown: Sequence[SlotRecord]
+) -> dict[str, Any]:
+    """Return why the cameras of each shown slot were chosen, if anybody worked it out."""
+    reasons = {record.reasons.slot: record.reasons for record in records if record.reasons}
+    if not reasons:
+        return {}
+    unknown = np.full(len(recording.rig), np.nan)
+    chosen = [reasons.get(record.slot) for record in shown]
+    errors = [math.nan if each is None else each.error_m for each in chosen]
+    return {
+        "gain": _by_camera(recording, [unknown if r is None else r.gain_nats for r in chosen]),
+        "price": _by_camera(recording, [unknown if r is None else r.price for r in chosen]),
+        "expected": _millimetres(np.array(errors)),
     }
 
 
