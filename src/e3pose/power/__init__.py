@@ -10,9 +10,11 @@ from e3pose.power.budgets import Budget, Supply, allowance_j, parse_budget, slot
 from e3pose.power.choose import choose_meter
 from e3pose.power.learned import LearnedCost, SlotCost, learn, slot_cost, unlearned
 from e3pose.power.sampler import PowerSampler
+from e3pose.power.site import CameraEnergy, Reckoning, hear, new_camera, reckon
 
 __all__ = [
     "Budget",
+    "CameraEnergy",
     "Charge",
     "LearnedCost",
     "Meter",
@@ -20,13 +22,17 @@ __all__ = [
     "PowerSampler",
     "Rail",
     "Reading",
+    "Reckoning",
     "SlotCost",
     "Supply",
     "allowance_j",
     "choose_meter",
+    "hear",
     "learn",
+    "new_camera",
     "parse_budget",
     "read_charge",
+    "reckon",
     "slot_cost",
     "slot_shares",
     "unlearned",

@@ -1,0 +1,95 @@
+"""Heartbeats of cameras whose power is known become costs and budgets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from e3pose.power import Budget
+from e3pose.power.site import CameraEnergy, hear, new_camera, reckon
+from e3pose.profiles import load_profile
+from e3pose.wire.messages import Heartbeat
+
+PROFILE = load_profile("generic")  # 10 W active, 5.2 W in power-saving
+BEAT_S = 0.5
+
+
+def lived(
+    camera: CameraEnergy,
+    *,
+    active_w: float = 7.0,
+    idle_w: float = 3.0,
+    beats: int = 600,
+    measured: bool = True,
+    battery_j: float | None = None,
+    charging_w: float = 0.0,
+    session: int = 1,
+    begin_s: float = 0.0,
+) -> CameraEnergy:
+    """Return a camera after heartbeats of half a second with changing duty."""
+    rng = np.random.default_rng(session)
+    energy_j = active_s = idle_s = 0.0
+    for number in range(beats):
+        beat = Heartbeat(
+            camera_id="c", session=session, sent_edge_ns=round((begin_s + number * BEAT_S) * 1e9),
+            mode="active", energy_j=energy_j, measured=measured, active_s=active_s, idle_s=idle_s,
+            battery_j=battery_j, charging_w=charging_w,
+        )  # fmt: skip
+        camera = hear(camera, beat)
+        share = rng.uniform(0.1, 0.9)
+        active_s += share * BEAT_S
+        idle_s += (1 - share) * BEAT_S
+        energy_j += BEAT_S * (share * active_w + (1 - share) * idle_w)
+    return camera
+
+
+def test_cost_is_learned_from_heartbeats() -> None:
+    camera = lived(new_camera(PROFILE))
+    (slot,) = reckon([camera], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
+    assert slot.measured
+    assert slot.active_j == pytest.approx(7.0 * 0.04, rel=0.02)
+    assert slot.idle_j == pytest.approx(3.0 * 0.04, rel=0.02)
+
+
+def test_modelled_energy_teaches_nothing() -> None:
+    (slot,) = reckon(
+        [lived(new_camera(PROFILE), measured=False)], [Budget("duty", 0.5)], 0.04, 0.0, 1
+    ).slots
+    assert not slot.measured
+    assert slot.why.startswith("modelled")
+    assert slot.active_j == pytest.approx(10.0 * 0.04)
+
+
+def test_restarted_camera_goes_on_learning() -> None:
+    camera = lived(lived(new_camera(PROFILE)), session=2, begin_s=400.0)
+    assert camera.cost.spans == 2 * 599
+    np.testing.assert_allclose(camera.cost.watts, [7.0, 3.0], rtol=0.02)
+
+
+def test_heartbeats_out_of_order_are_left_out() -> None:
+    camera = lived(new_camera(PROFILE), beats=10)
+    assert camera.beat is not None
+    assert hear(camera, camera.beat) is camera
+
+
+def test_budgets_follow_what_was_learned_and_the_batteries() -> None:
+    cameras = [
+        lived(new_camera(PROFILE), battery_j=5.0 * 3600),
+        lived(new_camera(PROFILE), battery_j=5.0 * 3600, charging_w=1.0),
+        lived(new_camera(PROFILE)),
+    ]
+    reckoning = reckon(cameras, [Budget("until", 3600.0)] * 3, 0.04, 0.0, 2)
+    # 5 W of a camera that draws 3 to 7: half of the slots; a watt of sun pays for a quarter more.
+    np.testing.assert_allclose(reckoning.budget, [0.5, 0.75, 1.0], atol=0.02)
+    np.testing.assert_allclose(reckoning.cost_j, 0.16, rtol=0.03)
+    np.testing.assert_allclose(
+        reckoning.spent_j(np.array([True, False, True])), [0.28, 0.12, 0.28], rtol=0.03
+    )
+
+
+def test_a_cloud_is_no_evening() -> None:
+    sunny = lived(new_camera(PROFILE), battery_j=1000.0, charging_w=4.0)
+    cloud = lived(sunny, battery_j=1000.0, begin_s=300.0, beats=60)  # half a minute
+    assert 3.5 < cloud.supply().charging_w < 4.0
+    evening = lived(sunny, battery_j=1000.0, begin_s=300.0, beats=7200)
+    assert evening.supply().charging_w < 0.05
