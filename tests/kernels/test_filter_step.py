@@ -89,7 +89,7 @@ def seen(recording: Recording, cameras: int, seed: int = 0) -> Slots:
     return slots
 
 
-def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 4) -> Recording:
+def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 3) -> Recording:
     return simulate(
         SceneSettings(scene=name, people=people, seconds=seconds, cameras=cameras), seed=5
     )
@@ -140,8 +140,9 @@ def spoilt(slots: Slots, rng: np.random.Generator) -> Iterator[Slot]:
         yield damaged, time_s
 
 
-@pytest.mark.parametrize("cameras", [1, 2, 5])
-@pytest.mark.parametrize("name", ["ring", "crossing", "pillar"])
+@pytest.mark.parametrize(
+    ("name", "cameras"), [("ring", 5), ("ring", 1), ("crossing", 2), ("pillar", 3)]
+)
 def test_equals_the_reference_over_a_whole_scene(name: str, cameras: int) -> None:
     recording = scene(name)
     people, _ = follow(Model(recording.rig, recording.skeleton), seen(recording, cameras))
