@@ -89,7 +89,7 @@ def replay(
         store,
         source,
         f"replay {settings.policy_name}",
-        plan.profiles[0],
+        plan.profiles,
         plan.idle_mode,
     )
     records = list(track_progress(slots, source.num_slots, "replay"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -47,12 +47,13 @@ def stored(
     options: StoreOptions,
     recording: Recording,
     name: str,
-    profile: DeviceProfile,
+    profiles: Sequence[DeviceProfile],
     idle_mode: Mode,
 ) -> Iterator[SlotRecord]:
     """Yield records of a replay and keep each in the store that the options name, if they do.
 
-    Energy is what the profile says of the cameras that were ordered; times count from now.
+    Energy is what the profiles, one a camera, say of the cameras that were ordered; times count
+    from now.
 
     Raises:
         InputError: when the store cannot be written, at the start or before the end.
@@ -77,8 +78,8 @@ def stored(
         cameras=tuple(camera.camera_id for camera in recording.rig.cameras),
         software=f"e3pose {__version__}",
     )
-    active_j = profile.watts("active") * recording.interval_s
-    idle_j = profile.watts(idle_mode) * recording.interval_s
+    active_j = np.array([each.watts("active") for each in profiles]) * recording.interval_s
+    idle_j = np.array([each.watts(idle_mode) for each in profiles]) * recording.interval_s
     settings = WriterSettings(retention=options.retention())
     with StoreWriter(options.store, run, settings) as writer:
         for record in records:

@@ -1,0 +1,108 @@
+"""`e3pose replay --store`: what the replay found is what the store answers."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose.camera import Camera, Rig
+from e3pose.cli import main
+from e3pose.energy import load_profile
+from e3pose.pose import Poses2D
+from e3pose.recording import Recording, ViewSeries, save_recording
+from e3pose.skeleton import COCO17
+from e3pose.store import Store
+
+NUM_SLOTS = 30
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One person walking, seen exactly by three cameras."""
+    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
+    cameras = []
+    for index, angle in enumerate([0.2, 2.3, 4.4]):
+        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
+        forward = np.array([0, 0, 1.0]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
+    body = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
+    truth = np.stack([[body + [0.01 * slot, 0, 0]] for slot in range(NUM_SLOTS)])
+    series = tuple(
+        ViewSeries.from_views(
+            [Poses2D(camera.project(people), np.ones((1, 17))) for people in truth],
+            range(NUM_SLOTS),
+            (np.arange(NUM_SLOTS) / 25).tolist(),
+            17,
+        )
+        for camera in cameras
+    )
+    path = tmp_path_factory.mktemp("store") / "walk"
+    save_recording(Recording("walk", Rig(tuple(cameras)), 25.0, NUM_SLOTS, COCO17, series), path)
+    return path
+
+
+def run(*tokens: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([*tokens])
+        raise SystemExit(0)
+    return int(stop.value.code or 0)
+
+
+def test_store_answers_what_the_replay_wrote(recording: Path, tmp_path: Path) -> None:
+    store, poses = tmp_path / "walk.db", tmp_path / "poses.csv"
+    code = run(
+        "replay", str(recording), "--policy", "round-robin", "--cameras", "2",
+        "--profile", "tx2", "--store", str(store), "--poses", str(poses),
+    )  # fmt: skip
+    assert code == 0
+    rows = list(csv.DictReader(poses.read_text().splitlines()))
+    found = Store(store).query("0", "10")
+    assert len(found) > NUM_SLOTS - 5
+    assert found.slots.tolist() == [int(row["slot"]) for row in rows[:: len(COCO17)]]
+    told = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
+    np.testing.assert_allclose(found.joints_m.reshape(-1, 3), told, atol=1e-5)
+    slots = Store(store).rows("slots")
+    assert [slot["selected"].count("1") for slot in slots] == [3] * 10 + [2] * 20
+    device = load_profile("tx2")
+    watts = {"1": device.watts("active"), "0": device.watts("power-saving")}
+    expected = [[watts[flag] / 25 for flag in slot["selected"]] for slot in slots]
+    np.testing.assert_allclose([slot["energy_j"] for slot in slots], expected, rtol=1e-6)
+    (one,) = Store(store).runs()
+    assert one.run.site == "walk"
+    assert one.run.cameras == ("c0", "c1", "c2")
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--store", "/nowhere/at.db"], "no folder /nowhere"),
+        (["--store", "RECORDING/recording.toml"], "no database"),
+        (["--keep", "30d"], "no --store"),
+        (["--store", "s.db", "--keep", "soon"], "soon"),
+        (["--store", "s.db", "--max-size", "3"], "such as 20GB"),
+        (["--store", "bogus://there"], "bogus"),
+    ],
+)
+def test_wrong_store_is_one_line(
+    recording: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    named: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = [word.replace("RECORDING", str(recording)) for word in options]
+    before = (recording / "recording.toml").read_bytes()
+    assert run("replay", str(recording), "--cameras", "2", *words) == 2
+    error = capsys.readouterr().err
+    assert named in error
+    assert len(error.strip().splitlines()) == 1
+    assert (recording / "recording.toml").read_bytes() == before
