@@ -55,4 +55,4 @@ def _strided(around: NDArray[np.int64], stride: int) -> NDArray[np.int64]:
 
 def _cost(likeness: Floats, order: NDArray[np.int64]) -> float:
     lags = range(1, min(MEMORY_TURNS, len(order) - 1) + 1)
-    return float(sum(likeness[order, np.roll(order, lag)].mean() / lag for lag in lags))
+    return float(sum(likeness[order, np.roll(order, lag)].mean() / 3 ** (lag - 1) for lag in lags))

@@ -1,0 +1,210 @@
+"""What cameras are expected to tell: against plain matrices, and its laws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.camera import Camera, Rig
+from e3pose.filter import Outlook
+from e3pose.filter.update import project
+from e3pose.foresight import (
+    BEHIND_SHARE,
+    Foresight,
+    foresee,
+    freshness,
+    overlap,
+    with_predictions,
+)
+from e3pose.uncertainty import expected_distance_m
+
+Floats = NDArray[np.float64]
+
+
+def looking(*places: tuple[float, float], away: bool = False) -> Rig:
+    """Cameras 1 m high at these places, looking at the middle, or away from it."""
+    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
+    cameras = []
+    for index, place in enumerate(places):
+        centre = np.array([*place, 1.0])
+        forward = np.array([0, 0, 1.0]) - centre
+        forward /= np.linalg.norm(forward) * (-1 if away else 1)
+        right = np.cross(forward, [0, 0, 1.0])
+        R = np.stack([right, np.cross(forward, right), forward])
+        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
+    return Rig(tuple(cameras))
+
+
+RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
+
+
+def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
+    people = len(joints_m)
+    shape = (people, len(rig))
+    return Outlook(
+        track_ids=np.arange(people) + 10,
+        confirmed=np.ones(people, dtype=bool),
+        joints_m=joints_m,
+        covariance_m2=np.full(joints_m.shape[:2], sigma_m**2)[..., None, None] * np.eye(3),
+        delivered=np.ones(shape),
+        last_seen_s=np.full(shape, np.inf),
+        sigma_px=np.full(len(rig), 3.0),
+        unexplained=np.zeros(len(rig), dtype=np.int64),
+    )
+
+
+def person(x: float, y: float) -> Floats:
+    return np.array([[x, y, 0.2], [x, y, 1.0], [x + 0.2, y, 1.0], [x, y + 0.2, 1.6]])
+
+
+def subsets(num_cameras: int) -> NDArray[np.bool_]:
+    numbers = np.arange(2**num_cameras)
+    return np.asarray((numbers[:, None] >> np.arange(num_cameras)) & 1 == 1)
+
+
+def random_foresight(seed: int, num_cameras: int = 6) -> Foresight:
+    rng = np.random.default_rng(seed)
+    people = np.stack([person(*rng.uniform(-1.5, 1.5, 2)) for _ in range(3)])
+    angles = rng.uniform(0, 2 * np.pi, num_cameras)
+    rig = looking(*((4 * np.cos(a), 4 * np.sin(a)) for a in angles))
+    seen = outlook(people, rig)
+    return foresee(
+        rig,
+        replace(
+            seen,
+            delivered=rng.uniform(0, 1, seen.delivered.shape),
+            last_seen_s=rng.exponential(0.5, seen.delivered.shape),
+        ),
+    )
+
+
+def test_it_is_the_textbook_formula() -> None:
+    people = np.stack([person(0, 0), person(1, -0.5)])
+    foresight = foresee(RIG, replace(outlook(people), delivered=np.full((2, 4), 0.7)))
+    assert foresight.views.shape == (4, 2, 4, 6)
+    chosen = np.array([True, False, False, True])
+    jacobian = project(people, RIG.projections)[2]
+    information = np.eye(3) / 0.1**2 + sum(
+        0.7 / 9 * np.swapaxes(jacobian[c], -1, -2) @ jacobian[c] for c in (0, 3)
+    )
+    gain = 0.5 * (np.linalg.slogdet(information)[1] - np.log(0.1**-6)).mean()
+    # Nobody hides anybody but in camera 3, where the second person stands beside the first.
+    assert foresight.information(chosen[None])[0] == pytest.approx(gain, rel=1e-9)
+    error = expected_distance_m(np.linalg.inv(information)).mean()
+    assert foresight.expected_error_m(chosen[None])[0] == pytest.approx(error, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_more_cameras_tell_more_and_each_less_than_before(seed: int) -> None:
+    foresight = random_foresight(seed)
+    every = subsets(6)
+    told, error = foresight.information(every), foresight.expected_error_m(every)
+    assert told[0] == pytest.approx(0)
+    assert error[0] == pytest.approx(0.1 * 1.595769, rel=1e-5)
+    for small in range(64):
+        for camera in range(6):
+            if small >> camera & 1:
+                continue
+            gain = told[small | 1 << camera] - told[small]
+            assert gain >= -1e-12
+            assert error[small | 1 << camera] <= error[small] + 1e-12
+            for other in set(range(6)) - {camera}:
+                larger = small | 1 << other
+                assert told[larger | 1 << camera] - told[larger] <= gain + 1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_greedy_is_within_its_guarantee_of_the_best(seed: int, count: int) -> None:
+    foresight = random_foresight(seed)
+    chosen = np.zeros(6, dtype=bool)
+    for _ in range(count):
+        free = np.flatnonzero(~chosen)
+        tried = chosen | np.eye(6, dtype=bool)[free]
+        chosen = tried[int(np.argmax(foresight.information(tried)))]
+    sets = np.zeros((0, 6), dtype=bool)
+    for each in combinations(range(6), count):
+        sets = np.vstack([sets, np.isin(np.arange(6), each)])
+    best = foresight.information(sets).max()
+    assert foresight.information(chosen[None])[0] >= (1 - 1 / np.e) * best
+
+
+def test_a_view_from_the_same_side_is_worth_less() -> None:
+    rig = looking((4, 0), (4, 0.2), (0, 4))
+    foresight = foresee(rig, outlook(person(0, 0)[None], rig))
+    beside, across = foresight.information(np.array([[1, 1, 0], [1, 0, 1]], dtype=bool))
+    assert across > beside + 0.3
+
+
+def test_outside_the_image_or_behind_the_camera_nothing_is_told() -> None:
+    seen = foresee(RIG, outlook(np.stack([person(0, 30), person(30, 0)])))
+    assert (seen.views[0] == 0).all()
+    away = looking((4, 0), away=True)
+    assert (foresee(away, outlook(person(0, 0)[None], away)).views == 0).all()
+
+
+def test_somebody_behind_another_tells_less() -> None:
+    alone = foresee(RIG, outlook(person(-1, 0)[None]))
+    hidden = foresee(RIG, outlook(np.stack([person(-1, 0), person(1, -0.1)])))
+    # Camera 0 looks along -x: the first person's trunk lies within the box of the second.
+    assert hidden.views[0, 0, 1] == pytest.approx(BEHIND_SHARE * alone.views[0, 0, 1])
+    np.testing.assert_allclose(hidden.views[2, 0], alone.views[2, 0])  # from the other side
+    np.testing.assert_allclose(hidden.views[1, 0], alone.views[1, 0])  # from beside
+
+
+def test_fresh_errors_tell_more_than_old_ones_again() -> None:
+    shares = freshness(np.array([0.0, 0.04, 0.4, 4.0, np.inf]))
+    assert (np.diff(shares) > 0).all()
+    assert shares[0] == pytest.approx(0.1 / 1.9)
+    assert shares[-1] == 1
+    seen = replace(outlook(person(0, 0)[None]), last_seen_s=np.array([[0.04, np.inf, 1.0, np.inf]]))
+    gains = foresee(RIG, seen).information(np.eye(4, dtype=bool))
+    assert gains[0] < gains[2] < gains[1]
+
+
+def test_what_is_ordered_already_need_not_be_ordered_again() -> None:
+    seen = outlook(person(0, 0)[None])
+    first = np.array([True, False, False, False])
+    free = foresee(RIG, seen)
+    after = foresee(RIG, seen, [(0.04, first)])
+    each = np.eye(4, dtype=bool)
+    assert after.expected_error_m(each)[1] < free.expected_error_m(each)[1]
+    assert after.information(each)[0] < 0.3 * free.information(each)[0]
+    assert after.information(each)[1] > 0.3 * free.information(each)[1]
+
+
+def test_a_predictor_that_states_its_error_replaces_the_estimators_prediction() -> None:
+    now = outlook(np.stack([person(0, 0), person(1, 1)]), sigma_m=0.02)
+    later = replace(now, covariance_m2=now.covariance_m2 * 25)
+    joints, error = person(5, 5)[None], np.array([[0.05, 0.05, 0.05, np.nan]])
+    told = with_predictions(later, now, np.array([11]), joints, error)
+    np.testing.assert_allclose(told.joints_m[1, :3], person(5, 5)[:3])
+    np.testing.assert_allclose(told.joints_m[1, 3], person(1, 1)[3])  # no error stated
+    np.testing.assert_allclose(told.joints_m[0], person(0, 0))
+    spread = 0.02**2 + (0.05 / 1.595769) ** 2
+    np.testing.assert_allclose(told.covariance_m2[1, 0], spread * np.eye(3), rtol=1e-5)
+    np.testing.assert_allclose(told.covariance_m2[1, 3], 0.1**2 * np.eye(3))
+    unstated = with_predictions(later, now, np.array([11]), joints, np.full((1, 4), np.nan))
+    assert unstated is later
+
+
+def test_a_newcomer_is_looked_for_where_other_cameras_see_the_same_ground() -> None:
+    rig = looking((4, 0), (3, 3), (-30, 0), away=False)
+    assert overlap(rig)[0, 1] > 0.3
+    assert (np.diag(overlap(rig)) == 0).all()
+    backs = looking((4, 0), (-4, 0), away=True)
+    assert (overlap(backs) == 0).all()
+    seen = replace(outlook(person(0, 0)[None], rig), unexplained=np.array([1, 0, 0]))
+    entrants = foresee(rig, seen).entrants
+    assert entrants[0] == 0
+    assert entrants[1] > 0.3
+
+
+def test_nobody_is_normal() -> None:
+    foresight = foresee(RIG, outlook(np.zeros((0, 4, 3))))
+    assert foresight.information(subsets(4)).tolist() == [0.0] * 16
+    assert np.isnan(foresight.expected_error_m(subsets(4))).all()
