@@ -29,7 +29,7 @@ from e3pose.cli.querying import query
 from e3pose.cli.replaying import replay
 from e3pose.cli.simulating import simulate
 from e3pose.cli.training import train
-from e3pose.cli.watching import top
+from e3pose.cli.watching import check, top
 from e3pose.errors import InputError
 
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -60,6 +60,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "camera": camera,
     "keys": keys_app,
     "top": top,
+    "check": check,
     "train": train,
     "learn": learn_app,
 }

@@ -47,8 +47,8 @@ def edge(
     from contextlib import ExitStack
 
     from e3pose.clock import WallClock
-    from e3pose.site.config import load_site
-    from e3pose.site.edge_program import edge_link, make_edge, place_of
+    from e3pose.site.config import beside, load_site
+    from e3pose.site.edge_program import KeysWatch, edge_link, make_edge, place_of
     from e3pose.site.logs import open_log
     from e3pose.site.run import run_until_stopped
     from e3pose.wire.network import open_network
@@ -61,9 +61,7 @@ def edge(
     log = open_log("edge", json_logs, site=table.name)
     clock = WallClock()
     with ExitStack() as stack:
-        transport = open_network(
-            link, roll.cameras if roll else None, roll.viewers if roll else None
-        )
+        transport = open_network(link, *_people(roll))
 
         def tell(event: Any) -> None:
             log.info(event.message, kind=event.kind, camera=event.camera_id)
@@ -78,7 +76,16 @@ def edge(
         server.start()
         log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(rig))
         end_ns = None if for_s is None else clock.now_ns() + round(for_s * 1e9)
-        run_until_stopped(lambda: server.running() and (end_ns is None or clock.now_ns() < end_ns))
+        keys = KeysWatch(beside(site, table.link.keys or "keys") / "keys.toml" if roll else None)
+
+        def running() -> bool:
+            if keys.changed():
+                log.info("the list of certificates changed: joining anew")
+                _, now = edge_link(site, table)
+                server.rejoin(lambda: open_network(link, *_people(now)))
+            return server.running() and (end_ns is None or clock.now_ns() < end_ns)
+
+        run_until_stopped(running)
         server.stop()
         if server.failure is not None:
             raise server.failure
@@ -265,6 +272,10 @@ def up(
 @contextmanager
 def _nothing() -> Iterator[None]:
     yield None
+
+
+def _people(roll: Any) -> tuple[Any, Any]:
+    return (None, None) if roll is None else (roll.cameras, roll.viewers)
 
 
 def _meter(node: Any) -> Any:

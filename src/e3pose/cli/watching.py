@@ -1,14 +1,20 @@
-"""`e3pose top`: a running site in the terminal."""
+"""`e3pose top` and `check`: a site in the terminal, running or about to."""
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+from rich.text import Text
 
 from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.site.config import SiteTable
+    from e3pose.wire.messages import Status
 
 
 def top(
@@ -68,3 +74,69 @@ def top(
         pass
     finally:
         transport.close()
+
+
+def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> None:
+    """Examine a site: calibration, certificates, networks, disks, clock, who can be reached.
+
+    Example: `e3pose check site.toml`
+
+    Says what to do about whatever it finds. The exit code is 1 when something would fail.
+
+    Parameters
+    ----------
+    site
+        The site file.
+    keys
+        As in `e3pose top`.
+    timeout
+        Seconds to wait for the edge, if it runs.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from e3pose.calibration import load_rig
+    from e3pose.cli.living import loop_settings
+    from e3pose.site import check as examine
+    from e3pose.site.config import beside, load_site
+
+    table = load_site(site)
+    rig = load_rig(beside(site, table.calibration))
+    loop_settings(site, table, rig)
+    findings = [
+        *examine.check_calibration(rig),
+        *examine.check_link_of(site, table, rig),
+        *examine.check_places(site, table),
+        *examine.check_models(site, table, rig),
+        examine.check_clock(),
+        *examine.check_running(_status(site, table, keys, timeout)),
+    ]
+    shown = Table(box=None, pad_edge=False, show_header=False)
+    style = {"ok": "green", "warning": "yellow", "problem": "bold red"}
+    for finding in findings:
+        advice = f"\n-> {finding.advice}" if finding.advice else ""
+        shown.add_row(
+            Text(finding.level, style=style[finding.level]),
+            Text(finding.what),
+            Text(finding.found + advice),
+        )
+    Console().print(shown)
+    problems = sum(finding.level == "problem" for finding in findings)
+    if problems:
+        print(f"e3pose: {problems} would fail", file=sys.stderr)
+        sys.exit(1)
+
+
+def _status(path: Path, site: SiteTable, keys: Path | None, timeout_s: float) -> Status | None:
+    from e3pose.site.follow import Follower, viewer_link
+    from e3pose.wire.network import open_network
+
+    try:
+        transport = open_network(viewer_link(path, site, keys))
+    except InputError:  # a missing certificate is among the findings
+        return None
+    follower = Follower(site.name)
+    follower.listen(transport)
+    follower.fresh.wait(timeout_s)
+    transport.close()
+    return follower.status

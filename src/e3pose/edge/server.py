@@ -116,11 +116,10 @@ class EdgeServer:
     def start(self) -> None:
         """Begin to receive, and to compute slots once cameras are there."""
         warm_up(self.pipeline)
-        self.inbox.listen(self.transport)
-        self.transport.be_present(topics.of_site(self.settings.site, "alive"))
+        self._join()
         for name, body in (
             ("fusion", self._run_slots),
-            ("sending", lambda: self.outbox.run(self.transport.publish)),
+            ("sending", lambda: self.outbox.run(self._publish)),
             ("keeping", self._run_housekeeping),
         ):
             thread = threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
@@ -141,6 +140,19 @@ class EdgeServer:
         for thread in self._threads:
             thread.join(timeout=5.0)
         self.transport.close()
+
+    def rejoin(self, open_transport: Callable[[], Transport]) -> None:
+        """Leave the site and join it anew, by other rules; cameras come back by themselves."""
+        self.transport.close()
+        self.transport = open_transport()
+        self._join()
+
+    def _join(self) -> None:
+        self.inbox.listen(self.transport)
+        self.transport.be_present(topics.of_site(self.settings.site, "alive"))
+
+    def _publish(self, topic: str, payload: bytes) -> None:
+        self.transport.publish(topic, payload)
 
     def running(self) -> bool:
         """Return whether all threads still work."""

@@ -124,3 +124,30 @@ def make_edge(
         stack.callback(trainer.close)
         edge.learner = trainer
     return edge
+
+
+@dataclass(slots=True)
+class KeysWatch:
+    """Sees that the list of certificates changed: somebody was added, or revoked.
+
+    Attributes:
+        path: of the list; None where there is none.
+    """
+
+    path: Path | None
+    _seen: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        self._seen = self._look()
+
+    def changed(self) -> bool:
+        """Return whether the list is another one than at the last look."""
+        before, self._seen = self._seen, self._look()
+        return before != self._seen
+
+    def _look(self) -> tuple[int, int]:
+        try:
+            status = None if self.path is None else self.path.stat()
+        except OSError:
+            return self._seen  # being replaced
+        return (0, 0) if status is None else (status.st_mtime_ns, status.st_ino)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import zenoh
@@ -22,11 +23,10 @@ class NetworkTransport:
 
     def publish(self, topic: str, payload: bytes) -> None:
         """See `Transport.publish`: dropped, not waited for, where the network is full."""
-        if self._session.is_closed():
-            return
-        self._session.put(
-            topic, payload, congestion_control=zenoh.CongestionControl.DROP, express=True
-        )
+        with suppress(zenoh.ZError):  # closed meanwhile: lost, like anything that cannot be sent
+            self._session.put(
+                topic, payload, congestion_control=zenoh.CongestionControl.DROP, express=True
+            )
 
     def subscribe(self, topic: str, receive: Receive) -> None:
         """See `Transport.subscribe`."""

@@ -1,0 +1,257 @@
+"""Examine a site before it runs: what would fail, and what to do about it."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+from e3pose.keys.folder import certificates_in, check_certificates
+from e3pose.policies.base import Floats
+from e3pose.site.config import SiteTable, beside, cameras_of
+from e3pose.site.edge_program import edge_link
+from e3pose.wire.access import split_endpoint
+from e3pose.wire.messages import Status
+
+SOON_DAYS = 30
+APART_M = 0.1  # cameras nearer to each other than this see the same
+CLOCK_MS = 5.0
+FREE_BYTES = 10**9
+
+Level = Literal["ok", "warning", "problem"]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at.
+
+    Attributes:
+        level: how it is.
+        what: what was looked at.
+        found: how it was found.
+        advice: what to do about it; empty if nothing.
+    """
+
+    level: Level
+    what: str
+    found: str
+    advice: str = ""
+
+
+def check_calibration(rig: Rig) -> Iterator[Finding]:
+    """Look at where the cameras are, and whether they see the same."""
+    centres = np.array([camera.T_world_camera[:3, 3] for camera in rig.cameras])
+    axes = np.array([camera.T_world_camera[:3, 2] for camera in rig.cameras])
+    yield Finding("ok", "calibration", f"{len(rig)} cameras")
+    if len(rig) < 2:
+        yield Finding("problem", "calibration", "one camera", "3D needs two at least")
+        return
+    distance = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
+    np.fill_diagonal(distance, np.inf)
+    for a, b in np.argwhere(np.triu(distance < APART_M)).tolist():
+        yield Finding(
+            "warning",
+            "calibration",
+            f"{rig.camera_ids[a]} and {rig.camera_ids[b]} are {distance[a, b] * 100:.0f} cm apart",
+            "two cameras in one place see one view; is the calibration right?",
+        )
+    spread = float(np.ptp(centres, axis=0).max())
+    if spread > 200:
+        yield Finding(
+            "problem",
+            "calibration",
+            f"cameras are {spread:.0f} m apart",
+            "positions must be in metres: millimetres or centimetres look like this",
+        )
+    sees = _seen_by(rig, centres, axes)
+    for camera_id, others in zip(rig.camera_ids, sees.tolist(), strict=True):
+        if others == 0:
+            yield Finding(
+                "warning",
+                "calibration",
+                f"{camera_id} shares no view with another camera",
+                "people whom only it sees cannot be placed; check its extrinsics",
+            )
+    up = centres[:, 2]
+    if (up < -0.5).any():
+        low = [i for i, z in zip(rig.camera_ids, up.tolist(), strict=True) if z < -0.5]
+        yield Finding(
+            "warning",
+            "calibration",
+            f"{', '.join(low)} below the floor",
+            "z must point up and the floor be at z = 0",
+        )
+
+
+def _seen_by(rig: Rig, centres: Floats, axes: Floats) -> NDArray[np.int64]:
+    """Return `(num_cameras,)`: cameras that see a point that this one sees, 2 to 8 m ahead."""
+    depth = np.linspace(2.0, 8.0, 13)[:, None, None]
+    points = centres + depth * axes  # (num_depths, num_cameras, 3)
+    counts = np.zeros(len(rig), dtype=np.int64)
+    for index, camera in enumerate(rig.cameras):
+        pixels, ahead = camera.project(points), (points - centres[index]) @ axes[index] > 0.1
+        inside = ((pixels >= 0) & (pixels < np.array(camera.image_size))).all(axis=-1) & ahead
+        seen = inside.any(axis=0)
+        seen[index] = False
+        counts += seen
+    return counts
+
+
+def check_link_of(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
+    """Look at the endpoint and the certificates."""
+    try:
+        _, roll = edge_link(path, site)
+    except InputError as error:
+        yield Finding("problem", "link", str(error))
+        return
+    yield Finding("ok", "link", site.link.endpoint)
+    protocol, host, _ = split_endpoint(site.link.endpoint)
+    if protocol == "tcp":
+        if site.link.insecure:
+            yield Finding(
+                "warning",
+                "link",
+                "plain tcp: everybody on the network can read and forge",
+                f"e3pose keys init {site.name}, and endpoint = 'tls/...'",
+            )
+        return
+    if host in ("127.0.0.1", "localhost"):
+        yield Finding(
+            "warning", "link", "listens on this machine alone", "endpoint = 'tls/0.0.0.0:7447'"
+        )
+    folder = beside(path, site.link.keys or "keys")
+    now = datetime.datetime.now(datetime.timezone.utc)
+    for camera_id in rig.camera_ids:
+        if roll is None or camera_id not in roll.cameras:
+            yield Finding(
+                "problem",
+                f"certificate {camera_id}",
+                "there is none",
+                f"e3pose keys add {camera_id} --keys {folder}, then carry the folder to it",
+            )
+            continue
+        yield _certificate(folder / "cameras" / camera_id, camera_id, now)
+
+
+def _certificate(folder: Path, camera_id: str, now: datetime.datetime) -> Finding:
+    from e3pose.keys.authority import expires
+
+    what = f"certificate {camera_id}"
+    try:
+        files = certificates_in(folder, "camera")
+        check_certificates(files, now)
+    except InputError as error:
+        return Finding("problem", what, str(error), f"e3pose keys add {camera_id} --again")
+    until = expires(files.certificate.read_bytes())
+    if until - now < datetime.timedelta(days=SOON_DAYS):
+        advice = f"e3pose keys add {camera_id} --again, and carry the folder to it"
+        return Finding("warning", what, f"expires on {until:%Y-%m-%d}", advice)
+    return Finding("ok", what, f"valid until {until:%Y-%m-%d}")
+
+
+def check_places(path: Path, site: SiteTable) -> Iterator[Finding]:
+    """Look at the folders that the edge writes to."""
+    places = {"state": site.state, "store": site.store.path if site.store else ""}
+    for what, name in places.items():
+        if not name or "://" in name:
+            continue
+        folder = beside(path, name).resolve().parent
+        if not folder.is_dir():
+            yield Finding("problem", what, f"{folder} is no folder", f"mkdir -p {folder}")
+            continue
+        free = shutil.disk_usage(folder).free
+        if free < FREE_BYTES:
+            yield Finding(
+                "warning",
+                what,
+                f"{free / 1e9:.1f} GB free in {folder}",
+                "make room, or let [store] keep and max_size remove old slots",
+            )
+        else:
+            yield Finding("ok", what, f"{free / 1e9:.0f} GB free in {folder}")
+    if site.store is None:
+        yield Finding("warning", "store", "none: nothing is kept", "[store] path = 'poses.db'")
+
+
+def check_models(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
+    """Look at the sources and networks of cameras that `e3pose up` would run here."""
+    from e3pose.detectors import DETECTORS
+    from e3pose.weights import MODELS, is_installed
+
+    for camera in cameras_of(path, site, rig).values():
+        if camera.source is None:
+            continue
+        kind = camera.source.partition(":")[0]
+        what = f"camera {camera.id}"
+        recorded = kind == "recorded"
+        local = recorded or ("://" not in camera.source and kind not in ("usb", "gstreamer"))
+        name = camera.source.partition(":")[2] if recorded else camera.source
+        if local and not beside(path, name).exists():
+            yield Finding("problem", what, f"source {beside(path, name)} is not there")
+        elif kind == "usb" and not Path(f"/dev/video{name.partition(':')[2]}").exists():
+            yield Finding("problem", what, f"{camera.source}: no such device", "is it plugged in?")
+        else:
+            yield Finding("ok", what, f"source {camera.source[:60]}")
+        if recorded:
+            continue
+        detector = camera.detector or "movenet"
+        if camera.model is not None:
+            if not beside(path, camera.model).is_file():
+                yield Finding("problem", what, f"model {beside(path, camera.model)} is not there")
+        elif detector in MODELS and not is_installed(detector):
+            advice = f"e3pose models pull {detector}"
+            yield Finding("problem", what, f"the network {detector} is not installed", advice)
+        elif detector not in DETECTORS and not beside(path, detector).is_file():
+            known = ", ".join(DETECTORS)
+            yield Finding("problem", what, f"detector {detector} is unknown", f"one of {known}")
+
+
+def check_clock() -> Finding:
+    """Look at whether something keeps this machine's clock right."""
+    advice = "install chrony; where microseconds matter, PTP (linuxptp)"
+    if shutil.which("chronyc"):
+        answer = _ask("chronyc", "-c", "tracking").split(",")
+        if len(answer) > 4 and answer[1] not in ("", "0.0.0.0"):
+            return Finding("ok", "clock", f"chrony follows {answer[1]}, off {answer[4]} s")
+        return Finding("warning", "clock", "chrony follows nobody", "add a server to chrony.conf")
+    if shutil.which("timedatectl"):
+        if "NTPSynchronized=yes" in _ask("timedatectl", "show"):
+            return Finding("ok", "clock", "kept by systemd-timesyncd")
+        return Finding("warning", "clock", "not synchronised", advice)
+    found = "nothing known keeps it right; cameras measure their offset all the same"
+    return Finding("warning", "clock", found, advice)
+
+
+def check_running(status: Status | None) -> Iterator[Finding]:
+    """Look at the running edge and its cameras, if there is one."""
+    if status is None:
+        found = "does not answer"
+        yield Finding("warning", "edge", found, "start it with `e3pose edge`, or `e3pose up`")
+        return
+    yield Finding("ok", "edge", f"runs, slot {status.slot}, lead {status.lead}")
+    for camera in status.cameras:
+        what = f"camera {camera.camera_id}"
+        if not camera.online:
+            yield Finding("problem", what, camera.why, "see its log")
+        elif abs(camera.clock_offset_ms) > CLOCK_MS:
+            found = f"clock {camera.clock_offset_ms:+.1f} ms off"
+            yield Finding("warning", what, found, "corrected for; chrony or PTP would be better")
+        else:
+            yield Finding("ok", what, f"reached, clock {camera.clock_offset_ms:+.1f} ms off")
+
+
+def _ask(*command: str) -> str:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=3, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout
