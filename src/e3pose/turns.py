@@ -39,7 +39,11 @@ def spread_order(rig: Rig) -> tuple[int, ...]:
     angles = viewing_angles(rig)
     centers = rig.centers_m - rig.centers_m.mean(axis=0)
     around = np.argsort(np.arctan2(centers[:, 1], centers[:, 0]), kind="stable")
-    orders = [_strided(around, stride) for stride in range(1, max(2, len(rig) // 2 + 1))]
+    orders = [
+        _strided(np.roll(around, -start), stride)
+        for stride in range(1, max(2, len(rig) // 2 + 1))
+        for start in range(int(np.gcd(stride, len(rig))))
+    ]
     likeness = np.exp(-((angles / (np.pi / 3)) ** 2))
     costs = [_cost(likeness, order) for order in orders]
     best = orders[int(np.argmin(np.round(costs, 9)))]
