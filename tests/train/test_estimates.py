@@ -29,12 +29,12 @@ REFERENCE = EstimateSettings(backend="reference")
 ALONE = Workers()
 
 
-def scene(seconds: float = 3.0, cameras: int = 4, exact: bool = False) -> Recording:
+def scene(seconds: float = 2.0, cameras: int = 4, exact: bool = False) -> Recording:
     detector = DetectorSettings(perfect=exact)
     settings = SceneSettings(
         people=2, seconds=seconds, fps=20.0, cameras=cameras, detector=detector
     )
-    return simulate(settings, seed=4)
+    return simulate(settings, seed=5)
 
 
 NOISY = scene()
@@ -58,9 +58,9 @@ def test_the_target_is_near_the_truth_that_was_never_looked_at() -> None:
     blind = replace(NOISY, truth=None)
     clips = estimated_clips(blind, 15, [(0, blind.num_slots)], REFERENCE, ALONE)
     assert len(clips) >= 2
-    assert sum(len(c.joints_m) for c in clips) > 60  # of 120 that two people could have
+    assert sum(len(c.joints_m) for c in clips) > 40  # of 80 that two people could have
     errors = np.concatenate([distances_to_truth(NOISY, clip) for clip in clips])
-    assert errors.mean() < 0.04  # OpenPose-like detections in four views
+    assert errors.mean() < 0.025  # OpenPose-like detections in four views
 
 
 def test_exact_detections_give_estimates_without_error() -> None:
@@ -75,8 +75,10 @@ def test_estimates_differ_from_combination_to_combination() -> None:
     clips = estimated_clips(NOISY, 15, [(0, NOISY.num_slots)], REFERENCE, ALONE)
     errors = clips[0].errors_m
     assert errors is not None and errors.shape[1:] == (11, NUM_COMMON, 3)  # 6 + 4 + 1 of 4 cameras
-    spread = np.nanstd(errors.astype(np.float64), axis=1)
-    assert np.nanmedian(spread) > 0.002
+    by_joint = np.moveaxis(errors, 1, -1).reshape(-1, 11).astype(np.float64)
+    known = by_joint[np.isfinite(by_joint).all(axis=1)]
+    assert len(known) > 100
+    assert np.median(known.std(axis=1)) > 0.002
 
 
 @pytest.mark.parametrize("cameras", [2, 3, 5])
@@ -110,10 +112,10 @@ def test_the_result_does_not_depend_on_who_works() -> None:
 
 
 def test_nobody_is_followed_through_slots_that_are_left_out() -> None:
-    poisoned = replace(NOISY, views=tuple(_only(v, range(20, 40)) for v in NOISY.views))
-    assert follow(poisoned, 0, 20, REFERENCE) == []
-    assert estimated_clips(poisoned, 5, [(0, 20), (40, 60)], REFERENCE, ALONE) == []
-    assert len(estimated_clips(poisoned, 5, [(20, 40)], REFERENCE, ALONE)) > 0
+    poisoned = replace(NOISY, views=tuple(_only(v, range(15, 30)) for v in NOISY.views))
+    assert follow(poisoned, 0, 15, REFERENCE) == []
+    assert estimated_clips(poisoned, 5, [(0, 15), (30, 40)], REFERENCE, ALONE) == []
+    assert len(estimated_clips(poisoned, 5, [(15, 30)], REFERENCE, ALONE)) > 0
 
 
 def _only(series: ViewSeries, slots: range) -> ViewSeries:
@@ -127,27 +129,27 @@ def _only(series: ViewSeries, slots: range) -> ViewSeries:
 
 
 def test_scored_slots_are_left_out_unless_asked_for() -> None:
-    scored = replace(NOISY, scored_slots=(20, 45))
-    assert free_stretches(scored, False) == [(0, 20), (45, 60)]
-    assert free_stretches(scored, True) == [(0, 60)]
+    scored = replace(NOISY, scored_slots=(15, 28))
+    assert free_stretches(scored, False) == [(0, 15), (28, 40)]
+    assert free_stretches(scored, True) == [(0, 40)]
     targets: tuple[Target, ...] = ("truth", "estimates")
     for target in targets:
-        settings = LessonSettings(target=target, estimates=REFERENCE)
+        settings = LessonSettings(target=target, estimates=replace(REFERENCE, combinations=2))
         kept = lessons(scored, 5, settings, ALONE)
-        assert kept and max(len(clip.joints_m) for clip in kept) <= 20
+        assert kept and max(len(clip.joints_m) for clip in kept) <= 15
         assert not any(clip.scored for clip in kept)
         all_of_it = lessons(scored, 5, replace(settings, include_scored=True), ALONE)
-        assert max(len(clip.joints_m) for clip in all_of_it) > 20
+        assert max(len(clip.joints_m) for clip in all_of_it) > 15
         assert all(clip.scored for clip in all_of_it)
 
 
 def test_a_recording_scored_from_end_to_end_teaches_nothing() -> None:
     with pytest.raises(InputError, match=r"not scored.*--include-scored"):
-        lessons(replace(NOISY, scored_slots=(0, 60)), 5, LessonSettings(), ALONE)
+        lessons(replace(NOISY, scored_slots=(0, 40)), 5, LessonSettings(), ALONE)
 
 
 def test_auto_takes_truth_where_there_is_some_to_learn() -> None:
-    settings = LessonSettings(estimates=REFERENCE)
+    settings = LessonSettings(estimates=replace(REFERENCE, combinations=2))
     assert lessons(NOISY, 5, settings, ALONE)[0].errors_m is None
     assert lessons(replace(NOISY, truth=None), 5, settings, ALONE)[0].errors_m is not None
 
@@ -203,7 +205,7 @@ def test_held_out_ends_keep_their_estimates() -> None:
 
 
 def test_recordings_without_truth_are_gathered() -> None:
-    settings = LessonSettings(target="estimates", estimates=REFERENCE)
+    settings = LessonSettings(target="estimates", estimates=replace(REFERENCE, combinations=2))
     learned, groups = gather(
         [NOISY],
         [replace(NOISY, name="another", truth=None)],
