@@ -1,0 +1,216 @@
+"""A site in one process: cameras and an edge on their threads, and the bad days they have."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose.clock import WallClock
+from e3pose.edge.server import EdgeServer
+from e3pose.edge.settings import EdgeSettings
+from e3pose.evaluate.settings import ReplaySettings, make_pipeline
+from e3pose.node.live import CameraNode, NodeSettings
+from e3pose.node.live_source import RecordedDetector, RecordedSource
+from e3pose.recording import Recording
+from e3pose.simulate.settings import SceneSettings
+from e3pose.simulate.simulation import simulate
+from e3pose.store.rows import Event
+from e3pose.wire.codec import decode, unpack
+from e3pose.wire.memory import Hub
+from e3pose.wire.messages import Poses
+
+
+def eventually(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.02)
+    return condition()
+
+
+def told(site: Site, kind: str, camera_id: str) -> bool:
+    """Return whether the newest word on a camera is of a kind."""
+    words = [event.kind for event in site.events if event.camera_id == camera_id]
+    return words[-1:] == [kind]
+
+
+@dataclass
+class Site:
+    """Three cameras that look at a simulated room, and an edge."""
+
+    recording: Recording
+    folder: Path
+    hub: Hub = field(default_factory=Hub)
+    clock: WallClock = field(default_factory=WallClock)
+    nodes: dict[str, CameraNode] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    poses: list[Poses] = field(default_factory=list)
+    edge: EdgeServer | None = None
+
+    def start_edge(self) -> EdgeServer:
+        settings = ReplaySettings(
+            pipeline="memory", policy="round-robin", num_selected=2, backend="reference",
+            predictor="zero-velocity",
+        )  # fmt: skip
+        edge_settings = EdgeSettings(
+            "lab",
+            self.recording.skeleton.joints,
+            deadline_s=0.15,
+            idle_modes=["power-saving"] * len(self.recording.rig),
+            checkpoint=self.folder / "state.npz",
+            start_wait_s=1.0,
+        )
+        self.edge = EdgeServer(
+            make_pipeline(self.recording, settings),
+            self.hub.join(),
+            edge_settings,
+            self.clock,
+            tell=self.events.append,
+        )
+        self.edge.start()
+        return self.edge
+
+    def start_camera(self, camera_id: str) -> CameraNode:
+        node = CameraNode(
+            NodeSettings("lab", camera_id, self.recording.skeleton.joints),
+            RecordedSource(self.recording, camera_id, self.clock),
+            RecordedDetector(),
+            self.hub.join(),
+            self.clock,
+        )
+        node.start()
+        self.nodes[camera_id] = node
+        return node
+
+    def online(self) -> set[str]:
+        assert self.edge is not None
+        return {c.camera_id for c in self.edge.status().cameras if c.online}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    scene = SceneSettings("ring", people=2, seconds=4.0, fps=20, cameras=3)
+    made = Site(simulate(scene, seed=4), tmp_path_factory.mktemp("edge"))
+    viewer = made.hub.join()
+    viewer.subscribe("e3pose/lab/poses", lambda t, p: made.poses.append(decode(p, Poses, "edge")))
+    for camera_id in made.recording.rig.camera_ids:
+        made.start_camera(camera_id)
+    edge = made.start_edge()
+    assert eventually(lambda: edge.counts.slots > 30, 15)
+    yield made
+    for node in made.nodes.values():
+        node.stop()
+    assert made.edge is not None
+    made.edge.stop()
+
+
+def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
+    edge = site.edge
+    assert edge is not None and edge.failure is None
+    assert edge.counts.lost == 0
+    slots = [poses.slot for poses in site.poses]
+    assert slots == list(range(slots[0], slots[0] + len(slots)))
+    for node in site.nodes.values():
+        assert node.failure is None
+        assert node.schedule.orders > 25 and node.schedule.late <= 2
+    assert edge.counts.missed.sum() <= 0.05 * edge.counts.ordered.sum() + 2
+
+
+def test_people_are_published_where_they_are(site: Site) -> None:
+    assert eventually(lambda: bool(site.poses) and len(unpack(site.poses[-1].track_ids)) > 0)
+    found = next(p for p in reversed(site.poses) if len(unpack(p.track_ids)) > 0)
+    joints = unpack(found.joints_m)
+    truth = site.recording.truth
+    assert truth is not None
+    nearest = np.nanmin(
+        np.linalg.norm(truth.joints_m[:, :, None, :, :] - joints[None, None], axis=-1).mean(-1)
+    )
+    assert nearest < 0.15  # somebody of the truth, at some time of the loop
+
+
+def test_garbage_puts_a_camera_in_quarantine_and_no_other(site: Site) -> None:
+    liar = site.hub.join()
+    for _ in range(25):
+        liar.publish("e3pose/lab/camera/cam1/view", b"garbage")
+        liar.publish("e3pose/lab/camera/nobody/view", b"garbage")
+    assert site.online() == {"cam0", "cam2"}
+    edge = site.edge
+    assert edge is not None and edge.inbox.strangers >= 25
+    with edge.inbox._lock:  # let time pass
+        roster = edge.inbox.roster
+        edge.inbox.roster = roster.with_life(1, replace(roster.lives[1], quarantined_until_ns=0))
+    assert eventually(lambda: site.online() == {"cam0", "cam1", "cam2"})
+
+
+def test_partition_is_noticed_in_two_seconds_and_healed(site: Site) -> None:
+    def cut(topic: str, payload: bytes) -> bytes | None:
+        return None if "cam2" in topic else payload
+
+    begun = time.monotonic()
+    site.hub.fault = cut
+    assert eventually(lambda: site.online() == {"cam0", "cam1"})
+    assert time.monotonic() - begun < 2.5
+    edge = site.edge
+    assert edge is not None
+    here = edge.counts.slots
+    assert eventually(lambda: edge.counts.slots > here + 10)  # the others go on
+    assert eventually(lambda: told(site, "camera-lost", "cam2"))
+    site.hub.fault = lambda topic, payload: payload
+    assert eventually(lambda: site.online() == {"cam0", "cam1", "cam2"}, 3.0)
+    assert eventually(lambda: told(site, "camera-back", "cam2"))
+
+
+def test_lossy_network_loses_views_but_no_slot(site: Site) -> None:
+    rng, edge = random.Random(1), site.edge
+    assert edge is not None
+    lost, missed, slots = edge.counts.lost, edge.counts.missed.sum(), edge.counts.slots
+    site.hub.fault = lambda topic, payload: None if rng.random() < 0.2 else payload
+    assert eventually(lambda: edge.counts.slots > slots + 40, 10)
+    site.hub.fault = lambda topic, payload: payload
+    assert edge.counts.lost == lost
+    assert edge.counts.missed.sum() > missed
+    assert eventually(lambda: len(site.online()) == 3)
+
+
+def test_restarted_camera_comes_back_by_itself(site: Site) -> None:
+    site.nodes["cam0"].stop()
+    assert eventually(lambda: "cam0" not in site.online(), 2.5)
+    begun = time.monotonic()
+    site.start_camera("cam0")
+    assert eventually(lambda: "cam0" in site.online(), 3.0)
+    assert time.monotonic() - begun < 3.0
+
+
+def test_restarted_edge_goes_on_where_it_was(site: Site) -> None:
+    edge = site.edge
+    assert edge is not None
+    assert eventually(lambda: edge.newest is not None and len(edge.newest.track_ids) > 0)
+    edge.stop()
+    assert edge.newest is not None
+    last, ids = edge.newest, set(edge.newest.track_ids.tolist())
+    again = site.start_edge()
+    assert again.state.slot == last.slot + 1
+    np.testing.assert_allclose(again.state.deficit, edge.state.deficit)
+    assert eventually(lambda: again.counts.slots > 5, 5.0)
+    assert again.times == edge.times  # the same slots in the same time
+    assert again.newest is not None and again.newest.slot > last.slot
+    assert again.state.memory.belief.next_id >= edge.state.memory.belief.next_id
+    assert ids <= set(range(again.state.memory.belief.next_id))
+    assert eventually(lambda: len(site.online()) == 3, 3.0)
+    assert any(event.kind == "resumed" for event in site.events)
+
+
+def test_damaged_state_is_set_aside_not_lost(site: Site) -> None:
+    edge = site.edge
+    assert edge is not None
+    edge.stop()
+    path = site.folder / "state.npz"
+    path.write_bytes(b"no state")
+    again = site.start_edge()
+    assert (site.folder / "state.npz.unusable").read_bytes() == b"no state"
+    assert eventually(lambda: again.counts.slots > 5, 6.0)
