@@ -44,7 +44,18 @@ PURE = [
     "evaluate.tally",
     "recording.record",
 ]
-LAYERS = {"edge", "node", "evaluate", "train", "cli", "report", "demo", "simulate", "datasets"}
+LAYERS = {
+    "edge",
+    "node",
+    "evaluate",
+    "learning",
+    "train",
+    "cli",
+    "report",
+    "demo",
+    "simulate",
+    "datasets",
+}
 
 
 def loaded_by(module: str) -> set[str]:
