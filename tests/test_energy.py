@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from e3pose.energy import advance_deficit, check_budget, load_profile, savings
+from e3pose.energy import (
+    active_cost_j,
+    advance_deficit,
+    check_budget,
+    lifetime_budget,
+    load_profile,
+    price,
+    savings,
+)
 from e3pose.errors import InputError
 from e3pose.profiles import MODES, PROFILES
 
@@ -224,3 +232,41 @@ def test_unknown_huge_and_binary_profiles_are_refused(tmp_path: Path) -> None:
     binary.write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(InputError, match="expected TOML"):
         load_profile(binary)
+
+
+def test_a_lifetime_spends_the_battery_to_the_end_of_it() -> None:
+    profiles = [load_profile("xavier-nx"), load_profile("tx2"), load_profile("generic")]
+    battery_wh = np.array([50.0, 40.0, 80.0])
+    share = lifetime_budget(6 * 3600, battery_wh, profiles, ["a", "b", "c"])
+    saved = savings(share, profiles, battery_wh=battery_wh)
+    np.testing.assert_allclose(saved.battery_h[:2], 6.0)
+    assert share[2] == 1  # more than it can spend
+    assert saved.battery_h[2] > 6
+    deeper = lifetime_budget(
+        6 * 3600, battery_wh, profiles, ["a", "b", "c"], "aggressive-power-saving"
+    )
+    assert (deeper[:2] > share[:2]).all()
+
+
+def test_a_lifetime_that_idle_cameras_outspend_names_the_camera() -> None:
+    profiles = [load_profile("xavier-nx")] * 2  # 6.25 W when idle
+    with pytest.raises(InputError, match=r"camera b: lifetime: found 4 h, .* than 3\.2 h"):
+        lifetime_budget(4 * 3600, [50, 20], profiles, ["a", "b"])
+    for never in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(InputError, match="lifetime"):
+            lifetime_budget(never, 50, profiles, ["a", "b"])
+
+
+def test_price_is_the_papers_queue_where_cameras_cost_the_same() -> None:
+    deficit = np.array([0.0, 1.5, 3.0])
+    np.testing.assert_allclose(price(deficit, np.full(3, 0.25)), deficit)
+    # Twice the joules a slot: a queue of as many slots holds twice as much, and grows by twice.
+    dearer = price(np.ones(3), np.array([2.0, 1.0, 1.0]))
+    assert dearer[0] == pytest.approx(4 * dearer[1])
+
+
+def test_cost_is_what_an_active_slot_adds() -> None:
+    profiles = [load_profile("xavier-nx"), load_profile("tx2")]
+    np.testing.assert_allclose(
+        active_cost_j(profiles, "power-saving", 0.04), [6.25 * 0.04, 5.55 * 0.04]
+    )

@@ -77,6 +77,29 @@ def test_selects_exactly_as_many_as_promised(name: str, data: st.DataObject) -> 
     assert selection.sum() == min(count, online.sum())
 
 
+@pytest.mark.parametrize("name", COUNTING)
+@pytest.mark.parametrize("mean", [0.65, 0.9, 1.15, 1.5, 2.0, 3.3])
+def test_reaches_a_mean_that_is_no_whole_number(name: str, mean: float) -> None:
+    policy = POLICIES[name].make(PolicySettings(num_selected=mean))
+    rng, online = np.random.default_rng(3), np.ones(5, dtype=bool)
+    online[2] = False
+    counts = [int(policy.select(situation(slot, rng, online)).sum()) for slot in range(200)]
+    assert abs(sum(counts) - 200 * mean) <= 1
+    assert set(counts) <= {int(mean), int(mean) + 1}
+
+
+@pytest.mark.parametrize("name", COUNTING)
+def test_makes_up_the_number_when_cameras_die(name: str) -> None:
+    policy = POLICIES[name].make(PolicySettings(num_selected=2, order=(0, 2, 4, 1, 3)))
+    rng = np.random.default_rng(4)
+    for slot in range(60):
+        online = np.ones(5, dtype=bool)
+        online[: slot // 20] = False  # one more dies every 20 slots
+        selection = policy.select(situation(slot, rng, online))
+        assert selection.sum() == 2
+        assert not (selection & ~online).any()
+
+
 @pytest.mark.parametrize("name", BUDGETED)
 @pytest.mark.parametrize("budget", [0.6, 0.7, 0.9])
 def test_keeps_the_budget_in_the_long_run(name: str, budget: float) -> None:
@@ -122,6 +145,16 @@ def test_seeds_of_random_differ() -> None:
         rng = np.random.default_rng(0)
         runs.append([policy.select(situation(slot, rng, online)) for slot in range(20)])
     assert (np.array(runs[0]) != np.array(runs[1])).any()
+
+
+def test_round_robin_follows_its_order_without_a_gap() -> None:
+    policy = POLICIES["round-robin"].make(PolicySettings(num_selected=1.5, order=(0, 3, 1, 4, 2)))
+    rng, online = np.random.default_rng(0), np.ones(5, dtype=bool)
+    taken = [
+        set(np.flatnonzero(policy.select(situation(slot, rng, online))).tolist())
+        for slot in range(4)
+    ]
+    assert taken == [{0}, {3, 1}, {4}, {2, 0}]
 
 
 def test_round_robin_turns_through_all_cameras_and_skips_the_dead() -> None:
