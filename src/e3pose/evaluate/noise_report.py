@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
-from e3pose.evaluate.drawing import COLOURS, INK, PALE, picture
+from e3pose.evaluate.drawing import COLOURS, INK, PALE, legend_above, picture
 from e3pose.evaluate.noise_calibration import Calibrated
 from e3pose.evaluate.noise_statistics import MEMORY_S
 from e3pose.noises import NoiseFile, ViewFigures
@@ -34,12 +34,13 @@ def as_file(calibrated: Calibrated, rig: Rig, detector: str, source: str) -> Noi
     """
     measured = calibrated.measured
     said = " ".join(source.split())[:MAX_SOURCE]
+    how_much = f"{calibrated.slots} slots, {calibrated.people} tracks and {len(rig)} cameras"
     return NoiseFile(
         format=FORMAT,
         version=VERSION,
         detector=detector,
         basis="measured",
-        source=f"{calibrated.slots} slots, {calibrated.people} tracks, {len(rig)} cameras. {said}",
+        source=f"Measured on {how_much} of: {said}",
         image_px=calibrated.noise.image_px,
         scores=_rounded(calibrated.noise.scores.tolist(), 4),
         sigma_px=_rounded(calibrated.noise.sigma_px.tolist(), 3),
@@ -111,7 +112,7 @@ def draw_noise(
         correlations: by lag in seconds.
         beside: another noise to draw the sigma of, such as the one shipped for the detector.
     """
-    with picture(path, 8.7, 2.8) as figure:
+    with picture(path, 8.7, 3.0) as figure:
         by_score, gross, memory = figure.subplots(1, 3)
         by_score.plot(file.scores, file.measured_px, color=PALE, marker="s", label="measured")
         by_score.plot(
@@ -131,7 +132,6 @@ def draw_noise(
                 label=f"shipped for {beside.detector}",
             )
         by_score.set_title(f"sigma, px of {file.image_px:g}")
-        by_score.legend()
         gross.bar(
             file.scores, [100 * share for share in file.gross_share], width=0.05, color=COLOURS[0]
         )
@@ -142,6 +142,7 @@ def draw_noise(
         for axes in (by_score, gross):
             axes.set_xlabel("score")
             axes.set_xlim(0, 1)
+        legend_above(figure)
         for axes in figure.axes:
             axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0] if axes is memory else 0.0))
 

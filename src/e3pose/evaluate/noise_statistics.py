@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 EDGES = np.array([MIN_SCORE, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0 + 1e-9])
-LEAST = 200  # keypoints of a bin; fewer go to the next lower one
+LEAST = 400  # keypoints of a bin, whose errors last; bins with fewer are joined
 RAYLEIGH = float(np.sqrt(2 * np.log(2)))  # median length of two standard normal coordinates
 GROSS_SHARE = 40 / 1032  # of the image, beyond which an error is gross
 LAGS_S = (0.04, 0.08, 0.12, 0.2, 0.32, 0.5, 0.8, 1.2, 2.0)
@@ -121,10 +121,11 @@ def autocorrelation(
     # Series lie so far apart on one time axis that no lag reaches from one to the next.
     apart = int(residuals.slots.max()) + 2 * round(max(LAGS_S) / interval_s) + 2
     times = residuals.series[order] * apart + residuals.slots[order]
+    lasts = int(np.ptp(residuals.slots))  # longer lags than half of it are told by few moments
     found = {}
     for lag_s in LAGS_S:
         lag = round(lag_s / interval_s)
-        if lag == 0 or abs(lag * interval_s - lag_s) > 0.5 * lag_s:
+        if lag == 0 or lag > lasts / 2 or abs(lag * interval_s - lag_s) > 0.5 * lag_s:
             continue
         later = np.searchsorted(times, times + lag)
         hit = later < len(times)

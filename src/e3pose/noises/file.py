@@ -18,7 +18,6 @@ MAX_VIEWS = 1000
 MAX_TEXT = 2000
 MAX_SIGMA_PX = 1e4
 IMAGE_PX = (16.0, 1e5)
-BASES = ("measured", "assumed")
 
 
 class ViewFigures(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -46,7 +45,8 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         format: `e3pose-noise`.
         version: 1.
         detector: whose keypoints these are.
-        basis: `measured` on a recording, or `assumed` where none was at hand.
+        basis: `measured` on a recording, `assumed` where none was at hand, or `known` because
+            somebody made the noise.
         source: what was measured, or what the assumption rests on.
         image_px: size of the images that the pixels below belong to, the longer side.
         scores: rising keypoint scores, in (0, 1].
@@ -62,7 +62,7 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     format: str
     version: int
     detector: str
-    basis: Literal["measured", "assumed"]
+    basis: Literal["measured", "assumed", "known"]
     source: str
     image_px: float
     scores: list[float]

@@ -13,6 +13,7 @@ from e3pose.noises.file import NoiseFile, decode_noise
 DEFAULT = "openpose"  # of a recording that does not say what detected it
 # By detector, and the words by which the source of a recording names it, the longest first.
 SHIPPED = {
+    "simulated": ("simulated by e3pose",),
     "openpose-thin": ("openpose-thin",),
     "movenet-multipose": ("movenet-multipose", "movenet"),
     "yolo-pose": ("yolo-pose", "yolo"),

@@ -1,0 +1,159 @@
+"""Calibration of noise without labels, against noise that is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.evaluate.noise_calibration import calibrate_noise
+from e3pose.evaluate.noise_statistics import (
+    RAYLEIGH,
+    autocorrelation,
+    describe,
+    falling,
+    fit_memory,
+)
+from e3pose.evaluate.residuals import Residuals
+from e3pose.pose import Poses2D
+from e3pose.recording import Recording, ViewSeries
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.simulate.noise import MEMORY, correlated, normal_cdf
+
+Floats = NDArray[np.float64]
+
+KNOTS, SIGMA_PX = np.array([0.1, 0.4, 0.7, 1.0]), np.array([14.0, 9.0, 5.0, 2.5])
+
+
+def known_noise(cameras: int = 5, seed: int = 1) -> Recording:
+    """Return people of whom each keypoint has a random score, and the error of that score.
+
+    The errors last as those of real detectors do.
+    """
+    detector = DetectorSettings(perfect=True)
+    settings = SceneSettings(people=3, seconds=8.0, cameras=cameras, detector=detector)
+    recording = simulate(settings, seed=seed)
+    assert recording.truth is not None
+    truth_m, interval_s = recording.truth.joints_m, recording.interval_s
+    rng = np.random.default_rng(seed)
+    views = []
+    for camera in recording.rig.cameras:
+        pixels, inside = camera.project(truth_m), camera.sees(truth_m)
+        scores = normal_cdf(correlated(rng, inside.shape, interval_s, ((0.3, 0.1), (0.7, 1.0))))
+        scores = 0.12 + 0.86 * scores
+        errors = correlated(rng, pixels.shape, interval_s, MEMORY)
+        pixels = pixels + errors * np.interp(scores, KNOTS, SIGMA_PX)[..., None]
+        pixels = np.where(inside[..., None], pixels, np.nan)
+        scores = np.where(inside, scores, 0.0)
+        views.append(
+            ViewSeries.from_views(
+                [Poses2D(k[s.any(1)], s[s.any(1)]) for k, s in zip(pixels, scores, strict=True)],
+                range(len(truth_m)),
+                (np.arange(len(truth_m)) * interval_s).tolist(),
+                17,
+            )
+        )
+    return replace(recording, truth=None, views=tuple(views))
+
+
+@pytest.mark.parametrize(("cameras", "tolerance"), [(5, 0.12), (3, 0.25)])
+def test_known_noise_is_recovered(cameras: int, tolerance: float) -> None:
+    calibrated = calibrate_noise(known_noise(cameras))
+    assert calibrated.people == 3
+    true = np.interp(calibrated.noise.scores, KNOTS, SIGMA_PX)
+    off = calibrated.noise.sigma_px / true - 1
+    assert np.abs(off).max() < tolerance
+    assert np.abs(off).mean() < tolerance / 2
+    # Without the correction, small errors drown in those of the reference.
+    assert calibrated.measured.sigma_px[-1] > 1.3 * true[-1]
+
+
+def test_a_shifted_camera_is_named_and_can_be_taken_out() -> None:
+    recording = known_noise()
+    shift = np.array([30.0, 10.0])
+    views = list(recording.views)
+    views[1] = replace(views[1], keypoints_px=views[1].keypoints_px + shift)
+    calibrated = calibrate_noise(replace(recording, views=tuple(views)), without_shifts=True)
+    found = calibrated.shifts_px + [v.shift_px for v in calibrated.measured.views.values()]
+    assert np.linalg.norm(found[1] - shift) < 10
+    assert np.linalg.norm(np.delete(found, 1, axis=0), axis=-1).max() < 8
+    true = np.interp(calibrated.noise.scores, KNOTS, SIGMA_PX)
+    assert calibrated.noise.sigma_px / true == pytest.approx(np.ones(len(true)), abs=0.3)
+
+
+def test_exact_detections_have_hardly_any_noise() -> None:
+    detector = DetectorSettings(perfect=True)
+    recording = simulate(SceneSettings(people=2, seconds=4.0, detector=detector), seed=2)
+    assert calibrate_noise(recording).noise.sigma_px.max() < 1.5
+
+
+def test_truth_is_not_looked_at() -> None:
+    recording = simulate(SceneSettings(people=2, seconds=3.0), seed=2)
+    assert recording.truth is not None
+    wrong = replace(recording.truth, joints_m=recording.truth.joints_m + 5)
+    lied_to = calibrate_noise(replace(recording, truth=wrong))
+    np.testing.assert_array_equal(lied_to.noise.sigma_px, calibrate_noise(recording).noise.sigma_px)
+
+
+def test_two_cameras_are_too_few() -> None:
+    recording = simulate(SceneSettings(people=1, seconds=1.0, cameras=2), seed=0)
+    with pytest.raises(InputError, match="found 2 cameras, expected at least 3"):
+        calibrate_noise(recording)
+
+
+def test_nobody_there_is_told() -> None:
+    recording = simulate(SceneSettings(people=0, seconds=1.0), seed=0)
+    with pytest.raises(InputError, match="found 0 keypoints that two other views confirm"):
+        calibrate_noise(recording)
+
+
+def test_falling_is_the_nearest_that_never_rises() -> None:
+    np.testing.assert_allclose(falling(np.array([5.0, 3, 4, 1]), np.ones(4)), [5, 3.5, 3.5, 1])
+    np.testing.assert_allclose(falling(np.array([1.0, 4]), np.array([3, 1])), [1.75, 1.75])
+    values = np.random.default_rng(0).normal(size=50)
+    assert (np.diff(falling(values, np.ones(50))) <= 1e-12).all()
+
+
+def residuals(errors_px: Floats, scores: Floats) -> Residuals:
+    """Return residuals `(num_slots, num_series, 2)` of as many joints of one camera."""
+    slots, series = np.indices(scores.shape).reshape(2, -1)
+    return Residuals(
+        errors_px.reshape(-1, 2), scores.ravel(), np.zeros(scores.size, dtype=int), series, slots
+    )
+
+
+def test_sigma_is_robust_and_gross_errors_are_counted() -> None:
+    rng = np.random.default_rng(0)
+    scores = rng.uniform(0.1, 1.0, (400, 50))
+    errors = rng.normal(scale=5.0, size=(400, 50, 2))
+    gross = rng.random((400, 50)) < 0.1
+    errors[gross] += 300
+    found = describe(residuals(errors, scores), 0.04, 1032)
+    assert found.gross_share == pytest.approx(np.full(9, 0.1), abs=0.02)
+    assert found.sigma_px == pytest.approx(np.full(9, 5.0), rel=0.1)  # a tenth gone: 8 % more
+    assert found.counts.sum() == 20_000
+    assert (np.diff(found.scores) > 0).all()
+    assert pytest.approx(1.1774, abs=1e-4) == RAYLEIGH
+
+
+def test_bias_is_the_mean_of_a_joint() -> None:
+    rng = np.random.default_rng(0)
+    biases = np.array([[3.0, 4], [-3, 4], [3, -4], [-3, -4]])
+    errors = biases + rng.normal(scale=1.0, size=(500, 4, 2))
+    view = describe(residuals(errors, np.full((500, 4), 0.5)), 0.04, 1032).views[0]
+    assert view.bias_px == pytest.approx(5, rel=0.03)
+    assert np.linalg.norm(view.shift_px) < 3  # to all sides, which is no shift of the camera
+
+
+def test_memory_of_known_noise_is_found() -> None:
+    rng = np.random.default_rng(0)
+    errors = correlated(rng, (2000, 60, 2), 0.04, ((0.5, 0.0), (0.3, 0.1), (0.2, 2.5)))
+    what = residuals(errors, np.full((2000, 60), 0.5))
+    found = autocorrelation(what, np.ones(len(what)), 0.04)
+    for lag_s, value in found.items():
+        expected = 0.3 * np.exp(-lag_s / 0.1) + 0.2 * np.exp(-lag_s / 2.5)
+        assert value == pytest.approx(expected, abs=0.04)
+    assert fit_memory(found) == pytest.approx((0.5, 0.3, 0.2), abs=0.06)
