@@ -1,0 +1,114 @@
+"""A live site on this machine: latency, orders, CPU of the edge, bytes, how many cameras it bears.
+
+    python benchmarks/bench_live.py                      # 20 s for each row
+    python benchmarks/bench_live.py --seconds 600 --cameras 5
+
+Cameras replay simulated detections over mutual TLS on loopback, one process each; the edge runs the
+whole loop with the store. Cameras share the machine's cores with the edge.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from e3pose.wire.codec import encode, pack
+from e3pose.wire.messages import View
+from live_site import live_site, traffic, wait
+
+JPEG_QUALITY = 75
+
+
+def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, float]:
+    """Run one site and return its figures."""
+    with live_site(cameras, people, fps, loop=f"cameras = {max(1, round(cameras * 0.4))}") as site:
+        before = traffic()
+        status = site.follower.status
+        assert status is not None
+        slot, lost = status.slot, status.slots_lost
+        wait(seconds)
+        status = site.follower.status
+        assert status is not None
+        slots = status.slot - slot
+        figures = {
+            "cameras": cameras,
+            "people": people,
+            "slots_a_second": slots / seconds,
+            "slots_lost": status.slots_lost - lost,
+            "step_ms_p50": status.step_ms[0],
+            "step_ms_p99": status.step_ms[1],
+            "latency_ms_p50": status.latency_ms[0],
+            "latency_ms_p99": status.latency_ms[1],
+            "edge_cpu_share": site.edge_cpu_share(),
+            "views_late_or_lost": sum(c.late + c.lost for c in status.cameras),
+            "lead_slots": status.lead,
+            "loopback_bytes_a_slot": (traffic() - before) / max(slots, 1),
+            "edge_rss_mb": site.sample().edge_rss / 1e6,
+        }
+    return figures
+
+
+def view_bytes(people: int) -> int:
+    """Return the bytes of what a camera sends in a slot."""
+    view = View(
+        "cam1", 1, 1, 1, pack(np.zeros((people, 17, 2), np.float32)),
+        pack(np.ones((people, 17), np.float32)),
+    )  # fmt: skip
+    return len(encode(view))
+
+
+def jpeg_bytes(video: Path) -> int:
+    """Return the median bytes of a frame of a video as a JPEG."""
+    import cv2
+
+    from e3pose.node.source import open_video
+
+    quality = [int(cv2.IMWRITE_JPEG_QUALITY), JPEG_QUALITY]
+    sizes = [
+        len(cv2.imencode(".jpg", cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR), quality)[1])
+        for frame in open_video(video)
+        if frame.index % 10 == 0
+    ]
+    return int(np.median(sizes))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each row")
+    parser.add_argument("--cameras", type=int, nargs="+", default=[5])
+    parser.add_argument("--people", type=int, default=4)
+    parser.add_argument("--fps", type=float, default=25.0)
+    parser.add_argument("--video", type=Path, help="to compare with sending its frames as JPEG")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    rows = []
+    for cameras in options.cameras:
+        figures = row(cameras, options.people, options.fps, options.seconds)
+        rows.append(figures)
+        print(
+            f"{cameras} cameras x {options.people} people, {options.seconds:g} s over TLS: "
+            f"{figures['slots_a_second']:.1f} slots a second, {figures['slots_lost']:.0f} lost; "
+            f"last view to poses {figures['latency_ms_p50']:.2f} ms, p99 "
+            f"{figures['latency_ms_p99']:.2f}; step {figures['step_ms_p50']:.2f} ms, p99 "
+            f"{figures['step_ms_p99']:.2f}; edge uses {figures['edge_cpu_share']:.0%} of a core, "
+            f"{figures['edge_rss_mb']:.0f} MB; {figures['views_late_or_lost']:.0f} views late or "
+            f"lost; lead {figures['lead_slots']:.0f}",
+            flush=True,
+        )
+    sent = view_bytes(options.people)
+    print(f"a view of {options.people} people is {sent} bytes", end="")
+    if options.video is not None:
+        jpeg = jpeg_bytes(options.video)
+        print(
+            f"; a frame of {options.video.name} as a JPEG {jpeg}: {jpeg / sent:.0f} times", end=""
+        )
+    print()
+    if options.json:
+        options.json.write_bytes(msgspec.json.encode(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,163 @@
+"""A site of real processes over TLS on loopback, whose cameras replay simulated detections."""
+
+from __future__ import annotations
+
+import datetime
+import socket
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import psutil
+
+from e3pose.keys.folder import add_keys, init_keys
+from e3pose.recording import save_recording
+from e3pose.simulate.settings import SceneSettings
+from e3pose.simulate.simulation import simulate
+from e3pose.site.config import load_site
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.site.up import Program, camera_command, end
+from e3pose.wire.network import open_network
+
+SETTLE_S = 4.0
+
+
+@dataclass
+class Sample:
+    """What the processes of a site held at one time."""
+
+    at_s: float
+    edge_rss: int
+    edge_threads: int
+    camera_rss: int
+    camera_threads: int
+
+
+@dataclass
+class Site:
+    """A running site."""
+
+    folder: Path
+    programs: list[Program]
+    follower: Follower
+    cpu_begin_s: float = 0.0
+    begun_s: float = 0.0
+    samples: list[Sample] = field(default_factory=list)
+
+    def edge(self) -> psutil.Process:
+        assert self.programs[0].process is not None
+        return psutil.Process(self.programs[0].process.pid)
+
+    def cameras(self) -> list[psutil.Process]:
+        return [psutil.Process(p.process.pid) for p in self.programs[1:] if p.process is not None]
+
+    def begin_count(self) -> None:
+        times = self.edge().cpu_times()
+        self.cpu_begin_s, self.begun_s = times.user + times.system, time.monotonic()
+
+    def edge_cpu_share(self) -> float:
+        times = self.edge().cpu_times()
+        spent_s = times.user + times.system - self.cpu_begin_s
+        return float(spent_s / (time.monotonic() - self.begun_s))
+
+    def sample(self) -> Sample:
+        edge, cameras = self.edge(), self.cameras()
+        made = Sample(
+            time.monotonic() - self.begun_s,
+            edge.memory_info().rss,
+            edge.num_threads(),
+            sum(c.memory_info().rss for c in cameras),
+            sum(c.num_threads() for c in cameras),
+        )
+        self.samples.append(made)
+        return made
+
+
+@contextmanager
+def live_site(
+    cameras: int = 5,
+    people: int = 4,
+    fps: float = 25.0,
+    seconds: float = 20.0,
+    loop: str = "cameras = 2",
+    store: bool = True,
+    tls: bool = True,
+) -> Iterator[Site]:
+    """Start a site and wait until its slots flow; end it at the end."""
+    with tempfile.TemporaryDirectory(prefix="e3pose-live-") as name:
+        folder = Path(name)
+        scene = SceneSettings("ring", people=people, seconds=seconds, fps=fps, cameras=cameras)
+        recording = simulate(scene, seed=1)
+        save_recording(recording, folder / "recording")
+        now = datetime.datetime.now(datetime.timezone.utc)
+        init_keys(folder / "keys", "bench", [], now)
+        for camera_id in recording.rig.camera_ids:
+            add_keys(folder / "keys", camera_id, now)
+        add_keys(folder / "keys", "wall", now, kind="viewer")
+        path = folder / "site.toml"
+        path.write_text(_site_file(recording.rig.camera_ids, fps, loop, store, tls))
+        site = load_site(path)
+        command = [sys.executable, "-m", "e3pose", "edge", str(path), "--json-logs"]
+        programs = [Program("edge", command, folder / "edge.log")] + [
+            Program(i, camera_command(path, site, i, recording.rig), folder / f"{i}.log")
+            for i in recording.rig.camera_ids
+        ]
+        follower = Follower("bench")
+        transport = open_network(viewer_link(path, site, None))
+        follower.listen(transport)
+        for program in programs:
+            program.start()
+        try:
+            _wait_until_it_runs(follower, programs)
+            time.sleep(SETTLE_S)
+            made = Site(folder, programs, follower)
+            made.begin_count()
+            yield made
+        finally:
+            transport.close()
+            end(programs)
+
+
+def _site_file(camera_ids: tuple[str, ...], fps: float, loop: str, store: bool, tls: bool) -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    lines = [
+        'format = "e3pose-site"',
+        "version = 1",
+        'name = "bench"',
+        'calibration = "recording/calibration.toml"',
+        f"fps = {fps}",
+        "[link]",
+        f'endpoint = "{"tls" if tls else "tcp"}/127.0.0.1:{port}"',
+        'keys = "keys"',
+        "[loop]",
+        loop,
+    ]
+    if store:
+        lines += ["[store]", 'path = "poses.db"']
+    for camera_id in camera_ids:
+        lines += ["[[camera]]", f'id = "{camera_id}"', 'source = "recorded:recording"']
+    return "\n".join(lines) + "\n"
+
+
+def _wait_until_it_runs(follower: Follower, programs: list[Program]) -> None:
+    end_s = time.monotonic() + 300  # the first start compiles
+    while follower.status is None or follower.status.fps <= 0:
+        if time.monotonic() > end_s or programs[0].ended() is not None:
+            raise SystemExit(f"the edge does not run: {programs[0].log.read_text()[-2000:]}")
+        time.sleep(0.1)
+
+
+def traffic(loopback: str = "lo") -> int:
+    """Return bytes that went over the loopback device so far."""
+    return int(psutil.net_io_counters(pernic=True)[loopback].bytes_sent)
+
+
+def wait(seconds: float) -> None:
+    threading.Event().wait(seconds)
