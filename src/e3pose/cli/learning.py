@@ -155,6 +155,7 @@ def rollback(folder: Path, *, to: Whole | None = None) -> None:
 def _run(
     sources: list[Recording], options: dict[str, object], trainer: OnlineTrainer, paced: bool
 ) -> None:
+    import logging
     import time
 
     from e3pose.cli.progress import track_progress
@@ -162,6 +163,7 @@ def _run(
     from e3pose.learning.rehearse import rehearse
 
     settings = ReplaySettings(**options)  # type: ignore[arg-type]
+    logging.getLogger("e3pose.learning").addHandler(logging.NullHandler())  # events are printed
     told = 0
     predictor: Predictor | None = trainer.poll()
     for source in sources:
