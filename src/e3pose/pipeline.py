@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
+from e3pose.coverage import Coverage, learn, with_coverage
 from e3pose.energy import advance_deficit, price
 from e3pose.estimators.base import Estimator, People
 from e3pose.foresight import Foresight, foresee, with_predictions
@@ -77,6 +78,7 @@ class SlotState:
         memory: what the estimator remembers.
         sights: what every camera remembers of its own views.
         shown: the people of the slot before; None before the first.
+        coverage: what cameras showed where; None where nobody asks.
     """
 
     slot: int
@@ -86,6 +88,7 @@ class SlotState:
     memory: Any
     sights: tuple[Sight, ...]
     shown: People | None = None
+    coverage: Coverage | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,6 +203,7 @@ def step(
     times.append(clock())
 
     if pipeline.foresees:
+        state = replace(state, coverage=_covered(pipeline, state))
         situation = replace(situation, foresight=_foresight(pipeline, state, people, prediction))
     if situation.slot < pipeline.warmup_slots:
         decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
@@ -225,7 +229,9 @@ def step(
         stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
-    return SlotState(slot + 1, selections, deficit, silence, memory, sights, shown), record
+    return SlotState(
+        slot + 1, selections, deficit, silence, memory, sights, shown, state.coverage
+    ), record
 
 
 def _situation(
@@ -258,12 +264,21 @@ def _situation(
     )
 
 
+def _covered(pipeline: Pipeline, state: SlotState) -> Coverage:
+    """Remember what the newest views showed where."""
+    before = state.coverage or Coverage.none(pipeline.rig)
+    now = pipeline.estimator.outlook(state.memory, 0.0)
+    return learn(before, now, pipeline.interval_s)
+
+
 def _foresight(
     pipeline: Pipeline, state: SlotState, people: People, prediction: Prediction
 ) -> Foresight:
     """Work out what each camera would tell of the slot that is decided now."""
     estimator, interval_s = pipeline.estimator, pipeline.interval_s
     outlook = estimator.outlook(state.memory, pipeline.lead_slots * interval_s)
+    if state.coverage is not None:
+        outlook = with_coverage(outlook, state.coverage)
     if np.isfinite(prediction.error_m[-1]).any():
         now = estimator.outlook(state.memory, 0.0)
         outlook = with_predictions(
