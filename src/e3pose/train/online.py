@@ -43,8 +43,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         folder = Path(arguments[0])
         job = read_job(folder)
-        limit = (job.memory_bytes, job.memory_bytes)
-        resource.setrlimit(resource.RLIMIT_DATA, limit)
+        bound_memory(job.memory_bytes)
         _work(folder, job)
     except ModuleNotFoundError as error:
         name = error.name or "a module"
@@ -62,6 +61,14 @@ def step_back() -> None:
         os.nice(19)
     with suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text(OOM_SCORE)
+
+
+def bound_memory(limit: int) -> None:
+    """Let allocations beyond `limit` bytes fail, here rather than at the edge."""
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if hard != resource.RLIM_INFINITY:
+        limit = min(limit, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, hard))
 
 
 def clips_of(
