@@ -269,3 +269,20 @@ def test_wrong_question_is_one_line(
     assert named in error
     assert len(error.strip().splitlines()) == 1
     assert filled.read_bytes() == before
+
+
+def test_statements_are_ones_that_other_databases_know() -> None:
+    """The seam: tables and writing go through SQLAlchemy Core, and PostgreSQL would take them."""
+    from sqlalchemy.dialects import postgresql
+    from sqlalchemy.schema import CreateTable
+
+    from e3pose.store import schema
+    from e3pose.store.delivery import new_rows
+
+    dialect = postgresql.dialect()  # type: ignore[no-untyped-call]
+    for table in schema.metadata.tables.values():
+        assert "ROWID" not in str(CreateTable(table).compile(dialect=dialect))
+        written = str(new_rows("postgresql", table).compile(dialect=dialect))
+        assert "ON CONFLICT DO NOTHING" in written
+        assert "IGNORE" not in written
+        assert "INSERT OR IGNORE" in str(new_rows("sqlite", table))

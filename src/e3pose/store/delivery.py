@@ -122,7 +122,7 @@ class Delivery:
             for name, row in rows:
                 by_table.setdefault(name, []).append({**row, "run_id": run_id})
             for name, content in by_table.items():
-                connection.execute(_new_rows(connection, schema.ROWS[name]), content)
+                connection.execute(new_rows(connection.dialect.name, schema.ROWS[name]), content)
             _extend_tracks(connection, run_id, track_rows(rows))
         self._run_ids[key] = run_id
 
@@ -151,23 +151,25 @@ def _run_id(connection: Connection, run: Run) -> int:
     same = select(runs.c.run_id).where(runs.c.site == run.site, runs.c.started_ns == run.started_ns)
     found = connection.execute(same).scalar()
     if found is None:
-        connection.execute(_new_rows(connection, runs), run.row())
+        connection.execute(new_rows(connection.dialect.name, runs), run.row())
         found = connection.execute(same).scalar_one()
     return int(found)
 
 
-def _new_rows(connection: Connection, table: Table) -> Insert:
+def new_rows(dialect: str, table: Table) -> Insert:
     """Return an insert that leaves a row that is there as it is."""
-    if connection.dialect.name == "postgresql":
+    if dialect == "postgresql":
         return postgresql.insert(table).on_conflict_do_nothing()
-    return insert(table).prefix_with("OR IGNORE", dialect="sqlite")
+    return insert(table).prefix_with("OR IGNORE")
 
 
 def _extend_tracks(connection: Connection, run_id: int, tracks: list[dict[str, Any]]) -> None:
     if not tracks:
         return
     table = schema.tracks
-    connection.execute(_new_rows(connection, table), [{**t, "run_id": run_id} for t in tracks])
+    connection.execute(
+        new_rows(connection.dialect.name, table), [{**t, "run_id": run_id} for t in tracks]
+    )
     mine = (table.c.run_id == bindparam("run"), table.c.track_id == bindparam("track"))
     later = update(table).where(*mine, table.c.last_slot < bindparam("slot"))
     earlier = update(table).where(*mine, table.c.first_slot > bindparam("slot"))
