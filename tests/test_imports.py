@@ -43,6 +43,7 @@ PURE = [
     "evaluate.prediction",
     "evaluate.tally",
     "recording.record",
+    "noises",
 ]
 LAYERS = {
     "edge",
