@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from e3pose.camera import Camera, Rig
 from e3pose.estimators.per_slot import PerSlot
@@ -14,7 +16,9 @@ from e3pose.fuse import Fuser
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.policies import POLICIES, PolicySettings, Selection, Situation
 from e3pose.pose import Poses2D
-from e3pose.predictors import make_predictor
+from e3pose.predictors import Prediction, make_predictor
+
+Floats = NDArray[np.float64]
 
 NUM_CAMERAS, NUM_JOINTS = 5, 17
 ONLINE = np.ones(NUM_CAMERAS, dtype=bool)
@@ -47,19 +51,19 @@ def scene(slot: int) -> dict[int, Poses2D]:
     }
 
 
-def make(policy: str = "e3pose", **changes: object) -> Pipeline:
+def make(name: str = "e3pose", **changes: object) -> Pipeline:
     pipeline = Pipeline(
         rig=RIG,
         num_joints=NUM_JOINTS,
         interval_s=0.04,
         estimator=PerSlot(Fuser(RIG, NUM_JOINTS, backend="reference"), NUM_JOINTS, 0.04, 4),
         predictor=make_predictor("constant-velocity"),
-        policy=POLICIES[policy].make(PolicySettings(num_selected=2)),
+        policy=POLICIES[name].make(PolicySettings(num_selected=2)),
         budget=np.full(NUM_CAMERAS, 0.6),
         clock=lambda: 0.0,
         lead_slots=2,
         warmup_slots=4,
-        holds=POLICIES[policy].holds,
+        holds=POLICIES[name].holds,
     )
     return replace(pipeline, **changes)  # type: ignore[arg-type]
 
@@ -198,3 +202,55 @@ class Asleep:
 
     def select(self, situation: Situation) -> Selection:
         return np.zeros(NUM_CAMERAS, dtype=bool)
+
+
+@pytest.mark.parametrize("policy", ["round-robin", "e3pose-mv", "information", "random"])
+def test_a_camera_that_never_answers_is_given_up_and_made_up_for(policy: str) -> None:
+    views = [scene(slot) for slot in range(90)]
+    for slot in range(20, 70):
+        del views[slot][3]  # nobody says that it is gone
+    records = run(make(policy, foresees=True), views)
+    asked = [record.slot for record in records if record.selected[3] and not record.arrived[3]]
+    # Five misses, what was ordered meanwhile, and a try a second later.
+    assert 5 <= len(asked) <= 9
+    assert all(record.selected.sum() == 2 for record in records[6:])
+
+
+def test_reasons_are_given_for_the_slot_that_was_decided() -> None:
+    records = run(make("information", foresees=True), [scene(slot) for slot in range(20)])
+    for record in records:
+        assert record.reasons is not None
+        assert record.reasons.slot == record.slot + 2
+        assert record.reasons.gain_nats.shape == (NUM_CAMERAS,)
+        assert (record.reasons.gain_nats >= -1e-12).all()
+    for earlier, record in pairwise(records):
+        assert record.reasons is not None
+        np.testing.assert_allclose(record.reasons.price, earlier.deficit)
+    assert all(record.reasons is None for record in run(make(), [scene(0)] * 3))
+
+
+def test_a_predictor_that_states_its_error_feeds_the_choice() -> None:
+    seen: dict[float, Situation] = {}
+
+    @dataclass
+    class Keeper:
+        error_m: float
+
+        def select(self, situation: Situation) -> Selection:
+            seen[self.error_m] = situation
+            return np.arange(NUM_CAMERAS) < 2
+
+        def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
+            joints = np.repeat(history_m[-1:], lead_slots, axis=0)
+            return Prediction(joints, np.full(joints.shape[:-1], self.error_m))
+
+    for error_m in (0.01, 0.2, np.nan):
+        keeper = Keeper(error_m)
+        run(make(policy=keeper, predictor=keeper, foresees=True), [scene(s) for s in range(12)])
+    one = np.eye(NUM_CAMERAS, dtype=bool)[:1]
+    errors = []
+    for situation in seen.values():
+        assert situation.foresight is not None
+        errors.append(float(situation.foresight.expected_error_m(one)[0]))
+    assert errors[0] < errors[1]
+    assert len(set(errors)) == 3

@@ -1,0 +1,111 @@
+"""Whether expected errors are honest, and what a duty saves on the paper's devices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.camera import Camera, Rig
+from e3pose.energy import load_profile
+from e3pose.evaluate.energy_figures import PAPER_SAVINGS, energy_figures
+from e3pose.evaluate.expected_figures import expected_figures
+from e3pose.pipeline import Reasons, SlotRecord
+from e3pose.pose import Poses3D
+from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.skeleton import COCO17, PANOPTIC19, Skeleton
+
+Floats = NDArray[np.float64]
+
+NUM_SLOTS, CAMERAS = 200, ("a", "b", "c", "d", "e")
+BODY = np.random.default_rng(1).normal(size=(17, 3))
+
+
+def recording(skeleton: Skeleton = COCO17) -> Recording:
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    cameras = tuple(
+        Camera.from_world_to_camera(name, (640, 480), K, np.eye(3), [float(i), 0, 5])
+        for i, name in enumerate(CAMERAS)
+    )
+    lost = ViewSeries.from_views([], [], [], 17)
+    joints = np.zeros((len(skeleton), 3))
+    joints[: len(BODY)] = BODY
+    truth = Truth(
+        skeleton, ("anna",), np.broadcast_to(joints, (NUM_SLOTS, 1, *joints.shape)).copy()
+    )
+    return Recording("test", Rig(cameras), 10.0, NUM_SLOTS, COCO17, (lost,) * 5, truth=truth)
+
+
+def records(sigma_m: float, claimed_m: float, on: int = 2) -> list[SlotRecord]:
+    """Make an estimator that errs by `sigma_m` an axis and says `claimed_m`."""
+    rng = np.random.default_rng(2)
+    found = []
+    for slot in range(NUM_SLOTS):
+        selected = np.arange(5) < on
+        joints = BODY[None] + rng.normal(scale=sigma_m, size=(1, 17, 3))
+        found.append(
+            SlotRecord(
+                slot=slot,
+                time_s=slot / 10,
+                selected=selected,
+                arrived=selected,
+                poses=Poses3D(joints, np.ones((1, 17))),
+                track_ids=np.array([3]),
+                occlusion=np.zeros(5),
+                deficit=np.zeros(5),
+                next_selection=selected,
+                covariance_m2=np.broadcast_to(claimed_m**2 * np.eye(3), (1, 17, 3, 3)),
+                measured=np.ones((1, 17), dtype=bool),
+                reasons=Reasons(slot + 1, np.zeros(5), np.zeros(5), 0.03),
+            )
+        )  # fmt: skip
+    return found
+
+
+def test_an_honest_estimator_covers_nine_of_ten() -> None:
+    figures = expected_figures(recording(), records(0.02, 0.02))
+    assert figures["error_mm"] == pytest.approx(20 * 1.595769, rel=1e-5)
+    assert figures["matched_mm"] == pytest.approx(figures["error_mm"])
+    assert figures["actual_mm"] == pytest.approx(figures["error_mm"], rel=0.03)
+    assert figures["coverage_90"] == pytest.approx(90, abs=1.5)
+    assert figures["foreseen_mm"] == pytest.approx(30)
+
+
+@pytest.mark.parametrize(("claimed_m", "low", "high"), [(0.01, 20, 60), (0.04, 99, 100)])
+def test_one_that_claims_too_much_or_too_little_is_found_out(
+    claimed_m: float, low: float, high: float
+) -> None:
+    figures = expected_figures(recording(), records(0.02, claimed_m))
+    assert low < figures["coverage_90"] <= high
+
+
+def test_another_skeleton_or_no_covariance_says_less() -> None:
+    assert "coverage_90" not in expected_figures(recording(PANOPTIC19), records(0.02, 0.02))
+    assert expected_figures(recording(), []) == {}
+
+
+def test_savings_are_told_for_both_devices_of_the_paper() -> None:
+    found = energy_figures(
+        recording(), records(0.02, 0.02, on=3), load_profile("generic"), "power-saving", 50.0
+    )
+    for name, (low, high) in PAPER_SAVINGS.items():
+        device = found["devices"][name]
+        assert low < device["saving_percent"] < high
+        assert device["times_paper"] == pytest.approx(1.0)
+        assert device["aggressive_saving_percent"] > device["saving_percent"]
+    one = energy_figures(
+        recording(), records(0.02, 0.02, on=1), load_profile("tx2"), "power-saving", 50.0
+    )
+    assert one["devices"]["tx2"]["times_paper"] == pytest.approx(2.0)  # 4 of 5 asleep, not 2
+
+
+def test_devices_and_batteries_may_differ() -> None:
+    profiles = [load_profile(name) for name in ("xavier-nx", "tx2", "tx2", "tx2", "generic")]
+    batteries = [10.0, 20.0, 30.0, 40.0, 50.0]
+    found = energy_figures(
+        recording(), records(0.02, 0.02, on=5), profiles, "power-saving", batteries
+    )
+    assert found["profile"] == "xavier-nx, tx2, generic"
+    assert found["cameras"]["a"]["active_watts"] == pytest.approx(12.5)
+    assert found["cameras"]["e"]["battery_hours"] == pytest.approx(5.0)
+    assert found["cameras"]["b"]["battery_hours"] == pytest.approx(20 / 12.2)
