@@ -34,7 +34,7 @@ def well(at_ns: int = NOW) -> CameraLife:
 
 
 def why(life: CameraLife, at_ns: int = NOW) -> str:
-    return trouble(life, JOINTS, SIZE, 0.04, at_ns)
+    return trouble(life, JOINTS, SIZE, at_ns)
 
 
 def test_camera_that_is_well_can_be_chosen() -> None:
@@ -86,7 +86,7 @@ def replace_beat(**changes: object) -> Heartbeat:
     [
         (replace_beat(problem="the source gives no frames"), "the source gives no frames"),
         (replace_beat(battery_j=0.0), "battery empty"),
-        (replace_beat(clock_error_ns=30_000_000), "knows the time only to 30 ms"),
+        (replace_beat(clock_error_ns=300_000_000), "knows the time only to 300 ms"),
     ],
 )
 def test_ailing_camera_says_what_ails_it(beat: Heartbeat, told: str) -> None:

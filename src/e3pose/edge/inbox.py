@@ -84,7 +84,7 @@ class Inbox:
         """Return, camera by camera, why it cannot be chosen; empty where it can."""
         now_ns = self.clock.now_ns()
         return [
-            trouble(life, self.joints, camera.image_size, self.interval_s, now_ns)
+            trouble(life, self.joints, camera.image_size, now_ns)
             for life, camera in zip(self.roster.lives, self.rig.cameras, strict=True)
         ]
 

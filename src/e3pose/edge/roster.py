@@ -105,7 +105,6 @@ def trouble(
     life: CameraLife,
     joints: Sequence[str],
     image_size: tuple[int, int],
-    interval_s: float,
     now_ns: int,
 ) -> str:
     """Return why a camera cannot be chosen, in words; empty if it can.
@@ -114,7 +113,6 @@ def trouble(
         life: what is known of it.
         joints: of the edge's skeleton, which its detector must find.
         image_size: of its calibration.
-        interval_s: seconds a slot.
         now_ns: the time.
     """
     if life.heard_ns is None:
@@ -137,15 +135,15 @@ def trouble(
         )
     if life.beat is None:
         return "has not said how it is"
-    return _ailing(life, life.beat, interval_s, now_ns)
+    return _ailing(life, life.beat, now_ns)
 
 
-def _ailing(life: CameraLife, beat: Heartbeat, interval_s: float, now_ns: int) -> str:
+def _ailing(life: CameraLife, beat: Heartbeat, now_ns: int) -> str:
     if beat.problem:
         return beat.problem
     if beat.battery_j is not None and beat.battery_j <= 0:
         return "battery empty"
-    if beat.clock_error_ns > CLOCK_ERROR_SHARE * interval_s * 1e9:
+    if beat.clock_error_ns > CLOCK_ERROR_NS:
         return f"knows the time only to {beat.clock_error_ns / 1e6:.0f} ms"
     if now_ns - life.frame_ns > FROZEN_S * 1e9:
         return "takes no new frames"
