@@ -12,11 +12,12 @@ from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE, pixel_variance, project
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-BIAS_PX = 8.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
+BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
 MIN_JOINTS = 3
 COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
 COST_USUAL = 1.0  # the mean distance of a detection that is right is below it
 JOINT_LIMIT = 6.0  # what one wild joint may say at most
+VAGUE_FIT = 0.4  # the fit of a track twice as wide as it could be counts 0.76 times
 NEVER = 1e3
 
 
@@ -27,7 +28,8 @@ def associate(
 
     People who are believed to exist choose first; tracks that are not yet confirmed get what is
     left, so that a false start cannot take a person's detections. The gate grows with the track's
-    uncertainty.
+    uncertainty, but of two tracks within it the one that is known better is preferred, as in a
+    likelihood: who could be anywhere takes nobody's detection.
 
     Args:
         belief: predicted to the time of the view.
@@ -38,42 +40,52 @@ def associate(
 
     Returns:
         `(num_tracks,)` the row of each track's detection, -1 for none; and `(num_tracks,)` how well
-        it fits, 1 within the usual error, falling to 0 at the gate, 0 for none.
+        it fits, 1 within the usual error of a well-known track, falling to 0 at the gate, 0 for
+        none.
     """
     rows = np.full(len(belief), -1, dtype=np.int64)
     fits = np.zeros(len(belief))
     if len(belief) == 0 or len(scores) == 0:
         return rows, fits
-    cost = costs(belief, keypoints_px, scores, camera, model)
+    cost, vagueness = costs(belief, keypoints_px, scores, camera, model)
     free = np.ones(len(scores), dtype=bool)
     for group in (belief.confirmed, ~belief.confirmed):
         tracks, people = np.flatnonzero(group), np.flatnonzero(free)
         offered = cost[np.ix_(tracks, people)]
-        chosen, taken = linear_sum_assignment(np.where(offered <= COST_LIMIT, offered, NEVER))
+        likely = offered + vagueness[np.ix_(tracks, people)]
+        chosen, taken = linear_sum_assignment(np.where(offered <= COST_LIMIT, likely, NEVER))
         good = offered[chosen, taken] <= COST_LIMIT
         rows[tracks[chosen[good]]] = people[taken[good]]
         free[people[taken[good]]] = False
     found = np.flatnonzero(rows >= 0)
     excess = cost[found, rows[found]] - COST_USUAL
     fits[found] = np.clip(1 - excess / (COST_LIMIT - COST_USUAL), 0, 1)
+    fits[found] *= np.exp(-VAGUE_FIT * vagueness[found, rows[found]])
     return rows, fits
 
 
 def costs(
     belief: Belief, keypoints_px: Floats, scores: Floats, camera: int, model: Model
-) -> Floats:
-    """Return `(num_tracks, num_persons)` mean distance in standard deviations; inf if unknown."""
+) -> tuple[Floats, Floats]:
+    """Return how far tracks and detections are apart, and how vague that is.
+
+    Returns:
+        `(num_tracks, num_persons)` mean distance in standard deviations, inf if unknown; and the
+        mean logarithm of how much wider these are than those of a track that is known exactly.
+    """
     scale = model.scales[camera]
     pixels, depth, jacobian = project(
         belief.state[..., :3], model.rig.projections[camera : camera + 1]
     )
     spread = pixel_variance(jacobian, belief.covariance[..., :3, :3])[0]
     variance = model.noise.of(scores, scale)[None] ** 2 + (BIAS_PX * scale) ** 2
+    vague = 0.5 * np.log1p(spread[:, None] / variance)
     variance = variance + spread[:, None]  # (num_tracks, num_persons, num_joints)
     shown = (scores > MIN_SCORE)[None] & (depth[0] > MIN_DEPTH_M)[:, None]
     error = np.where(shown[..., None], keypoints_px[None] - pixels[0][:, None], 0.0)
     distance = np.minimum(np.sqrt((error**2).sum(axis=-1) / variance), JOINT_LIMIT)
     weight = np.where(shown, scores[None], 0.0)
-    total = weight.sum(axis=-1)
-    mean = (weight * distance).sum(axis=-1) / np.maximum(total, 1e-9)
-    return np.where(shown.sum(axis=-1) >= MIN_JOINTS, mean, np.inf)
+    total = np.maximum(weight.sum(axis=-1), 1e-9)
+    mean = (weight * distance).sum(axis=-1) / total
+    vagueness = (weight * vague).sum(axis=-1) / total
+    return np.where(shown.sum(axis=-1) >= MIN_JOINTS, mean, np.inf), vagueness

@@ -15,6 +15,7 @@ from e3pose.triangulate import triangulate
 Floats = NDArray[np.float64]
 
 WAIT_S = 0.14  # how long a detection waits for a second view: three slots of 1/25 s
+WALK_MPS = 0.7  # all joints may have moved together so fast between two slots
 SURE_SCORE, SHARED_SCORE = 0.2, 0.15
 MIN_JOINTS = 8
 MAX_ERROR_PX = 10.0  # reprojection, the median over joints
@@ -49,10 +50,11 @@ def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
     pairs = _pairs(belief, waiting, model)
     taken: set[int] = set()
     for _, a, b, joints_m in sorted(pairs, key=lambda pair: pair[:3]):
+        moved_m = WALK_MPS * abs(float(waiting.times_s[a] - waiting.times_s[b]))
         if {a, b} & taken or len(belief) >= MAX_TRACKS or not _apart(belief, joints_m):
             continue
         taken |= {a, b}
-        belief = _start(belief, joints_m, waiting.cameras[[a, b]], model)
+        belief = _start(belief, joints_m, moved_m, waiting.cameras[[a, b]], model)
     keep = np.array([i not in taken for i in range(len(waiting))], dtype=bool)
     return replace(belief, leftovers=waiting.take(keep))
 
@@ -86,10 +88,9 @@ def _pairs(
         keypoints = np.where(shared[:, None], waiting.keypoints_px[rows], np.nan)
         projections = model.rig.projections[waiting.cameras[rows]]
         joints_m = triangulate(keypoints, scores * shared, projections)
+        scales = model.scales[waiting.cameras[rows]].reshape(2, 1)
         pixels = project(np.nan_to_num(joints_m), projections)[0]
-        error = np.linalg.norm(pixels - keypoints, axis=-1) / model.scales[
-            waiting.cameras[rows]
-        ].reshape(2, 1)
+        error = np.linalg.norm(pixels - keypoints, axis=-1) / scales
         error = np.where(np.isfinite(joints_m[:, 0]), error, np.nan).max(axis=0)
         good = error < MAX_ERROR_PX
         if good.sum() < MIN_JOINTS or np.nanmedian(error) > MAX_ERROR_PX:
@@ -112,23 +113,26 @@ def _apart(belief: Belief, joints_m: Floats) -> bool:
     return bool((distance.mean(axis=-1) >= APART_M).all()) if len(belief) else True
 
 
-def _start(belief: Belief, joints_m: Floats, cameras: NDArray[np.int64], model: Model) -> Belief:
+def _start(
+    belief: Belief, joints_m: Floats, moved_m: float, cameras: NDArray[np.int64], model: Model
+) -> Belief:
     middle = np.nanmedian(joints_m, axis=0)
     known = np.nan_to_num(np.linalg.norm(joints_m - middle, axis=-1), nan=np.inf) < REACH_M
     state = np.zeros((len(known), 6))
     state[:, :3] = np.where(known[:, None], joints_m, middle)
     covariance = np.zeros((len(known), 6, 6))
     spread = np.where(known, START_JOINT_M, START_UNSEEN_M) ** 2
-    covariance[:, :3, :3] = spread[:, None, None] * np.eye(3)
+    covariance[:, :3, :3] = (spread + moved_m**2)[:, None, None] * np.eye(3)
     depth = np.zeros(len(known))
     for steps, level in enumerate(model.tree.levels):
         depth[level] = steps
     speed = START_SPEED_MPS**2 + depth * START_TURN_MPS**2
     covariance[:, 3:, 3:] = speed[:, None, None] * np.eye(3)
-    shared = np.zeros_like(covariance)  # all start with the velocity of their parents
-    shared[:, 3:, 3:] = np.where(depth > 0, speed - START_TURN_MPS**2, 0.0)[:, None, None] * np.eye(
-        3
-    )
+    # All start with the velocity of their parents, and all have moved together.
+    has_parent = (depth > 0)[:, None, None]
+    shared = np.zeros_like(covariance)
+    shared[:, :3, :3] = has_parent * moved_m**2 * np.eye(3)
+    shared[:, 3:, 3:] = has_parent * (speed - START_TURN_MPS**2)[:, None, None] * np.eye(3)
     seen_by = np.zeros(len(model.rig), dtype=bool)
     seen_by[cameras] = True
     no_bones = np.zeros(len(model.bones))

@@ -9,7 +9,7 @@ import numpy as np
 from e3pose.filter.state import Belief, Flags, Floats, Ints, Model
 from e3pose.filter.update import MIN_DEPTH_M, project
 
-LEARN_RATE = 0.12  # of the share of views that show a person: a memory of eight views
+LEARN_RATE = 0.16  # of the share of views that show a person: a memory of six views
 FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
 END_EXISTENCE = 0.3
 END_UNSEEN_S = 1.0  # out of every camera's sight for this long, as in `track`

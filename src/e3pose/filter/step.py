@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from e3pose.errors import InputError
+from e3pose.filter import bias
 from e3pose.filter.associate import associate
 from e3pose.filter.births import give_birth
 from e3pose.filter.existence import attend, end
@@ -17,6 +18,7 @@ from e3pose.match import MAX_PIXEL
 from e3pose.match import MIN_SCORE as MISSING_SCORE
 from e3pose.pose import Poses2D
 
+SHOWN_SPREAD_M = 0.3  # whose every joint is less certain is followed, but not shown
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
 MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
 
@@ -75,7 +77,7 @@ def step(
     assigned = np.array([rows for rows, _ in found], dtype=np.int64).reshape(shape)
     fits = np.array([fit for _, fit in found]).reshape(shape)
     predicted = belief
-    seen = _sightings(belief, cameras, keypoints, scores, assigned, model)
+    seen = _sightings(belief, cameras, keypoints, scores, assigned, dt, model)
     belief = update(belief, seen, model)
     belief = learn_biases(belief, seen, cameras, dt)
     told = _information_share(seen, model, cameras)
@@ -128,6 +130,7 @@ def _sightings(
     keypoints: list[Floats],
     scores: list[Floats],
     assigned: Ints,
+    dt: float,
     model: Model,
 ) -> Sightings:
     shape = (*assigned.shape, len(model.skeleton))
@@ -138,7 +141,8 @@ def _sightings(
         all_scores[view, seen] = scores[view][row[seen]]
     sigma = model.noise.of(all_scores, model.scales[cameras].reshape(-1, 1, 1))
     all_keypoints -= np.swapaxes(belief.bias_px[:, cameras], 0, 1)
-    return Sightings(model.rig.projections[cameras], all_keypoints, all_scores, sigma)
+    look = np.sqrt(bias.inflation(belief.last_seen_s[:, cameras].T + dt))[..., None]
+    return Sightings(model.rig.projections[cameras], all_keypoints, all_scores, sigma, look)
 
 
 def _information_share(seen: Sightings, model: Model, cameras: Ints) -> Floats:
@@ -164,7 +168,9 @@ def _unexplained(
 
 def estimate_of(belief: Belief) -> Estimate:
     """Return the people who are believed to exist."""
-    shown = np.flatnonzero(belief.confirmed)
+    trace = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
+    certain = np.sqrt(trace.min(axis=-1)) < SHOWN_SPREAD_M
+    shown = np.flatnonzero(belief.confirmed & certain)
     known = np.isfinite(belief.unmeasured_s[shown])
     return Estimate(
         belief.track_ids[shown],

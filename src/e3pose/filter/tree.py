@@ -64,7 +64,8 @@ def grow(skeleton: Skeleton) -> Tree:
     names = skeleton.joints
     own = {name: PARENTS.get(name, ((), END)) for name in names}
     above = {name: next((p for p in own[name][0] if p in names), "") for name in names}
-    root = min((n for n in names if not above[n]), key=lambda n: list(PARENTS).index(n))
+    ranks = {name: rank for rank, name in enumerate(PARENTS)}
+    root = min((n for n in names if not above[n]), key=lambda n: ranks.get(n, len(ranks)))
     parents = [-1 if n == root else names.index(above[n] or root) for n in names]
     order = [names.index(root)]
     for joint in order:

@@ -34,12 +34,14 @@ class Sightings:
         keypoints_px: `(num_views, num_tracks, num_joints, 2)` undistorted, NaN where not seen.
         scores: `(num_views, num_tracks, num_joints)`, 0 where not seen.
         sigma_px: the expected error of each, of the same shape.
+        look: `(num_views, num_tracks, 1)` factor on it for what the look before said already.
     """
 
     projections: Floats
     keypoints_px: Floats
     scores: Floats
     sigma_px: Floats
+    look: Floats
 
 
 def predict(belief: Belief, dt: float, model: Model) -> Belief:
@@ -104,7 +106,7 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
             pixels, depth, jacobian = project(state[..., :3], seen.projections)
             usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M)
             error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
-            variance = seen.sigma_px**2
+            variance = (seen.sigma_px * seen.look) ** 2
             doubt = pixel_variance(jacobian, belief.covariance[..., :3, :3])
             off = (error**2).sum(axis=-1) / (variance + (doubt if iteration == 0 else 0.0))
             weight = np.where(usable, 1 / (1 + off / OUTLIER_SIGMAS**2) / variance, 0.0)
