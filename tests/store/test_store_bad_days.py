@@ -189,7 +189,7 @@ def test_spool_is_bounded_and_keeps_the_newest(
         kept = stored_slots(path)
         assert kept[-1] == 1499
         assert kept == list(range(kept[0], 1500)), "what is left has no holes"
-        assert len(kept) > 300
+        assert len(kept) > 150, "at least the half that was full"
     assert any(event.kind == "store-shed" for event in told)
     assert spools_of(path) == []
 
