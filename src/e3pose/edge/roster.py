@@ -12,9 +12,9 @@ WRONG_LIMIT = 20  # messages that make no sense, within the time below: it is le
 WRONG_S = 10.0
 QUARANTINE_S = 10.0  # and looked at again after this
 FLOOD_RATE = 4.0  # times the messages that a camera needs, beyond which the rest is not read
-CLOCK_ERROR_SHARE = (
-    0.5  # of a slot: a camera that knows the time worse cannot say which slot it saw
-)
+# What a camera knows of the error of its clock is half the quickest round trip: a bound, and the
+# truth is far within it. Beyond this it cannot be trusted to say which slot it saw.
+CLOCK_ERROR_NS = 250_000_000
 FROZEN_S = 5.0  # active all that time, but no new frame taken
 
 
