@@ -204,6 +204,16 @@ def test_a_newcomer_is_looked_for_where_other_cameras_see_the_same_ground() -> N
     assert entrants[1] > 0.3
 
 
+def test_somebody_whom_no_camera_shows_does_not_decide() -> None:
+    seen = outlook(np.stack([person(0, 0), person(0.5, 0.5)]))
+    lost = replace(seen, covariance_m2=seen.covariance_m2 * np.array([1, 100])[:, None, None, None])
+    delivered = np.array([[0.5] * 4, [0.01] * 4])
+    alone = foresee(RIG, replace(outlook(person(0, 0)[None]), delivered=np.full((1, 4), 0.5)))
+    each = np.eye(4, dtype=bool)
+    shown = foresee(RIG, replace(lost, delivered=delivered)).information(each)
+    np.testing.assert_allclose(shown, alone.information(each), rtol=0.3)
+
+
 def test_nobody_is_normal() -> None:
     foresight = foresee(RIG, outlook(np.zeros((0, 4, 3))))
     assert foresight.information(subsets(4)).tolist() == [0.0] * 16

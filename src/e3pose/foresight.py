@@ -49,6 +49,8 @@ class Foresight:
         views: `(num_cameras, num_tracks, num_joints, 6)` that each camera would add if its errors
             were new ones, which is what the estimator counts.
         fresh: `(num_cameras, num_tracks)` share of that which is new.
+        weights: `(num_tracks,)` how much each person counts. Somebody whom no camera showed of late
+            may not be there: that cameras would tell much if they were must not decide.
         entrants: `(num_cameras,)` people whom nobody knows yet and another camera showed, as far
             as each camera overlooks the ground where they may be.
     """
@@ -58,13 +60,14 @@ class Foresight:
     prior: Floats
     views: Floats
     fresh: Floats
+    weights: Floats
     entrants: Floats
 
     def information(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` nats a joint that sets of cameras are expected to add.
 
-        That is the mean over people and joints of half the growth of log det L: a sum of functions
-        of diminishing returns, so that a greedy choice is within 1 - 1/e of the best.
+        That is the weighted mean over people and joints of half the growth of log det L: a sum of
+        functions of diminishing returns, so that a greedy choice is within 1 - 1/e of the best.
 
         Args:
             subsets: `(num_subsets, num_cameras)`.
@@ -73,7 +76,8 @@ class Foresight:
             return np.zeros(len(subsets))
         after = self._after(subsets, self.views * self.fresh[..., None, None])
         gain = np.log(_det(after)) - np.log(_det(self.prior.reshape(-1, 6)))
-        return np.asarray(gain.mean(axis=-1) / 2)
+        weights = np.repeat(self.weights, self.prior.shape[1])
+        return np.asarray(gain @ weights / max(weights.sum(), 1e-9) / 2)
 
     def expected_error_m(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` metres: the mean distance of shown joints from the truth.
@@ -119,7 +123,13 @@ def foresee(
         last_seen_s = np.where(cameras[:, None], np.minimum(last_seen_s, before_s), last_seen_s)
     entrants = outlook.unexplained @ overlap(rig)
     return Foresight(
-        outlook.track_ids, outlook.confirmed, prior, full, freshness(last_seen_s), entrants
+        track_ids=outlook.track_ids,
+        confirmed=outlook.confirmed,
+        prior=prior,
+        views=full,
+        fresh=freshness(last_seen_s),
+        weights=outlook.delivered.max(axis=1, initial=0.0),
+        entrants=entrants,
     )
 
 

@@ -25,6 +25,7 @@ def foresight(told: list[float], sigma_m: float = 0.1, **more: object) -> Foresi
         prior=(EYE / sigma_m**2)[None, None],
         views=views,
         fresh=np.ones((len(told), 1)),
+        weights=np.ones(1),
         entrants=np.zeros(len(told)),
     )
     return replace(plain, **more)  # type: ignore[arg-type]
@@ -102,6 +103,7 @@ def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count:
         prior=np.broadcast_to(EYE * 100, (2, 5, 6)),
         views=full[..., rows, columns],
         fresh=np.ones((12, 2)),
+        weights=np.array([1.0, 0.4]),
         entrants=np.zeros(12),
     )
     now = situation(seen, price=rng.uniform(0, 5, 12))
@@ -148,7 +150,7 @@ def test_at_a_lower_rate_more_cameras_are_needed() -> None:
 def test_with_a_target_somebody_always_looks_now_and_then() -> None:
     nobody = Foresight(
         np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 1, 6)), np.zeros((3, 0, 1, 6)),
-        np.zeros((3, 0)), np.zeros(3),
+        np.zeros((3, 0)), np.zeros(0), np.zeros(3),
     )  # fmt: skip
     policy = Information(3, target_error_m=0.04)
     assert not policy.select(situation(nobody)).any()
