@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.power import Budget
+from e3pose.power import Budget, EnergyLedger
 from e3pose.power.site import CameraEnergy, hear, new_camera, reckon
 from e3pose.profiles import load_profile
+from e3pose.store import EnergyReading
 from e3pose.wire.messages import Heartbeat
 
 PROFILE = load_profile("generic")  # 10 W active, 5.2 W in power-saving
@@ -93,3 +94,39 @@ def test_a_cloud_is_no_evening() -> None:
     assert 3.5 < cloud.supply().charging_w < 4.0
     evening = lived(sunny, battery_j=1000.0, begin_s=300.0, beats=7200)
     assert evening.supply().charging_w < 0.05
+
+
+def test_ledger_takes_heartbeats_and_reckons_every_minute() -> None:
+    now_ns, kept = [0], list[EnergyReading]()
+    ledger = EnergyLedger(
+        ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("watts", 5.0)] * 2, 0.04, 1,
+        lambda: now_ns[0], kept.append,
+    )  # fmt: skip
+    before, new = ledger.reckoning()
+    assert not new
+    assert [slot.measured for slot in before.slots] == [False, False]
+    rng = np.random.default_rng(0)
+    energy_j = active_s = 0.0
+    for number in range(200):
+        now_ns[0] = round(number * BEAT_S * 1e9)
+        for camera_id in ("a", "stranger"):
+            ledger.take(
+                Heartbeat(
+                    camera_id, 1, now_ns[0], "active", energy_j=energy_j, measured=True,
+                    active_s=active_s, idle_s=number * BEAT_S - active_s,
+                )
+            )  # fmt: skip
+        spent_s = BEAT_S * rng.uniform(0.1, 0.9)
+        active_s += spent_s
+        energy_j += 7.0 * spent_s + 3.0 * (BEAT_S - spent_s)
+    after, new = ledger.reckoning()
+    assert new
+    assert [slot.measured for slot in after.slots] == [True, False]
+    np.testing.assert_allclose(after.budget[0], 0.5, atol=0.02)  # 5 W between 3 and 7
+    assert not ledger.reckoning()[1]
+    np.testing.assert_allclose(ledger.spent_j(np.array([True, True])), [0.28, 0.4], rtol=0.02)
+    assert len(kept) == 199
+    last_j = energy_j - (7.0 * spent_s + 3.0 * (BEAT_S - spent_s))  # what was told in the end
+    assert sum(reading.energy_j for reading in kept) == pytest.approx(last_j)
+    assert {reading.source for reading in kept} == {"measured"}
+    assert {reading.span_s for reading in kept} == {BEAT_S}

@@ -9,13 +9,15 @@ from e3pose.power.battery import Charge, read_charge
 from e3pose.power.budgets import Budget, Supply, allowance_j, parse_budget, slot_shares
 from e3pose.power.choose import choose_meter
 from e3pose.power.learned import LearnedCost, SlotCost, learn, slot_cost, unlearned
-from e3pose.power.sampler import PowerSampler
+from e3pose.power.ledger import EnergyLedger
+from e3pose.power.sampler import PowerSampler, open_sampler
 from e3pose.power.site import CameraEnergy, Reckoning, hear, new_camera, reckon
 
 __all__ = [
     "Budget",
     "CameraEnergy",
     "Charge",
+    "EnergyLedger",
     "LearnedCost",
     "Meter",
     "MeterError",
@@ -30,6 +32,7 @@ __all__ = [
     "hear",
     "learn",
     "new_camera",
+    "open_sampler",
     "parse_budget",
     "read_charge",
     "reckon",

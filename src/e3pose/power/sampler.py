@@ -10,9 +10,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from e3pose.errors import InputError
 from e3pose.power.base import Meter, MeterError, Reading
 from e3pose.power.battery import Charge, read_charge
-from e3pose.profiles import Mode
+from e3pose.power.choose import ModelMeter, choose_meter
+from e3pose.profiles import DeviceProfile, Mode
 
 PERIOD_S = 0.1  # a camera changes its mode with the slots: what is read seldom misses that
 CHARGE_PERIOD_S = 2.0  # gauges say something new every few seconds
@@ -138,3 +140,26 @@ class PowerSampler:
     def _work(self) -> None:
         while not self._stop.wait(PERIOD_S):
             self.sample()
+
+
+def open_sampler(
+    profile: DeviceProfile, how: str = "auto", capacity_wh: float | None = None
+) -> PowerSampler:
+    """Return what fills the power fields of a camera's heartbeats, to be used with `with`.
+
+    Args:
+        profile: what the camera is taken to draw where nothing is measured.
+        how: `auto` measures what can be, `model` nothing.
+        capacity_wh: of the battery, for gauges that only know a percentage.
+
+    Raises:
+        InputError: for another `how`.
+    """
+    if how not in ("auto", "model"):
+        raise InputError(f"meter: found {how[:40]!r}, expected auto or model")
+    meter: Meter = (
+        choose_meter(profile, capacity_wh=capacity_wh)
+        if how == "auto"
+        else ModelMeter(profile, "as asked for")
+    )
+    return PowerSampler(meter, capacity_wh=capacity_wh)
