@@ -34,9 +34,6 @@ T = TypeVar("T")
 NETWORK = "openpose-thin"
 EVERY = 2  # of the 60 frames a second: half of them tell as much and take half the time
 NUM_SELECTED = 2
-# At V = 1 the queues decide nearly alone, and on this rig take turns between pairs of cameras that
-# face each other, which match worst; at 10 the views have a say and a third more people are found.
-QUALITY_WEIGHT = 10.0
 PROFILE = "xavier-nx"
 
 STAND_IN = SceneSettings(people=3, seconds=12.0, cameras=4)
@@ -174,9 +171,9 @@ def _replayed(
     from e3pose.evaluate.summary import summarise
 
     settings = ReplaySettings(
-        policy="e3pose",
+        pipeline="default",
         num_selected=min(NUM_SELECTED, len(recording.rig)),
-        quality_weight=QUALITY_WEIGHT,
+        foresees=True,
     )
     runs: list[list[SlotRecord]] = []
     for number, chosen in enumerate((settings, replace(settings, policy="all"))):

@@ -83,8 +83,7 @@ def story(report: DemoReport) -> list[str]:
         f"WiFi and memory, {energy['device_saving_percent']:.0f} % less for the whole cameras, "
         f"reckoned with the power profile {energy['profile']}.",
         f"The price: {report.people:.1f} people a slot in 3D, {report.people_all:.1f} with all "
-        "cameras awake. This estimator has no memory: somebody whom only one awake camera sees "
-        "is missing in that slot.",
+        "cameras awake. A new person is shown once three cameras have seen them, or ten views.",
         *_accuracy(summary),
     ]
 
