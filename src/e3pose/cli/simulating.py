@@ -41,7 +41,7 @@ def simulate(
     dest
         Folder to write the recording to.
     scene
-        What goes on: ring, crossing, crowd or meeting; pillar, one-sided or poor-view, where
+        What goes on: ring, crossing, crowd or meeting; pillar, shaft, one-sided or poor-view, where
         cameras see unequally well; two-rooms or l-hall, where no camera sees everybody;
         unequal-batteries, dying-cameras or slow.
     people

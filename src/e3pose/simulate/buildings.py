@@ -14,7 +14,7 @@ CAMERA_M = 2.4  # cameras hang under the ceiling
 # Two rooms of 5 m x 5 m, east and west of a wall with a door at its northern end.
 TWO_ROOMS = Scene(
     summary="people walk between two rooms through a door; each camera sees one room",
-    people=5, area_m=5.6,
+    people=2, area_m=5.6,
     habits=Habits(stand=0.45, leave=0.06, stand_s=(3.0, 9.0)),
     walls=(Box(0.0, -0.75, WALL_M, 3.5, STOREY_M), Box(0.0, 2.5, WALL_M, 0.2, STOREY_M)),
     rooms=(Room(-5.0, -0.3, -2.5, 2.5), Room(0.3, 5.0, -2.5, 2.5)),
@@ -44,7 +44,7 @@ LEG = (
 )
 L_HALL = Scene(
     summary="people walk about an L-shaped hall; three or four of ten cameras see any of them",
-    people=5, area_m=7.0,
+    people=3, area_m=7.0,
     habits=Habits(stand=0.4, leave=0.06, stand_s=(3.0, 9.0)),
     walls=(Box(1.9, 1.9, 8.4, 8.4, STOREY_M),),
     rooms=(Room(-6.0, 6.0, -6.0, -2.4), Room(-6.0, -2.4, -2.4, 6.0)),
@@ -53,7 +53,22 @@ L_HALL = Scene(
     spots=tuple(place for spot in LEG for place in (spot, _mirrored(spot))),
 )  # fmt: skip
 
+# A lift shaft of 1.8 m x 1.8 m in the middle of a hall, and six cameras around.
+SHAFT = Scene(
+    summary="people walk around a lift shaft that hides them from half of six cameras",
+    people=3, area_m=3.4, radius_m=5.2, height_m=2.4, cameras=6,
+    habits=Habits(stand=0.35, leave=0.06),
+    walls=(Box(0.0, 0.0, 1.8, 1.8, STOREY_M),),
+    rooms=(
+        Room(-3.2, 3.2, -3.2, -0.9), Room(-3.2, 3.2, 0.9, 3.2),
+        Room(-3.2, -0.9, -0.9, 0.9), Room(0.9, 3.2, -0.9, 0.9),
+    ),
+    ways=((1.4, 1.4), (-1.4, 1.4), (-1.4, -1.4), (1.4, -1.4)),
+    exits=((5.2, 1.0), (-5.2, -1.0)),
+)  # fmt: skip
+
 BUILDINGS: dict[str, Scene] = {
+    "shaft": SHAFT,
     "two-rooms": TWO_ROOMS,
     "l-hall": L_HALL,
     "unequal-batteries": replace(

@@ -21,9 +21,9 @@ def _circle_of_seats(
 
 
 def _shelves(radius_m: float, angles: tuple[float, ...]) -> tuple[Box, ...]:
-    """Shelves of 0.4 m x 2.6 m, 1.9 m high, around the scene."""
+    """Shelves of 0.4 m x 2.6 m, 2.4 m high, around the scene."""
     return tuple(
-        Box(float(radius_m * np.cos(a)), float(radius_m * np.sin(a)), 0.4, 2.6, 1.9, yaw=a)
+        Box(float(radius_m * np.cos(a)), float(radius_m * np.sin(a)), 0.4, 2.6, 2.4, yaw=a)
         for a in angles
     )
 
@@ -62,15 +62,15 @@ SCENES: dict[str, Scene] = {
         ),
     ),
     "one-sided": Scene(
-        summary="shelves on one side hide people, but for heads, from three of six cameras",
-        people=4, area_m=2.2, radius_m=4.2, height_m=2.2, cameras=6,
+        summary="shelves on one side hide people from three of six cameras",
+        people=3, area_m=2.2, radius_m=4.2, height_m=2.2, cameras=6,
         habits=Habits(stand=0.35, leave=0.1),
         walls=_shelves(2.8, (2 * np.pi / 3, np.pi, 4 * np.pi / 3)),
         exits=((4.0, 1.6), (4.0, -1.6)),
     ),
     "poor-view": Scene(
-        summary="one of five cameras looks through frosted glass: half the people, and blurred",
-        people=4, area_m=2.3, radius_m=4.2, height_m=2.0,
+        summary="one of five cameras looks through frosted glass: it misses much and is blurred",
+        people=3, area_m=2.3, radius_m=4.2, height_m=2.0,
         habits=Habits(stand=0.35, leave=0.12),
         conditions={1: Condition(noise=2.0, blur=1.2, joint_miss=0.2, person_miss=0.3)},
     ),
