@@ -428,3 +428,15 @@ def test_who_left_the_sight_of_all_cameras_is_gone_after_a_second() -> None:
     belief, _ = run(see(standing((0.0, 0.0))) for _ in range(10))
     _, estimates = run([{}] * 30, belief=belief)
     assert [len(estimates[i]) for i in (5, 29)] == [1, 0]
+
+
+def test_uncertainty_of_who_is_unseen_is_that_of_the_prediction() -> None:
+    person = standing((0.0, 0.0))
+    belief, _ = run(see(person) for _ in range(20))
+    assert (belief.bone_counts > 5).all()  # bones are known, but tell nothing about places
+    nothing, _ = run([{}] * 5, belief=belief)
+    elsewhere, _ = run([{0: Poses2D.empty(17)}] * 5, belief=belief)
+    least = [
+        np.trace(b.covariance[0, :, :3, :3], axis1=1, axis2=2).min() for b in (nothing, elsewhere)
+    ]
+    assert least[1] == pytest.approx(least[0], rel=0.05)

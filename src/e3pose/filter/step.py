@@ -18,7 +18,7 @@ from e3pose.match import MAX_PIXEL
 from e3pose.match import MIN_SCORE as MISSING_SCORE
 from e3pose.pose import Poses2D
 
-SHOWN_SPREAD_M = 0.3  # whose every joint is less certain is followed, but not shown
+SHOWN_SPREAD_M = 0.2  # whose every joint is less certain is followed, but not shown
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
 MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
 

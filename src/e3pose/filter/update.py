@@ -18,7 +18,7 @@ ACCELERATION_LASTS_S = 1 / 25
 VELOCITY_LASTS_S = 0.78  # a velocity that is not seen again is down to 1/e: 5 % lost in 1/25 s
 MIN_SCORE = 0.05  # keypoints below this are not used
 MIN_DEPTH_M = 0.1
-OUTLIER_SIGMAS = 2.5  # where the weight of a keypoint is halved: the usual compromise
+OUTLIER_SIGMAS = 2.0  # where the weight of a keypoint is halved
 MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
 ITERATIONS = 3
 BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
@@ -117,7 +117,7 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
                 "v...,v...ab,v...ac->...bc", weight, jacobian, jacobian
             )
             pull[..., :3] = np.einsum("v...,v...ab,v...a->...b", weight, jacobian, error)
-            _pull_bones(belief, moved, information, pull, model)
+            _pull_bones(belief, moved, seen, information, pull, model)
             links = _links(belief, moved, model)
             moved, covariance, shared = solve(model.tree, prior, information, pull, links)
         belief = replace(belief, state=belief.state + moved, covariance=covariance, shared=shared)
@@ -157,9 +157,18 @@ def _links(belief: Belief, moved: Floats, model: Model) -> Links:
 
 
 def _pull_bones(
-    belief: Belief, moved: Floats, information: Floats, pull: Floats, model: Model
+    belief: Belief,
+    moved: Floats,
+    seen: Sightings,
+    information: Floats,
+    pull: Floats,
+    model: Model,
 ) -> None:
-    """Add what bones across the tree say to either end, which takes the other as fixed."""
+    """Add what bones across the tree say to either end, which takes the other as fixed.
+
+    Only of people whom a view shows: for the others two joints would make each other surer of
+    where they are, slot by slot, without anybody having looked.
+    """
     across = np.setdiff1d(np.arange(len(model.bones)), model.links)
     first, second = model.bones[across].T
     state = belief.state + moved
@@ -168,6 +177,7 @@ def _pull_bones(
     along = apart / length[..., None]
     excess = length - belief.bones_m[:, across]
     trusted = belief.bone_counts[:, across] > BONE_TEACHERS
+    trusted &= np.asarray((seen.scores > 0).any(axis=(0, 2)))[:, None]
     outer = along[..., :, None] * along[..., None, :]
     rows = np.arange(len(belief))[:, None]
     for end, other, sign in ((first, second, 1.0), (second, first, -1.0)):
