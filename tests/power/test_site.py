@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
+from e3pose.pipeline import Pipeline
+from e3pose.policies.drift_plus_penalty import DriftPlusPenalty
 from e3pose.power import Budget, EnergyLedger
 from e3pose.power.site import CameraEnergy, hear, new_camera, reckon
 from e3pose.profiles import load_profile
@@ -103,7 +107,8 @@ def test_ledger_takes_heartbeats_and_reckons_every_minute() -> None:
         lambda: now_ns[0], kept.append,
     )  # fmt: skip
     before, new = ledger.reckoning()
-    assert not new
+    assert new, "the first holds from the beginning"
+    assert not ledger.reckoning()[1]
     assert [slot.measured for slot in before.slots] == [False, False]
     rng = np.random.default_rng(0)
     energy_j = active_s = 0.0
@@ -130,3 +135,46 @@ def test_ledger_takes_heartbeats_and_reckons_every_minute() -> None:
     assert sum(reading.energy_j for reading in kept) == pytest.approx(last_j)
     assert {reading.source for reading in kept} == {"measured"}
     assert {reading.span_s for reading in kept} == {BEAT_S}
+
+
+def test_pipeline_follows_the_reckoning() -> None:
+    """A battery that does not pay for two cameras a slot gets fewer, and other budgets."""
+    now_ns = [0]
+    ledger = EnergyLedger(
+        ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("until", 3600.0)] * 2, 0.04, 2,
+        lambda: now_ns[0],
+    )  # fmt: skip
+    pipeline = Pipeline(
+        rig=cast(Any, None), num_joints=17, interval_s=0.04, estimator=cast(Any, None),
+        predictor=cast(Any, None), policy=DriftPlusPenalty(2), budget=np.ones(2),
+        clock=lambda: 0.0,
+    )  # fmt: skip
+    on_mains, news = ledger.reckoned(pipeline)
+    assert news == []
+    np.testing.assert_array_equal(on_mains.budget, [1.0, 1.0])
+    assert on_mains.policy == DriftPlusPenalty(2)
+    again, _ = ledger.reckoned(on_mains)
+    assert again is on_mains, "nothing changes within a minute"
+    energy_j = active_s = 0.0
+    rng = np.random.default_rng(0)
+    for number in range(300):
+        now_ns[0] = round(number * BEAT_S * 1e9)
+        spent_s = BEAT_S * rng.uniform(0.1, 0.9)
+        active_s += spent_s
+        energy_j += 7.0 * spent_s + 3.0 * (BEAT_S - spent_s)
+        for camera_id in "ab":
+            ledger.take(
+                Heartbeat(
+                    camera_id, 1, now_ns[0], "active", energy_j=energy_j, measured=True,
+                    active_s=active_s, idle_s=(number + 1) * BEAT_S - active_s,
+                    battery_j=5.0 * (3600 - now_ns[0] / 1e9),
+                )
+            )  # fmt: skip
+    changed, news = ledger.reckoned(on_mains)
+    np.testing.assert_allclose(changed.budget, 0.5, atol=0.02)  # 5 W between 3 and 7
+    assert isinstance(changed.policy, DriftPlusPenalty)
+    assert changed.policy.num_selected == pytest.approx(0.95, abs=0.04)
+    assert changed.cost_j is not None
+    np.testing.assert_allclose(changed.cost_j, 0.16, rtol=0.03)
+    assert [camera_id for camera_id, _ in news] == ["a", "b"]
+    assert "measured" in news[0][1]

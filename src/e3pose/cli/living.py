@@ -14,7 +14,9 @@ from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from e3pose.camera import Rig
+    from e3pose.edge.server import EdgeServer
     from e3pose.evaluate.settings import ReplaySettings
+    from e3pose.power import EnergyLedger
     from e3pose.site.config import SiteTable
 
 SHOW_EVERY_S = 10.0
@@ -67,6 +69,7 @@ def edge(
             log.info(event.message, kind=event.kind, camera=event.camera_id)
 
         server = make_edge(site, table, place, settings, transport, clock, tell, stack)
+        server.ledger = open_ledger(site, table, rig, settings, server)
         if table.metrics_port is not None:
             from e3pose.site.metrics import serve_metrics
 
@@ -156,6 +159,8 @@ def camera(
         Log one JSON object a line.
     """
     from e3pose.clock import WallClock
+    from e3pose.power import open_sampler
+    from e3pose.profiles import load_profile
     from e3pose.site.camera_program import camera_link, make_camera
     from e3pose.site.config import load_node
     from e3pose.site.logs import open_log
@@ -176,9 +181,11 @@ def camera(
     link = camera_link(node, folder)
     log = open_log("camera", json_logs, site=node.site, camera=node.camera)
     clock = WallClock()
+    power = open_sampler(load_profile(node.profile), node.meter, node.battery_wh)
     transport = open_network(link)
-    made = make_camera(node, folder, transport, clock, log.warning, _meter(node))
-    with made:
+    made = make_camera(node, folder, transport, clock, log.warning, power)
+    power.mode = lambda: made.mode
+    with power, made:
         log.info("ready", source=node.source, endpoint=node.endpoint)
         run_until_stopped(made.running)
         counted = made.counted
@@ -278,14 +285,6 @@ def _people(roll: Any) -> tuple[Any, Any]:
     return (None, None) if roll is None else (roll.cameras, roll.viewers)
 
 
-def _meter(node: Any) -> Any:
-    """Return what fills the power fields of heartbeats: the profile's figures."""
-    from e3pose.profiles import load_profile
-
-    profile = load_profile(node.profile)
-    return lambda mode: {"power_w": profile.watts(mode), "measured": False}
-
-
 def loop_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:
     """Return the settings of the loop that a site file asks for; its keys are those of replay."""
     from e3pose.cli.options import EnergyOptions, LoopOptions, choice
@@ -305,6 +304,39 @@ def loop_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:
     known = {i: c.battery_wh for i, c in cameras_of(path, site, rig).items() if c.battery_wh}
     plan = energy.plan(rig.camera_ids, 1 / site.fps, known)
     return ReplaySettings(policy=policy, **{**loop, **choice(cameras, loop, plan, len(rig))})
+
+
+def open_ledger(
+    path: Path, site: SiteTable, rig: Rig, settings: ReplaySettings, server: EdgeServer
+) -> EnergyLedger:
+    """Return the ledger of a site's energy, with the budgets that its file asks for."""
+    from datetime import datetime
+
+    from e3pose.cli.options import EnergyOptions
+    from e3pose.power import Budget, EnergyLedger, parse_budget
+    from e3pose.site.config import cameras_of, options_from
+
+    energy, now = options_from(path, "energy", site.energy, EnergyOptions), datetime.now()
+    budgets = []
+    cameras = cameras_of(path, site, rig).values()
+    for camera, share in zip(cameras, server.pipeline.budget.tolist(), strict=True):
+        words = camera.budget or site.budget
+        try:
+            budgets.append(
+                Budget("duty", share) if words is None else parse_budget(words, now.astimezone())
+            )
+        except InputError as error:
+            raise InputError(f"{path}: camera {camera.id}: {error}") from None
+    return EnergyLedger(
+        rig.camera_ids,
+        energy.plan(rig.camera_ids, 1 / site.fps).profiles,
+        server.settings.idle_modes,
+        budgets,
+        1 / site.fps,
+        settings.num_selected,
+        server.clock.now_ns,
+        getattr(server.sink, "energy", None),
+    )
 
 
 def _rig(path: Path, site: SiteTable) -> Rig:

@@ -33,6 +33,7 @@ from e3pose.edge.turns import skip_to, with_lead
 from e3pose.edge.warm import warm_up
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
+from e3pose.power.ledger import EnergyLedger
 from e3pose.store.rows import Event
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
@@ -72,6 +73,7 @@ class EdgeServer:
         """
         self.pipeline, self.settings, self.clock = pipeline, settings, clock
         self.transport, self.sink, self.learner = transport, sink, learner
+        self.ledger: EnergyLedger | None = None
         self._tell_person = tell
         self.interval_ns = round(pipeline.interval_s * 1e9)
         self.session = clock.now_ns() % 2**53
@@ -87,8 +89,9 @@ class EdgeServer:
             self.gather,
             clock,
             self._take_delay,
-            on_beat,
+            self._take_beat,
         )
+        self._on_beat = on_beat
         self.outbox = Outbox()
         if settings.adaptive_lead:
             self.lead = cautious(settings.deadline_s, pipeline.interval_s)
@@ -291,7 +294,12 @@ class EdgeServer:
         self.counts.missed += wanted & ~record.arrived
         self.counts.selected.append(record.selected)
         if self.sink is not None:
-            self.sink.append(record, time_ns=times.middle_ns(slot), sigma_m=sigma_m(record))
+            self.sink.append(
+                record,
+                time_ns=times.middle_ns(slot),
+                sigma_m=sigma_m(record),
+                energy_j=None if self.ledger is None else self.ledger.spent_j(record.selected),
+            )
         self._improve(record)
 
     def _told_in_time(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
@@ -323,7 +331,11 @@ class EdgeServer:
             self.outbox.put(topic, encode(order), slot)
 
     def _improve(self, record: SlotRecord) -> None:
-        """Between two slots: another lead, a better predictor."""
+        """Between two slots: another lead, a better predictor, other budgets."""
+        if self.ledger is not None:
+            self.pipeline, news = self.ledger.reckoned(self.pipeline)
+            for camera_id, line in news:
+                self.tell("energy", line, camera_id)
         if self.learner is not None:
             self.learner.collect(record)
             better = self.learner.poll()
@@ -355,6 +367,11 @@ class EdgeServer:
             ),
             default=0.0,
         )
+
+    def _take_beat(self, beat: Heartbeat) -> None:
+        if self.ledger is not None:
+            self.ledger.take(beat)
+        self._on_beat(beat)
 
     def _take_delay(self, delay_s: float) -> None:
         self._delays.append(delay_s)  # deques are safe to append to from any thread

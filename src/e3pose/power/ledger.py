@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.pipeline import Pipeline
 from e3pose.power.budgets import Budget
 from e3pose.power.site import CameraEnergy, Reckoning, hear, new_camera, reckon
 from e3pose.profiles import DeviceProfile, Mode
@@ -54,7 +56,7 @@ class EnergyLedger:
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
         self._lock = threading.Lock()
         self._reckoning = self._reckon()
-        self._reckoned_ns = now_ns()
+        self._reckoned_ns: int | None = None  # nobody has asked yet
 
     def take(self, beat: Heartbeat) -> None:
         """Take in a heartbeat; those of cameras that the rig does not have are left out."""
@@ -77,11 +79,36 @@ class EnergyLedger:
     def reckoning(self) -> tuple[Reckoning, bool]:
         """Return budgets and costs, worked out anew once a minute, and whether they are new."""
         now_ns = self._now_ns()
-        if now_ns - self._reckoned_ns < RECKON_S * 1e9:
+        if self._reckoned_ns is not None and now_ns - self._reckoned_ns < RECKON_S * 1e9:
             return self._reckoning, False
         with self._lock:
             self._reckoning, self._reckoned_ns = self._reckon(), now_ns
         return self._reckoning, True
+
+    def reckoned(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str, str]]]:
+        """Return a pipeline with the budgets and costs of the present, between two slots.
+
+        Also cameras, each with a line on what its slots cost, whose cost was measured for the
+        first time or can no longer be called measured.
+        """
+        before = self._reckoning.slots
+        reckoning, new = self.reckoning()
+        if not new:
+            return pipeline, []
+        policy: Any = pipeline.policy
+        if hasattr(policy, "num_selected"):
+            policy = replace(policy, num_selected=reckoning.num_selected)
+        news = [
+            (
+                camera_id,
+                f"{camera_id}: an active slot costs {cost.active_j:.3g} J, an idle one "
+                f"{cost.idle_j:.3g} J ({cost.why})",
+            )
+            for camera_id, was, cost in zip(self._index, before, reckoning.slots, strict=True)
+            if was.measured != cost.measured
+        ]
+        changed = replace(pipeline, budget=reckoning.budget, cost_j=reckoning.cost_j, policy=policy)
+        return changed, news
 
     def spent_j(self, selected: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return `(num_cameras,)` joules that a slot with this selection is charged with."""

@@ -77,7 +77,8 @@ class PowerSampler:
             meter: what is read.
             mode: what the camera does now, for meters that are models.
             root: above `sys`, for the battery.
-            capacity_wh: of the battery, for gauges that only know a percentage.
+            capacity_wh: of the battery, for gauges that only know a percentage; where there is no
+                gauge it is taken to be full at the start and to lose what is drawn.
             clock_s: seconds.
         """
         self.mode = mode
@@ -127,14 +128,18 @@ class PowerSampler:
         """
         total = self.sample()
         with self._lock:
-            charge = self._charge
+            charge = None if self._charge is None else self._charge.energy_j
+            charging_w = 0.0 if self._charge is None else self._charge.charging_w
             self._total = replace(self._total, measured=True)
+        if charge is None and self._capacity_wh is not None:
+            # Without a gauge: taken to be full at the start, and to lose what is drawn.
+            charge = max(self._capacity_wh * 3600 - total.energy_j, 0.0)
         return {
             "power_w": total.watts,
             "energy_j": total.energy_j,
             "measured": total.measured and total.time_s is not None,
-            "battery_j": None if charge is None else charge.energy_j,
-            "charging_w": 0.0 if charge is None else charge.charging_w,
+            "battery_j": charge,
+            "charging_w": charging_w,
         }
 
     def _work(self) -> None:

@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 
 SUN_S = 600.0  # over which charging is averaged: a cloud is no evening
 LEAST_COST_J = 1e-6
+AFFORD_SHARE = 0.95  # of what budgets pay for: queues that are always full leave no choice
 
 
 class Beat(Protocol):
@@ -92,11 +93,14 @@ class Reckoning:
         budget: `(num_cameras,)` the paper's E_n, for the queues.
         cost_j: `(num_cameras,)` of an active slot beyond an idle one, for their price.
         slots: what slots cost each camera, and whether that was measured.
+        num_selected: cameras a slot, as a mean: what was asked for, or fewer if the budgets do not
+            pay for as many.
     """
 
     budget: Floats
     cost_j: Floats
     slots: tuple[SlotCost, ...]
+    num_selected: float
 
     def spent_j(self, selected: NDArray[np.bool_]) -> Floats:
         """Return `(num_cameras,)` joules that a slot with this selection is charged with."""
@@ -155,8 +159,12 @@ def reckon(
     idle_j = np.array([slot.idle_j for slot in slots])
     supplies = [camera.supply() for camera in cameras]
     allowed_j = allowance_j(budgets, supplies, active_j, idle_j, interval_s, now_s, num_selected)
+    budget = slot_shares(allowed_j, active_j, idle_j)
+    affordable = float(budget.sum())
+    enough = affordable >= num_selected - 1e-6
     return Reckoning(
-        budget=slot_shares(allowed_j, active_j, idle_j),
+        budget=budget,
         cost_j=np.maximum(active_j - idle_j, LEAST_COST_J),
         slots=slots,
+        num_selected=num_selected if enough else AFFORD_SHARE * affordable,
     )

@@ -65,6 +65,7 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         wake_s: seconds from aggressive power-saving to its first frame.
         battery_wh: capacity; without it the camera is on mains.
         meter: how its power is measured; see `power`.
+        budget: what it may spend, such as `4W` or `until 18:00`; by default that of the site.
     """
 
     id: str
@@ -76,6 +77,7 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     wake_s: float = 0.5
     battery_wh: float | None = None
     meter: str = "auto"
+    budget: str | None = None
 
 
 class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -92,6 +94,8 @@ class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lead: slots between an order and the slot it is for; `adaptive` follows the delays.
         state: file that the edge goes on from after a restart; empty for none.
         learn: folder of the online trainer; without it nothing is learned.
+        budget: what each camera may spend, see `power.budgets`; by default that of `loop` and
+            `energy`.
         metrics_port: of Prometheus metrics on loopback; without it there are none.
         link: see `LinkTable`.
         store: see `StoreTable`.
@@ -110,6 +114,7 @@ class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     lead: int | Literal["adaptive"] = "adaptive"
     state: str = "state.npz"
     learn: str | None = None
+    budget: str | None = None
     metrics_port: int | None = None
     link: LinkTable = LinkTable()
     store: StoreTable | None = None
