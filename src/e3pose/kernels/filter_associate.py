@@ -13,6 +13,7 @@ from e3pose.filter.associate import (
     JOINT_LIMIT,
     MIN_JOINTS,
     NEVER,
+    VAGUE_FIT,
 )
 from e3pose.filter.existence import INSIDE_JOINTS
 from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE
@@ -48,9 +49,13 @@ def associate(
         inside = _look(state[track], covariance[track], projection, size, offers.sight)
         matches.inside[camera, track] = inside >= INSIDE_JOINTS
         for person in range(num_people):
-            offers.cost[track, person] = _cost(
-                first + person, views.pixels, views.weights, views.variances, bias, offers.sight
-            )
+            row = first + person
+            cost = _cost(row, views.pixels, views.weights, views.variances, bias, offers.sight)
+            vagueness = 0.0
+            if cost <= COST_LIMIT:
+                vagueness = _vagueness(row, views.weights, views.variances, bias, offers.sight)
+            offers.cost[track, person] = cost
+            offers.vagueness[track, person] = vagueness
     for turn in range(2):  # people who are believed to exist choose first
         num_choosers = num_free = 0
         for track in range(num_tracks):
@@ -65,18 +70,25 @@ def associate(
             continue
         for chooser in range(num_choosers):
             for column in range(num_free):
-                cost = offers.cost[offers.choosers[chooser], offers.people[column]]
-                offers.offered[chooser, column] = cost if cost <= COST_LIMIT else NEVER
+                track, person = offers.choosers[chooser], offers.people[column]
+                cost = offers.cost[track, person]
+                likely = cost + offers.vagueness[track, person]
+                offers.offered[chooser, column] = likely if cost <= COST_LIMIT else NEVER
         assign(offers.offered, num_choosers, num_free, offers.reals, offers.integers, offers.flags)
         for chooser in range(num_choosers):
             column = offers.integers[0, chooser]
-            if column < 0 or not offers.offered[chooser, column] <= COST_LIMIT:
+            if column < 0:
                 continue
             track, person = offers.choosers[chooser], offers.people[column]
+            if not offers.cost[track, person] <= COST_LIMIT:
+                continue
             excess = offers.cost[track, person] - COST_USUAL
             fit = 1.0 - excess / (COST_LIMIT - COST_USUAL)
             matches.assigned[camera, track] = person
-            matches.fits[camera, track] = 0.0 if fit < 0.0 else 1.0 if fit > 1.0 else fit
+            fit = 0.0 if fit < 0.0 else 1.0 if fit > 1.0 else fit
+            matches.fits[camera, track] = fit * math.exp(
+                -VAGUE_FIT * offers.vagueness[track, person]
+            )
             views.free[first + person] = False
 
 
@@ -143,3 +155,15 @@ def _cost(
     if shown < MIN_JOINTS:
         return np.inf
     return weighted / (total if total > 1e-9 else 1e-9)
+
+
+@kernel
+def _vagueness(row: int, weights: Floats, variances: Floats, bias: float, sight: Floats) -> float:
+    """Return the mean logarithm of how much wider a track is than one that is known exactly."""
+    total = weighted = 0.0
+    for joint in range(weights.shape[1]):
+        weight = weights[row, joint]
+        if weight > MIN_SCORE and sight[IN_FRONT, joint] > 0:
+            total += weight
+            weighted += weight * math.log1p(sight[SPREAD, joint] / (variances[row, joint] + bias))
+    return 0.5 * weighted / (total if total > 1e-9 else 1e-9)

@@ -7,11 +7,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.bias import CLIP_SIGMAS, LEARNED_S, MOST
+from e3pose.filter.bias import (
+    CLIP_SIGMAS,
+    FRESH,
+    LASTS_S,
+    LEARNED_S,
+    MOST,
+    QUICK,
+    QUICK_S,
+    SHORTEST_S,
+)
 from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE
 from e3pose.kernels.compile import kernel
 
 Floats = NDArray[np.float64]
+
+
+@kernel
+def inflation(since_s: float) -> float:
+    """Return the factor on a keypoint's variance so long after the look before."""
+    since_s = SHORTEST_S if since_s < SHORTEST_S else LASTS_S if since_s > LASTS_S else since_s
+    return FRESH + QUICK / math.tanh(since_s / (2 * QUICK_S))
 
 
 @kernel

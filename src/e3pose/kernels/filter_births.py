@@ -24,6 +24,7 @@ from e3pose.filter.births import (
     START_UNSEEN_M,
     SURE_SCORE,
     WAIT_S,
+    WALK_MPS,
 )
 from e3pose.filter.existence import DELIVERED_PRIOR
 from e3pose.kernels.compile import kernel
@@ -69,8 +70,18 @@ def give_birth(
         pairs.fits[best] = np.inf
         if not _is_apart(best, num_tracks, pairs.joints_m, tracks.state):
             continue
+        first, second = waiting.order[pairs.ends[best, 0]], waiting.order[pairs.ends[best, 1]]
+        moved_m = WALK_MPS * abs(waiting.times_s[first] - waiting.times_s[second])
         _start(
-            num_tracks, next_id, best, depths, pairs.joints_m, pairs.middle, pairs.sorted, tracks
+            num_tracks,
+            next_id,
+            best,
+            moved_m,
+            depths,
+            pairs.joints_m,
+            pairs.middle,
+            pairs.sorted,
+            tracks,
         )
         for end in range(2):
             index = pairs.ends[best, end]
@@ -344,6 +355,7 @@ def _start(
     track: int,
     track_id: int,
     pair: int,
+    moved_m: float,
     depths: Integers,
     joints_m: Floats,
     middle: Floats,
@@ -374,9 +386,10 @@ def _start(
             place = joints_m[pair, joint, axis] if known else middle[axis]
             tracks.state[track, joint, axis] = place
             tracks.state[track, joint, axis + 3] = 0.0
-            tracks.covariance[track, joint, axis, axis] = spread**2
+            tracks.covariance[track, joint, axis, axis] = spread**2 + moved_m**2
             tracks.covariance[track, joint, axis + 3, axis + 3] = speed
-            if depths[joint] > 0:  # all start with the velocity of their parents
+            if depths[joint] > 0:  # with the velocity of their parents, and all moved together
+                tracks.shared[track, joint, axis, axis] = moved_m**2
                 tracks.shared[track, joint, axis + 3, axis + 3] = speed - START_TURN_MPS**2
         tracks.unmeasured_s[track, joint] = 0.0 if known else np.inf
     tracks.track_ids[track] = track_id

@@ -128,7 +128,8 @@ class Offers(NamedTuple):
 
     sight: Floats  # (4, num_joints) one track in the view: u, v, variance, in front
     cost: Floats  # (num_tracks, max_people)
-    offered: Floats  # (num_tracks, max_people) likewise, of those who choose
+    vagueness: Floats  # (num_tracks, max_people)
+    offered: Floats  # (num_tracks, max_people) their sum, of those who choose
     choosers: Integers  # (num_tracks,)
     people: Integers  # (max_people,)
     reals: Floats  # (3, tracks or people) for `assign`
@@ -224,6 +225,7 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
         Offers(
             sight=np.zeros((4, joints)),
             cost=np.zeros((num_tracks, num_people)),
+            vagueness=np.zeros((num_tracks, num_people)),
             offered=np.zeros((num_tracks, num_people)),
             choosers=np.zeros(num_tracks, np.int64),
             people=np.zeros(num_people, np.int64),

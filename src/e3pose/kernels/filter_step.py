@@ -147,7 +147,7 @@ def step_slot(
             )
     for track in range(num_tracks):
         if num_views:
-            update(track, site, views, memory.matches.assigned, tracks, passes)
+            update(track, dt, site, views, memory.matches.assigned, tracks, passes)
         for camera in range(len(views.counts)):
             person = memory.matches.assigned[camera, track]
             if views.arrived[camera] and person >= 0:

@@ -18,6 +18,7 @@ from e3pose.filter.update import (
     OUTLIER_SIGMAS,
 )
 from e3pose.kernels.compile import kernel
+from e3pose.kernels.filter_bias import inflation
 from e3pose.kernels.filter_memory import Passes, Site, Tracks, Views
 from e3pose.kernels.filter_tree import eliminate, prepare, spread_out
 
@@ -31,6 +32,7 @@ ROBUST = 1.0 / OUTLIER_SIGMAS**2
 @kernel
 def update(
     track: int,
+    dt: float,
     site: Site,
     views: Views,
     assigned: Integers,
@@ -39,7 +41,7 @@ def update(
 ) -> None:
     """Move a track to what the views of the slot and the learned bones say.
 
-    `assigned` is that of `Matches`.
+    `assigned` is that of `Matches`, `dt` the seconds since the slot before.
     """
     state, covariance = tracks.state[track], tracks.covariance[track]
     bones_m, counts = tracks.bones_m[track], tracks.bone_counts[track]
@@ -61,6 +63,9 @@ def update(
         passes.measured[joint] = False
         for axis in range(6):
             moved[joint, axis] = 0.0
+    shown = False
+    for camera in range(num_cameras):
+        shown |= views.arrived[camera] and assigned[camera, track] >= 0
     for iteration in range(ITERATIONS):
         for joint in range(num_joints):
             for axis in range(3):
@@ -79,13 +84,23 @@ def update(
                     views.weights,
                     views.variances,
                     tracks.bias_px[track, camera],
+                    inflation(tracks.last_seen_s[track, camera] + dt),
                     iteration == 0,
                     seen,
                     passes.measured,
                 )
-        _pull_loose_bones(
-            places, moved, covariance, bones_m, counts, site.bones, site.slacks_m, site.loose, seen
-        )
+        if shown:  # else two joints would make each other surer without anybody having looked
+            _pull_loose_bones(
+                places,
+                moved,
+                covariance,
+                bones_m,
+                counts,
+                site.bones,
+                site.slacks_m,
+                site.loose,
+                seen,
+            )
         _sum_up(passes)
         _pull_links(
             places,
@@ -119,11 +134,15 @@ def _pull_view(
     weights: Floats,
     variances: Floats,
     bias_px: Floats,
+    factor: float,
     first: bool,
     seen: Floats,
     measured: Flags,
 ) -> None:
-    """Add to `seen` what one detection says about each joint; note what it measures."""
+    """Add to `seen` what one detection says about each joint; note what it measures.
+
+    `factor` is on its variances.
+    """
     for joint in range(len(places)):
         if not weights[row, joint] > MIN_SCORE:
             continue
@@ -148,7 +167,7 @@ def _pull_view(
         vz = (projection[1, 2] - v * projection[2, 2]) * inverse
         xx, xy, xz = ux * ux + vx * vx, ux * uy + vx * vy, ux * uz + vx * vz
         yy, yz, zz = uy * uy + vy * vy, uy * uz + vy * vz, uz * uz + vz * vz
-        variance = variances[row, joint]
+        variance = variances[row, joint] * factor
         expected = variance
         if first:  # a prediction may be off by more than a keypoint
             expected += (
