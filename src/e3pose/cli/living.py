@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from e3pose.cli.options import Whole
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -107,7 +108,9 @@ def camera(
     detector: str | None = None,
     model: str | None = None,
     provider: str | None = None,
+    threads: Whole | None = None,
     fps: float | None = None,
+    pace: float | None = None,
     wake_s: float | None = None,
     battery_wh: float | None = None,
     meter: str | None = None,
@@ -143,8 +146,12 @@ def camera(
         File of the network.
     provider
         Where it runs: auto, tensorrt, cuda, cpu.
+    threads
+        Processor threads of the network; all cores by default.
     fps
         Frames a second to ask of the source.
+    pace
+        How fast a file or recording is played, 1 by default; the site's own `pace`.
     wake_s
         Seconds from aggressive power-saving to the first frame.
     battery_wh
@@ -169,7 +176,8 @@ def camera(
 
     given = {
         "site": site, "camera": name, "source": source, "endpoint": endpoint, "keys": keys,
-        "detector": detector, "model": model, "provider": provider, "fps": fps, "wake_s": wake_s,
+        "detector": detector, "model": model, "provider": provider, "threads": threads,
+        "fps": fps, "pace": pace, "wake_s": wake_s,
         "battery_wh": battery_wh, "meter": meter, "profile": profile, "insecure": insecure,
     }  # fmt: skip
     told = {key: value for key, value in given.items() if value is not None}

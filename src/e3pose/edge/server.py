@@ -75,17 +75,18 @@ class EdgeServer:
         self.transport, self.sink, self.learner = transport, sink, learner
         self.ledger: EnergyLedger | None = None
         self._tell_person = tell
-        self.interval_ns = round(pipeline.interval_s * 1e9)
+        self.interval_ns = round(pipeline.interval_s / settings.pace * 1e9)
+        interval_s = self.interval_ns / 1e9
         self.session = clock.now_ns() % 2**53
         self.started_ns = clock.now_ns()
         num_cameras = len(pipeline.rig)
-        self.counts = Counts(num_cameras, pipeline.interval_s)
+        self.counts = Counts(num_cameras, interval_s)
         self.gather = Gather(num_cameras)
         self.inbox = Inbox(
             settings.site,
             pipeline.rig,
             settings.joints,
-            pipeline.interval_s,
+            interval_s,
             self.gather,
             clock,
             self._take_delay,
@@ -94,7 +95,7 @@ class EdgeServer:
         self._on_beat = on_beat
         self.outbox = Outbox()
         if settings.adaptive_lead:
-            self.lead = cautious(settings.deadline_s, pipeline.interval_s)
+            self.lead = cautious(settings.deadline_s, interval_s)
             self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
         else:
             self.lead = Lead(pipeline.lead_slots)
@@ -347,7 +348,7 @@ class EdgeServer:
         while self._delays:
             self.lead = take_in_delay(self.lead, self._delays.popleft())
         before = self.lead.slots
-        self.lead = adapt(self.lead, self.pipeline.interval_s, self._wake_s())
+        self.lead = adapt(self.lead, self.interval_ns / 1e9, self._wake_s())
         if self.lead.slots != before:
             self.tell(
                 "lead", f"orders now go out {self.lead.slots} slots ahead instead of {before}"

@@ -21,6 +21,7 @@ class EdgeSettings:
         adaptive_lead: whether the lead follows the delays; otherwise it stays.
         checkpoint: file for the state; None keeps none.
         start_wait_s: how long to wait for the rest once two cameras are there.
+        pace: seconds of the scene that pass in a second; below 1 recordings are played slower.
     """
 
     site: str
@@ -30,3 +31,4 @@ class EdgeSettings:
     adaptive_lead: bool = True
     checkpoint: Path | None = None
     start_wait_s: float = 3.0
+    pace: float = 1.0

@@ -31,7 +31,9 @@ IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 OPEN_TIMEOUT_US = 5_000_000
 
 
-def make_source(name: str, camera_id: str, clock: Clock, fps: float | None) -> LiveSource:
+def make_source(
+    name: str, camera_id: str, clock: Clock, fps: float | None, pace: float = 1.0
+) -> LiveSource:
     """Return the source that a name means; see the top of this module.
 
     Args:
@@ -39,11 +41,14 @@ def make_source(name: str, camera_id: str, clock: Clock, fps: float | None) -> L
         camera_id: of the camera, for recordings of several.
         clock: of the camera.
         fps: frames a second to ask for; by default the source's own.
+        pace: how fast what was recorded is played; 0.1 is a tenth of its speed.
 
     Raises:
         InputError: when it can be seen already that there is no such source.
     """
     kind, _, rest = name.partition(":")
+    if pace != 1 and kind in ("usb", "gstreamer", "rtsp", "rtsps"):
+        raise InputError(f"pace: found {pace:g}, expected 1: a camera that films cannot go slower")
     if kind == "usb":
         if not (rest.isascii() and rest.isdigit() and len(rest) < 4):
             raise InputError(f"source {name[:80]!r}: expected usb:NUMBER, such as usb:0")
@@ -55,16 +60,16 @@ def make_source(name: str, camera_id: str, clock: Clock, fps: float | None) -> L
     if kind == "recorded":
         from e3pose.recording import load_recording
 
-        return RecordedSource(load_recording(Path(rest)), camera_id, clock)
+        return RecordedSource(load_recording(Path(rest)), camera_id, clock, pace)
     path = Path(name)
     if path.is_dir():
-        return PacedSource(_images(path, fps or 25.0), clock)
+        return PacedSource(slower(_images(path, fps or 25.0), pace), clock)
     video = open_video(path)
     length_s = video.num_frames / video.rate
     loop = Loop(
         video.rate, video.image_size, length_s, lambda start_s: _pictures(video.frames(start_s))
     )
-    return PacedSource(loop, clock)
+    return PacedSource(slower(loop, pace), clock)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +87,16 @@ class Loop:
     image_size: tuple[int, int]
     length_s: float
     frames: Callable[[float], Iterator[tuple[float, Callable[[], Any]]]]
+
+
+def slower(loop: Loop, pace: float) -> Loop:
+    """Return a loop played at `pace` times its speed."""
+
+    def frames(start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:
+        for time_s, look in loop.frames(start_s * pace):
+            yield time_s / pace, look
+
+    return Loop(loop.fps * pace, loop.image_size, loop.length_s / pace, frames)
 
 
 @dataclass(slots=True, eq=False)
@@ -146,6 +161,7 @@ class RecordedSource:
     recording: Recording
     camera_id: str
     clock: Clock
+    pace: float = 1.0
     _source: PacedSource = field(init=False)
 
     def __post_init__(self) -> None:
@@ -161,12 +177,12 @@ class RecordedSource:
         camera = self.recording.rig.cameras[self.recording.rig.index(self.camera_id)]
         length_s = self.recording.num_slots * interval_s
         loop = Loop(self.recording.fps, camera.image_size, length_s, frames)
-        self._source = PacedSource(loop, self.clock)
+        self._source = PacedSource(slower(loop, self.pace), self.clock)
 
     @property
     def fps(self) -> float:
         """See `LiveSource.fps`."""
-        return self.recording.fps
+        return self._source.fps
 
     def open(self) -> None:
         """See `LiveSource.open`."""

@@ -64,7 +64,7 @@ def make_camera(
         name = f"{RECORDED}:{folder / rest}"
     elif "://" not in name and kind not in ("usb", "gstreamer"):
         name = str(folder / name)
-    source = make_source(name, node.camera, clock, node.fps)
+    source = make_source(name, node.camera, clock, node.fps, node.pace)
     detector, joints = _detector(node, folder, source)
     settings = NodeSettings(
         site=node.site,
@@ -85,6 +85,6 @@ def _detector(node: NodeTable, folder: Path, source: Any) -> tuple[LiveDetector,
     from e3pose.detectors import make_detector
 
     model = None if node.model is None else folder / Path(node.model).expanduser()
-    detector = make_detector(node.detector, model, node.provider)
+    detector = make_detector(node.detector, model, node.provider, node.threads)
     detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first look is slow: now, then
     return detector, detector.skeleton.joints

@@ -203,7 +203,7 @@ def check_models(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
             yield Finding("ok", what, f"source {camera.source[:60]}")
         if recorded:
             continue
-        detector = camera.detector or "movenet"
+        detector = camera.detector or "movenet-multipose"
         if camera.model is not None:
             if not beside(path, camera.model).is_file():
                 yield Finding("problem", what, f"model {beside(path, camera.model)} is not there")

@@ -62,6 +62,7 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         detector: name of a detector; `recorded` for recorded sources.
         model: file of the network.
         provider: where it runs.
+        threads: of the processor for the network; all cores by default.
         wake_s: seconds from aggressive power-saving to its first frame.
         battery_wh: capacity; without it the camera is on mains.
         meter: how its power is measured; see `power`.
@@ -74,6 +75,7 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     detector: str | None = None
     model: str | None = None
     provider: str = "auto"
+    threads: int | None = None
     wake_s: float = 0.5
     battery_wh: float | None = None
     meter: str = "auto"
@@ -90,6 +92,8 @@ class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         calibration: file of the rig.
         skeleton: of the detectors.
         fps: slots a second.
+        pace: how fast files and recordings are played, where the machine cannot keep up: 0.1 is a
+            tenth of their speed, and then slots are ten times as long.
         deadline_ms: how long after the middle of a slot its views are waited for.
         lead: slots between an order and the slot it is for; `adaptive` follows the delays.
         state: file that the edge goes on from after a restart; empty for none.
@@ -110,6 +114,7 @@ class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     calibration: str
     fps: float
     skeleton: str = "coco17"
+    pace: float = 1.0
     deadline_ms: float = 150.0
     lead: int | Literal["adaptive"] = "adaptive"
     state: str = "state.npz"
@@ -138,7 +143,9 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         detector: name of a detector.
         model: file of the network.
         provider: where it runs.
+        threads: of the processor for the network; all cores by default.
         fps: frames a second to ask of the source; None for its own.
+        pace: how fast a file or recording is played.
         wake_s: seconds from aggressive power-saving to the first frame.
         battery_wh: capacity; without it the camera is on mains.
         meter: how its power is measured.
@@ -153,10 +160,12 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     endpoint: str = DEFAULT_ENDPOINT
     keys: str | None = None
     insecure: bool = False
-    detector: str = "movenet"
+    detector: str = "movenet-multipose"
     model: str | None = None
     provider: str = "auto"
+    threads: int | None = None
     fps: float | None = None
+    pace: float = 1.0
     wake_s: float = 0.5
     battery_wh: float | None = None
     meter: str = "auto"
@@ -175,6 +184,7 @@ def load_site(path: Path) -> SiteTable:
     site = _converted(path, read_toml(path, MAX_BYTES), SiteTable)
     _within(path, "fps", site.fps, 0.1, 1000)
     _within(path, "deadline_ms", site.deadline_ms, 0, 60_000)
+    _within(path, "pace", site.pace, 1e-3, 1)
     if isinstance(site.lead, int):
         _within(path, "lead", site.lead, 1, 60)
     if site.metrics_port is not None:
@@ -187,7 +197,7 @@ def load_site(path: Path) -> SiteTable:
         if camera.id in seen:
             raise InputError(f"{path}: camera {camera.id}: found twice, expected once")
         seen.add(camera.id)
-        _check_camera(path, camera.wake_s, camera.battery_wh)
+        _check_camera(path, camera.wake_s, camera.battery_wh, camera.threads)
     return site
 
 
@@ -211,7 +221,8 @@ def load_node(path: Path | None, options: Mapping[str, Any]) -> NodeTable:
     _named(where, lambda: split_endpoint(node.endpoint))
     if node.fps is not None:
         _within(where, "fps", node.fps, 0.1, 1000)
-    _check_camera(where, node.wake_s, node.battery_wh)
+    _within(where, "pace", node.pace, 1e-3, 1)
+    _check_camera(where, node.wake_s, node.battery_wh, node.threads)
     return node
 
 
@@ -258,8 +269,12 @@ def _within(path: Path, key: str, value: float, low: float, high: float) -> None
         raise InputError(f"{path}: {key}: found {value:g}, expected {low:g} to {high:g}")
 
 
-def _check_camera(path: Path, wake_s: float, battery_wh: float | None) -> None:
+def _check_camera(
+    path: Path, wake_s: float, battery_wh: float | None, threads: int | None
+) -> None:
     _within(path, "wake_s", wake_s, 0, 3600)
+    if threads is not None:
+        _within(path, "threads", threads, 1, 1024)
     if battery_wh is not None:
         _within(path, "battery_wh", battery_wh, 1e-3, 1e6)
 

@@ -89,6 +89,7 @@ def make_edge(
         idle_modes=[camera.idle_mode for camera in cameras.values()],
         adaptive_lead=site.lead == "adaptive",
         checkpoint=checkpoint,
+        pace=site.pace,
     )
     edge = EdgeServer(make_pipeline(place, settings), transport, edge_settings, clock, tell=tell)
     if site.store is not None:

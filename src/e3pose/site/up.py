@@ -52,6 +52,8 @@ def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> lis
     for option, value in (
         ("--detector", camera.detector),
         ("--model", None if camera.model is None else str(beside(path, camera.model))),
+        ("--threads", camera.threads),
+        ("--pace", None if site.pace == 1 else site.pace),
         ("--battery-wh", camera.battery_wh),
     ):
         if value is not None:
