@@ -269,9 +269,7 @@ def _within(path: Path, key: str, value: float, low: float, high: float) -> None
         raise InputError(f"{path}: {key}: found {value:g}, expected {low:g} to {high:g}")
 
 
-def _check_camera(
-    path: Path, wake_s: float, battery_wh: float | None, threads: int | None
-) -> None:
+def _check_camera(path: Path, wake_s: float, battery_wh: float | None, threads: int | None) -> None:
     _within(path, "wake_s", wake_s, 0, 3600)
     if threads is not None:
         _within(path, "threads", threads, 1, 1024)
