@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, cast
 
 import numpy as np
@@ -176,5 +177,26 @@ def test_pipeline_follows_the_reckoning() -> None:
     assert changed.policy.num_selected == pytest.approx(0.95, abs=0.04)
     assert changed.cost_j is not None
     np.testing.assert_allclose(changed.cost_j, 0.16, rtol=0.03)
-    assert [camera_id for camera_id, _ in news] == ["a", "b"]
+    assert [camera_id for camera_id, _ in news] == ["a", "b", None]
     assert "measured" in news[0][1]
+    assert re.fullmatch(r"budgets pay for 0\.9\d cameras a slot, 2 were asked for", news[2][1])
+
+
+def test_battery_that_cannot_last_is_told_once() -> None:
+    """4 W for a camera that draws 5.2 W when idle."""
+    now_ns = [0]
+    ledger = EnergyLedger(
+        ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("watts", 4.0), Budget("duty", 1)],
+        0.04, 1, lambda: now_ns[0],
+    )  # fmt: skip
+    pipeline = Pipeline(
+        rig=cast(Any, None), num_joints=17, interval_s=0.04, estimator=cast(Any, None),
+        predictor=cast(Any, None), policy=DriftPlusPenalty(1), budget=np.ones(2),
+        clock=lambda: 0.0,
+    )  # fmt: skip
+    _, news = ledger.reckoned(pipeline)
+    ((camera_id, line),) = news
+    assert camera_id == "a"
+    assert "pays for no active slot, idle ones alone draw 5.2 W" in line
+    now_ns[0] = 61 * 10**9
+    assert ledger.reckoned(pipeline)[1] == []

@@ -56,6 +56,7 @@ class EnergyLedger:
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
         self._lock = threading.Lock()
         self._reckoning = self._reckon()
+        self._told: Reckoning | None = None
         self._reckoned_ns: int | None = None  # nobody has asked yet
 
     def take(self, beat: Heartbeat) -> None:
@@ -85,30 +86,48 @@ class EnergyLedger:
             self._reckoning, self._reckoned_ns = self._reckon(), now_ns
         return self._reckoning, True
 
-    def reckoned(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str, str]]]:
+    def reckoned(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str | None, str]]]:
         """Return a pipeline with the budgets and costs of the present, between two slots.
 
-        Also cameras, each with a line on what its slots cost, whose cost was measured for the
-        first time or can no longer be called measured.
+        Also what a person should know, each with the camera that it is about: costs that were
+        measured for the first time or no longer are, budgets that pay for too little.
         """
-        before = self._reckoning.slots
         reckoning, new = self.reckoning()
         if not new:
             return pipeline, []
+        told, self._told = self._told, reckoning
         policy: Any = pipeline.policy
         if hasattr(policy, "num_selected"):
             policy = replace(policy, num_selected=reckoning.num_selected)
-        news = [
-            (
-                camera_id,
-                f"{camera_id}: an active slot costs {cost.active_j:.3g} J, an idle one "
-                f"{cost.idle_j:.3g} J ({cost.why})",
-            )
-            for camera_id, was, cost in zip(self._index, before, reckoning.slots, strict=True)
-            if was.measured != cost.measured
-        ]
         changed = replace(pipeline, budget=reckoning.budget, cost_j=reckoning.cost_j, policy=policy)
-        return changed, news
+        return changed, self._news(told, reckoning)
+
+    def _news(self, told: Reckoning | None, now: Reckoning) -> list[tuple[str | None, str]]:
+        news: list[tuple[str | None, str]] = []
+        for index, camera_id in enumerate(self._index):
+            cost = now.slots[index]
+            if cost.measured != (told is not None and told.slots[index].measured):
+                costs = f"an active slot costs {cost.active_j:.3g} J, an idle one {cost.idle_j:.3g}"
+                news.append((camera_id, f"{camera_id}: {costs} J ({cost.why})"))
+            if now.starved[index] and not (told is not None and told.starved[index]):
+                news.append(
+                    (
+                        camera_id,
+                        f"{camera_id}: its budget pays for no active slot, idle ones alone draw "
+                        f"{cost.idle_j / self._interval_s:.3g} W: it is hardly ever chosen",
+                    )
+                )
+        before = self._num_selected if told is None else told.num_selected
+        asked = self._num_selected
+        if (now.num_selected < asked) != (before < asked):
+            news.append(
+                (
+                    None,
+                    f"budgets pay for {now.num_selected:.2g} cameras a slot"
+                    + (f", {asked:g} were asked for" if now.num_selected < asked else ""),
+                )
+            )
+        return news
 
     def spent_j(self, selected: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return `(num_cameras,)` joules that a slot with this selection is charged with."""

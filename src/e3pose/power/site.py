@@ -95,12 +95,14 @@ class Reckoning:
         slots: what slots cost each camera, and whether that was measured.
         num_selected: cameras a slot, as a mean: what was asked for, or fewer if the budgets do not
             pay for as many.
+        starved: `(num_cameras,)` whether the budget does not even pay for idle slots.
     """
 
     budget: Floats
     cost_j: Floats
     slots: tuple[SlotCost, ...]
     num_selected: float
+    starved: NDArray[np.bool_]
 
     def spent_j(self, selected: NDArray[np.bool_]) -> Floats:
         """Return `(num_cameras,)` joules that a slot with this selection is charged with."""
@@ -167,4 +169,5 @@ def reckon(
         cost_j=np.maximum(active_j - idle_j, LEAST_COST_J),
         slots=slots,
         num_selected=num_selected if enough else AFFORD_SHARE * affordable,
+        starved=(allowed_j <= idle_j) & (active_j > idle_j),
     )
