@@ -30,6 +30,7 @@ from e3pose.kernels.filter_step import StepKernel, step_slot
 from e3pose.pose import Poses2D
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
+from e3pose.skeleton import COCO17, Skeleton
 
 Floats = NDArray[np.float64]
 Slot = tuple[Mapping[int, Poses2D], float]
@@ -367,6 +368,20 @@ def test_index_on_disk_of_another_version_is_stale_and_no_error(
 
     assert compiling._or_nothing(broken)() == {}
     assert compiling._or_nothing(lambda: {1: "file"})() == {1: "file"}
+
+
+@pytest.mark.parametrize("kind", ["body without a head", "joints of unknown names"])
+def test_equals_the_reference_with_other_skeletons(kind: str) -> None:
+    if kind == "body without a head":
+        skeleton = Skeleton("headless", COCO17.joints[5:], ())
+    else:
+        skeleton = Skeleton("anything", tuple(f"joint{number}" for number in range(12)), ())
+    slots: Slots = [
+        ({c: Poses2D(v.keypoints_px[:, 5:], v.scores[:, 5:]) for c, v in views.items()}, time_s)
+        for views, time_s in seen(RING, 2)
+    ]
+    people, _ = follow(Model(RING.rig, skeleton), slots)
+    assert people > 50
 
 
 def test_single_camera_rig_never_starts_anybody() -> None:

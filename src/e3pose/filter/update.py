@@ -148,12 +148,12 @@ def _links(belief: Belief, moved: Floats, model: Model) -> Links:
     length = np.maximum(np.linalg.norm(between, axis=-1), 1e-6)
     along = between / length[..., None]
     turned = ((moved[..., :3] - moved[:, parents, :3]) * along).sum(axis=-1)
-    trusted = (rows >= 0) & (belief.bone_counts[:, rows] > BONE_TEACHERS)
-    return Links(
-        along=along,
-        excess_m=length - belief.bones_m[:, rows] - turned,
-        weights=np.where(trusted, 1 / model.slacks_m[rows] ** 2, 0.0),
-    )
+    held = np.flatnonzero(rows >= 0)
+    known = belief.bone_counts[:, rows[held]] > BONE_TEACHERS
+    excess, weights = np.zeros_like(length), np.zeros_like(length)
+    excess[:, held] = length[:, held] - belief.bones_m[:, rows[held]] - turned[:, held]
+    weights[:, held] = np.where(known, 1 / model.slacks_m[rows[held]] ** 2, 0.0)
+    return Links(along, excess, weights)
 
 
 def _pull_bones(
