@@ -9,6 +9,7 @@ import pytest
 
 from e3pose.errors import InputError
 from e3pose.estimators import ESTIMATORS, EstimatorSettings, People, make_estimator
+from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.fuse import FusionSettings
 from e3pose.pose import Poses2D
@@ -129,3 +130,14 @@ def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str
     assert (soon.delivered >= 0).all() and (soon.delivered <= 1).all()
     sizes = [np.trace(o.covariance_m2, axis1=-2, axis2=-1) for o in (soon, late)]
     assert (sizes[1] >= sizes[0]).all()
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_the_stated_uncertainty_is_honest(name: str) -> None:
+    """About nine of ten joints lie within the band, and the expected error is not far off."""
+    settings = ReplaySettings(
+        pipeline=name, policy="round-robin", num_selected=3, backend="reference"
+    )
+    figures = expected_figures(SCENE, list(replay(SCENE, settings)))
+    assert 80 < figures["coverage_90"] < 99
+    assert 0.6 < figures["actual_mm"] / figures["matched_mm"] < 1.4
