@@ -10,7 +10,7 @@ from e3pose.edge.outbox import MAX_WAITING, Outbox
 def drained(outbox: Outbox) -> list[tuple[str, bytes]]:
     sent: list[tuple[str, bytes]] = []
     outbox.close()
-    outbox.run(lambda topic, payload: sent.append((topic, payload)))
+    outbox.run(lambda topic, payload, slot: sent.append((topic, payload)))
     return sent
 
 
@@ -33,7 +33,7 @@ def test_what_nobody_takes_does_not_grow() -> None:
 
 def test_sender_waits_and_ends_when_closed() -> None:
     outbox, sent = Outbox(), threading.Event()
-    thread = threading.Thread(target=outbox.run, args=(lambda topic, payload: sent.set(),))
+    thread = threading.Thread(target=outbox.run, args=(lambda topic, payload, slot: sent.set(),))
     thread.start()
     outbox.put("a", b"1")
     assert sent.wait(5)

@@ -50,9 +50,10 @@ def edge(
     from contextlib import ExitStack
 
     from e3pose.clock import WallClock
-    from e3pose.site.config import beside, load_site
-    from e3pose.site.edge_program import KeysWatch, edge_link, make_edge, place_of
+    from e3pose.site.config import load_site
+    from e3pose.site.edge_program import Admission, edge_link, make_edge, place_of
     from e3pose.site.logs import open_log
+    from e3pose.site.quiet import be_quiet
     from e3pose.site.run import run_until_stopped
     from e3pose.wire.network import open_network
 
@@ -78,15 +79,15 @@ def edge(
         stack.callback(server.stop)
         log.info("getting ready; the very first time this compiles for a minute or two")
         server.start()
+        be_quiet()
         log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(rig))
         end_ns = None if for_s is None else clock.now_ns() + round(for_s * 1e9)
-        keys = KeysWatch(beside(site, table.link.keys or "keys") / "keys.toml" if roll else None)
+        admission = Admission(
+            site, table, server, lambda link, roll: open_network(link, *_people(roll)), log.info
+        )
 
         def running() -> bool:
-            if keys.changed():
-                log.info("the list of certificates changed: joining anew")
-                _, now = edge_link(site, table)
-                server.rejoin(lambda: open_network(link, *_people(now)))
+            admission.look()
             return server.running() and (end_ns is None or clock.now_ns() < end_ns)
 
         run_until_stopped(running)

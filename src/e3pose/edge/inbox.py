@@ -29,6 +29,8 @@ from e3pose.wire.codec import decode, encode, poses_2d
 from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, View
 from e3pose.wire.transport import Transport
 
+FLOOD_WRONG = 64  # of so many unread messages of a flood one counts as making no sense
+
 
 @dataclass(eq=False)
 class Inbox:
@@ -63,11 +65,19 @@ class Inbox:
     flooded: int = 0
     last_wrong: str = ""
     _index: dict[str, int] = field(init=False)
+    _topics: dict[str, int] = field(init=False)  # of all that cameras may say
+    _flood_until_ns: list[int] = field(init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
         self.roster = Roster.of(self.rig.camera_ids)
         self._index = {camera_id: i for i, camera_id in enumerate(self.rig.camera_ids)}
+        self._topics = {
+            topics.of_camera(self.site, camera_id, what): i
+            for camera_id, i in self._index.items()
+            for what in ("view", "hello", "heartbeat", "clock")
+        }
+        self._flood_until_ns = [0] * len(self._index)
 
     def listen(self, transport: Transport) -> None:
         """Receive from now on."""
@@ -99,22 +109,30 @@ class Inbox:
             return life
 
     def _camera(self, topic: str) -> int | None:
-        """Return the index of the camera that wrote on a topic, None if it is to be ignored."""
-        try:
-            index = self._index.get(topics.sender(topic))
-        except InputError:
-            index = None
+        """Return the index of the camera that wrote on a topic, None if it is to be ignored.
+
+        This runs for every message of a flood, so it does little before it knows more.
+        """
+        index = self._topics.get(topic)
         if index is None:
             self.strangers += 1
             return None
         now_ns = self.clock.now_ns()
+        if self._floods(index, now_ns):
+            return None
         life = self._change(index, lambda life: hear(life, now_ns))
         if flooding(life, 1 / self.interval_s):
-            self.flooded += 1
-            if life.told == round(life.told / 64) * 64:  # a flood is wrong, told in passing
-                self._change(index, lambda life: take_wrong(life, now_ns))
-            return None
+            self._flood_until_ns[index] = (now_ns // 10**9 + 1) * 10**9
         return index
+
+    def _floods(self, index: int, now_ns: int) -> bool:
+        """Return whether a camera has said more this second than is read, and count it."""
+        if now_ns >= self._flood_until_ns[index]:
+            return False
+        self.flooded += 1
+        if self.flooded % FLOOD_WRONG == 0:
+            self._change(index, lambda life: take_wrong(life, now_ns))
+        return True
 
     def _refuse(self, index: int, error: InputError) -> None:
         now_ns = self.clock.now_ns()

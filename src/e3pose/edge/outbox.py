@@ -38,8 +38,8 @@ class Outbox:
             self._closed = True
             self._change.notify()
 
-    def run(self, publish: Callable[[str, bytes], None]) -> None:
-        """Send, until closed; the body of the sending thread."""
+    def run(self, publish: Callable[[str, bytes, int], None]) -> None:
+        """Send, until closed; the body of the sending thread. `publish` is told the slot too."""
         while True:
             with self._change:
                 while not self._waiting and not self._closed:
@@ -47,5 +47,5 @@ class Outbox:
                 if not self._waiting:
                     return
                 batch, self._waiting = self._waiting, {}
-            for (topic, _), payload in batch.items():
-                publish(topic, payload)
+            for (topic, slot), payload in batch.items():
+                publish(topic, payload, slot)

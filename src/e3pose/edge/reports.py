@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,10 @@ from e3pose.edge.roster import CameraLife
 from e3pose.pipeline import SlotRecord
 from e3pose.policies.base import Floats
 from e3pose.wire.codec import pack
-from e3pose.wire.messages import CameraStatus, Poses
+from e3pose.wire.messages import CameraStatus, Poses, Status
+
+if TYPE_CHECKING:
+    from e3pose.edge.server import EdgeServer
 
 
 def sigma_m(record: SlotRecord) -> Floats:
@@ -69,6 +73,39 @@ def camera_status(
         late=late,
         lost=lost,
         clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
+    )
+
+
+def site_status(edge: EdgeServer) -> Status:
+    """Return how a site is."""
+    now_ns, record, counts = edge.clock.now_ns(), edge.newest, edge.counts
+    duty, troubles = counts.duty(), edge.inbox.troubles()
+    cameras = tuple(
+        camera_status(
+            life,
+            troubles[index],
+            edge.state.deficit[index],
+            float(duty[index]),
+            int(edge.gather.late[index]),
+            int(counts.missed[index]),
+            now_ns,
+        )
+        for index, life in enumerate(edge.inbox.roster.lives)
+    )
+    error_m = record.reasons.error_m if record and record.reasons else np.nan
+    return Status(
+        site=edge.settings.site,
+        slot=record.slot if record else 0,
+        fps=counts.fps(now_ns),
+        lead=edge.lead.slots,
+        people=len(record.track_ids) if record else 0,
+        cameras=cameras,
+        step_ms=counts.stepping.median_and_99_ms(),
+        latency_ms=counts.latency.median_and_99_ms(),
+        uptime_s=(now_ns - edge.started_ns) / 1e9,
+        events=tuple(one_line(event.message) for event in edge.events),
+        expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
+        slots_lost=counts.lost,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from e3pose.wire.messages import Heartbeat, Hello
+from e3pose.wire.messages import CameraMode, Heartbeat, Hello
 
 SILENT_S = 1.9  # without a word for so long a camera is given up; it speaks twice a second
 WRONG_LIMIT = 20  # messages that make no sense, within the time below: it is left out
@@ -148,6 +148,18 @@ def _ailing(life: CameraLife, beat: Heartbeat, now_ns: int) -> str:
     if now_ns - life.frame_ns > FROZEN_S * 1e9:
         return "takes no new frames"
     return ""
+
+
+def slowest_wake_s(lives: Sequence[CameraLife], idle_modes: Sequence[CameraMode]) -> float:
+    """Return how long the slowest camera that may be asleep takes to wake."""
+    return max(
+        (
+            life.hello.wake_s
+            for life, mode in zip(lives, idle_modes, strict=True)
+            if life.hello is not None and mode == "aggressive-power-saving"
+        ),
+        default=0.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,29 +20,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.clock import Clock, SlotTimes
-from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lead import Lead, adapt, cautious, take_in_delay
+from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.partners import Learner, Sink
-from e3pose.edge.reports import camera_status, one_line, poses_message, sigma_m
+from e3pose.edge.reports import poses_message, sigma_m, site_status
+from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.settings import EdgeSettings
+from e3pose.edge.state_file import StateFile
 from e3pose.edge.tally import Counts
 from e3pose.edge.turns import skip_to, with_lead
 from e3pose.edge.warm import warm_up
-from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.power.ledger import EnergyLedger
 from e3pose.store.rows import Event
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
-from e3pose.wire.messages import Heartbeat, Order, Status
+from e3pose.wire.messages import Heartbeat, Status
 from e3pose.wire.transport import Transport
 
 BACKLOG_S = 2.0  # an edge that is farther behind gives up slots instead of working them off
 KEEP_EVENTS = 20
 KEEPING_S = 1.0  # status, checkpoint
+QUIET_S = 0.2  # how long these wait for the moment after a slot, when nothing is urgent
+AGO_SLOTS = 2  # a state from so far in the future is one whose clock went wrong
 
 
 class EdgeServer:
@@ -77,7 +81,6 @@ class EdgeServer:
         self._tell_person = tell
         self.interval_ns = round(pipeline.interval_s / settings.pace * 1e9)
         interval_s = self.interval_ns / 1e9
-        self.session = clock.now_ns() % 2**53
         self.started_ns = clock.now_ns()
         num_cameras = len(pipeline.rig)
         self.counts = Counts(num_cameras, interval_s)
@@ -94,6 +97,15 @@ class EdgeServer:
         )
         self._on_beat = on_beat
         self.outbox = Outbox()
+        self.orders = Orders(
+            settings.site,
+            pipeline.rig.camera_ids,
+            settings.idle_modes,
+            clock.now_ns() // 1000,  # larger than that of any edge before
+            self.outbox,
+            clock,
+        )
+        self.state_file = StateFile(settings.checkpoint, self.tell)
         if settings.adaptive_lead:
             self.lead = cautious(settings.deadline_s, interval_s)
             self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
@@ -104,7 +116,9 @@ class EdgeServer:
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
         self._delays: deque[float] = deque(maxlen=512)
-        self._sent_ns: dict[int, int] = {}  # slot to when its orders went out
+        self._poses_topic = topics.of_site(settings.site, "poses")
+        self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
+        self._quiet = threading.Event()  # a slot was just done
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
         self.failure: BaseException | None = None
@@ -119,8 +133,8 @@ class EdgeServer:
 
     def start(self) -> None:
         """Begin to receive, and to compute slots once cameras are there."""
+        self._join()  # cameras find the edge again while it gets ready
         warm_up(self.pipeline)
-        self._join()
         for name, body in (
             ("fusion", self._run_slots),
             ("sending", lambda: self.outbox.run(self._publish)),
@@ -147,7 +161,7 @@ class EdgeServer:
 
     def rejoin(self, open_transport: Callable[[], Transport]) -> None:
         """Leave the site and join it anew, by other rules; cameras come back by themselves."""
-        self.transport.close()
+        self.transport.close()  # the new one listens at the same place
         self.transport = open_transport()
         self._join()
 
@@ -155,8 +169,10 @@ class EdgeServer:
         self.inbox.listen(self.transport)
         self.transport.be_present(topics.of_site(self.settings.site, "alive"))
 
-    def _publish(self, topic: str, payload: bytes) -> None:
+    def _publish(self, topic: str, payload: bytes, slot: int) -> None:
         self.transport.publish(topic, payload)
+        if topic == self._poses_topic and (last_ns := self._last_in_ns.pop(slot, None)):
+            self.counts.latency.add(self.clock.now_ns() - last_ns)
 
     def running(self) -> bool:
         """Return whether all threads still work."""
@@ -172,35 +188,7 @@ class EdgeServer:
 
     def status(self) -> Status:
         """Return how the site is."""
-        now_ns, record, counts = self.clock.now_ns(), self.newest, self.counts
-        duty, troubles = counts.duty(), self.inbox.troubles()
-        cameras = tuple(
-            camera_status(
-                life,
-                troubles[index],
-                self.state.deficit[index],
-                float(duty[index]),
-                int(self.gather.late[index]),
-                int(counts.missed[index]),
-                now_ns,
-            )
-            for index, life in enumerate(self.inbox.roster.lives)
-        )
-        error_m = record.reasons.error_m if record and record.reasons else np.nan
-        return Status(
-            site=self.settings.site,
-            slot=record.slot if record else 0,
-            fps=counts.fps(now_ns),
-            lead=self.lead.slots,
-            people=len(record.track_ids) if record else 0,
-            cameras=cameras,
-            step_ms=counts.stepping.median_and_99_ms(),
-            latency_ms=counts.latency.median_and_99_ms(),
-            uptime_s=(now_ns - self.started_ns) / 1e9,
-            events=tuple(one_line(event.message) for event in self.events),
-            expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
-            slots_lost=counts.lost,
-        )
+        return site_status(self)
 
     # The fusion thread.
 
@@ -233,11 +221,20 @@ class EdgeServer:
             ahead = (1 + self.lead.slots) * self.interval_ns
             times = SlotTimes(now_ns + ahead, self.interval_ns)
         else:
-            times = self.times
+            times = self._still_true(self.times, now_ns)
             self._skip(max(self.state.slot, times.slot_at(now_ns) + 1))
         for ahead, decision in enumerate(self.state.selections):
-            self._order(times, self.state.slot + ahead, decision)
+            self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
         return times
+
+    def _still_true(self, times: SlotTimes, now_ns: int) -> SlotTimes:
+        """Return where slots lie; moved, if the clock was set back while the edge was away."""
+        ahead = self.state.slot - times.slot_at(now_ns)
+        if ahead <= AGO_SLOTS + self.lead.slots:
+            return times
+        self.tell("clock", f"this machine's clock went back by {ahead} slots: slots moved with it")
+        next_ns = now_ns + (1 + self.lead.slots) * self.interval_ns
+        return SlotTimes(next_ns - self.state.slot * self.interval_ns, self.interval_ns)
 
     def _catch_up(self, times: SlotTimes) -> None:
         behind_ns = self.clock.now_ns() - self._deadline_ns(times, self.state.slot)
@@ -260,7 +257,7 @@ class EdgeServer:
         deadline_ns = self._deadline_ns(times, slot)
         while not self._stop.is_set():
             now_ns = self.clock.now_ns()
-            wanted = self._told_in_time(times, slot) & self.inbox.online()
+            wanted = self._told(times, slot) & self.inbox.online()
             until_ns = deadline_ns if self.gather.waits_for(wanted) else times.middle_ns(slot)
             if now_ns >= min(until_ns, deadline_ns):
                 return True
@@ -271,7 +268,7 @@ class EdgeServer:
         begun_ns = self.clock.now_ns()
         self.counts.first_ns = self.counts.first_ns or begun_ns
         online = self.inbox.online()
-        told = self._told_in_time(times, slot)
+        told = self._told(times, slot)
         wanted = told & online
         self.state = replace(
             self.state, selections=np.concatenate([told[None], self.state.selections[1:]])
@@ -281,19 +278,22 @@ class EdgeServer:
         online = online | np.isin(np.arange(len(online)), list(views))
         self.state, record = step(self.pipeline, self.state, views, online)
         done_ns = self.clock.now_ns()
+        used = [a.arrived_ns for camera, a in arrivals.items() if record.arrived[camera]]
+        self._last_in_ns.clear()  # of slots that a newer one replaced before they were sent
+        if used:
+            self._last_in_ns[slot] = max(*used, times.middle_ns(slot))
         message = poses_message(record, self.settings.joints, times.middle_ns(slot), done_ns)
-        self.outbox.put(topics.of_site(self.settings.site, "poses"), encode(message))
-        self._order(times, slot + self.pipeline.lead_slots, record.next_selection)
+        self.outbox.put(self._poses_topic, encode(message), slot)
+        lead = self.pipeline.lead_slots
+        self.orders.give(times, slot + lead, record.next_selection, lead)
+        self.orders.forget_before(slot)
         self.newest = record
         self.counts.stepping.add(done_ns - begun_ns)
-        used = [a.arrived_ns for camera, a in arrivals.items() if record.arrived[camera]]
-        if used:
-            self.counts.latency.add(self.clock.now_ns() - max(*used, times.middle_ns(slot)))
         self.counts.slots += 1
         self.counts.views += len(used)
         self.counts.ordered += wanted
         self.counts.missed += wanted & ~record.arrived
-        self.counts.selected.append(record.selected)
+        self.counts.looked(record.selected)
         if self.sink is not None:
             self.sink.append(
                 record,
@@ -301,37 +301,14 @@ class EdgeServer:
                 sigma_m=sigma_m(record),
                 energy_j=None if self.ledger is None else self.ledger.spent_j(record.selected),
             )
-        self._improve(record)
+        self._improve(times, record)
+        self._quiet.set()
 
-    def _told_in_time(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
-        """Return `(num_cameras,)`: who was selected for a slot and can have known of it.
+    def _told(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
+        """Return `(num_cameras,)`: who was selected for a slot and can have known of it."""
+        return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 
-        An order that went out too late is no reason to wait for a view, nor to think its camera
-        dead.
-        """
-        in_time = self._sent_ns.get(slot, times.begin_ns(slot) + 1) <= times.begin_ns(slot)
-        return np.asarray(self.state.selections[0] & in_time)
-
-    def _order(self, times: SlotTimes, slot: int, decision: NDArray[np.bool_]) -> None:
-        """Tell every camera what to do in a slot."""
-        sent_ns = self._sent_ns[slot] = self.clock.now_ns()
-        self._sent_ns = {s: at for s, at in self._sent_ns.items() if s >= self.state.slot}
-        for index, camera_id in enumerate(self.pipeline.rig.camera_ids):
-            order = Order(
-                camera_id=camera_id,
-                slot=slot,
-                active=bool(decision[index]),
-                idle_mode=self.settings.idle_modes[index],
-                origin_edge_ns=times.origin_ns,
-                interval_ns=times.interval_ns,
-                sent_edge_ns=sent_ns,
-                session=self.session,
-                lead=self.pipeline.lead_slots,
-            )
-            topic = topics.of_order(self.settings.site, camera_id)
-            self.outbox.put(topic, encode(order), slot)
-
-    def _improve(self, record: SlotRecord) -> None:
+    def _improve(self, times: SlotTimes, record: SlotRecord) -> None:
         """Between two slots: another lead, a better predictor, other budgets."""
         if self.ledger is not None:
             self.pipeline, news = self.ledger.reckoned(self.pipeline)
@@ -348,26 +325,17 @@ class EdgeServer:
         while self._delays:
             self.lead = take_in_delay(self.lead, self._delays.popleft())
         before = self.lead.slots
-        self.lead = adapt(self.lead, self.interval_ns / 1e9, self._wake_s())
+        wake_s = slowest_wake_s(self.inbox.roster.lives, self.settings.idle_modes)
+        self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s)
         if self.lead.slots != before:
             self.tell(
                 "lead", f"orders now go out {self.lead.slots} slots ahead instead of {before}"
             )
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
-
-    def _wake_s(self) -> float:
-        """Return how long the slowest camera that may be asleep takes to wake."""
-        return max(
-            (
-                life.hello.wake_s
-                for life, mode in zip(
-                    self.inbox.roster.lives, self.settings.idle_modes, strict=True
-                )
-                if life.hello is not None and mode == "aggressive-power-saving"
-            ),
-            default=0.0,
-        )
+            for ahead in range(before, self.lead.slots):  # slots that nobody was told of yet
+                decision = self.state.selections[ahead]
+                self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
 
     def _take_beat(self, beat: Heartbeat) -> None:
         if self.ledger is not None:
@@ -394,28 +362,21 @@ class EdgeServer:
             self.outbox.put(topics.of_site(self.settings.site, "status"), encode(self.status()))
             self._keep_checkpoint()
             self.clock.wait(self._stop, self.clock.now_ns() + round(KEEPING_S * 1e9))
+            # Two threads of Python work at half the speed: not while a slot is computed.
+            self._quiet.clear()
+            self._quiet.wait(QUIET_S)
 
     def _keep_checkpoint(self) -> None:
-        path, times = self.settings.checkpoint, self.times
-        if path is None or times is None:
+        times, pipeline, state = self.times, self.pipeline, self.state  # values: they stay
+        if times is None:
             return
-        pipeline, state = self.pipeline, self.state  # values: they do not change under us
-        made = Checkpoint(state, times.origin_ns, len(state.selections), self.clock.now_ns())
-        try:
-            save_checkpoint(path, made, pipeline)
-        except (InputError, OSError) as error:
-            self.tell("checkpoint", f"the state cannot be kept: {one_line(str(error))}")
+        now_ns = self.clock.now_ns()
+        made = Checkpoint(state, times.origin_ns, len(state.selections), now_ns)
+        self.state_file.keep(made, pipeline)
 
     def _resume(self) -> None:
-        path = self.settings.checkpoint
-        if path is None or not path.exists():
-            return
-        try:
-            found = load_checkpoint(path, self.pipeline)
-        except InputError as error:
-            aside = path.with_name(path.name + ".unusable")
-            path.replace(aside)
-            self.tell("checkpoint", f"begun afresh, the old state is kept as {aside}: {error}")
+        found = self.state_file.take_up(self.pipeline)
+        if found is None:
             return
         self.times = SlotTimes(found.origin_ns, self.interval_ns)
         self.lead = Lead(found.lead_slots if self.settings.adaptive_lead else self.lead.slots)

@@ -44,7 +44,6 @@ class Counts:
         first_ns: when the first slot was computed.
         latency: from the last view's arrival to the poses.
         stepping: computing of a slot.
-        selected: who looked in the slots of the last minute.
     """
 
     num_cameras: int
@@ -57,17 +56,26 @@ class Counts:
     first_ns: int | None = None
     latency: Durations = field(default_factory=Durations)
     stepping: Durations = field(default_factory=Durations)
-    selected: deque[NDArray[np.bool_]] = field(init=False)
+    _selected: deque[NDArray[np.bool_]] = field(init=False)
+    _looked: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
         self.ordered = np.zeros(self.num_cameras, dtype=np.int64)
         self.missed = np.zeros(self.num_cameras, dtype=np.int64)
-        self.selected = deque(maxlen=max(1, round(MINUTE_S / self.interval_s)))
+        self._selected = deque()
+        self._looked = np.zeros(self.num_cameras, dtype=np.int64)
+
+    def looked(self, selected: NDArray[np.bool_]) -> None:
+        """Take in who looked in a slot."""
+        self._selected.append(selected)
+        change = selected.astype(np.int64)
+        if len(self._selected) > max(1, round(MINUTE_S / self.interval_s)):
+            change = change - self._selected.popleft()
+        self._looked = self._looked + change  # replaced whole: another thread reads it
 
     def duty(self) -> NDArray[np.float64]:
         """Return `(num_cameras,)`: share of the last minute's slots in which each looked."""
-        looked = list(self.selected) or [np.zeros(self.num_cameras, dtype=bool)]
-        return np.asarray(np.mean(looked, axis=0))
+        return np.asarray(self._looked / max(len(self._selected), 1))
 
     def fps(self, now_ns: int) -> float:
         """Return slots a second since the first."""

@@ -13,8 +13,8 @@ from __future__ import annotations
 import random
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from e3pose import __version__
 from e3pose.clock import Clock
 from e3pose.errors import InputError
+from e3pose.node.base import LiveDetector, LiveFrame, LiveSource
+from e3pose.node.base import NodeSettings as NodeSettings
 from e3pose.node.box import Box
 from e3pose.node.schedule import Schedule, slot_of_frame, take_order
 from e3pose.pose import Poses2D
@@ -44,72 +46,6 @@ HELLO_EVERY = 4  # heartbeats
 CLOCK_TIMEOUT_S = 0.5
 REOPEN_S = 1.0  # after a source failed
 SOURCE_WAIT_NS = 100_000_000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LiveFrame:
-    """A frame as it comes from a source.
-
-    Attributes:
-        captured_ns: when it was taken, by the camera's clock.
-        image_size: `(width, height)` in pixels.
-        look: return what is to be detected in: an RGB image `(height, width, 3)`, or whatever the
-            detector of a simulated source takes. Converting waits until somebody looks.
-    """
-
-    captured_ns: int
-    image_size: tuple[int, int]
-    look: Callable[[], Any]
-
-
-class LiveSource(Protocol):
-    """Where frames come from, at their own pace."""
-
-    @property
-    def fps(self) -> float:
-        """Frames a second, about."""
-        ...
-
-    def open(self) -> None:
-        """Begin; raise `InputError` saying why it cannot."""
-        ...
-
-    def read(self) -> LiveFrame | None:
-        """Wait for the next frame, a second at most; None if none came, at the end for ever."""
-        ...
-
-    def close(self) -> None:
-        """Stop capturing and let go of the device; `open` may follow."""
-        ...
-
-
-class LiveDetector(Protocol):
-    """What finds people in what a frame shows; every `detectors.Detector` does."""
-
-    def detect(self, image: Any) -> Poses2D:
-        """Return the people, pixels of that image."""
-        ...
-
-
-@dataclass(frozen=True, slots=True)
-class NodeSettings:
-    """What a camera is.
-
-    Attributes:
-        site: its site.
-        camera_id: its name there.
-        joints: that its detector finds.
-        wake_s: from aggressive power-saving to the first frame.
-        detector: name of the network.
-        battery_wh: capacity; None on mains.
-    """
-
-    site: str
-    camera_id: str
-    joints: tuple[str, ...]
-    wake_s: float = 0.0
-    detector: str = ""
-    battery_wh: float | None = None
 
 
 @dataclass(slots=True)
@@ -185,6 +121,7 @@ class CameraNode:
         """Begin; the edge need not be there yet."""
         site, camera_id = self.settings.site, self.settings.camera_id
         self.transport.subscribe(topics.of_order(site, camera_id), self._receive)
+        self.transport.watch(topics.of_site(site, "alive"), self._see_edge)
         self.transport.be_present(topics.of_camera(site, camera_id, "alive"))
         for name, body in (
             ("capture", self._run_capture),
@@ -236,6 +173,12 @@ class CameraNode:
                 made_from = times.middle_ns(order.slot - order.lead)
                 counted.delay_ns = max(counted.delay_ns, now_ns - made_from)
         self._order.set()
+
+    def _see_edge(self, topic: str, there: bool) -> None:
+        """Take orders of whatever edge comes next, also if its clock was set back."""
+        if not there:
+            with self._lock:
+                self.schedule = replace(self.schedule, session=0)
 
     # Capturing.
 

@@ -21,7 +21,7 @@ from typing import Any
 
 from e3pose.clock import Clock
 from e3pose.errors import InputError
-from e3pose.node.live import LiveFrame, LiveSource
+from e3pose.node.base import LiveFrame, LiveSource
 from e3pose.node.source import FALLBACK_RATE, Frame, open_video
 from e3pose.pose import Poses2D
 from e3pose.recording import Recording

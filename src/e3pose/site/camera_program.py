@@ -9,7 +9,8 @@ from typing import Any
 
 from e3pose.clock import Clock
 from e3pose.keys.folder import certificates_in, check_certificates
-from e3pose.node.live import CameraNode, LiveDetector, NodeSettings
+from e3pose.node.base import LiveDetector, NodeSettings
+from e3pose.node.live import CameraNode
 from e3pose.node.live_source import RecordedDetector, make_source
 from e3pose.site.config import NodeTable
 from e3pose.wire.access import Link, check_link, split_endpoint

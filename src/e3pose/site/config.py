@@ -65,7 +65,7 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         threads: of the processor for the network; all cores by default.
         wake_s: seconds from aggressive power-saving to its first frame.
         battery_wh: capacity; without it the camera is on mains.
-        meter: how its power is measured; see `power`.
+        meter: how `e3pose up` lets it measure its power, `auto` or `model`, which is the default.
         budget: what it may spend, such as `4W` or `until 18:00`; by default that of the site.
     """
 
@@ -78,7 +78,7 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     threads: int | None = None
     wake_s: float = 0.5
     battery_wh: float | None = None
-    meter: str = "auto"
+    meter: Literal["auto", "model"] | None = None
     budget: str | None = None
 
 
@@ -168,7 +168,7 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pace: float = 1.0
     wake_s: float = 0.5
     battery_wh: float | None = None
-    meter: str = "auto"
+    meter: Literal["auto", "model"] = "auto"
     profile: str = "xavier-nx"
 
 

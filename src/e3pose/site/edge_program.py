@@ -13,6 +13,7 @@ from e3pose.camera import Rig
 from e3pose.clock import Clock
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.settings import EdgeSettings
+from e3pose.errors import InputError
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.keys.folder import Roll, certificates_in, check_certificates, read_roll
 from e3pose.site.config import SiteTable, beside, cameras_of
@@ -127,28 +128,50 @@ def make_edge(
     return edge
 
 
-@dataclass(slots=True)
-class KeysWatch:
-    """Sees that the list of certificates changed: somebody was added, or revoked.
+@dataclass(slots=True, eq=False)
+class Admission:
+    """Lets in who was added and shuts out who was revoked, while the edge runs.
 
     Attributes:
-        path: of the list; None where there is none.
+        path: of the site file.
+        site: what it says.
+        server: of the edge.
+        join: opens the network by the rules of a list.
+        tell: called with a line that a person should know.
     """
 
-    path: Path | None
+    path: Path
+    site: SiteTable
+    server: EdgeServer
+    join: Callable[[Link, Roll | None], Transport]
+    tell: Callable[[str], None]
     _seen: tuple[int, int] = (0, 0)
+    _refused: str = ""
 
     def __post_init__(self) -> None:
         self._seen = self._look()
 
-    def changed(self) -> bool:
-        """Return whether the list is another one than at the last look."""
-        before, self._seen = self._seen, self._look()
-        return before != self._seen
+    def look(self) -> None:
+        """Join anew if the list of certificates is another one than at the last look."""
+        seen = self._look()
+        if seen == self._seen:
+            return
+        try:
+            link, roll = edge_link(self.path, self.site)
+            self.server.rejoin(lambda: self.join(link, roll))
+        except InputError as error:  # tried again: the edge goes on by the rules it has
+            if str(error) != self._refused:
+                self.tell(f"the list of certificates changed, but: {error}")
+            self._refused = str(error)
+            return
+        self._seen, self._refused = seen, ""
+        self.tell("the list of certificates changed: joined anew")
 
     def _look(self) -> tuple[int, int]:
+        if self.site.link.keys is None:
+            return 0, 0
         try:
-            status = None if self.path is None else self.path.stat()
+            status = (beside(self.path, self.site.link.keys) / "keys.toml").stat()
         except OSError:
             return self._seen  # being replaced
-        return (0, 0) if status is None else (status.st_mtime_ns, status.st_ino)
+        return status.st_mtime_ns, status.st_ino

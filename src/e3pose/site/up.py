@@ -44,7 +44,8 @@ def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> lis
         sys.executable, "-m", "e3pose", "camera",
         "--site", site.name, "--name", camera_id, "--source", source,
         "--endpoint", f"{protocol}/{host}:{port}", "--wake-s", str(camera.wake_s),
-        "--provider", camera.provider, "--meter", camera.meter,
+        # On one machine every camera would measure the same watts, those of all together.
+        "--provider", camera.provider, "--meter", camera.meter or "model",
     ]  # fmt: skip
     if protocol == "tls":
         keys = beside(path, site.link.keys or "keys") / "cameras" / camera_id
@@ -107,9 +108,9 @@ def run_site(
     Raises:
         InputError: when a program refuses its input: that does not get better by itself.
     """
-    for program in programs:
-        program.start()
     try:
+        for program in programs:
+            program.start()
         while not stopped():
             for program in programs:
                 code = program.ended()

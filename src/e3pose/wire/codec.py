@@ -221,9 +221,10 @@ def _check_order(order: Order, where: str) -> None:
         where,
         slot=order.slot,
         session=order.session,
-        origin_edge_ns=order.origin_edge_ns,
         sent_edge_ns=order.sent_edge_ns,
     )
+    # Negative where a machine began at 1970 and goes on with the slots of before.
+    _check_numbers(where, -MAX_TIME_NS, MAX_TIME_NS, origin_edge_ns=order.origin_edge_ns)
     _check_numbers(where, 1e6, 3.6e12, interval_ns=order.interval_ns)
     _check_numbers(where, 1, 1000, lead=order.lead)
 

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import heapq
+import itertools
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from e3pose.wire.transport import Answer, Presence, Receive
 
 Fault = Callable[[str, bytes], bytes | None]  # what arrives instead; None when it is lost
+Delay = Callable[[str], float]  # seconds, by topic
+
+
+def _at_once(topic: str) -> float:
+    return 0.0
 
 
 def _pass(topic: str, payload: bytes) -> bytes | None:
@@ -21,11 +29,14 @@ class Hub:
 
     Attributes:
         fault: what happens to everything that is sent.
+        delay_s: how long it takes to arrive.
     """
 
     fault: Fault = _pass
+    delay_s: Delay = _at_once
     members: list[MemoryTransport] = field(default_factory=list)
     lock: threading.RLock = field(default_factory=threading.RLock)
+    air: Air = field(default_factory=lambda: Air())
 
     def join(self) -> MemoryTransport:
         """Return a transport of its own for one program."""
@@ -50,6 +61,9 @@ class MemoryTransport:
         arrived = self.hub.fault(topic, payload)
         if arrived is None or self not in self.hub.members:
             return
+        self.hub.air.carry(self.hub.delay_s(topic), lambda: self._deliver(topic, arrived))
+
+    def _deliver(self, topic: str, arrived: bytes) -> None:
         for member in list(self.hub.members):
             for pattern, receive in list(member.receivers):
                 if matches(pattern, topic):
@@ -62,11 +76,17 @@ class MemoryTransport:
     def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
         """See `Transport.ask`."""
         arrived = self.hub.fault(topic, payload)
+        begun_s, way_s = time.monotonic(), self.hub.delay_s(topic)
+        time.sleep(min(way_s, timeout_s))
         for member in list(self.hub.members):
             for pattern, answer in member.answers:
                 if arrived is not None and matches(pattern, topic):
                     reply = answer(topic, arrived)
-                    return None if reply is None else self.hub.fault(topic, reply)
+                    back_s = self.hub.delay_s(topic)
+                    left_s = timeout_s - (time.monotonic() - begun_s)
+                    time.sleep(max(min(back_s, left_s), 0.0))
+                    lost = reply is None or back_s > left_s
+                    return None if lost or reply is None else self.hub.fault(topic, reply)
         return None
 
     def answer(self, topic: str, answer: Answer) -> None:
@@ -101,6 +121,42 @@ class MemoryTransport:
             for pattern, presence in list(member.watchers):
                 if matches(pattern, topic):
                     presence(topic, there)
+
+
+@dataclass(eq=False)
+class Air:
+    """Carries what is under way, on a thread that ends when nothing is."""
+
+    _under_way: list[tuple[float, int, Callable[[], None]]] = field(default_factory=list)
+    _count: itertools.count[int] = field(default_factory=itertools.count)
+    _change: threading.Condition = field(default_factory=threading.Condition)
+    _busy: bool = False
+
+    def carry(self, seconds: float, deliver: Callable[[], None]) -> None:
+        """Deliver after a time; at once, on this thread, after none."""
+        if seconds <= 0:
+            deliver()
+            return
+        with self._change:
+            due_s = time.monotonic() + seconds
+            heapq.heappush(self._under_way, (due_s, next(self._count), deliver))
+            self._change.notify()
+            if not self._busy:
+                self._busy = True
+                threading.Thread(target=self._run, name="air", daemon=True).start()
+
+    def _run(self) -> None:
+        while True:
+            with self._change:
+                if not self._under_way:
+                    self._busy = False
+                    return
+                left_s = self._under_way[0][0] - time.monotonic()
+                if left_s > 0:
+                    self._change.wait(left_s)
+                    continue
+                deliver = heapq.heappop(self._under_way)[2]
+            deliver()
 
 
 def matches(pattern: str, topic: str) -> bool:

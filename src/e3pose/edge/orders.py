@@ -1,0 +1,75 @@
+"""Giving orders: what every camera is to do in a slot, and whether it can have known in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.clock import Clock, SlotTimes
+from e3pose.edge.outbox import Outbox
+from e3pose.wire import topics
+from e3pose.wire.codec import encode
+from e3pose.wire.messages import CameraMode, Order
+
+
+@dataclass(slots=True, eq=False)
+class Orders:
+    """The orders of an edge, and when they went out; for one thread.
+
+    Attributes:
+        site: name of the site.
+        camera_ids: of the rig.
+        idle_modes: what each camera does in slots without an order.
+        session: of the edge.
+        outbox: where orders go.
+        clock: the edge's.
+    """
+
+    site: str
+    camera_ids: Sequence[str]
+    idle_modes: Sequence[CameraMode]
+    session: int
+    outbox: Outbox
+    clock: Clock
+    _sent_ns: dict[int, int] = field(default_factory=dict)
+
+    def give(self, times: SlotTimes, slot: int, decision: NDArray[np.bool_], lead: int) -> None:
+        """Tell every camera what to do in a slot.
+
+        Args:
+            times: where slots lie.
+            slot: which.
+            decision: `(num_cameras,)` who is to look.
+            lead: how many slots ahead orders are given at present.
+        """
+        sent_ns = self._sent_ns[slot] = self.clock.now_ns()
+        for index, camera_id in enumerate(self.camera_ids):
+            order = Order(
+                camera_id=camera_id,
+                slot=slot,
+                active=bool(decision[index]),
+                idle_mode=self.idle_modes[index],
+                origin_edge_ns=times.origin_ns,
+                interval_ns=times.interval_ns,
+                sent_edge_ns=sent_ns,
+                session=self.session,
+                lead=lead,
+            )
+            self.outbox.put(topics.of_order(self.site, camera_id), encode(order), slot)
+
+    def in_time(self, times: SlotTimes, slot: int) -> bool:
+        """Return whether the orders for a slot went out before it began.
+
+        An order that went out too late is no reason to wait for a view, nor to think its camera
+        dead.
+        """
+        begin_ns = times.begin_ns(slot)
+        return self._sent_ns.get(slot, begin_ns + 1) <= begin_ns
+
+    def forget_before(self, slot: int) -> None:
+        """Forget when the orders for slots that are over went out."""
+        for old in [s for s in self._sent_ns if s < slot]:
+            del self._sent_ns[old]

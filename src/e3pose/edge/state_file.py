@@ -1,0 +1,61 @@
+"""The file that an edge goes on from: kept every second, taken up at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from e3pose.edge.reports import one_line
+from e3pose.errors import InputError
+from e3pose.pipeline import Pipeline
+
+
+@dataclass(slots=True, eq=False)
+class StateFile:
+    """Where the state of the loop is kept.
+
+    Attributes:
+        path: the file; None keeps nothing.
+        tell: called with a kind and a line that a person should know; what goes on is told once.
+        trouble: why the state cannot be kept at present; empty if it can.
+    """
+
+    path: Path | None
+    tell: Callable[[str, str], None]
+    trouble: str = ""
+
+    def keep(self, made: Checkpoint, pipeline: Pipeline) -> None:
+        """Keep a state; a disk that is full is no reason to stop."""
+        if self.path is None:
+            return
+        try:
+            save_checkpoint(self.path, made, pipeline)
+        except (InputError, OSError) as error:
+            if not self.trouble:
+                self.trouble = one_line(str(error))
+                self.tell("checkpoint", f"the state cannot be kept: {self.trouble}")
+            return
+        if self.trouble:
+            self.trouble = ""
+            self.tell("checkpoint", "the state is kept again")
+
+    def take_up(self, pipeline: Pipeline) -> Checkpoint | None:
+        """Return the state that was kept; None, and the old file set aside, if it is of no use."""
+        if self.path is None or not self.path.exists():
+            return None
+        try:
+            return load_checkpoint(self.path, pipeline)
+        except InputError as error:
+            self._set_aside(self.path, error)
+            return None
+
+    def _set_aside(self, path: Path, error: InputError) -> None:
+        aside = path.with_name(path.name + ".unusable")
+        try:
+            path.replace(aside)
+        except OSError:
+            self.tell("checkpoint", f"begun afresh: {error}")
+            return
+        self.tell("checkpoint", f"begun afresh, the old state is kept as {aside}: {error}")
