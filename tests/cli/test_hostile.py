@@ -101,7 +101,7 @@ RECORDINGS: dict[str, tuple[Break, str]] = {
     "no header": (gone(HEADER), "recording.toml: file not found"),
     "empty header": (whole(HEADER, ""), "recording.toml: format: found"),
     "truncated header": (cut(HEADER, 45), "recording.toml: .*TOML"),
-    "version of tomorrow": (text(HEADER, "version = 1", "version = 2"), "version: found 2"),
+    "version of tomorrow": (text(HEADER, "version = 1", "version = 3"), "version: found 3"),
     "unknown key that clears the screen": (
         text(HEADER, "fps", '"\\u001b[2J" = 1\nfps'),
         r"recording.toml: .*\\x1b",
@@ -253,7 +253,7 @@ WORDS: list[tuple[str, str]] = [
     (f"replay $REC --idle-mode {ESCAPE}", "idle-mode"),
     ("replay $REC --profile $PIPE", "pipe: "),
     ("replay $REC --profile $DEEP", "deep: "),
-    ("replay $REC --battery-wh nan", "--battery-wh: found nan"),
+    ("replay $REC --battery-wh nan", "--battery-wh: found 'nan'"),
     ("replay $REC --poses $NEW.txt", "expected .csv or .parquet"),
     ("replay $REC --report $NEW.txt", "ends in .html"),
     ("replay $REC --json $FOLDER", "found a folder"),
