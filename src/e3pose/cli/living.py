@@ -112,6 +112,7 @@ def camera(
     threads: Whole | None = None,
     fps: float | None = None,
     pace: float | None = None,
+    begin_s: float | None = None,
     wake_s: float | None = None,
     battery_wh: float | None = None,
     meter: str | None = None,
@@ -153,6 +154,9 @@ def camera(
         Frames a second to ask of the source.
     pace
         How fast a file or recording is played, 1 by default; the site's own `pace`.
+    begin_s
+        When a file or recording begins, seconds since 1970; nothing is shown before. By default
+        its rounds are counted from 1970, so that all cameras show the same moment.
     wake_s
         Seconds from aggressive power-saving to the first frame.
     battery_wh
@@ -178,7 +182,7 @@ def camera(
     given = {
         "site": site, "camera": name, "source": source, "endpoint": endpoint, "keys": keys,
         "detector": detector, "model": model, "provider": provider, "threads": threads,
-        "fps": fps, "pace": pace, "wake_s": wake_s,
+        "fps": fps, "pace": pace, "begin_s": begin_s, "wake_s": wake_s,
         "battery_wh": battery_wh, "meter": meter, "profile": profile, "insecure": insecure,
     }  # fmt: skip
     told = {key: value for key, value in given.items() if value is not None}

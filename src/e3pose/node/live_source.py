@@ -32,7 +32,12 @@ OPEN_TIMEOUT_US = 5_000_000
 
 
 def make_source(
-    name: str, camera_id: str, clock: Clock, fps: float | None, pace: float = 1.0
+    name: str,
+    camera_id: str,
+    clock: Clock,
+    fps: float | None,
+    pace: float = 1.0,
+    begin_s: float = 0.0,
 ) -> LiveSource:
     """Return the source that a name means; see the top of this module.
 
@@ -42,6 +47,7 @@ def make_source(
         clock: of the camera.
         fps: frames a second to ask for; by default the source's own.
         pace: how fast what was recorded is played; 0.1 is a tenth of its speed.
+        begin_s: when a round of it begins, since 1970; nothing is shown before.
 
     Raises:
         InputError: when it can be seen already that there is no such source.
@@ -60,16 +66,16 @@ def make_source(
     if kind == "recorded":
         from e3pose.recording import load_recording
 
-        return RecordedSource(load_recording(Path(rest)), camera_id, clock, pace)
+        return RecordedSource(load_recording(Path(rest)), camera_id, clock, pace, begin_s)
     path = Path(name)
     if path.is_dir():
-        return PacedSource(slower(_images(path, fps or 25.0), pace), clock)
+        return PacedSource(slower(_images(path, fps or 25.0), pace), clock, begin_s)
     video = open_video(path)
     length_s = video.num_frames / video.rate
     loop = Loop(
         video.rate, video.image_size, length_s, lambda start_s: _pictures(video.frames(start_s))
     )
-    return PacedSource(slower(loop, pace), clock)
+    return PacedSource(slower(loop, pace), clock, begin_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,6 +111,7 @@ class PacedSource:
 
     loop: Loop
     clock: Clock
+    begin_s: float = 0.0
     _playing: Iterator[tuple[float, Callable[[], Any]]] | None = None
     _round_ns: int = 0
     _ahead: tuple[float, Callable[[], Any]] | None = None
@@ -117,8 +124,9 @@ class PacedSource:
     def open(self) -> None:
         """See `LiveSource.open`."""
         length_ns = round(self.loop.length_s * 1e9)
-        now_ns = self.clock.now_ns()
-        self._round_ns = now_ns - now_ns % length_ns
+        begin_ns = round(self.begin_s * 1e9)
+        now_ns = max(self.clock.now_ns(), begin_ns)
+        self._round_ns = now_ns - (now_ns - begin_ns) % length_ns
         self._playing = self.loop.frames((now_ns - self._round_ns) / 1e9)
         self._ahead = None
 
@@ -162,6 +170,7 @@ class RecordedSource:
     camera_id: str
     clock: Clock
     pace: float = 1.0
+    begin_s: float = 0.0
     _source: PacedSource = field(init=False)
 
     def __post_init__(self) -> None:
@@ -177,7 +186,7 @@ class RecordedSource:
         camera = self.recording.rig.cameras[self.recording.rig.index(self.camera_id)]
         length_s = self.recording.num_slots * interval_s
         loop = Loop(self.recording.fps, camera.image_size, length_s, frames)
-        self._source = PacedSource(slower(loop, self.pace), self.clock)
+        self._source = PacedSource(slower(loop, self.pace), self.clock, self.begin_s)
 
     @property
     def fps(self) -> float:

@@ -65,7 +65,7 @@ def make_camera(
         name = f"{RECORDED}:{folder / rest}"
     elif "://" not in name and kind not in ("usb", "gstreamer"):
         name = str(folder / name)
-    source = make_source(name, node.camera, clock, node.fps, node.pace)
+    source = make_source(name, node.camera, clock, node.fps, node.pace, node.begin_s)
     detector, joints = _detector(node, folder, source)
     settings = NodeSettings(
         site=node.site,

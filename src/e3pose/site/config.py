@@ -146,6 +146,8 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         threads: of the processor for the network; all cores by default.
         fps: frames a second to ask of the source; None for its own.
         pace: how fast a file or recording is played.
+        begin_s: seconds since 1970 at which a round of it begins, and before which nothing is
+            shown; by default rounds are counted from 1970.
         wake_s: seconds from aggressive power-saving to the first frame.
         battery_wh: capacity; without it the camera is on mains.
         meter: how its power is measured.
@@ -166,6 +168,7 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     threads: int | None = None
     fps: float | None = None
     pace: float = 1.0
+    begin_s: float = 0.0
     wake_s: float = 0.5
     battery_wh: float | None = None
     meter: Literal["auto", "model"] = "auto"
@@ -222,6 +225,7 @@ def load_node(path: Path | None, options: Mapping[str, Any]) -> NodeTable:
     if node.fps is not None:
         _within(where, "fps", node.fps, 0.1, 1000)
     _within(where, "pace", node.pace, 1e-3, 1)
+    _within(where, "begin_s", node.begin_s, 0, 1e10)
     _check_camera(where, node.wake_s, node.battery_wh, node.threads)
     return node
 

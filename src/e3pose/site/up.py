@@ -101,7 +101,7 @@ def run_site(
     """Run programs until stopped; one that ends by itself is started again, or told of.
 
     Args:
-        programs: the edge first.
+        programs: the edge first; `stopped` may add others to the list, started already.
         stopped: whether to end.
         tell: called with what a person should know.
 
