@@ -8,7 +8,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test check lint bench test-all clean
+.PHONY: help demo test check lint bench soak test-all clean
 help:  ## say what there is
 	@echo 'make WHAT, each from a bare Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -45,10 +45,18 @@ lint: $(VENV)/.dev  ## put formatting and simple findings right
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(VENV)/.all  ## how long things take: fusing against its reference, and starting
+bench: $(VENV)/.all  ## how long things take: fusing, filtering, predicting, keeping, a live site
 	$(BIN)/python benchmarks/bench_fuse.py
+	$(BIN)/python benchmarks/bench_filter.py
 	$(BIN)/python benchmarks/bench_predict.py
 	$(BIN)/python benchmarks/bench_import.py
+	$(BIN)/python benchmarks/bench_store.py
+	$(BIN)/python benchmarks/bench_batteries.py
+	$(BIN)/python benchmarks/bench_timeline.py
+	$(BIN)/python benchmarks/bench_live.py
+
+soak: $(VENV)/.all  ## a live site for half an hour: does anything grow?
+	$(BIN)/python benchmarks/soak.py --minutes 30
 
 test-all: $(VENV)/.dev  ## the tests under every supported Python (3.10 to 3.13)
 	$(BIN)/nox

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import subprocess
 import sys
@@ -83,6 +84,7 @@ LAYERS = {
 }
 
 
+@functools.cache
 def loaded_by(module: str) -> set[str]:
     """Return the top-level and e3pose modules that a fresh interpreter holds after one import."""
     code = f"import {module}, sys, json; print(json.dumps(sorted(sys.modules)))"
