@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
+    from e3pose.demo.live import Show
     from e3pose.weights import Progress
+    from e3pose.wire.messages import Status
 
 Flag = Annotated[bool, Parameter(negative="")]
 
@@ -21,13 +23,16 @@ def demo(
     offline: Annotated[bool, Parameter(negative="", env_var="E3POSE_OFFLINE")] = False,
     overwrite: Flag = False,
 ) -> None:
-    """See it work: real videos in, 3D poses, a report and pictures out, in about a minute.
+    """See it work: a live site on real videos; 3D poses, a report and pictures in about a minute.
 
     Example: e3pose demo
 
     Fetches a real recording of four cameras and a 2D pose network from the Python package index
-    that pip uses (60 MB, once), finds the people, keeps two of the four cameras awake per slot and
-    places the people in 3D. Without a network the same job runs on a simulated scene.
+    that pip uses (60 MB, once). Then an edge process and four camera processes run live over
+    loopback: each camera plays its video and looks for people when the edge tells it to, two of
+    four at a time, and the edge places the people in 3D. Where looking takes too long for this
+    machine the videos are played slower, and the report says so. Without a network the cameras play
+    a simulated scene.
 
     Parameters
     ----------
@@ -40,7 +45,7 @@ def demo(
     """
     from e3pose.demo import run_demo, words
 
-    report = run_demo(dest, offline=offline, overwrite=overwrite, phase=bar)
+    report = run_demo(dest, offline=offline, overwrite=overwrite, phase=bar, watch=top)
     for line in words(report):
         print(line)
 
@@ -66,3 +71,30 @@ def bar(name: str) -> Iterator[Progress]:
         yield progress
         total = shown.tasks[0].total or 1
         shown.update(task, completed=total, total=total)
+
+
+@contextmanager
+def top() -> Iterator[Show]:
+    """Show the running site as `e3pose top` does, on standard error; a line if no terminal."""
+    from rich.console import Console, Group
+    from rich.live import Live
+    from rich.text import Text
+
+    from e3pose.site.screen import screen
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        console.print("running the edge and the cameras ...", highlight=False)
+        yield lambda status, done, total: None
+        return
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+
+        def show(status: Status | None, done: int, total: int) -> None:
+            if status is None:
+                picture = Group(Text("starting the edge and the cameras ..."))
+            else:
+                line = Text(f"running live: slot {done} of {total}", style="bold")
+                picture = Group(line, screen(status, 0.0))
+            live.update(picture, refresh=True)
+
+        yield show

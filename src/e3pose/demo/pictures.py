@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.demo.words import SLOWER
 from e3pose.weights import Progress
@@ -25,10 +26,24 @@ AWAKE_GREY, ASLEEP_GREY = 244, 196
 
 
 def draw(
-    recording: Recording, records: Sequence[SlotRecord], folder: Path, progress: Progress
+    recording: Recording,
+    records: Sequence[SlotRecord],
+    moments_s: NDArray[np.float64],
+    folder: Path,
+    site: Path,
+    progress: Progress,
 ) -> None:
-    """Leave a strip of pictures and, where there are videos, a movie."""
-    from e3pose.overlay import overlay_images, stack_strip, write_image, write_movie
+    """Leave a strip of pictures and, where there are videos, a movie.
+
+    Args:
+        recording: with the rig and the videos.
+        records: of its slots, from slot 0 on.
+        moments_s: `(num_slots,)` which moment of the videos each slot was about.
+        folder: to leave them in.
+        site: whose `videos` folder has the videos.
+        progress: told of every picture.
+    """
+    from e3pose.overlay import stack_strip, write_image, write_movie
 
     wanted = fullest(records)
     strip: list[Image] = []
@@ -38,8 +53,7 @@ def draw(
         return
 
     def watched() -> Iterator[Image]:
-        images = overlay_images(recording, records, folder / "recording", PANEL_PX)
-        for index, image in enumerate(images):
+        for index, image in enumerate(_played(recording, records, moments_s, site)):
             if index in wanted:
                 strip.append(image)
             progress(index + 1, len(records))
@@ -47,6 +61,26 @@ def draw(
 
     write_movie(folder / "overlay.webm", watched(), recording.fps / SLOWER)
     write_image(folder / "overlay.png", stack_strip(strip))
+
+
+def _played(
+    recording: Recording,
+    records: Sequence[SlotRecord],
+    moments_s: NDArray[np.float64],
+    site: Path,
+) -> Iterator[Image]:
+    """Yield one image a slot; the videos begin again where the moments do."""
+    from e3pose.overlay import overlay_images
+
+    again = np.flatnonzero(np.diff(moments_s) < 0) + 1
+    for part in np.split(np.arange(len(records)), again):
+        if not len(part):
+            continue
+        first = int(part[0])
+        start_s = float(moments_s[first]) - records[first].slot * recording.interval_s
+        starts_s = dict.fromkeys(recording.rig.camera_ids, start_s)
+        rows = [records[index] for index in part]
+        yield from overlay_images(recording, rows, site, PANEL_PX, starts_s)
 
 
 def fullest(records: Sequence[SlotRecord]) -> set[int]:

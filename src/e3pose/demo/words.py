@@ -14,8 +14,47 @@ FILES = {
     "overlay.png": "the same as one picture: the fullest moment of each quarter",
     "poses.parquet": "the 3D poses as a table, metres (poses.csv has the same)",
     "summary.json": "the figures",
-    "recording": "cameras, 2D poses and videos, for `e3pose replay` and `e3pose evaluate`",
+    "site": "the site that ran: its file, its store, its logs; `e3pose up site.toml` runs it again",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class LiveFigures:
+    """What was measured while the site ran.
+
+    Attributes:
+        pace: seconds of the scene that passed in a second.
+        look_ms: how long this machine took to look at one frame before; 0 if simulated.
+        cores: it has.
+        lead_slots: how many slots ahead cameras were told.
+        orders: that came to cameras.
+        late_orders: of those, that came after their slot had begun.
+        views: that cameras sent.
+        late_views: of those, that came after their slot was closed.
+        slots_lost: slots that the edge gave up.
+        view_bytes: of all views.
+        order_bytes: of all orders.
+        video_bytes: of the videos of the same time; 0 if simulated.
+        detect_ms: median time of a look.
+        fuse_ms: median and 99th percentile from a slot's last view to its poses.
+        delay_ms: median from the middle of a slot until its poses were published.
+    """
+
+    pace: float
+    look_ms: float
+    cores: int
+    lead_slots: int
+    orders: int
+    late_orders: int
+    views: int
+    late_views: int
+    slots_lost: int
+    view_bytes: int
+    order_bytes: int
+    video_bytes: int
+    detect_ms: float
+    fuse_ms: tuple[float, float]
+    delay_ms: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +67,9 @@ class DemoReport:
         not_fetched: what could not be had and why, one line each.
         num_cameras: of the rig.
         network: which searched the frames for people.
-        num_frames: images that were searched for people; 0 if simulated.
         people: mean number of people in 3D a slot.
-        people_all: the same with every camera awake.
-        summary: the replay's figures.
+        live: what was measured while it ran.
+        summary: the run's figures.
         seconds: it took in all.
     """
 
@@ -40,9 +78,8 @@ class DemoReport:
     not_fetched: tuple[str, ...]
     num_cameras: int
     network: str
-    num_frames: int
     people: float
-    people_all: float
+    live: LiveFigures
     summary: dict[str, Any] = field(repr=False)
     seconds: float
 
@@ -61,31 +98,62 @@ def about(report: DemoReport, folder: Path) -> str:
 
 def story(report: DemoReport) -> list[str]:
     """Say what the demo did and what it saved, one sentence or two a line."""
-    summary = report.summary
+    summary, live = report.summary, report.live
     settings, energy = summary["settings"], summary["energy"]
     if report.real:
         did = [
-            f"Took a real recording of {report.num_cameras} cameras and looked for people in "
-            f"{report.num_frames} of its frames with the network {report.network}."
+            f"Ran a live site: {report.num_cameras} cameras, each a process that plays its real "
+            f"video and looks at it with the network {report.network}, and an edge server.",
+            *pace_words(live, report.num_cameras),
         ]
     else:
         did = [
             *(f"Could not fetch {problem}" for problem in report.not_fetched),
-            f"So this ran on a simulated scene with {report.num_cameras} cameras instead.",
+            f"So this ran a live site on a simulated scene instead: {report.num_cameras} cameras, "
+            "each a process that plays what its network would have seen, and an edge server.",
         ]
     return [
         *did,
-        f"For each of {summary['slots']} slots, chose {settings['num_selected']} cameras to stay "
-        f"awake (all in the first {settings['warmup_slots']}), and placed the people in 3D from "
-        "what those saw.",
+        f"In each of {summary['slots']} slots the edge chose {settings['num_selected']} cameras to "
+        f"look {_ahead(live.lead_slots)} (all in the first {settings['warmup_slots']}), and placed "
+        "the people in 3D from what those saw.",
         f"Saved: {summary['selection']['mean_cameras']:.1f} of {report.num_cameras} cameras were "
         f"awake on average. That is {energy['saving_percent']:.0f} % less energy for processors, "
         f"WiFi and memory, {energy['device_saving_percent']:.0f} % less for the whole cameras, "
         f"reckoned with the power profile {energy['profile']}.",
-        f"The price: {report.people:.1f} people a slot in 3D, {report.people_all:.1f} with all "
-        "cameras awake. A new person is shown once three cameras have seen them, or ten views.",
+        *delivery_words(live),
+        f"{report.people:.1f} people a slot in 3D on average. A new person is shown once three "
+        "cameras have seen them, or ten views.",
         *_accuracy(summary),
     ]
+
+
+def pace_words(live: LiveFigures, num_cameras: int) -> list[str]:
+    """Say how fast the videos were played, and why not faster; nothing at full speed."""
+    if live.pace == 1:
+        return []
+    return [
+        f"The videos were played at {live.pace:.2g} of their speed, because one look took this "
+        f"machine {live.look_ms:.0f} ms and {num_cameras} cameras share its {live.cores} cores."
+    ]
+
+
+def _ahead(lead_slots: int) -> str:
+    return "one slot ahead" if lead_slots == 1 else f"{lead_slots} slots ahead"
+
+
+def delivery_words(live: LiveFigures) -> list[str]:
+    """Say whether orders and views came in time, and how large they were."""
+    in_time = live.orders - live.late_orders
+    said = (
+        f"Live: {in_time} of {live.orders} orders and {live.views - live.late_views} of "
+        f"{live.views} views came in time; {live.slots_lost} slots were lost. Poses came "
+        f"{live.fuse_ms[0]:.1f} ms after a slot's last view (99 %: {live.fuse_ms[1]:.1f} ms)."
+    )
+    sizes = f"Sent: {live.view_bytes / 1e3:.0f} kB of keypoints"
+    if live.video_bytes:
+        return [said, f"{sizes}; the videos of that time are {live.video_bytes / 1e3:.0f} kB."]
+    return [said, f"{sizes}, {live.order_bytes / 1e3:.0f} kB of orders."]
 
 
 def _accuracy(summary: Mapping[str, Any]) -> list[str]:

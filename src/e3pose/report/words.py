@@ -86,7 +86,8 @@ def sentences(
             f"Against all cameras always awake this saves {saving:.0f} % of the energy of "
             f"processors, WiFi and memory{whole}."
         )
-    return said
+    notes = summary.get("notes")
+    return [*said, *map(str, notes if isinstance(notes, list) else ())]
 
 
 def cards(

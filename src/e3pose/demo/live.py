@@ -1,0 +1,184 @@
+"""Run a site of real processes for a while, and listen to everything that is said in it."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from e3pose.camera import Rig
+from e3pose.errors import InputError
+from e3pose.pose import Poses2D
+from e3pose.site.config import load_site
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.site.up import Program, camera_command, run_site
+from e3pose.wire import topics
+from e3pose.wire.access import Link, zenoh_config
+from e3pose.wire.codec import decode, poses_2d
+from e3pose.wire.messages import Heartbeat, Order, Poses, Status, View
+from e3pose.wire.network import NetworkTransport, open_network
+from e3pose.wire.transport import Transport
+
+START_S = 180.0  # the very first time the edge compiles for a minute or two
+SLOT_S = 30.0  # without a new slot for so long, something hangs
+SHOW_S = 0.2
+
+# Shows how the site is: the newest status, and slots done of how many.
+Show = Callable[["Status | None", int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeardView:
+    """What a camera saw, and when its frame was taken, since 1970."""
+
+    poses: Poses2D
+    captured_ns: int
+
+
+@dataclass(eq=False)
+class Heard:
+    """What was said in a site.
+
+    Attributes:
+        views: by slot and camera, what a camera saw.
+        sent_bytes: by camera, of its views.
+        order_bytes: of the orders to all cameras.
+        beats: the newest heartbeat of each camera.
+        detect_s: how long each look took.
+        delays_s: from the middle of each slot until its poses were published.
+        status: the last of the edge at work.
+        slots: slots whose poses were published.
+        newest_ns: when the newest of them was, since 1970.
+        begin_ns: when the cameras began to play, since 1970.
+    """
+
+    views: dict[tuple[int, str], HeardView] = field(default_factory=dict)
+    sent_bytes: Counter[str] = field(default_factory=Counter)
+    order_bytes: int = 0
+    beats: dict[str, Heartbeat] = field(default_factory=dict)
+    detect_s: list[float] = field(default_factory=list)
+    delays_s: list[float] = field(default_factory=list)
+    status: Status | None = None
+    slots: int = 0
+    newest_ns: int = 0
+    begin_ns: int = 0
+
+    def listen(self, site: str, transport: Transport) -> None:
+        """Hear all from now on; on loopback without certificates everybody may."""
+        transport.subscribe(topics.of_camera(site, topics.ANY, "view"), self._view)
+        transport.subscribe(topics.of_camera(site, topics.ANY, "heartbeat"), self._beat)
+        transport.subscribe(f"{topics.ROOT}/{site}/order/{topics.ANY}", self._order)
+
+    def poses(self, poses: Poses) -> None:
+        """Take in the people of a slot."""
+        self.slots = max(self.slots, poses.slot + 1)
+        self.newest_ns = max(self.newest_ns, poses.time_edge_ns)
+        self.delays_s.append((poses.published_edge_ns - poses.time_edge_ns) / 1e9)
+
+    def _view(self, _topic: str, payload: bytes) -> None:
+        view = decode(payload, View, "camera")
+        self.views[view.slot, view.camera_id] = HeardView(poses_2d(view), view.captured_edge_ns)
+        self.sent_bytes[view.camera_id] += len(payload)
+        self.detect_s.append(view.detect_ns / 1e9)
+
+    def _beat(self, _topic: str, payload: bytes) -> None:
+        beat = decode(payload, Heartbeat, "camera")
+        self.beats[beat.camera_id] = beat
+
+    def _order(self, _topic: str, payload: bytes) -> None:
+        decode(payload, Order, "edge")
+        self.order_bytes += len(payload)
+
+
+def run_live(site_file: Path, rig: Rig, play_s: float, ready_s: float, show: Show) -> Heard:
+    """Run the edge and every camera as processes of their own until what they play is over.
+
+    The cameras are started once the edge is ready, and all begin to play at one moment.
+
+    Whatever ends this, an exception or a signal that raises one, ends the processes.
+
+    Args:
+        site_file: of the site; its output goes to `logs` beside it.
+        rig: its cameras.
+        play_s: how long to play; no slot after it is waited for.
+        ready_s: how long a camera takes to get ready, about.
+        show: called a few times a second.
+
+    Raises:
+        InputError: with the last words of the program that did not do its work.
+    """
+    site = load_site(site_file)
+    logs = site_file.parent / "logs"
+    logs.mkdir()
+    command = [sys.executable, "-m", "e3pose", "edge", str(site_file)]
+    programs = [Program("edge", command, logs / "edge.log")]
+    heard, follower = Heard(), Follower(site.name)
+    link = viewer_link(site_file, site, None)
+    transport = open_network(link)
+    follower.listen(transport, heard.poses)
+    edge_there = threading.Event()
+    transport.watch(topics.of_site(site.name, "alive"), lambda _topic, there: edge_there.set())
+    tap: Transport | None = None
+    begun_s = newest_s = shown_s = time.monotonic()
+    slot_s = 1 / site.fps / site.pace
+    newest, num_slots = 0, round(play_s / slot_s)
+
+    def stopped() -> bool:
+        nonlocal newest, newest_s, shown_s, tap
+        now_s = time.monotonic()
+        if tap is None and edge_there.is_set():
+            tap = open_tap(link)
+            heard.listen(site.name, tap)
+            heard.begin_ns = time.time_ns() + round(ready_s * 1e9)
+            for camera_id in rig.camera_ids:
+                begin = ["--begin-s", str(heard.begin_ns / 1e9)]
+                command = camera_command(site_file, site, camera_id, rig) + begin
+                programs.append(Program(camera_id, command, logs / f"{camera_id}.log"))
+                programs[-1].start()
+        heard.status = follower.status or heard.status
+        if heard.slots > newest:
+            newest, newest_s = heard.slots, now_s
+        if now_s - shown_s >= SHOW_S:
+            shown_s = now_s
+            show(heard.status, min(heard.slots, num_slots), num_slots)
+        waited_s = now_s - (newest_s if newest else begun_s)
+        if waited_s > (SLOT_S if newest else START_S):
+            raise InputError(f"edge: no slot for {waited_s:.0f} s: {last_words(programs)}")
+        if any(program.restarts for program in programs):
+            raise InputError(f"a program of the site ended by itself: {last_words(programs)}")
+        last_ns = heard.begin_ns + round((play_s - 1.5 * slot_s) * 1e9)
+        return newest > 0 and heard.newest_ns >= last_ns
+
+    try:
+        run_site(programs, stopped, lambda line: None)
+    finally:
+        transport.close()
+        if tap is not None:
+            tap.close()
+    return heard
+
+
+def open_tap(link: Link) -> NetworkTransport:
+    """Join a running site so that the edge hands on what cameras say to it.
+
+    To peers, as all other programs are, it hands on only what it says itself.
+    """
+    import zenoh
+
+    config = {**zenoh_config(link), "mode": "client"}
+    return NetworkTransport(zenoh.open(zenoh.Config.from_json5(json.dumps(config))))
+
+
+def last_words(programs: list[Program]) -> str:
+    """Return the last line of every program that wrote one."""
+    said = []
+    for program in programs:
+        text = program.log.read_text(errors="replace") if program.log.exists() else ""
+        lines = [line for line in text.strip().splitlines() if line.strip()]
+        said += [f"{program.name}: {lines[-1][:200]}"] if lines else []
+    return "; ".join(said) or "nobody said anything"

@@ -1,0 +1,104 @@
+"""Write a site that runs on this machine: cameras that play what was recorded, and an edge."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from e3pose.calibration import save_rig
+from e3pose.camera import Rig
+from e3pose.recording import Recording, save_recording
+
+SITE_FILE = "site.toml"
+STORE_FILE = "live.db"
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """What a site on this machine is made of.
+
+    Attributes:
+        name: of the site.
+        sources: camera id to what it sees, relative to the site file.
+        fps: slots a second of the scene.
+        skeleton: of the detectors.
+        cameras: how many to wake a slot.
+        pace: how fast what was recorded is played.
+        deadline_ms: how long after a slot its views are waited for.
+        camera: further keys of every camera's table.
+        comment: lines to begin the site file with.
+    """
+
+    name: str
+    sources: Mapping[str, str]
+    fps: float
+    skeleton: str
+    cameras: int = 2
+    pace: float = 1.0
+    deadline_ms: float = 150.0
+    camera: Mapping[str, Any] = field(default_factory=dict)
+    comment: str = ""
+
+
+def write_example(folder: Path, example: Example, rig: Rig) -> Path:
+    """Write `site.toml` and the calibration to a folder; return the site file.
+
+    The edge will listen on a port of loopback that is free now, in plain tcp.
+
+    Args:
+        folder: to write to; its other files stay.
+        example: what to write.
+        rig: the cameras.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    save_rig(rig, folder / "rig.toml")
+    table = {
+        "format": "e3pose-site",
+        "version": 1,
+        "name": example.name,
+        "calibration": "rig.toml",
+        "skeleton": example.skeleton,
+        "fps": example.fps,
+        "pace": example.pace,
+        "deadline_ms": example.deadline_ms,
+        "link": {"endpoint": f"tcp/127.0.0.1:{free_port()}"},
+        "store": {"path": STORE_FILE},
+        "loop": {"cameras": example.cameras},
+        "camera": [
+            {"id": camera_id, "source": example.sources[camera_id], **example.camera}
+            for camera_id in rig.camera_ids
+        ],
+    }
+    comment = "".join(f"# {line}\n" for line in example.comment.splitlines())
+    path = folder / SITE_FILE
+    path.write_text(comment + tomli_w.dumps(table))
+    return path
+
+
+def write_recorded(folder: Path, recording: Recording, name: str = "example") -> Path:
+    """Write a site whose cameras play the keypoints of a recording; return the site file."""
+    save_recording(recording, folder / "recording")
+    example = Example(
+        name=name,
+        sources=dict.fromkeys(recording.rig.camera_ids, "recorded:recording"),
+        fps=recording.fps,
+        skeleton=recording.skeleton.name,
+        cameras=min(2, len(recording.rig)),
+        comment=(
+            "A site on one machine, whose cameras play a recording again and again.\n"
+            "Run it with `e3pose up site.toml`; every key is explained in docs/live.md."
+        ),
+    )
+    return write_example(folder, example, recording.rig)
+
+
+def free_port() -> int:
+    """Return a port of loopback that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
