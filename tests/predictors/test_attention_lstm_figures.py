@@ -68,7 +68,7 @@ def test_exact_histories_beat_every_simple_predictor_at_every_lead() -> None:
     simple = {name: errors(name, history, future) for name in SIMPLE}
     for name, theirs in simple.items():
         assert (ours < theirs).all(), name
-    assert ours[9] < 0.60 * simple["constant-velocity"][9]
+    assert ours[9] < 0.56 * simple["constant-velocity"][9]
 
 
 def test_noisy_histories_beat_every_simple_predictor_at_every_lead() -> None:
@@ -76,8 +76,8 @@ def test_noisy_histories_beat_every_simple_predictor_at_every_lead() -> None:
     history = spoilt(history)
     ours = errors("attention-lstm", history, future)
     best = np.min([errors(name, history, future) for name in SIMPLE], axis=0)
-    assert (ours < 0.92 * best).all()
-    assert (ours[4:] < 0.75 * best[4:]).all()
+    assert (ours < 0.87 * best).all()
+    assert (ours[4:] < 0.70 * best[4:]).all()
 
 
 def test_expected_errors_are_honest() -> None:
@@ -91,4 +91,4 @@ def test_expected_errors_are_honest() -> None:
         expected, actual = expected[known], actual[known]
         order = np.argsort(expected)
         for group in np.array_split(order, 5):  # from confident to unsure
-            assert 0.6 < actual[group].mean() / expected[group].mean() < 1.6
+            assert 0.7 < actual[group].mean() / expected[group].mean() < 1.4

@@ -20,12 +20,12 @@ from e3pose.predictors.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES  #
 from e3pose.skeleton import COCO17  # noqa: E402
 from e3pose.train.attention_lstm import Training, TrainSettings, train  # noqa: E402
 from e3pose.train.export import export  # noqa: E402
-from e3pose.train.network import AttentionLstm, NetworkSettings  # noqa: E402
+from e3pose.train.network import KEEP, AttentionLstm, NetworkSettings  # noqa: E402
 from e3pose.train.windows import Clip  # noqa: E402
 
 SETTINGS = TrainSettings(
     network=NetworkSettings(history_slots=6, hidden=16), num_leads=5, steps=60, batch=32,
-    validate_every=20,
+    validate_every=20, expert_windows=400,
 )  # fmt: skip
 
 
@@ -59,6 +59,9 @@ def shaken(settings: NetworkSettings) -> AttentionLstm:
     network.eval()
     for parameter in network.parameters():
         torch.nn.init.normal_(parameter, 0, 0.08)
+    with torch.no_grad():
+        network.expert.weight.mul_(0.01)  # experts correct by centimetres, not by metres
+        network.expert.bias.mul_(0.01)
     return network
 
 
@@ -89,7 +92,7 @@ def test_an_untrained_network_is_close_to_constant_velocity() -> None:
     with torch.no_grad():
         places = network(features, context, 1)[0][0]
     newest = features[-1].reshape(2, 7, NUM_COMMON)
-    expected = newest[:, :3] + 0.01 * torch.sigmoid(torch.tensor(3.0)) * newest[:, 3:6]
+    expected = newest[:, :3] + 0.01 * torch.sigmoid(torch.tensor(KEEP)) * newest[:, 3:6]
     torch.testing.assert_close(places, expected.transpose(-1, -2))
 
 
@@ -155,7 +158,7 @@ def test_a_damaged_or_foreign_checkpoint_is_refused(tmp_path: Path, content: byt
 def test_training_stops_early_without_progress(tmp_path: Path) -> None:
     settings = TrainSettings(
         network=SETTINGS.network, num_leads=5, steps=10_000, batch=8, learning_rate=0.0,
-        validate_every=1, patience=3,
+        validate_every=1, patience=3, expert_windows=400,
     )  # fmt: skip
     train(TRAINING, VALIDATION, tmp_path, settings)
     assert len(log_of(tmp_path)) <= 10

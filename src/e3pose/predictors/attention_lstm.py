@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from e3pose.bounded import read_bytes
 from e3pose.errors import InputError
 from e3pose.predictors.base import Prediction
+from e3pose.predictors.calibration import Calibration
 from e3pose.predictors.normalise import (
     COMMON_JOINTS,
     NUM_COMMON,
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 SHIPPED = Path(__file__).parent / "weights" / "attention-lstm.onnx"
 FORMAT = "e3pose attention-lstm"
-FORMAT_VERSION = "1"
+FORMAT_VERSION = "2"
 MAX_WEIGHTS_BYTES = 64 * 2**20
 MAX_HISTORY_SLOTS = 1000
 MAX_LEADS = 60  # later slots repeat the last of these: nothing is known of them any more
@@ -45,7 +45,7 @@ class AttentionLstm:
     def __init__(self, skeleton: Skeleton, weights: Path = SHIPPED) -> None:
         self.session, properties = _load(weights)
         self.history_slots = int(properties["history_slots"])
-        self.error_factor = np.array(json.loads(properties["error_factor"]), dtype=np.float64)
+        self.calibration = Calibration(properties)
         self.num_joints = len(skeleton)
         self.columns = common_columns(skeleton)
         if not any(self.columns):
@@ -79,8 +79,7 @@ class AttentionLstm:
         places, log_error = _run(self.session, normal, leads)
         axes_last = places.reshape(leads, -1, 3, NUM_COMMON).swapaxes(-1, -2)
         world = to_world(normal, axes_last.astype(np.float64))
-        factor = self.error_factor[np.minimum(np.arange(leads), len(self.error_factor) - 1)]
-        expected = np.exp(log_error) * factor[:, None, None]
+        expected = self.calibration(log_error)
         unseen = ~normal.seen
         world[:, unseen], expected[:, unseen] = np.nan, np.nan
         joints_m[:leads, :, self.to_joints] = world[:, :, self.from_common]
@@ -150,14 +149,11 @@ def _check(weights: Path, session: Any, properties: dict[str, str]) -> None:
         raise InputError(
             f"{weights}: history_slots: found {slots[:20]}, expected the {shape[0]} of the network"
         )
-    try:
-        factors = np.array(json.loads(properties.get("error_factor", "")), dtype=np.float64)
-        usable = factors.ndim == 1 and len(factors) > 0 and bool((factors > 0).all())
-        usable = usable and bool(np.isfinite(factors).all())
-    except (ValueError, TypeError):
-        usable = False
-    if not usable:
-        raise InputError(f"{weights}: error_factor: expected a list of positive numbers")
+    for key in ("error_factor", "error_curve"):
+        try:
+            Calibration({"error_factor": "[1.0]", key: properties.get(key, "null")})
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{weights}: {key}: {error}") from error
     nobody_moves = normalise(np.zeros((int(slots), 1, NUM_COMMON, 3)), 1.0, int(slots))
     try:
         outputs = _run(session, nobody_moves, 2)

@@ -26,7 +26,8 @@ NUM_COMMON = len(COMMON_JOINTS)
 STAND_INS = {"neck": ("neck", "bottom_head"), "head": ("nose", "top_head")}
 LEFT_RIGHT = ((0, 1), (6, 7))  # pairs that tell which way a person faces
 NUM_FEATURES = 7 * NUM_COMMON  # of one person in one slot: position, motion, whether measured
-NUM_CONTEXT = 3  # of one person: speed, slot length, roughness
+NUM_CONTEXT = 4  # of one person: speed, slot length, roughness of that speed and in itself
+ROUGH_FLOOR_M = 1e-4  # a slot; rougher than this is noise or motion
 SPEED_FLOOR_M = 5e-4  # a slot; slower than this is standing still
 SPEED_CEILING_M = 2.0  # a slot; faster is a mistake of the tracker
 INTERVALS_S = (1 / 60, 1 / 5)  # slots that were learned; shorter and longer ones count as these
@@ -98,12 +99,12 @@ def fill_gaps(history_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         measured = np.asarray((np.abs(history_m) < FAR_M).all(axis=-1))
     if measured.all():
         return history_m, measured
-    num_slots = len(history_m)
+    num_slots, num_tracks, num_joints = measured.shape
     known = np.where(measured[..., None], history_m, 0.0)
     both = measured[1:] & measured[:-1]
-    motion = np.where(both[..., None], known[1:] - known[:-1], 0.0).sum(axis=2)
+    motion = np.einsum("tnjc,tnj->tnc", known[1:] - known[:-1], both)
     motion /= np.maximum(both.sum(axis=2), 1)[..., None]
-    path = np.zeros((num_slots, history_m.shape[1], 1, 3))
+    path = np.zeros((num_slots, num_tracks, 1, 3))
     np.cumsum(motion, axis=0, out=path[1:, :, 0])
     known -= path
 
@@ -112,11 +113,12 @@ def fill_gaps(history_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     after = np.minimum.accumulate(np.where(measured, slot, num_slots)[::-1], axis=0)[::-1]
     first = np.where(before < 0, np.minimum(after, num_slots - 1), before)
     last = np.where(after >= num_slots, first, after)
-    share = (slot - first) / np.maximum(last - first, 1)
-    start = np.take_along_axis(known, first[..., None], axis=0)
-    stop = np.take_along_axis(known, last[..., None], axis=0)
-    filled = start + np.where(first == last, 0.0, share)[..., None] * (stop - start) + path
-    filled *= np.asarray(measured.any(axis=0))[None, ..., None]
+    share = (slot - first) * (first != last) / np.maximum(last - first, 1)
+    row = np.arange(num_tracks * num_joints).reshape(num_tracks, num_joints)
+    flat = known.reshape(-1, 3)
+    start = flat[first * row.size + row]
+    filled = start + share[..., None] * (flat[last * row.size + row] - start) + path
+    filled *= np.asarray(measured.any(axis=0))[..., None]
     return filled, measured
 
 
@@ -161,6 +163,7 @@ def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> 
             np.log(speed / 0.01),
             np.broadcast_to(np.log(np.clip(interval_s, *INTERVALS_S) * 30), num_tracks),
             np.sqrt(rough) / speed,
+            0.5 * np.log(rough / 0.01**2 + (ROUGH_FLOOR_M / 0.01) ** 2),
         ],
         axis=-1,
     ).astype(np.float32)

@@ -17,19 +17,20 @@ from torch import nn
 from e3pose.atomic import atomic_file
 from e3pose.errors import InputError
 from e3pose.train.card import model_card
-from e3pose.train.export import export
+from e3pose.train.experts import start_experts
+from e3pose.train.export import export, halved
 from e3pose.train.network import AttentionLstm, NetworkSettings
 from e3pose.train.parallel import Workers
-from e3pose.train.validation import Exam, error_factors, examine, make_exams, score
+from e3pose.train.validation import Exam, error_curves, examine, make_exams, score
 from e3pose.train.windows import Clip, Corruption, Sampler, Windows
 
 CHECKPOINT = "checkpoint.pt"
 WARMUP = 0.03  # share of the training in which the learning rate rises
 LAST_RATE = 0.02  # of the largest learning rate, at the end
-ERROR_WEIGHT = 0.02  # of learning how far off a prediction is
-FLOOR_M = 0.001  # errors below this are as good as none
-LATE_SHARE = 0.03  # of the usual error at the last lead, which tells how hard a window is
-AVERAGE_STEPS = 500.0  # weights are averaged over about as many of the latest steps
+ERROR_WEIGHT = 0.1  # of learning how far off a prediction is
+FLOOR_M = 0.0003  # errors below this are as good as none
+LATE_SHARE = 0.005  # of the usual error at the last lead, which tells how hard a window is
+AVERAGE_STEPS = 1000.0  # weights are averaged over about as many of the latest steps
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,7 @@ class TrainSettings:
         validate_every: steps.
         patience: validations without progress before training stops early.
         seed: of weights and windows.
+        expert_windows: per kind of history, from which experts are found before training.
     """
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
@@ -56,9 +58,10 @@ class TrainSettings:
     batch: int = 128
     learning_rate: float = 2e-3
     weight_decay: float = 0.1
-    validate_every: int = 250
+    validate_every: int = 500
     patience: int = 20
     seed: int = 0
+    expert_windows: int = 8_000
 
 
 class Training:
@@ -68,8 +71,9 @@ class Training:
         torch.manual_seed(settings.seed)
         self.settings = settings
         self.network = AttentionLstm(settings.network)
-        matrices = [p for p in self.network.parameters() if p.dim() > 1]
-        others = [p for p in self.network.parameters() if p.dim() <= 1]
+        learned = [p for p in self.network.parameters() if p.requires_grad]
+        matrices = [p for p in learned if p.dim() > 1]
+        others = [p for p in learned if p.dim() <= 1]
         self.optimizer = torch.optim.AdamW(
             [
                 {"params": matrices, "weight_decay": settings.weight_decay},
@@ -81,6 +85,13 @@ class Training:
         self.best = dict(self.average)
         self.best_score, self.stale = math.inf, 0
         self.step, self.elapsed_s = 0, 0.0
+
+    def start(self, sampler: Sampler) -> None:
+        """Let the experts of an untrained network be what regressions find."""
+        rng = np.random.default_rng([self.settings.seed, 1])
+        start_experts(self.network, sampler, rng, self.settings.expert_windows)
+        self.average = {k: v.clone() for k, v in self.network.state_dict().items()}
+        self.best = dict(self.average)
 
     @property
     def done(self) -> float:
@@ -191,6 +202,8 @@ def train(
     run = Training(settings)
     if (out / CHECKPOINT).exists():
         run.load(out / CHECKPOINT)
+    else:
+        run.start(sampler)
     board = _board(out / "tensorboard")
     losses: list[float] = []
     steps = range(run.step, settings.steps)
@@ -246,10 +259,13 @@ def _finish(
     """Write the best network and its card."""
     network = AttentionLstm(run.settings.network)
     network.load_state_dict(run.best)
+    halved(network)
     marks = examine(network, exams)
     weights = out / "attention-lstm.onnx"
     with atomic_file(weights) as temporary:
-        temporary.write_bytes(export(network, error_factors(marks)))
+        temporary.write_bytes(
+            export(network, [1.0] * run.settings.num_leads, error_curves(marks), half=True)
+        )
     with atomic_file(out / "model-card.md") as temporary:
         temporary.write_text(
             model_card(asdict(run.settings), run.step, training, validation, marks),

@@ -17,23 +17,31 @@ from onnx import TensorProto, helper, numpy_helper
 
 from e3pose.predictors.attention_lstm import FORMAT, FORMAT_VERSION
 from e3pose.predictors.normalise import COMMON_JOINTS, NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
-from e3pose.train.network import NUM_AXES, AttentionLstm
+from e3pose.train.network import KEEP, NUM_AXES, AttentionLstm
 
 OPSET = 17
+HALF_FROM = 256  # numbers in a weight that half precision is worth it for
 IR_VERSION = 8  # what ONNX Runtime 1.19 and newer read
 
 
 class _Graph:
     """Nodes and weights of a graph in the making; every method returns the name of its result."""
 
-    def __init__(self, prefix: str = "") -> None:
-        self.prefix = prefix
+    def __init__(self, prefix: str = "", half: bool = False) -> None:
+        self.prefix, self.half = prefix, half
         self.nodes: list[onnx.NodeProto] = []
         self.weights: list[onnx.TensorProto] = []
 
     def constant(self, value: NDArray[np.generic]) -> str:
         name = f"{self.prefix}w{len(self.weights)}"
-        self.weights.append(numpy_helper.from_array(np.ascontiguousarray(value), name))
+        value = np.ascontiguousarray(value)
+        if self.half and value.dtype == np.float32 and value.size >= HALF_FROM:
+            # ONNX Runtime folds the cast when it loads the graph: it costs nothing later.
+            stored = f"{name}_half"
+            self.nodes.append(helper.make_node("Cast", [stored], [name], to=TensorProto.FLOAT))
+            self.weights.append(numpy_helper.from_array(value.astype(np.float16), stored))
+        else:
+            self.weights.append(numpy_helper.from_array(value, name))
         return name
 
     def integers(self, *values: int) -> str:
@@ -75,10 +83,17 @@ class _Graph:
         ]
 
 
-def export(network: AttentionLstm, error_factor: Sequence[float]) -> bytes:
+def export(
+    network: AttentionLstm,
+    error_factor: Sequence[float],
+    error_curve: NDArray[np.float64] | None = None,
+    half: bool = False,
+) -> bytes:
     """Return the network as a serialised ONNX model.
 
-    `error_factor` calibrates the expected errors: one factor per lead, the last for all later ones.
+    `error_curve` and then `error_factor` calibrate the expected errors, see
+    `predictors.calibration`. With `half` weights are stored in half precision; the network should
+    have such weights already, see `halved`.
 
     Inputs: `features` and `context` as `normalise` makes them, and `num_leads` (one int64).
     Outputs: `places` `(num_leads, num_tracks, 3 * NUM_COMMON)` metres in the people's frames, all x
@@ -89,9 +104,9 @@ def export(network: AttentionLstm, error_factor: Sequence[float]) -> bytes:
         for name, value in network.state_dict().items()
     }
     slots, hidden = network.settings.history_slots, network.settings.hidden
-    graph = _Graph()
+    graph = _Graph(half=half)
     state, memory = _encoder(graph, arrays, slots, hidden)
-    body = _decoder(arrays, memory, hidden)
+    body = _decoder(arrays, memory, hidden, half)
     trips = graph.add("Squeeze", "num_leads", graph.integers(0))
     keep_going = graph.constant(np.array([True]))
     results = graph.add_all("Loop", [trips, keep_going, *state], len(state) + 2, body=body)
@@ -141,10 +156,25 @@ def export(network: AttentionLstm, error_factor: Sequence[float]) -> bytes:
             "settings": json.dumps(asdict(network.settings)),
             "joints": " ".join(COMMON_JOINTS),
             "error_factor": json.dumps([round(float(factor), 4) for factor in error_factor]),
+            "error_curve": json.dumps(None if error_curve is None else _rising(error_curve)),
         },
     )
     onnx.checker.check_model(model, full_check=True)
     return bytes(model.SerializeToString())
+
+
+def halved(network: AttentionLstm) -> None:
+    """Round the weights of a network to what half precision holds."""
+    for parameter in network.parameters():
+        parameter.data = parameter.data.half().float()
+
+
+def _rising(curve: NDArray[np.float64]) -> list[object]:
+    """Return a calibration curve in few digits that still rises."""
+    digits = np.round(curve, 3)
+    steps = 0.001 * np.arange(curve.shape[-1])
+    digits[0] = np.maximum.accumulate(digits[0] - steps, axis=-1) + steps
+    return list(np.round(digits, 3).tolist())
 
 
 def _encoder(
@@ -188,7 +218,11 @@ def _encoder(
     place, motion = _start(graph, arrays, slots, features_at[-1], state, context, speed)
     entry_context = graph.linear(context, arrays["entry.weight"][:, -NUM_CONTEXT:])
     entry_context = graph.add("Add", entry_context, graph.constant(arrays["entry.bias"]))
-    memory = {"encoded": stacked, "keys": keys, "speed": speed, "entry": entry_context}
+    doubt = graph.linear(context, arrays["doubt.weight"][:, -NUM_CONTEXT:])
+    doubt = graph.add("Add", doubt, graph.constant(arrays["doubt.bias"]))
+    memory = {
+        "encoded": stacked, "keys": keys, "speed": speed, "entry": entry_context, "doubt": doubt
+    }  # fmt: skip
     return [state, cell, place, motion], memory
 
 
@@ -201,8 +235,9 @@ def _start(
     context: str,
     speed: str,
 ) -> tuple[str, str]:
-    """Add the smoothing of places and motions over the history."""
-    weights = graph.linear(graph.add("Concat", state, context, axis=-1), arrays["smoothing.weight"])
+    """Add where the decoder starts: places and motions, smoothed, and what the experts find."""
+    summary = graph.add("Concat", context, state, axis=-1)
+    weights = graph.linear(summary, arrays["smoothing.weight"])
     weights = graph.add("Add", weights, graph.constant(arrays["smoothing.bias"]))
     weights = graph.add("Reshape", weights, graph.integers(-1, 2, slots - 1, NUM_COMMON))
     weights = graph.add("Transpose", weights, perm=[1, 2, 0, 3])
@@ -215,15 +250,32 @@ def _start(
     change, offset = graph.add_all("Split", [sums, graph.integers(1, 1)], 2, axis=0)
     parts = [NUM_AXES, NUM_AXES, NUM_COMMON]
     place, motion, _ = graph.add_all("Split", [newest, graph.integers(*parts)], 3, axis=-1)
-    place = graph.add("Add", place, graph.add("Mul", speed, offset))
-    return place, graph.add("Add", motion, change)
+    # The experts.
+    read = graph.add("Mul", motions, graph.add("Mul", speed, graph.constant(np.float32(10))))
+    read = graph.add("Transpose", read, perm=[1, 0, 2])
+    read = graph.add("Reshape", read, graph.integers(0, (slots - 1) * NUM_AXES))
+    flat = graph.add("Squeeze", place, graph.integers(0))
+    read = graph.add("Concat", flat, read, axis=-1)
+    found = graph.linear(read, arrays["expert.weight"])
+    found = graph.add("Add", found, graph.constant(arrays["expert.bias"]))
+    found = graph.add("Reshape", found, graph.integers(0, -1, 2 * NUM_AXES))
+    share = graph.linear(summary, arrays["gate.weight"])
+    share = graph.add("Add", share, graph.constant(arrays["gate.bias"]))
+    share = graph.add("Transpose", graph.add("Softmax", share, axis=-1), perm=[1, 2, 0])
+    found = graph.add("Mul", found, share)
+    found = graph.add("ReduceSum", found, graph.integers(1), keepdims=0)
+    found = graph.add("Unsqueeze", found, graph.integers(0))
+    fix, push = graph.add_all("Split", [found, graph.integers(NUM_AXES, NUM_AXES)], 2, axis=-1)
+    place = graph.add("Add", graph.add("Add", place, graph.add("Mul", speed, offset)), fix)
+    motion = graph.add("Add", motion, change)
+    return place, graph.add("Add", motion, graph.add("Div", push, speed))
 
 
 def _decoder(
-    arrays: Mapping[str, NDArray[np.float32]], memory: Mapping[str, str], hidden: int
+    arrays: Mapping[str, NDArray[np.float32]], memory: Mapping[str, str], hidden: int, half: bool
 ) -> onnx.GraphProto:
     """Return the decoder's step as the body of a Loop."""
-    graph = _Graph("step_")
+    graph = _Graph("step_", half)
     state, cell, place, motion = "state", "cell", "place", "motion"
     query = graph.add("Concat", state, cell, axis=-1)
     query = graph.linear(query, arrays["query.weight"])
@@ -236,14 +288,19 @@ def _decoder(
     entry = graph.linear(entry, arrays["entry.weight"][:, :-NUM_CONTEXT])
     entry = graph.add("Relu", graph.add("Add", entry, memory["entry"]))
     state, cell = graph.lstm(entry, state, cell, graph.lstm_weights(arrays, "decoder"), hidden)
-    reading = graph.linear(graph.add("Concat", state, attended, axis=-1), arrays["reading.weight"])
+    known = graph.add("Concat", state, attended, axis=-1)
+    reading = graph.linear(known, arrays["reading.weight"])
     reading = graph.add("Add", reading, graph.constant(arrays["reading.bias"]))
     bias = arrays["regressor.bias"].copy()
-    bias[NUM_AXES : NUM_AXES + NUM_COMMON] += 3.0
+    bias[NUM_AXES:] += KEEP
     result = graph.linear(graph.add("Relu", reading), arrays["regressor.weight"])
     result = graph.add("Add", result, graph.constant(bias))
-    parts = graph.integers(NUM_AXES, NUM_COMMON, NUM_COMMON)
-    change, keep, error = graph.add_all("Split", [result, parts], 3, axis=-1)
+    parts = graph.integers(NUM_AXES, NUM_COMMON)
+    change, keep = graph.add_all("Split", [result, parts], 2, axis=-1)
+    doubt = graph.linear(known, arrays["doubt.weight"][:, :-NUM_CONTEXT])
+    doubt = graph.add("Relu", graph.add("Add", doubt, memory["doubt"]))
+    error = graph.linear(doubt, arrays["error.weight"])
+    error = graph.add("Add", error, graph.constant(arrays["error.bias"]))
     change = graph.add("Add", change, graph.linear(where, arrays["coupling.weight"]))
     keep = graph.add("Tile", graph.add("Sigmoid", keep), graph.integers(1, 1, 3))
     motion = graph.add("Add", graph.add("Mul", motion, keep), change)

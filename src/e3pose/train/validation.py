@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import isotonic_regression
 
 from e3pose.predictors.normalise import fill_gaps, normalise, to_person
 from e3pose.train.network import AttentionLstm
@@ -18,6 +20,10 @@ Floats = NDArray[np.float64]
 NOISE_M = 0.035  # of a joint, like triangulated OpenPose keypoints
 MISSING = 0.2
 MAX_WINDOWS = 400  # of one kind of motion: quick, and no recording drowns the others
+OTHER_RATES = (5.0, 15.0, 60.0)  # a second, at which motion that is known is examined too
+SAME_RATE = 0.2  # share by which rates differ that count as the same
+CURVE_GROUPS = 8  # of expected errors, per lead
+SMALLEST_M = 1e-5  # no error is smaller
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,12 +43,21 @@ class Exam:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Marks:
-    """What a network got in one exam: mean and expected errors `(num_leads,)` in metres."""
+    """What a network got in one exam.
+
+    Attributes:
+        name: of the exam.
+        error_m: `(num_leads,)` mean errors in metres.
+        expected_m: `(num_leads,)` mean of the errors that it expected.
+        simple_m: `(3, num_leads)` mean errors of zero, constant and damped velocity.
+        each_m: `(2, num_leads, number of joints)` expected and actual error of every joint.
+    """
 
     name: str
     error_m: Floats
     expected_m: Floats
     simple_m: Floats
+    each_m: Floats = field(default_factory=lambda: np.zeros((2, 0, 0)))
 
     @property
     def ratio(self) -> Floats:
@@ -55,10 +70,11 @@ def make_exams(
 ) -> list[Exam]:
     """Return an exam with exact and one with noisy histories for every group of clips.
 
-    Motion that was estimated has one exam, with histories as estimated.
+    Motion that was estimated has one exam, with histories as estimated. Motion that is known is
+    examined at other frame rates too.
     """
     exams = []
-    for name, clips in groups:
+    for name, clips in [*groups, *_other_rates(groups, history_slots + num_leads)]:
         known = [clip for clip in clips if clip.errors_m is None]
         estimated = [clip for clip in clips if clip.errors_m is not None]
         for some, noise_m, missing, kind in (
@@ -71,6 +87,31 @@ def make_exams(
                     _exam(f"{name}, {kind}", some, history_slots, num_leads, noise_m, missing)
                 )
     return exams
+
+
+def _other_rates(
+    groups: Sequence[tuple[str, Sequence[Clip]]], span: int
+) -> list[tuple[str, list[Clip]]]:
+    """Return the groups again at other frame rates, where they are long enough."""
+    others = []
+    for name, clips in groups:
+        for fps in OTHER_RATES:
+            clips_there = [
+                replace(clip, joints_m=joints, fps=fps)
+                for clip in clips
+                if clip.errors_m is None and abs(clip.fps / fps - 1) > SAME_RATE
+                if len(joints := resampled(clip.joints_m, clip.fps / fps)) >= span
+            ]
+            if clips_there:
+                others.append((f"{name} at {fps:g} slots a second", clips_there))
+    return others
+
+
+def resampled(joints_m: NDArray[np.float32], step: float) -> NDArray[np.float32]:
+    """Return motion `(num_slots, NUM_COMMON, 3)` at every `step`th slot, by cubic splines."""
+    at = np.arange(0, len(joints_m) - 1 + 1e-9, step)
+    spline = CubicSpline(np.arange(len(joints_m)), joints_m, axis=0)
+    return np.asarray(spline(at), dtype=np.float32)
 
 
 def _exam(
@@ -123,10 +164,11 @@ def examine(network: AttentionLstm, exams: Sequence[Exam]) -> list[Marks]:
             places, log_error = network(
                 torch.from_numpy(normal.features), torch.from_numpy(normal.context), len(future)
             )
-        error = _mean_error(places.numpy().astype(np.float64), future, normal.seen)
+        error = np.linalg.norm(places.numpy().astype(np.float64) - future, axis=-1)
         expected = np.exp(log_error.numpy().astype(np.float64))
-        expected_mean = (expected * normal.seen).sum(axis=(1, 2)) / normal.seen.sum()
-        marks.append(Marks(exam.name, error, expected_mean, exam.simple_m))
+        each = np.stack([expected, error])[:, :, normal.seen]
+        expected_mean, mean = each.mean(axis=-1)
+        marks.append(Marks(exam.name, mean, expected_mean, exam.simple_m, each))
     return marks
 
 
@@ -139,6 +181,21 @@ def error_factors(marks: Sequence[Marks]) -> list[float]:
     """Return per lead the factor that makes expected errors right on average, over all exams."""
     ratio = np.mean([np.log(mark.error_m / mark.expected_m) for mark in marks], axis=0)
     return [float(factor) for factor in np.exp(ratio)]
+
+
+def error_curves(marks: Sequence[Marks]) -> Floats:
+    """Return per lead what to make of expected errors, so that they are right at every size.
+
+    Returns:
+        `(2, num_leads, CURVE_GROUPS)`: logarithms of expected and of actual errors, both rising.
+    """
+    both = np.concatenate([mark.each_m for mark in marks], axis=-1)
+    order = np.argsort(both[0], axis=-1)
+    sorted_m = np.take_along_axis(both, order[None], axis=-1)
+    groups = np.array_split(sorted_m, CURVE_GROUPS, axis=-1)
+    curves = np.stack([group.mean(axis=-1) for group in groups], axis=-1)
+    curves[1] = [isotonic_regression(row).x for row in curves[1]]
+    return np.asarray(np.log(np.maximum(curves, SMALLEST_M)))
 
 
 def _mean_error(places_m: Floats, future_m: Floats, seen: NDArray[np.bool_]) -> Floats:

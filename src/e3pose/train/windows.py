@@ -10,16 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.predictors.normalise import NUM_COMMON, Normalised, fill_gaps, normalise, to_person
+from e3pose.train.bodies import mirrored, other_bodies, swapped_arms, uneven_time
 
 Floats = NDArray[np.float64]
 
-MIRRORED = (1, 0, 3, 2, 5, 4, 7, 6, 9, 8, 11, 10, 12, 13)  # common joints, left and right swapped
 USUAL_FPS = (24.0, 31.0)
 LOG_ANY_FPS = (math.log(5.0), math.log(60.0))
-# Standard deviation of one joint over all three axes together, metres.
+# Root mean square error of one joint over all three axes together, metres.
 LOG_NOISE_M = (math.log(0.002), math.log(0.06))
 BACKWARDS = 0.15  # share of windows played backwards: seldom what people do, but never impossible
-SHAPE_M = 0.015  # by which each joint of a window is moved for good, so that poses are not recalled
+USUAL_SHARE = 0.55  # of the windows have a usual frame rate
+LOG_PACE = 0.3  # people move faster or slower by up to this
+UNEVEN = 0.3  # by how much the pace of a window changes at most
+OTHER_ARMS = 0.15  # share of windows with somebody else's arms
 DAMPING = 0.85  # a slot
 MEMORIES_S = (0.1, 2.5)  # of the estimator's error; a tenth of it or so has none
 
@@ -85,11 +88,13 @@ class Corruption:
         exact: share of windows with exact positions.
         missing: share of windows with missing joints.
         short: share of windows of people who just entered.
+        log_noise_m: range of the logarithm of a joint's error in metres, over all three axes.
     """
 
     exact: float = 0.35
     missing: float = 0.45
     short: float = 0.1
+    log_noise_m: tuple[float, float] = LOG_NOISE_M
 
 
 class Sampler:
@@ -117,38 +122,55 @@ class Sampler:
 
     def draw(self, rng: np.random.Generator, size: int, corruption: Corruption) -> Windows:
         """Return `size` windows."""
-        usual = rng.random(size) < 0.65
+        joints, spoilt, interval = self.motion(rng, size, corruption)
+        future = joints[self.history_slots :]
+        normal = normalise(spoilt, interval, self.history_slots)
+        return Windows(normal, to_person(normal, future), usual_error(spoilt, future))
+
+    def motion(
+        self,
+        rng: np.random.Generator,
+        size: int,
+        corruption: Corruption,
+        rates: tuple[float, float] | None = None,
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return `size` pieces of motion, their spoilt histories, and seconds a slot.
+
+        All have slots a second within `rates`, where these are given and clips are long enough.
+
+        Shapes are `(history_slots + num_leads, size, NUM_COMMON, 3)`, `(history_slots, size,
+        NUM_COMMON, 3)` and `(size,)`; metres, the histories with NaN where joints are missing.
+        """
+        usual = rng.random(size) < USUAL_SHARE
         fps = np.where(
             usual, rng.uniform(*self.usual_fps, size), np.exp(rng.uniform(*LOG_ANY_FPS, size))
         )
+        if rates is not None:
+            fps = rng.uniform(*rates, size)
         clip = rng.choice(len(self.lengths), size, p=self.weights / self.weights.sum())
         span = self.history_slots + self.num_leads
-        step = self.fps[clip] / fps * np.exp(rng.uniform(-0.25, 0.25, size))
+        step = self.fps[clip] / fps * np.exp(rng.uniform(-LOG_PACE, LOG_PACE, size))
         longest = (self.lengths[clip] - 1.0) / (span - 1)
         fps = np.where(step > longest, fps * step / longest, fps)  # short clips: a higher rate
         step = np.minimum(step, longest)
-        backwards = rng.random(size) < BACKWARDS
         start = rng.random(size) * (self.lengths[clip] - 1 - step * (span - 1))
-        order = np.where(backwards[:, None], np.arange(span)[::-1], np.arange(span))
+        order = uneven_time(span, size, UNEVEN, rng)
+        backwards = rng.random(size) < BACKWARDS
+        order[backwards] = order[backwards, ::-1]
         at = start[:, None] + step[:, None] * order
-        joints = self._sample(clip, at)
+        joints = swapped_arms(self._sample(clip, at), OTHER_ARMS, rng)
         errors = self.estimates.draw(rng, clip, at[:, : self.history_slots])
         mirror = rng.random(size) < 0.5
-        scale = rng.uniform(0.85, 1.15, (size, 1, 1))
-        for array in (joints, errors):
-            flipped = array[:, mirror][:, :, MIRRORED]
-            flipped[..., 0] *= -1
-            array[:, mirror] = flipped
-            array *= scale
-        joints += rng.normal(0, SHAPE_M, (size, NUM_COMMON, 3))  # another body, moving alike
-        history, future = joints[: self.history_slots], joints[self.history_slots :]
+        mirrored(joints, mirror)
+        mirrored(errors, mirror)
+        joints = other_bodies(joints, rng)
+        history = joints[: self.history_slots]
         spoilt = spoil(history, 1 / fps, rng, corruption)
         estimated = self.estimates.rows[clip] >= 0
         given = history[:, estimated] + errors[:, estimated]
         given[np.isnan(spoilt[:, estimated])] = np.nan  # people enter and get lost here too
         spoilt[:, estimated] = given
-        normal = normalise(spoilt, 1 / fps, self.history_slots)
-        return Windows(normal, to_person(normal, future), usual_error(spoilt, future))
+        return joints, spoilt, 1 / fps
 
     def _sample(self, clip: NDArray[np.int64], at: Floats) -> Floats:
         """Return `(span, size, NUM_COMMON, 3)` at frames `at` by cubic (Catmull-Rom) splines."""
@@ -214,7 +236,9 @@ def spoil(
 ) -> Floats:
     """Return histories `(num_slots, size, NUM_COMMON, 3)` with errors and gaps of an estimator."""
     num_slots, size = history_m.shape[:2]
-    level = np.exp(rng.uniform(*LOG_NOISE_M, size)) * (rng.random(size) >= corruption.exact)
+    level = np.exp(rng.uniform(*corruption.log_noise_m, size)) * (
+        rng.random(size) >= corruption.exact
+    )
     spoilt = history_m + estimation_noise(num_slots, level, interval_s, rng)
     gone = np.zeros(history_m.shape[:3], dtype=bool)
     gaps = rng.random(size) < corruption.missing
