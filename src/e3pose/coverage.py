@@ -24,6 +24,10 @@ CELL_M = 0.75  # people's own size, and the reach of a door
 NUM_CELLS = 40  # along each side of the square around the cameras
 PRIOR_VIEWS = 2.0  # that the prior counts for
 MOST_VIEWS = 60.0  # per place that are remembered, a few seconds of somebody: things get moved
+# A view in plain sight knows a joint to about 2 cm, an unseen joint may be off by 20 cm: a view adds
+# a hundred times the information there was. Simulated: 100 against an unchanged share takes the
+# mean error in `one-sided`, misses counted, from 216 to 151 mm and leaves other scenes as they are.
+INFORMATION_RATIO = 100.0
 KNOWN_S = 0.5  # people whom no camera showed for so long may be gone: misses say nothing then
 
 
@@ -94,10 +98,16 @@ def learn(coverage: Coverage, now: Outlook, interval_s: float) -> Coverage:
 
 
 def with_coverage(outlook: Outlook, coverage: Coverage) -> Outlook:
-    """Expect less of cameras that showed less than usual where people will be."""
+    """Expect less of cameras that showed less than usual where people will be.
+
+    A camera that shows somebody with probability p and otherwise nothing is worth p log(1 + W) nats
+    where one that always shows W times what is known is worth log(1 + W): as much as one that
+    always shows ((1 + W)^p - 1) / W of that.
+    """
     share = coverage.share(_places(outlook))
     usual = np.minimum(share / DELIVERED_PRIOR, 1.0)
-    return replace(outlook, delivered=outlook.delivered * usual)
+    worth = ((1 + INFORMATION_RATIO) ** usual - 1) / INFORMATION_RATIO
+    return replace(outlook, delivered=outlook.delivered * worth)
 
 
 def _places(outlook: Outlook) -> Floats:
