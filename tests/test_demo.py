@@ -1,37 +1,49 @@
-"""The demo: what it fetches is verified; without a network it runs on a simulated scene."""
+"""The demo: what it fetches is verified; it runs a live site, without a network on a simulation."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import signal
+import subprocess
+import sys
+import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from e3pose.calibration import save_rig
+from e3pose.camera import Rig
 from e3pose.demo import job as jobs
 from e3pose.demo import run_demo, words
 from e3pose.demo.clip import CALIBRATION, TOP, VIDEOS, Clip, Member, extract_members, find_clip
+from e3pose.demo.live import Heard, HeardView, Show
 from e3pose.demo.pictures import fullest
-from e3pose.detectors import Image
+from e3pose.demo.remembered import Film, stored_records
 from e3pose.errors import InputError
 from e3pose.evaluate.poses_table import write_poses
+from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.node.source import open_video
 from e3pose.overlay import write_movie
 from e3pose.pipeline import SlotRecord
-from e3pose.pose import Poses2D, Poses3D
+from e3pose.pose import Poses3D
 from e3pose.recording import load_recording
 from e3pose.simulate import DetectorSettings, SceneSettings
 from e3pose.simulate.rigs import ring_rig
-from e3pose.skeleton import COCO17
+from e3pose.site.config import load_site
+from e3pose.skeleton import skeleton_by_name
+from e3pose.store import Run, StoreWriter
 from e3pose.weights import Progress
+from e3pose.wire.messages import Heartbeat, Status
 
+BEGIN_NS = 1_795_000_000_000_000_000
 SMALL = SceneSettings(
-    people=2, seconds=1.6, fps=10, cameras=4, detector=DetectorSettings(perfect=True)
+    people=2, seconds=2.0, fps=10, cameras=4, detector=DetectorSettings(perfect=True)
 )
 
 
@@ -44,35 +56,130 @@ def refuse(progress: Progress, index_url: str | None = None) -> None:
     raise InputError("wheel of pose2sim==0.10.49: not found in https://index.example/simple")
 
 
-def test_offline_runs_on_a_simulated_scene(tmp_path: Path) -> None:
+def canned(site_file: Path, rig: Rig, play_s: float, ready_s: float, show: Show) -> Heard:
+    """Leave what a live site leaves, one slot a frame from the beginning on, without processes."""
+    site = load_site(site_file)
+    slot_ns = round(1e9 / site.fps / site.pace)
+    skeleton = skeleton_by_name(site.skeleton)
+    heard = Heard(begin_ns=BEGIN_NS, slots=round(play_s * 1e9 / slot_ns))
+    heard.status = Status(site.name, heard.slots - 1, site.fps, 2, 2, (), latency_ms=(1.0, 2.0))
+    recorded = site_file.parent / "recording"
+    if recorded.is_dir():
+        recording = load_recording(recorded)
+        settings = ReplaySettings(pipeline="default", num_selected=2)
+        records = list(replay(recording, settings))
+        for record in records:
+            for index in np.flatnonzero(record.arrived):
+                view = recording.view(record.slot, int(index))
+                assert view is not None
+                key = (record.slot, rig.camera_ids[index])
+                heard.views[key] = HeardView(view, BEGIN_NS + record.slot * slot_ns)
+    else:
+        records = [nobody(slot, 1 / site.fps, len(rig)) for slot in range(heard.slots + 3)]
+    for camera_id in rig.camera_ids:
+        heard.sent_bytes[camera_id] = 500
+        heard.beats[camera_id] = Heartbeat(camera_id, 1, 0, "active", orders=20, late_orders=1)
+    run = Run(
+        site.name, site.name, BEGIN_NS, 1 / site.fps, skeleton.name, skeleton.joints, rig.camera_ids
+    )
+    with StoreWriter(site_file.parent / "live.db", run) as writer:
+        for record in records:
+            writer.append(record, time_ns=BEGIN_NS + record.slot * slot_ns)
+    show(heard.status, heard.slots, heard.slots)
+    return heard
+
+
+def nobody(slot: int, interval_s: float, num_cameras: int) -> SlotRecord:
+    flags, zeros = np.ones(num_cameras, dtype=bool), np.zeros(num_cameras)
+    poses = Poses3D(np.zeros((0, 18, 3)), np.zeros((0, 18)))
+    ids = np.zeros(0, dtype=np.int64)
+    return SlotRecord(slot, slot * interval_s, flags, flags, poses, ids, zeros, zeros, flags)
+
+
+@pytest.fixture
+def without_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("e3pose.demo.live.run_live", canned)
+
+
+def test_offline_runs_live_on_a_simulated_scene(tmp_path: Path) -> None:
+    dest = tmp_path / "demo"
+    shown: list[tuple[int, int]] = []
+
+    @contextmanager
+    def watch() -> Iterator[Show]:
+        yield lambda status, done, total: shown.append((done, total))
+
+    report = run_demo(dest, offline=True, stand_in=SMALL, watch=watch)
+    live = report.live
+    assert not report.real and live.pace == 1
+    assert live.view_bytes > 40 * live.views and live.orders > 0
+    assert shown and {total for _, total in shown} == {20}
+    records, times = stored_records(dest / "site" / "live.db", 0.1, Film(2.0, 1.0), 1e12)
+    assert set(np.diff(times)) == {100_000_000}
+    # All cameras look at first, and then two.
+    assert [int(r.selected.sum()) for r in records[:8]] == [4] * 8
+    # The cameras end when the scene is over; what they saw before is placed exactly.
+    summary = json.loads((dest / "summary.json").read_text())
+    assert 10 <= summary["slots"] <= 20
+    assert summary["metrics"]["mpjpe_mm"] < 5.0  # exact detections, but a filter smooths
+    for log in (dest / "site" / "logs").iterdir():
+        assert "Traceback" not in log.read_text()
+    children = psutil.Process().children(recursive=True)
+    assert not [c for c in children if "e3pose" in " ".join(c.cmdline())]
+
+
+def test_interrupt_leaves_no_process_and_no_file(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "e3pose", "demo", "demo", "--offline"]
+    demo = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    watched, end_s = psutil.Process(demo.pid), time.monotonic() + 120
+    while len(watched.children()) < 5:  # an edge and four cameras
+        assert time.monotonic() < end_s and demo.poll() is None
+        time.sleep(0.1)
+    children = watched.children(recursive=True)
+    demo.send_signal(signal.SIGINT)
+    _, told = demo.communicate(timeout=60)
+    assert demo.returncode == 130 and told.decode().strip().endswith("e3pose: interrupted")
+    _, alive = psutil.wait_procs(children, timeout=0)
+    assert not [child for child in alive if child.status() != psutil.STATUS_ZOMBIE]
+    assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == []
+
+
+@pytest.mark.usefixtures("without_processes")
+def test_what_the_run_left_is_laid_out(tmp_path: Path) -> None:
     dest = tmp_path / "demo"
     report = run_demo(dest, offline=True, stand_in=SMALL)
-    assert not report.real and report.num_frames == 0
     names = {path.name for path in dest.iterdir()}
-    expected = "report.html summary.json poses.csv poses.parquet overlay.png recording"
+    expected = "report.html summary.json poses.csv poses.parquet overlay.png site"
     assert names == {*expected.split(), "e3pose-demo.txt"}
-    assert [path.name for path in tmp_path.iterdir()] == ["demo"]
     summary = json.loads((dest / "summary.json").read_text())
-    assert summary["slots"] == 16
-    assert summary["selection"]["mean_cameras"] == pytest.approx((10 * 4 + 6 * 2) / 16)
-    assert summary["metrics"]["mpjpe_mm"] < 1.0  # exact detections
-    assert load_recording(dest / "recording").num_slots == 16
+    assert summary["slots"] == 20
+    assert summary["selection"]["mean_cameras"] == pytest.approx((10 * 4 + 10 * 2) / 20)
+    assert summary["live"]["orders"] == 80 and summary["live"]["late_orders"] == 4
+    assert summary["metrics"]["mpjpe_mm"] < 5.0
+    assert report.live.video_bytes == 0
+    assert load_recording(dest / "site" / "recording").num_slots == 20
+    assert load_site(dest / "site" / "site.toml").name == "demo"
     assert (dest / "poses.csv").read_text().startswith("slot,time,track,joint,x,y,z,score\n")
+    assert "76 of 80 orders" in (dest / "report.html").read_text()
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_offline_says_what_it_could_not_fetch_and_where_to_look(tmp_path: Path) -> None:
     dest = tmp_path / "demo"
     said = words(run_demo(dest, offline=True, stand_in=SMALL))
     assert said[0].startswith("Could not fetch the four-camera recording: not fetched before")
     assert said[1].startswith("Could not fetch the network openpose-thin: not fetched before")
-    assert said[2] == "So this ran on a simulated scene with 4 cameras instead."
+    assert said[2].startswith("So this ran a live site on a simulated scene instead: 4 cameras")
     text = "\n".join(said)
-    assert "chose 2 cameras to stay awake (all in the first 10)" in text
-    assert "3.2 of 4 cameras were awake" in text and "% less energy" in text
+    assert "chose 2 cameras to look 2 slots ahead (all in the first 10)" in text
+    assert "3.0 of 4 cameras were awake" in text and "% less energy" in text
+    assert "Live: 76 of 80 orders and 60 of 60 views came in time; 0 slots were lost." in text
+    assert "Sent: 2 kB of keypoints" in text and "speed" not in text
     assert str(dest / "report.html") in text and "overlay.webm" not in text
-    assert "So this ran on a simulated scene" in (dest / "e3pose-demo.txt").read_text()
+    assert "So this ran a live site" in (dest / "e3pose-demo.txt").read_text()
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_failed_download_is_told_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -94,8 +201,7 @@ def test_failed_download_is_told_in_one_line(
         "fetching the four-camera recording",
         "fetching the network openpose-thin",
         "simulating a scene",
-        "selecting cameras, triangulating",
-        "drawing",
+        "reading the store, drawing",
     ]
 
 
@@ -107,6 +213,7 @@ def test_folder_of_somebody_else_is_never_replaced(tmp_path: Path) -> None:
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_second_demo_replaces_the_first_if_asked(tmp_path: Path) -> None:
     dest = tmp_path / "demo"
     run_demo(dest, offline=True, stand_in=SMALL)
@@ -117,6 +224,7 @@ def test_second_demo_replaces_the_first_if_asked(tmp_path: Path) -> None:
     assert (dest / "report.html").stat().st_size > 1_000_000
 
 
+@pytest.mark.usefixtures("without_processes")
 def test_failure_on_the_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: object) -> None:
         raise OSError("disk full")
@@ -128,39 +236,58 @@ def test_failure_on_the_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
     assert list(tmp_path.iterdir()) == []
 
 
-class Standing:
-    """A detector that sees one person in the middle of every image."""
-
-    skeleton = COCO17
-
-    def detect(self, image: Image) -> Poses2D:
-        height, width = image.shape[:2]
-        middle = np.array([width / 2 - 0.5, height / 2 - 0.5])
-        return Poses2D(np.tile(middle, (1, len(COCO17), 1)), np.ones((1, len(COCO17))))
-
-
-def test_videos_become_poses_a_movie_and_a_recording(
+@pytest.mark.usefixtures("without_processes")
+def test_videos_become_a_slower_site_poses_and_a_movie(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = ring_rig(4, 4.0, 2.0, (96, 64), np.random.default_rng(0))
     save_rig(rig, tmp_path / "rig.toml")
     videos = tuple(tmp_path / f"{name}.mp4" for name in rig.camera_ids)
     for video in videos:
-        write_movie(video, [np.full((64, 96, 3), 90, np.uint8)] * 40, 60)
+        write_movie(video, [np.full((64, 96, 3), 90, np.uint8)] * 60, 60)
     clip = Clip(tmp_path / "rig.toml", videos)
     monkeypatch.setattr(jobs, "fetch_clip", lambda progress: clip)
     monkeypatch.setattr(jobs, "pull_weights", lambda name, progress: tmp_path / "none.pb")
-    monkeypatch.setattr("e3pose.detectors.make_detector", lambda name, model: Standing())
+    monkeypatch.setattr(jobs, "_look_s", lambda video, weights: 0.3)
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     report = run_demo(tmp_path / "demo")
-    assert report.real and report.num_frames == 4 * 20 and report.not_fetched == ()
-    assert words(report)[0].startswith("Took a real recording of 4 cameras and looked for people")
-    recording = load_recording(tmp_path / "demo" / "recording")
-    assert recording.fps == 30 and set(recording.videos) == set(rig.camera_ids)
-    for name in recording.videos.values():
-        assert (tmp_path / "demo" / "recording" / "videos" / name).stat().st_size > 0
+    assert report.real and report.not_fetched == ()
+    said = words(report)
+    assert said[0].startswith("Ran a live site: 4 cameras, each a process that plays its real vid")
+    assert said[1] == (
+        "The videos were played at 0.071 of their speed, because one look took this machine 300 ms "
+        "and 4 cameras share its 2 cores."
+    )
+    site = load_site(tmp_path / "demo" / "site" / "site.toml")
+    assert site.pace == 0.071 and site.fps == 20 and site.skeleton == "coco18"
+    # An order must be able to come although every slot waits for its deadline.
+    assert site.deadline_ms == pytest.approx(1750 / 20 / 0.071, abs=1)
+    for camera in site.camera:
+        assert camera.source == f"videos/{camera.id}.mp4" and camera.detector == "openpose-thin"
+        assert (tmp_path / "demo" / "site" / camera.source).stat().st_size > 0
     movie = open_video(tmp_path / "demo" / "overlay.webm")
-    assert len(list(movie.frames(0.0))) == 20 and movie.rate == pytest.approx(10)
-    assert not (tmp_path / "demo" / "detected").exists()
+    assert len(list(movie.frames(0.0))) == 20  # the three slots after the clip's end are left out
+    assert movie.rate == pytest.approx(20 / 3, rel=1e-3)
+    assert report.live.video_bytes == sum(video.stat().st_size for video in videos)
+
+
+@pytest.mark.parametrize(
+    ("look_s", "cores", "expected"),
+    [(0.3, 2, 0.071), (0.085, 2, 0.25), (0.085, 8, 1.0), (0.01, 1, 1.0), (100.0, 1, 0.01)],
+)
+def test_pace_lets_all_cameras_look_in_every_slot(
+    look_s: float, cores: int, expected: float
+) -> None:
+    pace = jobs.pace_for(look_s, 4, 20.0, cores)
+    assert pace == pytest.approx(expected)
+    assert pace <= 0.01 or 4 * 20.0 * pace * look_s <= cores
+
+
+def test_film_says_which_moment_was_shown() -> None:
+    film = Film(length_s=2.0, pace=0.1, begin_ns=BEGIN_NS)
+    assert film.at_s(BEGIN_NS) == 0
+    assert film.at_s(BEGIN_NS + 5_000_000_000) == pytest.approx(0.5)
+    assert film.at_s(BEGIN_NS + 21_000_000_000) == pytest.approx(0.1)
 
 
 def wheel(path: Path, contents: dict[str, bytes]) -> tuple[Member, ...]:

@@ -212,7 +212,7 @@ def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
         skeleton=COCO18.name,
         cameras=min(NUM_SELECTED, len(rig)),
         pace=pace,
-        deadline_ms=max(MIN_DEADLINE_MS, round(1250 / FPS / pace)),  # of slots of 1000
+        deadline_ms=max(MIN_DEADLINE_MS, round(1750 / FPS / pace)),  # in slots: 1.75
         camera={"detector": NETWORK, "threads": 1, "meter": "model"},
         comment=COMMENT,
     )
