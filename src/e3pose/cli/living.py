@@ -215,13 +215,15 @@ def up(
     site: Path,
     /,
     *,
+    example: Annotated[bool, Parameter(negative="")] = False,
     logs: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Start a whole site on this machine, for trying out: the edge and a process per camera.
 
-    Example: `e3pose up site.toml`
+    Examples: `e3pose up try --example` makes a simulated site in the folder `try` and runs it;
+    `e3pose up site.toml` runs one that is there.
 
     Every `[[camera]]` of the site file says with `source` what it sees. Shows what `e3pose top`
     shows; Ctrl-C ends all.
@@ -229,7 +231,9 @@ def up(
     Parameters
     ----------
     site
-        The site file.
+        The site file, or the folder of one that is named site.toml.
+    example
+        Make the folder first: four cameras that play a simulated scene.
     logs
         Folder for the output of each program; `logs` beside the site file by default.
     for_s
@@ -243,11 +247,15 @@ def up(
     from rich.live import Live
 
     from e3pose.site.config import load_site
+    from e3pose.site.example import SITE_FILE, make_example
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
     from e3pose.site.up import Program, camera_command, run_site
     from e3pose.wire.network import open_network
 
+    if example:
+        make_example(site)
+    site = site / SITE_FILE if site.is_dir() else site
     table = load_site(site)
     rig = _rig(site, table)
     loop_settings(site, table, rig)  # what is wrong is told here, not in a log

@@ -10,10 +10,13 @@ from typing import Any
 
 import tomli_w
 
+from e3pose.atomic import atomic_folder
 from e3pose.calibration import save_rig
 from e3pose.camera import Rig
 from e3pose.recording import Recording, save_recording
+from e3pose.simulate.settings import SceneSettings
 
+SCENE = SceneSettings(people=3, seconds=30.0, cameras=4)
 SITE_FILE = "site.toml"
 STORE_FILE = "live.db"
 
@@ -95,6 +98,20 @@ def write_recorded(folder: Path, recording: Recording, name: str = "example") ->
         ),
     )
     return write_example(folder, example, recording.rig)
+
+
+def make_example(folder: Path) -> Path:
+    """Make a folder with a site whose four cameras play a simulated scene; return the site file.
+
+    Raises:
+        InputError: when the folder has something in it.
+    """
+    from e3pose.simulate.simulation import simulate
+
+    with atomic_folder(folder) as made:
+        recording = simulate(SCENE, 0)
+        write_recorded(made, recording)
+    return folder / SITE_FILE
 
 
 def free_port() -> int:
