@@ -26,7 +26,7 @@ from e3pose.coverage import Coverage
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotState, initial_state
 
-VERSION = 1
+VERSION = 2  # 1 did not know its run
 MAX_BYTES = 256 * 2**20
 ABOUT = "about"
 FORGOTTEN = {"shown"}  # of the slot before, which is history when the edge is back
@@ -47,12 +47,14 @@ class Checkpoint:
         origin_ns: the middle of slot 0.
         lead_slots: how many slots ahead orders were given.
         made_ns: when it was made.
+        run_ns: when the run began that the state belongs to; slots and tracks are unique in it.
     """
 
     state: SlotState
     origin_ns: int
     lead_slots: int
     made_ns: int
+    run_ns: int = 0
 
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint, pipeline: Pipeline) -> None:
@@ -63,6 +65,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint, pipeline: Pipeline) -> N
         "origin_ns": checkpoint.origin_ns,
         "lead_slots": checkpoint.lead_slots,
         "made_ns": checkpoint.made_ns,
+        "run_ns": checkpoint.run_ns,
     }
     arrays = take_apart(checkpoint.state)
     arrays[ABOUT] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
@@ -81,7 +84,9 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
         with np.load(BytesIO(content), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         about = json.loads(arrays.pop(ABOUT).tobytes())
-        lead, origin, made = (int(about[k]) for k in ("lead_slots", "origin_ns", "made_ns"))
+        lead, origin, made, run = (
+            int(about[key]) for key in ("lead_slots", "origin_ns", "made_ns", "run_ns")
+        )
     except DAMAGE as error:
         reason = " ".join(str(error).split())[:120]
         raise InputError(f"{path}: found no checkpoint ({reason})") from None
@@ -94,7 +99,7 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
     pattern = initial_state(replace(pipeline, lead_slots=lead))
     if any(name.startswith("state.coverage.") for name in arrays):
         pattern = replace(pattern, coverage=Coverage.none(pipeline.rig))
-    return Checkpoint(put_together(pattern, arrays, str(path)), origin, lead, made)
+    return Checkpoint(put_together(pattern, arrays, str(path)), origin, lead, made, run)
 
 
 def take_apart(value: Any, name: str = "state") -> Arrays:

@@ -10,7 +10,7 @@ from e3pose.wire.messages import CameraMode, Heartbeat, Hello
 SILENT_S = 1.9  # without a word for so long a camera is given up; it speaks twice a second
 WRONG_LIMIT = 20  # messages that make no sense, within the time below: it is left out
 WRONG_S = 10.0
-QUARANTINE_S = 10.0  # and looked at again after this
+QUARANTINE_S = 5.0  # and looked at again after this
 FLOOD_RATE = 4.0  # times the messages that a camera needs, beyond which the rest is not read
 # What a camera knows of the error of its clock is half the quickest round trip: a bound, and the
 # truth is far within it. Beyond this it cannot be trusted to say which slot it saw.

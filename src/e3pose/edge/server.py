@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -32,7 +32,7 @@ from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.settings import EdgeSettings
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.tally import Counts
-from e3pose.edge.turns import skip_to, with_lead
+from e3pose.edge.turns import skip_to, still_true, with_lead
 from e3pose.edge.warm import warm_up
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.power.ledger import EnergyLedger
@@ -45,8 +45,7 @@ from e3pose.wire.transport import Transport
 BACKLOG_S = 2.0  # an edge that is farther behind gives up slots instead of working them off
 KEEP_EVENTS = 20
 KEEPING_S = 1.0  # status, checkpoint
-QUIET_S = 0.2  # how long these wait for the moment after a slot, when nothing is urgent
-AGO_SLOTS = 2  # a state from so far in the future is one whose clock went wrong
+LOOK_S = 0.1  # who is there, and how long to wait for the moment after a slot
 
 
 class EdgeServer:
@@ -81,10 +80,11 @@ class EdgeServer:
         self._tell_person = tell
         self.interval_ns = round(pipeline.interval_s / settings.pace * 1e9)
         interval_s = self.interval_ns / 1e9
-        self.started_ns = clock.now_ns()
+        self.started_ns = self.run_ns = clock.now_ns()
         num_cameras = len(pipeline.rig)
         self.counts = Counts(num_cameras, interval_s)
         self.gather = Gather(num_cameras)
+        self._delays: deque[float] = deque(maxlen=512)
         self.inbox = Inbox(
             settings.site,
             pipeline.rig,
@@ -92,7 +92,7 @@ class EdgeServer:
             interval_s,
             self.gather,
             clock,
-            self._take_delay,
+            self._delays.append,  # deques are safe to append to from any thread
             self._take_beat,
         )
         self._on_beat = on_beat
@@ -115,7 +115,6 @@ class EdgeServer:
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
-        self._delays: deque[float] = deque(maxlen=512)
         self._poses_topic = topics.of_site(settings.site, "poses")
         self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
         self._quiet = threading.Event()  # a slot was just done
@@ -133,6 +132,9 @@ class EdgeServer:
 
     def start(self) -> None:
         """Begin to receive, and to compute slots once cameras are there."""
+        if self.sink is not None:
+            for event in self.events:  # told before there was somebody to keep it
+                self.sink.event(event)
         self._join()  # cameras find the edge again while it gets ready
         warm_up(self.pipeline)
         for name, body in (
@@ -183,7 +185,7 @@ class EdgeServer:
         event = Event(self.clock.now_ns(), kind, message, camera_id)
         self.events.append(event)
         self._tell_person(event)
-        if self.sink is not None:
+        if self.sink is not None and self._threads:
             self.sink.event(event)
 
     def status(self) -> Status:
@@ -221,20 +223,13 @@ class EdgeServer:
             ahead = (1 + self.lead.slots) * self.interval_ns
             times = SlotTimes(now_ns + ahead, self.interval_ns)
         else:
-            times = self._still_true(self.times, now_ns)
+            times = still_true(self.times, self.state.slot, now_ns, self.lead.slots)
+            if times != self.times:
+                self.tell("clock", "this machine's clock went back: slots moved with it")
             self._skip(max(self.state.slot, times.slot_at(now_ns) + 1))
         for ahead, decision in enumerate(self.state.selections):
             self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
         return times
-
-    def _still_true(self, times: SlotTimes, now_ns: int) -> SlotTimes:
-        """Return where slots lie; moved, if the clock was set back while the edge was away."""
-        ahead = self.state.slot - times.slot_at(now_ns)
-        if ahead <= AGO_SLOTS + self.lead.slots:
-            return times
-        self.tell("clock", f"this machine's clock went back by {ahead} slots: slots moved with it")
-        next_ns = now_ns + (1 + self.lead.slots) * self.interval_ns
-        return SlotTimes(next_ns - self.state.slot * self.interval_ns, self.interval_ns)
 
     def _catch_up(self, times: SlotTimes) -> None:
         behind_ns = self.clock.now_ns() - self._deadline_ns(times, self.state.slot)
@@ -342,43 +337,47 @@ class EdgeServer:
             self.ledger.take(beat)
         self._on_beat(beat)
 
-    def _take_delay(self, delay_s: float) -> None:
-        self._delays.append(delay_s)  # deques are safe to append to from any thread
-
     # The keeping thread.
 
     def _run_housekeeping(self) -> None:
-        before = ["never seen"] * len(self.pipeline.rig)
+        before, due_ns = ["never seen"] * len(self.pipeline.rig), 0
         while not self._stop.is_set():
             troubles = self.inbox.troubles()
-            for camera_id, was, why in zip(
-                self.pipeline.rig.camera_ids, before, troubles, strict=True
-            ):
-                if bool(was) != bool(why):
-                    kind = "camera-lost" if why else "camera-back"
-                    self.tell(kind, f"{camera_id}: {why or 'is there'}", camera_id)
+            changed = self._tell_changes(before, troubles)
             before = troubles
-            self.gather.wake()
-            self.outbox.put(topics.of_site(self.settings.site, "status"), encode(self.status()))
-            self._keep_checkpoint()
-            self.clock.wait(self._stop, self.clock.now_ns() + round(KEEPING_S * 1e9))
+            if changed or self.clock.now_ns() >= due_ns:
+                due_ns = self.clock.now_ns() + round(KEEPING_S * 1e9)
+                status = encode(self.status())
+                self.outbox.put(topics.of_site(self.settings.site, "status"), status)
+                self._keep_checkpoint()
+            self.clock.wait(self._stop, self.clock.now_ns() + round(LOOK_S * 1e9))
             # Two threads of Python work at half the speed: not while a slot is computed.
             self._quiet.clear()
-            self._quiet.wait(QUIET_S)
+            self._quiet.wait(LOOK_S)
+
+    def _tell_changes(self, before: Sequence[str], after: Sequence[str]) -> bool:
+        """Tell of cameras that were lost or came back; return whether any was."""
+        changed = False
+        for camera_id, was, why in zip(self.pipeline.rig.camera_ids, before, after, strict=True):
+            if bool(was) != bool(why):
+                kind = "camera-lost" if why else "camera-back"
+                self.tell(kind, f"{camera_id}: {why or 'is there'}", camera_id)
+                changed = True
+        return changed
 
     def _keep_checkpoint(self) -> None:
         times, pipeline, state = self.times, self.pipeline, self.state  # values: they stay
         if times is None:
             return
         now_ns = self.clock.now_ns()
-        made = Checkpoint(state, times.origin_ns, len(state.selections), now_ns)
+        made = Checkpoint(state, times.origin_ns, len(state.selections), now_ns, self.run_ns)
         self.state_file.keep(made, pipeline)
 
     def _resume(self) -> None:
         found = self.state_file.take_up(self.pipeline)
         if found is None:
             return
-        self.times = SlotTimes(found.origin_ns, self.interval_ns)
+        self.times, self.run_ns = SlotTimes(found.origin_ns, self.interval_ns), found.run_ns
         self.lead = Lead(found.lead_slots if self.settings.adaptive_lead else self.lead.slots)
         self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
         self.state = with_lead(found.state, self.lead.slots)

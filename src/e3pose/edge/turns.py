@@ -6,8 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 
+from e3pose.clock import SlotTimes
 from e3pose.pipeline import SlotState
 from e3pose.policies.base import Floats
+
+AHEAD_SLOTS = 2  # a state from farther in the future is one whose clock went wrong
+
+
+def still_true(times: SlotTimes, slot: int, now_ns: int, lead_slots: int) -> SlotTimes:
+    """Return where slots lie; moved, if the machine's clock was set back since they were laid out.
+
+    Args:
+        times: where they lay.
+        slot: the next to compute.
+        now_ns: the time.
+        lead_slots: slots between an order and the slot it is for.
+    """
+    if slot - times.slot_at(now_ns) <= AHEAD_SLOTS + lead_slots:
+        return times
+    next_ns = now_ns + (1 + lead_slots) * times.interval_ns
+    return SlotTimes(next_ns - slot * times.interval_ns, times.interval_ns)
 
 
 def with_lead(state: SlotState, lead_slots: int) -> SlotState:

@@ -93,7 +93,9 @@ def slot_of_frame(
         newest_slot: the slot of the frame before, in which nothing more is needed.
         frame_interval_ns: time to the next frame, about.
     """
-    slot = max(times.slot_at(edge_ns), newest_slot + 1)
+    here = times.slot_at(edge_ns)
+    # A slot that is far ahead was seen before the clock was found to be wrong.
+    slot = here if newest_slot > here + 1 else max(here, newest_slot + 1)
     if edge_ns < times.begin_ns(slot) - EARLY_SHARE * times.interval_ns:
         return None
     off_ns = abs(edge_ns - times.middle_ns(slot))

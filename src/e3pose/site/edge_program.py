@@ -96,12 +96,10 @@ def make_edge(
     if site.store is not None:
         from e3pose.store import Retention, StoreWriter, WriterSettings, parse_age, parse_size
 
-        times = edge.times
         run = Run(
             site=site.name,
             name=site.name,
-            # A state that goes on belongs to the run that it came from.
-            started_ns=clock.now_ns() if times is None else times.origin_ns,
+            started_ns=edge.run_ns,  # a state that goes on belongs to the run that it came from
             interval_s=place.interval_s,
             skeleton=place.skeleton.name,
             joints=place.skeleton.joints,

@@ -37,14 +37,22 @@ class Follower:
     problem: str = ""
     fresh: threading.Event = field(default_factory=threading.Event)
 
-    def listen(self, transport: Transport, on_poses: Callable[[Poses], None] | None = None) -> None:
-        """Follow from now on; `on_poses` is called on a thread of the transport."""
+    def listen(
+        self,
+        transport: Transport,
+        on_poses: Callable[[Poses], object] | None = None,
+        on_status: Callable[[Status], object] | None = None,
+    ) -> None:
+        """Follow from now on; what is given is called on a thread of the transport."""
 
         def take_status(_topic: str, payload: bytes) -> None:
             try:
                 self.status = decode(payload, Status, "edge")
             except InputError as error:
                 self.problem = str(error)
+                return
+            if on_status is not None:
+                on_status(self.status)
             self.fresh.set()
 
         def take_poses(_topic: str, payload: bytes) -> None:

@@ -1,0 +1,233 @@
+"""A site of real processes over TLS, for tests of its bad days."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from e3pose.keys.folder import add_keys, init_keys
+from e3pose.recording import save_recording
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.config import load_site
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.wire.messages import CameraStatus, Poses, Status
+from e3pose.wire.network import NetworkTransport, open_network
+
+HERE = Path(__file__).parent
+CAMERAS = ("cam0", "cam1", "cam2")
+FPS = 20.0
+COMPILE_S = 240.0  # what a machine that never ran this may take
+
+
+def eventually(condition: Callable[[], object], seconds: float = 10.0) -> bool:
+    """Wait until a condition holds; return whether it does."""
+    end_s = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(0.02)
+    return bool(condition())
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def make_recording(folder: Path) -> Path:
+    """Save what three cameras see of two people, for some seconds."""
+    scene = SceneSettings("ring", people=2, seconds=6.0, fps=FPS, cameras=len(CAMERAS))
+    save_recording(simulate(scene, seed=4), folder)
+    return folder
+
+
+def make_keys(folder: Path, hosts: Sequence[str] = ()) -> Path:
+    now = datetime.datetime.now(datetime.timezone.utc)
+    init_keys(folder, "lab", list(hosts), now)
+    for camera_id in CAMERAS:
+        add_keys(folder, camera_id, now)
+    add_keys(folder, "wall", now, kind="viewer")
+    return folder
+
+
+@dataclass(eq=False)
+class LiveSite:
+    """An edge, three cameras and somebody who watches.
+
+    Attributes:
+        folder: of the site, with `site.toml`, `recording` and `keys`.
+        host: where the edge listens.
+        more: lines of the site file before its tables.
+        tables: lines of further tables.
+        inside: command that runs cameras elsewhere, such as in another network namespace.
+        statuses: everything that the edge said of itself, and when it came.
+        poses: what it published.
+    """
+
+    folder: Path
+    host: str = "127.0.0.1"
+    port: int = field(default_factory=free_port)
+    more: Sequence[str] = ()
+    tables: Sequence[str] = ()
+    inside: Sequence[str] = ()
+    programs: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
+    statuses: list[tuple[float, Status]] = field(default_factory=list)
+    poses: list[Poses] = field(default_factory=list)
+    ended: dict[str, int] = field(default_factory=dict)
+    _viewer: NetworkTransport | None = None
+
+    @property
+    def path(self) -> Path:
+        """The site file."""
+        return self.folder / "site.toml"
+
+    @property
+    def endpoint(self) -> str:
+        """Where cameras find the edge."""
+        host = "localhost" if self.host == "127.0.0.1" else self.host
+        return f"tls/{host}:{self.port}"
+
+    def write(self) -> None:
+        """Write the site file."""
+        lines = [
+            'format = "e3pose-site"', "version = 1", 'name = "lab"', f"fps = {FPS}",
+            'calibration = "recording/calibration.toml"', *self.more,
+            "[link]", f'endpoint = "tls/{self.host}:{self.port}"', 'keys = "keys"',
+            "[loop]", 'policy = "round-robin"', "cameras = 2", 'predictor = "zero-velocity"',
+            *self.tables,
+        ]  # fmt: skip
+        self.path.write_text("\n".join(lines) + "\n")
+
+    def start(self, name: str, *command: str) -> subprocess.Popen[bytes]:
+        """Start a program of the site; its output is appended to its log."""
+        with self.log(name).open("ab") as output:
+            program = subprocess.Popen(
+                command,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env={**os.environ, "OMP_NUM_THREADS": "1"},
+            )
+        self.programs[name] = program
+        return program
+
+    def start_edge(self) -> None:
+        self.start("edge", *e3pose("edge", str(self.path), "--json-logs"))
+
+    def start_camera(self, camera_id: str, *options: str) -> None:
+        keys = self.folder / "keys" / "cameras" / camera_id
+        self.start(
+            camera_id, *self.inside, *e3pose(
+                "camera", "--site", "lab", "--name", camera_id, "--endpoint", self.endpoint,
+                "--keys", str(keys), "--source", f"recorded:{self.folder / 'recording'}",
+                "--meter", "model", *options,
+            ),
+        )  # fmt: skip
+
+    def start_odd_camera(self, camera_id: str, habit: str) -> None:
+        """Start a camera that behaves badly; see `odd_camera`."""
+        keys = self.folder / "keys" / "cameras" / camera_id
+        program = [sys.executable, str(HERE / "odd_camera.py"), habit, camera_id, self.endpoint]
+        self.start(camera_id, *program, str(keys), str(self.folder / "recording"))
+
+    def watch(self) -> None:
+        """Follow what the edge says."""
+        follower = Follower("lab")
+        self._viewer = open_network(viewer_link(self.path, load_site(self.path), None))
+        follower.listen(self._viewer, self.poses.append, self._take)
+
+    def _take(self, status: Status) -> None:
+        self.statuses.append((time.monotonic(), status))
+
+    def log(self, name: str) -> Path:
+        return self.folder / f"{name}.log"
+
+    def events(self, kind: str) -> list[dict[str, Any]]:
+        """Return what the edge logged of a kind, oldest first."""
+        lines = self.log("edge").read_text().splitlines()
+        told = [json.loads(line) for line in lines if line.startswith("{")]
+        return [line for line in told if line.get("kind") == kind]
+
+    def status(self) -> Status:
+        return self.statuses[-1][1]
+
+    def camera(self, camera_id: str) -> CameraStatus:
+        return next(c for c in self.status().cameras if c.camera_id == camera_id)
+
+    def online(self) -> set[str]:
+        if not self.statuses:
+            return set()
+        return {camera.camera_id for camera in self.status().cameras if camera.online}
+
+    def becomes(self, *camera_ids: str, seconds: float = 10.0) -> float:
+        """Wait until exactly these cameras are online; return how long that took."""
+        begun_s = time.monotonic()
+        assert eventually(lambda: self.online() == set(camera_ids), seconds), self.told()
+        return time.monotonic() - begun_s
+
+    def flows(self, slots: int = 10, seconds: float = 10.0) -> None:
+        """Wait for so many slots more."""
+        count = len(self.poses)
+        assert eventually(lambda: len(self.poses) >= count + slots, seconds), self.told()
+
+    def send(self, name: str, number: signal.Signals) -> float:
+        """Send a signal to a program; return the time."""
+        os.kill(self.programs[name].pid, number)
+        return time.monotonic()
+
+    def wait(self, name: str, seconds: float = 10.0) -> int:
+        """Wait for the end of a program; return its exit code."""
+        code = self.programs.pop(name).wait(seconds)
+        self.ended[name] = code
+        return code
+
+    def told(self) -> str:
+        """Return what all programs said, for the one who looks into a failure."""
+        why = {c.camera_id: c.why for c in self.status().cameras} if self.statuses else {}
+        logs = "\n".join(
+            f"--- {p.name}\n{p.read_text()[-1500:]}" for p in self.folder.glob("*.log")
+        )
+        return f"{why}\n{logs}"
+
+    def close(self) -> None:
+        """End everybody, whatever state they are in."""
+        if self._viewer is not None:
+            self._viewer.close()
+        for program in self.programs.values():
+            if program.poll() is None:
+                program.kill()
+            program.wait()
+
+
+def e3pose(*words: str) -> list[str]:
+    """Return the command line of a verb."""
+    return [sys.executable, "-m", "e3pose", *words]
+
+
+def run(*words: str, seconds: float = 30.0) -> tuple[int, str, str]:
+    """Run a verb to its end; return exit code, standard output and error."""
+    done = subprocess.run(
+        e3pose(*words), capture_output=True, text=True, timeout=seconds, check=False
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def as_root(*command: str) -> None:
+    """Run a command that only root may; skip the test where it may not be run."""
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
+    except OSError as error:
+        pytest.skip(f"{command[0]}: {error}")
+    if done.returncode:
+        pytest.skip(f"{' '.join(command)}: {done.stderr.strip()[:200]}")

@@ -1,0 +1,119 @@
+"""Cameras that die, freeze, come back, know the time badly, lie, shout, or run out of battery."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import psutil
+from tests.live.processes import CAMERAS, LiveSite, eventually, run
+
+from e3pose.store import Store
+
+NOTICED_S = 2.0
+SLACK_S = 0.5  # a machine that runs tests beside it
+
+
+def looked(site: LiveSite, since: int) -> list[float]:
+    """Return how large a share of the slots since one each camera was selected in."""
+    rows = [row for row in Store(site.folder / "poses.db").rows("slots") if row["slot"] >= since]
+    assert len(rows) > 10
+    return [
+        sum(list(row["selected"])[index] in (1, "1") for row in rows) / len(rows)
+        for index in range(len(CAMERAS))
+    ]
+
+
+def test_slots_follow_each_other(site: LiveSite) -> None:
+    begin = len(site.poses)
+    site.flows(30)
+    slots = [poses.slot for poses in site.poses[begin:]]
+    assert slots == list(range(slots[0], slots[0] + len(slots)))
+    assert site.status().slots_lost == 0
+
+
+def test_top_and_check_look_at_it(site: LiveSite) -> None:
+    code, out, err = run("top", str(site.path), "--once")
+    assert (code, err) == (0, "")
+    assert "3/3 cameras" in out and all(camera_id in out for camera_id in CAMERAS)
+    code, out, err = run("check", str(site.path))
+    assert (code, err) == (0, "")
+    assert "runs, slot" in out and out.count("reached, clock") == 3
+
+
+def test_killed_camera_is_noticed_and_replaced_by_others(site: LiveSite) -> None:
+    killed_s = site.send("cam1", signal.SIGKILL)
+    site.becomes("cam0", "cam2")
+    assert time.monotonic() - killed_s < NOTICED_S
+    site.flows(5)
+    here = site.status().slot + 10
+    site.flows(30)
+    time.sleep(1.0)  # the store commits
+    assert looked(site, here) == [1.0, 0.0, 1.0]
+    site.wait("cam1")
+    site.start_camera("cam1")  # as a supervisor would; it has another session now
+    site.becomes(*CAMERAS)
+    assert eventually(lambda: site.camera("cam1").duty > 0)
+
+
+def test_frozen_camera_is_noticed_and_comes_back(site: LiveSite) -> None:
+    frozen_s = site.send("cam2", signal.SIGSTOP)
+    site.becomes("cam0", "cam1")
+    assert time.monotonic() - frozen_s < NOTICED_S + SLACK_S
+    here = site.status().slot
+    site.flows(10)
+    assert site.poses[-1].slot > here
+    thawed_s = site.send("cam2", signal.SIGCONT)
+    site.becomes(*CAMERAS)
+    assert time.monotonic() - thawed_s < 5.0
+
+
+def test_clock_that_is_wrong_drifts_and_is_set_costs_nothing_for_long(site: LiveSite) -> None:
+    site.send("cam1", signal.SIGINT)
+    assert site.wait("cam1") == 0
+    site.becomes("cam0", "cam2")
+    site.start_odd_camera("cam1", "clock")
+    site.becomes(*CAMERAS)
+    # An hour behind; frames carry that time, and the views are in their slots all the same.
+    assert eventually(lambda: abs(site.camera("cam1").clock_offset_ms - 3600e3) < 20)
+    lost = site.camera("cam1").lost
+    site.flows(20)
+    assert site.camera("cam1").lost - lost <= 4
+    # Then its clock is set by half a minute.
+    assert eventually(lambda: abs(site.camera("cam1").clock_offset_ms - 3570e3) < 20, 15)
+    site.becomes(*CAMERAS)
+    site.flows(10)
+    lost = site.camera("cam1").lost
+    site.flows(40)
+    assert site.camera("cam1").lost - lost <= 4, site.told()
+    site.send("cam1", signal.SIGTERM)
+    assert site.wait("cam1") == 0
+
+
+def test_empty_battery_is_noticed(site: LiveSite) -> None:
+    site.becomes("cam0", "cam2")
+    site.start_camera("cam1", "--battery-wh", "0.015")  # 54 J, a few seconds of its profile
+    assert eventually(lambda: site.camera("cam1").online), site.told()
+    assert eventually(lambda: site.camera("cam1").why == "battery empty", 20), site.told()
+    assert site.camera("cam1").battery == 0.0
+    site.flows(10)
+    site.send("cam1", signal.SIGKILL)
+    site.wait("cam1")
+
+
+def test_flood_of_garbage_shuts_out_its_camera_and_no_other(site: LiveSite) -> None:
+    site.becomes("cam0", "cam2")
+    edge = psutil.Process(site.programs["edge"].pid)
+    before, slots, lost = edge.memory_info().rss, len(site.poses), site.status().slots_lost
+    site.start_odd_camera("cam1", "flood")
+    began_s = time.monotonic()
+    assert eventually(lambda: "make no sense" in site.camera("cam1").why), site.told()
+    assert site.wait("cam1", 20) == 0
+    seconds = time.monotonic() - began_s
+    assert site.online() == {"cam0", "cam2"}
+    assert site.status().slots_lost == lost
+    site.flows(5)
+    assert len(site.poses) - slots > 0.8 * seconds * 20  # the others went on
+    assert edge.memory_info().rss - before < 64e6
+    site.start_camera("cam1")
+    site.becomes(*CAMERAS, seconds=20)  # let in again once it has behaved for a while

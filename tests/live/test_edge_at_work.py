@@ -1,0 +1,92 @@
+"""An edge that is killed and restarted, whose list of certificates changes, and that ends."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import numpy as np
+from tests.live.processes import CAMERAS, LiveSite, eventually, run
+
+from e3pose.edge.checkpoint import take_apart
+from e3pose.store import Store
+from e3pose.wire.codec import unpack
+
+BACK_S = 3.0
+AWAY_SLOTS = 600  # half a minute: a slot that was numbered anew would be far from that
+
+
+def test_killed_edge_goes_on_where_it_was(site: LiveSite) -> None:
+    assert eventually(lambda: len(unpack(site.poses[-1].track_ids)) > 0)
+    site.flows(50)
+    last, state = site.poses[-1], site.folder / "state.npz"
+    people = set(unpack(last.track_ids).tolist())
+    site.send("edge", signal.SIGKILL)
+    site.wait("edge")
+    with np.load(state) as archive:  # what the newest checkpoint holds
+        kept = {name: archive[name] for name in archive.files}
+    statuses, count = len(site.statuses), len(site.poses)
+    site.start_edge()
+    assert eventually(lambda: site.events("resumed"), 30), site.told()
+    assert eventually(lambda: len(site.statuses) > statuses), site.told()
+    site.becomes(*CAMERAS, seconds=15)
+    back = next(
+        status for _, status in site.statuses[statuses:] if all(c.online for c in status.cameras)
+    )
+    assert back.uptime_s < BACK_S, site.told()
+    assert eventually(lambda: len(site.poses) > count + 20), site.told()
+    first = site.poses[count]
+    assert last.slot < first.slot < last.slot + AWAY_SLOTS
+    slots = [poses.slot for poses in site.poses[count:]]
+    assert slots == list(range(slots[0], slots[0] + len(slots)))
+    # The same slots in the same time, so that the time away is the number of slots left out.
+    assert first.time_edge_ns - last.time_edge_ns == round((first.slot - last.slot) * 1e9 / 20)
+    # Nobody new has an id that somebody had.
+    assert int(kept["state.memory.belief.next_id"]) > max(people)
+    ids = set(unpack(site.poses[-1].track_ids).tolist())
+    assert not ids & (set(range(int(kept["state.memory.belief.next_id"]))) - people)
+    assert "state.deficit" in kept and "state.coverage.told" not in take_apart(())
+
+
+def test_one_run_goes_on_in_the_store(site: LiveSite) -> None:
+    site.flows(25)
+    time.sleep(1.0)  # it commits
+    store = Store(site.folder / "poses.db")
+    assert len(store.runs()) == 1
+    slots = [row["slot"] for row in store.rows("slots")]
+    assert len(set(slots)) == len(slots) and slots == sorted(slots)
+    assert any(event["kind"] == "resumed" for event in store.rows("events"))
+
+
+def test_revoked_camera_is_shut_out_and_an_added_one_let_in(site: LiveSite) -> None:
+    keys = str(site.folder / "keys")
+    assert run("keys", "revoke", "cam2", "--keys", keys)[0] == 0
+    site.becomes("cam0", "cam1")
+    assert site.programs["cam2"].poll() is None  # it goes on trying
+    time.sleep(2.0)
+    assert site.online() == {"cam0", "cam1"}
+    assert run("keys", "add", "cam2", "--keys", keys)[0] == 0
+    site.send("cam2", signal.SIGINT)
+    assert site.wait("cam2") == 0
+    site.start_camera("cam2")  # with the folder that was carried to it
+    site.becomes(*CAMERAS, seconds=15)
+
+
+def test_damaged_list_of_certificates_changes_nothing(site: LiveSite) -> None:
+    path = site.folder / "keys" / "keys.toml"
+    good = path.read_text()
+    path.write_text("no list [")
+    assert eventually(lambda: "the list of certificates changed, but" in site.told(), 5)
+    site.flows(10)
+    path.write_text(good)
+    site.becomes(*CAMERAS)
+    site.flows(10)
+
+
+def test_interrupt_ends_everybody_cleanly_and_quickly(site: LiveSite) -> None:
+    for name in ("cam0", "edge", "cam1", "cam2"):  # cameras without an edge end as well
+        sent_s = site.send(name, signal.SIGINT)
+        assert site.wait(name) == 0
+        assert time.monotonic() - sent_s < 3.0, name
+    assert " slots, " in site.log("edge").read_text()
+    assert " frames, " in site.log("cam0").read_text()
