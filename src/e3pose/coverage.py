@@ -24,9 +24,9 @@ CELL_M = 0.75  # people's own size, and the reach of a door
 NUM_CELLS = 40  # along each side of the square around the cameras
 PRIOR_VIEWS = 2.0  # that the prior counts for
 MOST_VIEWS = 60.0  # per place that are remembered, a few seconds of somebody: things get moved
-# A view in plain sight knows a joint to about 2 cm, an unseen joint may be off by 20 cm: a view adds
-# a hundred times the information there was. Simulated: 100 against an unchanged share takes the
-# mean error in `one-sided`, misses counted, from 216 to 151 mm and leaves other scenes as they are.
+# A view in plain sight knows a joint to about 2 cm, an unseen one may be off by 20 cm: a view adds
+# 100 times the information there was. Simulated: 100 against an unchanged share takes the mean
+# error in `one-sided`, misses counted, from 216 to 151 mm and leaves other scenes as they are.
 INFORMATION_RATIO = 100.0
 KNOWN_S = 0.5  # people whom no camera showed for so long may be gone: misses say nothing then
 
