@@ -13,7 +13,13 @@ DEFAULT = Path("keys")
 
 
 @keys_app.command(name="init")
-def init(site: str, /, *, host: list[str] | None = None, out: Path = DEFAULT) -> None:
+def init(
+    site: str,
+    /,
+    *,
+    host: Annotated[list[str] | None, Parameter(negative="")] = None,
+    out: Path = DEFAULT,
+) -> None:
     """Make the authority of a new site and the certificate of its edge server.
 
     Example: `e3pose keys init lab --host edge.local --host 192.168.1.10`

@@ -13,6 +13,7 @@ import tomli_w
 from e3pose.atomic import atomic_folder
 from e3pose.calibration import save_rig
 from e3pose.camera import Rig
+from e3pose.errors import InputError
 from e3pose.recording import Recording, save_recording
 from e3pose.simulate.settings import SceneSettings
 
@@ -108,6 +109,11 @@ def make_example(folder: Path) -> Path:
     """
     from e3pose.simulate.simulation import simulate
 
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise InputError(
+            f"{folder}: is there already, expected a new folder; `e3pose up {folder}` runs a site "
+            "that is there"
+        )
     with atomic_folder(folder) as made:
         recording = simulate(SCENE, 0)
         write_recorded(made, recording)

@@ -46,9 +46,9 @@ def _head(status: Status, stale_s: float) -> Text:
         head.append(f" within {status.expected_error_mm:.0f} mm")
     head.append(
         f"\nslot {status.slot}  {status.fps:.1f} a second  lead {status.lead}  "
-        f"step {status.step_ms[0]:.1f} ms (99 %: {status.step_ms[1]:.1f})  "
-        f"latency {status.latency_ms[0]:.1f} ms (99 %: {status.latency_ms[1]:.1f})  "
         f"up {_duration(status.uptime_s)}"
+        f"\nstep {status.step_ms[0]:.1f} ms (99 %: {status.step_ms[1]:.1f})  "
+        f"latency {status.latency_ms[0]:.1f} ms (99 %: {status.latency_ms[1]:.1f})"
     )
     if status.slots_lost:
         head.append(f"  {status.slots_lost} slots lost", style="red")
