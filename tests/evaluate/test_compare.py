@@ -112,7 +112,7 @@ def test_rows_are_apart_by_policy_and_camera_count() -> None:
     more = {**one, "settings": {**one["settings"], "num_selected": 2}}
     table = rows([one, other, more, one])
     assert [(r["policy"], r["cameras"], r["seeds"]) for r in table] == [
-        ("random", 1, 2), ("all", 1, 1), ("random", 2, 1),
+        ("random", 1, 2), ("all", None, 1), ("random", 2, 1),
     ]  # fmt: skip
     aimed = {**one, "settings": {**one["settings"], "target_error_m": 0.04}}
     (row,) = rows([aimed])

@@ -72,6 +72,7 @@ def evaluate(
     from e3pose.evaluate.lead_picture import draw_leads
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.evaluate.report import print_comparison
+    from e3pose.policies import policy_row
     from e3pose.recording import load_recording
 
     if not 1 <= seeds <= MAX_SEEDS:
@@ -91,7 +92,7 @@ def evaluate(
     settings = [
         each
         for name in names
-        for count in counts
+        for count in (counts if policy_row(name).asks_count else counts[:1])
         for each in tasks(
             ReplaySettings(bad_day=day, **{**asked, **choice(count, asked, plan, len(source.rig))}),
             [name],

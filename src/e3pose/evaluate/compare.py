@@ -13,6 +13,7 @@ import numpy as np
 
 from e3pose.energy import DEFAULT_BATTERY_WH
 from e3pose.evaluate.summary import summarise
+from e3pose.policies import policy_row
 from e3pose.profiles import DeviceProfile, Mode
 from e3pose.recording import Recording
 
@@ -103,15 +104,16 @@ def rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Gather summaries into one row per policy, camera count or target error, and lead.
 
     Returns:
-        Rows of `policy`, `cameras` and `target_mm`, one of which is None, `lead`, `seeds` and every
-        figure of the summaries as `{"mean": , "sd": }`: the sample standard deviation over seeds, 0
+        Rows of `policy`, `cameras` and `target_mm`, at most one of which is a number, `lead`,
+        `seeds` and every figure of the summaries as `{"mean": , "sd": }`: the sample standard deviation over seeds, 0
         for one seed. A figure that only some seeds have also tells the `count` of those.
     """
     groups: dict[tuple[str, Any, Any, int], list[Mapping[str, Any]]] = {}
     for summary in summaries:
         asked = summary["settings"]
         target = asked.get("target_error_m")
-        count = asked["num_selected"] if target is None else None
+        asks_count = policy_row(summary["policy"]).asks_count
+        count = asked["num_selected"] if target is None and asks_count else None
         target_mm = None if target is None else 1000 * target
         key = (summary["policy"], count, target_mm, asked["lead_slots"])
         groups.setdefault(key, []).append(summary)

@@ -41,7 +41,9 @@ def draw_leads(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             look = {
                 "color": COLOURS[number % len(COLOURS)],
                 "marker": MARKERS[number % len(MARKERS)],
-                "label": policy if len({c for _, c in names}) == 1 else f"{policy}, C = {cameras}",
+                "label": policy
+                if cameras is None or len({c for _, c in names}) == 1
+                else f"{policy}, C = {cameras}",
             }
             shift = APART * (number - (len(names) - 1) / 2)
             known = [(row["lead"] + shift, _spread(row, key)) for row in mine]

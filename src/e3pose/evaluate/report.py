@@ -99,7 +99,9 @@ def _devices(rows: Sequence[Mapping[str, Any]]) -> Table:
 def _asked(row: Mapping[str, Any]) -> str:
     """Return what was asked for: cameras a slot, or at most so many millimetres."""
     target_mm = row.get("target_mm")
-    return f"{row['cameras']:.3g}" if target_mm is None else f"{target_mm:g} mm"
+    if target_mm is not None:
+        return f"{target_mm:g} mm"
+    return "-" if row["cameras"] is None else f"{row['cameras']:.3g}"
 
 
 def print_summary(summary: Mapping[str, Any], console: Console | None = None) -> None:

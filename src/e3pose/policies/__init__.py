@@ -52,6 +52,7 @@ class PolicyRow:
         make: settings -> policy.
         counts: whether it wakes exactly `num_selected` cameras in every slot, or all that are
             online if they are fewer.
+        asks_count: whether `num_selected` means anything to it.
         budgeted: whether it keeps every camera within its budget in the long run.
         predictor: the predictor it uses unless told otherwise.
         holds: whether slots without a view show the poses of the slot before, being lost frames of
@@ -64,6 +65,7 @@ class PolicyRow:
     make: Callable[[PolicySettings], Policy]
     about: str
     counts: bool = True
+    asks_count: bool = True
     budgeted: bool = True
     predictor: str = "constant-velocity"
     holds: bool = False
@@ -73,7 +75,11 @@ class PolicyRow:
 
 POLICIES: dict[str, PolicyRow] = {
     "all": PolicyRow(
-        lambda s: All(), "every camera in every slot (SA)", counts=False, budgeted=False
+        lambda s: All(),
+        "every camera in every slot (SA)",
+        counts=False,
+        asks_count=False,
+        budgeted=False,
     ),
     "random": PolicyRow(lambda s: Random(s.num_selected, s.seed), "C cameras at random (RS)"),
     "round-robin": PolicyRow(
@@ -84,6 +90,7 @@ POLICIES: dict[str, PolicyRow] = {
         lambda s: Independent(s.occlusion_limit),
         "each camera for itself, by its own 2D motion vectors and a threshold (ID)",
         counts=False,
+        asks_count=False,
     ),
     "central-2d": PolicyRow(
         lambda s: Central2D(s.num_selected, s.weight(), s.round_trip_s, s.phase),
