@@ -52,9 +52,9 @@ def _head(status: Status, stale_s: float) -> Text:
     )
     if status.slots_lost:
         head.append(f"  {status.slots_lost} slots lost", style="red")
-    watts = [camera.power_w for camera in status.cameras if camera.power_w is not None]
+    watts = [c.power_w for c in status.cameras if c.online and c.power_w is not None]
     if watts:
-        head.append(f"\n{sum(watts):.1f} W in all cameras")
+        head.append(f"\n{sum(watts):.1f} W in all cameras that are there")
     return head
 
 
@@ -86,7 +86,7 @@ def _row(camera: CameraStatus) -> list[Text]:
         mode = Text(word, style=style)
     else:
         mode = Text("offline", style="red")
-    watts = "" if camera.power_w is None else f"{camera.power_w:.1f}"
+    watts = f"{camera.power_w:.1f}" if camera.online and camera.power_w is not None else ""
     if watts and not camera.measured:
         watts = f"~{watts}"  # a model says so
     battery = Text("")
