@@ -6,19 +6,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
+from e3pose.cli.site_settings import check_settings, open_ledger, site_rig
 from e3pose.errors import InputError
-
-if TYPE_CHECKING:
-    from e3pose.camera import Rig
-    from e3pose.edge.server import EdgeServer
-    from e3pose.evaluate.settings import ReplaySettings
-    from e3pose.power import EnergyLedger
-    from e3pose.site.config import SiteTable
 
 SHOW_EVERY_S = 10.0
 
@@ -58,14 +52,15 @@ def edge(
     from e3pose.wire.network import open_network
 
     table = load_site(site)
-    rig = _rig(site, table)
+    rig = site_rig(site, table)
+    settings = check_settings(site, table, rig)
     place = place_of(site, table, rig)
-    settings = loop_settings(site, table, rig)
     link, roll = edge_link(site, table)
     log = open_log("edge", json_logs, site=table.name)
     clock = WallClock()
     with ExitStack() as stack:
         transport = open_network(link, *_people(roll))
+        stack.callback(transport.close)
 
         def tell(event: Any) -> None:
             log.info(event.message, kind=event.kind, camera=event.camera_id)
@@ -257,15 +252,15 @@ def up(
         make_example(site)
     site = site / SITE_FILE if site.is_dir() else site
     table = load_site(site)
-    rig = _rig(site, table)
-    loop_settings(site, table, rig)  # what is wrong is told here, not in a log
+    rig = site_rig(site, table)
+    check_settings(site, table, rig)  # what is wrong is told here, not in a log
     folder = logs or site.parent / "logs"
-    folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "e3pose", "edge", str(site)]
     programs = [Program("edge", command, folder / "edge.log")] + [
         Program(i, camera_command(site, table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
     ]
     transport = open_network(viewer_link(site, table, None))
+    folder.mkdir(parents=True, exist_ok=True)
     follower = Follower(table.name)
     follower.listen(transport)
     console = Console(quiet=quiet)
@@ -304,67 +299,6 @@ def _nothing() -> Iterator[None]:
 
 def _people(roll: Any) -> tuple[Any, Any]:
     return (None, None) if roll is None else (roll.cameras, roll.viewers)
-
-
-def loop_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:
-    """Return the settings of the loop that a site file asks for; its keys are those of replay."""
-    from e3pose.cli.options import EnergyOptions, LoopOptions, choice
-    from e3pose.evaluate.settings import ReplaySettings
-    from e3pose.site.config import cameras_of, options_from
-
-    table = dict(site.loop)
-    cameras = table.pop("cameras", None)
-    if "lead" in table:
-        raise InputError(f"{path}: loop: lead: expected it at the top, a number or adaptive")
-    if not (cameras is None or (isinstance(cameras, (int, float)) and cameras > 0)):
-        raise InputError(f"{path}: loop: cameras: found {cameras!r}, expected a number above 0")
-    policy = table.pop("policy", None)
-    loop = options_from(path, "loop", table, LoopOptions).settings()
-    loop["lead_slots"] = site.lead if isinstance(site.lead, int) else 1
-    energy = options_from(path, "energy", site.energy, EnergyOptions)
-    known = {i: c.battery_wh for i, c in cameras_of(path, site, rig).items() if c.battery_wh}
-    plan = energy.plan(rig.camera_ids, 1 / site.fps, known)
-    return ReplaySettings(policy=policy, **{**loop, **choice(cameras, loop, plan, len(rig))})
-
-
-def open_ledger(
-    path: Path, site: SiteTable, rig: Rig, settings: ReplaySettings, server: EdgeServer
-) -> EnergyLedger:
-    """Return the ledger of a site's energy, with the budgets that its file asks for."""
-    from datetime import datetime
-
-    from e3pose.cli.options import EnergyOptions
-    from e3pose.power import Budget, EnergyLedger, parse_budget
-    from e3pose.site.config import cameras_of, options_from
-
-    energy, now = options_from(path, "energy", site.energy, EnergyOptions), datetime.now()
-    budgets = []
-    cameras = cameras_of(path, site, rig).values()
-    for camera, share in zip(cameras, server.pipeline.budget.tolist(), strict=True):
-        words = camera.budget or site.budget
-        try:
-            budgets.append(
-                Budget("duty", share) if words is None else parse_budget(words, now.astimezone())
-            )
-        except InputError as error:
-            raise InputError(f"{path}: camera {camera.id}: {error}") from None
-    return EnergyLedger(
-        rig.camera_ids,
-        energy.plan(rig.camera_ids, 1 / site.fps).profiles,
-        server.settings.idle_modes,
-        budgets,
-        1 / site.fps,
-        settings.num_selected,
-        server.clock.now_ns,
-        getattr(server.sink, "energy", None),
-    )
-
-
-def _rig(path: Path, site: SiteTable) -> Rig:
-    from e3pose.calibration import load_rig
-    from e3pose.site.config import beside
-
-    return load_rig(beside(path, site.calibration))
 
 
 def _summary(server: Any) -> None:

@@ -95,14 +95,13 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
     from rich.console import Console
     from rich.table import Table
 
-    from e3pose.calibration import load_rig
-    from e3pose.cli.living import loop_settings
+    from e3pose.cli.site_settings import check_settings, site_rig
     from e3pose.site import check as examine
-    from e3pose.site.config import beside, load_site
+    from e3pose.site.config import load_site
 
     table = load_site(site)
-    rig = load_rig(beside(site, table.calibration))
-    loop_settings(site, table, rig)
+    rig = site_rig(site, table)
+    check_settings(site, table, rig)
     findings = [
         *examine.check_calibration(rig),
         *examine.check_link_of(site, table, rig),

@@ -12,7 +12,7 @@ from e3pose.keys.folder import certificates_in, check_certificates
 from e3pose.node.base import LiveDetector, NodeSettings
 from e3pose.node.live import CameraNode
 from e3pose.node.live_source import RecordedDetector, make_source
-from e3pose.site.config import NodeTable
+from e3pose.site.config import NodeTable, place
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.transport import Transport
 
@@ -31,7 +31,7 @@ def camera_link(node: NodeTable, folder: Path) -> Link:
     """
     certificates = None
     if split_endpoint(node.endpoint)[0] == "tls" and node.keys is not None:
-        certificates = certificates_in(folder / Path(node.keys).expanduser(), "camera")
+        certificates = certificates_in(place(folder, node.keys), "camera")
         check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
     link = Link("camera", node.site, node.endpoint, certificates, insecure=node.insecure)
     check_link(link)
@@ -62,9 +62,9 @@ def make_camera(
     name = node.source
     kind, colon, rest = name.partition(":")
     if kind == RECORDED and colon:
-        name = f"{RECORDED}:{folder / rest}"
+        name = f"{RECORDED}:{place(folder, rest)}"
     elif "://" not in name and kind not in ("usb", "gstreamer"):
-        name = str(folder / name)
+        name = str(place(folder, name))
     source = make_source(name, node.camera, clock, node.fps, node.pace, node.begin_s)
     detector, joints = _detector(node, folder, source)
     settings = NodeSettings(
@@ -85,7 +85,7 @@ def _detector(node: NodeTable, folder: Path, source: Any) -> tuple[LiveDetector,
 
     from e3pose.detectors import make_detector
 
-    model = None if node.model is None else folder / Path(node.model).expanduser()
+    model = None if node.model is None else place(folder, node.model)
     detector = make_detector(node.detector, model, node.provider, node.threads)
     detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first look is slow: now, then
     return detector, detector.skeleton.joints

@@ -14,6 +14,7 @@ import msgspec
 from e3pose.bounded import read_toml
 from e3pose.camera import Rig, check_camera_id
 from e3pose.errors import InputError
+from e3pose.misfit import misfit
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
 
@@ -200,7 +201,12 @@ def load_site(path: Path) -> SiteTable:
         if camera.id in seen:
             raise InputError(f"{path}: camera {camera.id}: found twice, expected once")
         seen.add(camera.id)
-        _check_camera(path, camera.wake_s, camera.battery_wh, camera.threads)
+        where = f"camera {camera.id}: "
+        _check_camera(path, camera.wake_s, camera.battery_wh, camera.threads, where)
+    if site.state and not site.state.endswith(".npz"):  # it is replaced again and again
+        raise InputError(
+            f"{path}: state: found {site.state[:80]!r}, expected a name that ends in .npz, or ''"
+        )
     return site
 
 
@@ -247,25 +253,32 @@ def cameras_of(path: Path, site: SiteTable, rig: Rig) -> dict[str, CameraTable]:
 
 
 def beside(path: Path, name: str) -> Path:
-    """Return the place that a name in a configuration file means: relative to the file."""
-    return path.parent / Path(name).expanduser()
+    """Return the place that a name in a configuration file means: relative to the file.
+
+    Raises:
+        InputError: for what can name no file.
+    """
+    try:
+        return place(path.parent, name)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def place(folder: Path, name: str) -> Path:
+    """Return the place that a name means, relative to a folder; `~` is the user's home."""
+    if not name.isprintable():
+        raise InputError(f"found {name[:80]!r}, expected the name of a file or folder")
+    try:
+        return folder / Path(name).expanduser()
+    except RuntimeError:  # `~somebody`
+        raise InputError(f"found {name[:80]!r}, expected the home of a user there is") from None
 
 
 def _converted(path: Path, table: Mapping[str, Any], kind: type[Table]) -> Table:
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {_told(str(error), kind)}") from None
-
-
-def _told(error: str, kind: type[msgspec.Struct]) -> str:
-    """Return msgspec's message with the place first, and what is known where a key is not."""
-    what, _, place = error.partition(" - at ")
-    where = place.strip("`").removeprefix("$").lstrip(".")
-    line = f"{where}: {what}" if where else what
-    if "unknown field" in what and not where:
-        line += f", expected one of {', '.join(kind.__struct_fields__)}"
-    return line[0].lower() + line[1:]
+        raise InputError(f"{path}: {misfit(error, kind)}") from None
 
 
 def _within(path: Path, key: str, value: float, low: float, high: float) -> None:
@@ -273,12 +286,14 @@ def _within(path: Path, key: str, value: float, low: float, high: float) -> None
         raise InputError(f"{path}: {key}: found {value:g}, expected {low:g} to {high:g}")
 
 
-def _check_camera(path: Path, wake_s: float, battery_wh: float | None, threads: int | None) -> None:
-    _within(path, "wake_s", wake_s, 0, 3600)
+def _check_camera(
+    path: Path, wake_s: float, battery_wh: float | None, threads: int | None, where: str = ""
+) -> None:
+    _within(path, f"{where}wake_s", wake_s, 0, 3600)
     if threads is not None:
-        _within(path, "threads", threads, 1, 1024)
+        _within(path, f"{where}threads", threads, 1, 1024)
     if battery_wh is not None:
-        _within(path, "battery_wh", battery_wh, 1e-3, 1e6)
+        _within(path, f"{where}battery_wh", battery_wh, 1e-3, 1e6)
 
 
 def _named(path: Path, check: Any) -> None:
@@ -303,6 +318,8 @@ def options_from(path: Path, table: str, found: Mapping[str, Any], known: Any) -
     from dataclasses import fields
 
     plain = {key.replace("-", "_"): value for key, value in found.items()}
+    if len(plain) < len(found):
+        raise InputError(f"{path}: {table}: found a key twice, once with - and once with _")
     names = [item.name for item in fields(known)]
     for key in plain:
         if key not in names:
@@ -312,4 +329,4 @@ def options_from(path: Path, table: str, found: Mapping[str, Any], known: Any) -
     try:
         return msgspec.convert(plain, known)
     except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {table}: {error}") from None
+        raise InputError(f"{path}: {table}: {misfit(error, known)}") from None

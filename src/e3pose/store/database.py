@@ -104,6 +104,22 @@ def reading(store: str | Path, engines: dict[str, Engine] | None = None) -> Iter
         raise InputError(f"{where}: cannot be read ({reason})") from None
 
 
+def check_place(url: str) -> None:
+    """Raise `InputError` if a store cannot be at a place, as far as a look can tell."""
+    path = database_path(url)
+    if path is None:
+        _engine(url).dispose()
+        return
+    if path.is_dir():
+        raise InputError(f"{path}: found a folder, expected a file")
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: found a pipe, socket or device, expected a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: found no folder {path.parent}, expected one")
+    if _is_other_file(path) and path.suffix not in ENDINGS:
+        raise InputError(f"{path}: found a file that is no database, expected a store")
+
+
 def open_checked(url: str) -> str | None:
     """Make or check the tables of a store before its writer starts.
 
@@ -116,17 +132,11 @@ def open_checked(url: str) -> str | None:
         InputError: when the database is not ours, or of another version.
         sqlalchemy.exc.OperationalError: when it cannot be used now: full disk, lock, no server.
     """
+    check_place(url)
     path = database_path(url)
     told = None
-    if path is not None:
-        if path.is_dir():
-            raise InputError(f"{path}: found a folder, expected a file")
-        if not path.parent.is_dir():
-            raise InputError(f"{path}: found no folder {path.parent}, expected one")
-        if path.is_file() and path.stat().st_size and not _is_sqlite(path):
-            if path.suffix not in ENDINGS:
-                raise InputError(f"{path}: found a file that is no database, expected a store")
-            told = set_aside(path, "its first bytes are not those of a database")
+    if path is not None and _is_other_file(path):
+        told = set_aside(path, "its first bytes are not those of a database")
     try:
         _prepare(url, path)
     except DBAPIError as error:
@@ -202,6 +212,9 @@ def _damage(reason: str) -> DBAPIError:
     return DBAPIError("PRAGMA quick_check", None, error)
 
 
-def _is_sqlite(path: Path) -> bool:
+def _is_other_file(path: Path) -> bool:
+    """Tell a file that holds something, but no database."""
+    if not (path.is_file() and path.stat().st_size):
+        return False
     with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+        return file.read(len(MAGIC)) != MAGIC
