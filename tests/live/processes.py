@@ -68,6 +68,8 @@ class LiveSite:
     Attributes:
         folder: of the site, with `site.toml`, `recording` and `keys`.
         host: where the edge listens.
+        port: where the edge listens.
+        camera_port: where cameras find it, if elsewhere.
         more: lines of the site file before its tables.
         tables: lines of further tables.
         inside: command that runs cameras elsewhere, such as in another network namespace.
@@ -78,6 +80,7 @@ class LiveSite:
     folder: Path
     host: str = "127.0.0.1"
     port: int = field(default_factory=free_port)
+    camera_port: int = 0
     more: Sequence[str] = ()
     tables: Sequence[str] = ()
     inside: Sequence[str] = ()
@@ -96,7 +99,7 @@ class LiveSite:
     def endpoint(self) -> str:
         """Where cameras find the edge."""
         host = "localhost" if self.host == "127.0.0.1" else self.host
-        return f"tls/{host}:{self.port}"
+        return f"tls/{host}:{self.camera_port or self.port}"
 
     def write(self) -> None:
         """Write the site file."""

@@ -1,0 +1,77 @@
+"""A disk that fills up under a running edge, and has room again."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.live.processes import CAMERAS, COMPILE_S, LiveSite, as_root, eventually, make_keys
+
+SIZE = "48m"  # the store sets 32 MiB aside
+
+
+@pytest.fixture
+def small_site(tmp_path: Path, recording: Path) -> Iterator[LiveSite]:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    as_root("mount", "-t", "tmpfs", "-o", f"size={SIZE}", "tmpfs", str(disk))
+    (tmp_path / "recording").symlink_to(recording)
+    make_keys(tmp_path / "keys")
+    tables = ("[store]", 'path = "disk/poses.db"')
+    made = LiveSite(tmp_path, more=('state = "disk/state.npz"',), tables=tables)
+    made.write()
+    made.start_edge()
+    for camera_id in CAMERAS:
+        made.start_camera(camera_id)
+    made.watch()
+    try:
+        assert eventually(lambda: len(made.poses) > 20, COMPILE_S), made.told()
+        yield made
+    finally:
+        made.close()
+        subprocess.run(["umount", "-l", str(disk)], capture_output=True, check=False)
+
+
+def fill(path: Path) -> None:
+    """Leave no byte free."""
+    with path.open("wb", buffering=0) as file:
+        for size in (2**20, 4096, 1):
+            try:
+                while True:
+                    file.write(b"x" * size)
+            except OSError:
+                continue
+
+
+def test_full_disk_is_told_and_stops_nobody(small_site: LiveSite) -> None:
+    from e3pose.store import Store
+
+    site, disk = small_site, small_site.folder / "disk"
+    state = disk / "state.npz"
+    assert eventually(state.exists)
+    fill(disk / "filler")
+    # The state is written beside the old one, which stays as it was until there is room.
+    assert eventually(lambda: "the state cannot be kept" in site.log("edge").read_text()), (
+        site.told()
+    )
+    kept = state.read_bytes()
+    assert eventually(lambda: site.events("store-full")), site.told()
+    count, lost = len(site.poses), site.status().slots_lost
+    site.flows(40)
+    slots = [poses.slot for poses in site.poses[count:]]
+    assert slots == list(range(slots[0], slots[0] + len(slots)))
+    assert site.status().slots_lost == lost
+    assert kept and state.read_bytes() == kept
+    told = [line for line in site.events("checkpoint") if "cannot be kept" in line["event"]]
+    assert len(told) == 1  # not once a second
+    os.unlink(disk / "filler")
+    assert eventually(lambda: "the state is kept again" in site.log("edge").read_text())
+    site.flows(30)
+    newest = site.poses[-1].slot
+    database = Store(disk / "poses.db")
+    assert eventually(lambda: database.rows("slots")[-1]["slot"] >= newest, 15), site.told()
+    stored = [row["slot"] for row in database.rows("slots")]
+    assert stored == list(range(stored[0], stored[0] + len(stored)))  # the spool had the rest
