@@ -105,8 +105,9 @@ def rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
     Returns:
         Rows of `policy`, `cameras` and `target_mm`, at most one of which is a number, `lead`,
-        `seeds` and every figure of the summaries as `{"mean": , "sd": }`: the sample standard deviation over seeds, 0
-        for one seed. A figure that only some seeds have also tells the `count` of those.
+        `seeds` and every figure of the summaries as `{"mean": , "sd": }`: the sample standard
+        deviation over seeds, 0 for one seed. A figure that only some seeds have also tells the
+        `count` of those.
     """
     groups: dict[tuple[str, Any, Any, int], list[Mapping[str, Any]]] = {}
     for summary in summaries:
