@@ -8,6 +8,8 @@ from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from e3pose.errors import InputError
+
 keys_app = App(name="keys", help="Make, list and revoke the certificates of a site.")
 DEFAULT = Path("keys")
 
@@ -107,8 +109,8 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
     """
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    from e3pose.keys.authority import expires
     from e3pose.keys.folder import read_roll
 
     roll = read_roll(keys)
@@ -120,11 +122,23 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
             for name, common_name in people.items()
         ]
     for name, kind, common_name, path in rows:
-        until = f"{expires(path.read_bytes()):%Y-%m-%d}" if path.is_file() else "file is gone"
-        table.add_row(name, kind, until, common_name)
+        table.add_row(Text(name), kind, _until(path), Text(common_name))
     for common_name in roll.revoked:
-        table.add_row(common_name.rpartition("#")[0], "revoked", "", common_name)
+        table.add_row(Text(common_name.rpartition("#")[0]), "revoked", "", Text(common_name))
     Console().print(table)
+
+
+def _until(path: Path) -> str:
+    from e3pose.bounded import read_bytes
+    from e3pose.keys.authority import expires
+    from e3pose.keys.folder import MAX_PEM_BYTES
+
+    if not path.exists():
+        return "file is gone"
+    try:
+        return f"{expires(read_bytes(path, MAX_PEM_BYTES)):%Y-%m-%d}"
+    except (InputError, ValueError):
+        return "file is damaged"
 
 
 def _now() -> datetime.datetime:

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
+from e3pose.cli.quantities import check_seconds
 from e3pose.cli.site_settings import check_settings, open_ledger, site_rig
 from e3pose.errors import InputError
 
@@ -43,6 +44,7 @@ def edge(
     """
     from contextlib import ExitStack
 
+    check_seconds("--for", for_s)
     from e3pose.clock import WallClock
     from e3pose.site.config import load_site
     from e3pose.site.edge_program import Admission, edge_link, make_edge, place_of
@@ -238,6 +240,7 @@ def up(
     """
     import time
 
+    check_seconds("--for", for_s)
     from rich.console import Console
     from rich.live import Live
 
@@ -255,6 +258,8 @@ def up(
     rig = site_rig(site, table)
     check_settings(site, table, rig)  # what is wrong is told here, not in a log
     folder = logs or site.parent / "logs"
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--logs: found a file, expected a folder: {folder}")
     command = [sys.executable, "-m", "e3pose", "edge", str(site)]
     programs = [Program("edge", command, folder / "edge.log")] + [
         Program(i, camera_command(site, table, i, rig), folder / f"{i}.log") for i in rig.camera_ids

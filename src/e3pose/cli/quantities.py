@@ -13,6 +13,7 @@ T = TypeVar("T")
 
 QUANTITY = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*([a-z]*)\s*", re.IGNORECASE)
 LENGTHS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0}
+LONGEST_S = 1e8  # three years
 DURATIONS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
@@ -62,6 +63,12 @@ def per_camera(
     if missing and not usual:
         raise InputError(f"{option}: found nothing for camera {missing[0]}, expected {example}")
     return [special[c] if c in special else usual[0] for c in camera_ids]
+
+
+def check_seconds(option: str, value: float | None) -> None:
+    """Raise `InputError` for a number of seconds that nobody can wait for; None is none."""
+    if value is not None and not 0 <= value <= LONGEST_S:
+        raise InputError(f"{option}: found {value:g}, expected 0 to {LONGEST_S:g} seconds")
 
 
 def number(option: str, text: str, example: str) -> float:

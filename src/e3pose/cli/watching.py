@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.text import Text
 
+from e3pose.cli.quantities import check_seconds
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def top(
     timeout
         Seconds to wait for the edge with --once.
     """
+    check_seconds("--timeout", timeout)
     from rich.console import Console
     from rich.live import Live
 
@@ -92,6 +94,7 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
     timeout
         Seconds to wait for the edge, if it runs.
     """
+    check_seconds("--timeout", timeout)
     from rich.console import Console
     from rich.table import Table
 

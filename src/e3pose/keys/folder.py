@@ -24,7 +24,7 @@ from typing import Any, Literal
 
 import tomli_w
 
-from e3pose.atomic import atomic_file, check_free
+from e3pose.atomic import atomic_file, atomic_folder, check_free
 from e3pose.bounded import read_bytes, read_toml
 from e3pose.camera import check_camera_id
 from e3pose.errors import InputError
@@ -35,6 +35,9 @@ FORMAT = "e3pose-keys"
 MAX_LIST_BYTES = 2**20
 MAX_PEM_BYTES = 2**16
 HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
+COMMON_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,51}#([0-9]{1,9})")
+MAX_COUNT = 10**9 - 1
+KEYS = ("format", "version", "site", "count", "revoked", "cameras", "viewers")
 Kind = Literal["camera", "viewer"]
 
 
@@ -75,21 +78,23 @@ def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datet
     for host in hosts:
         if not HOST.fullmatch(host):
             raise InputError(f"host {host[:80]!r}: expected a name or an address")
+    if folder.is_dir() and any(folder.iterdir()):  # whose certificates would all be worthless
+        raise InputError(f"{folder}: folder exists and is not empty, expected a free name")
     check_free(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    folder.chmod(0o700)
     authority, authority_key = make_authority(site, now)
     names = list(dict.fromkeys(["localhost", "127.0.0.1", *hosts]))
     edge, edge_key = make_certificate(authority, authority_key, f"{site}#edge", names, now)
-    for name, content in (
-        ("authority.pem", authority),
-        ("authority.key", authority_key),
-        ("edge.pem", edge),
-        ("edge.key", edge_key),
-    ):
-        _write(folder / name, content)
     roll = Roll(site)
-    _write_roll(folder, roll)
+    with atomic_folder(folder) as temporary:
+        for name, content in (
+            ("authority.pem", authority),
+            ("authority.key", authority_key),
+            ("edge.pem", edge),
+            ("edge.key", edge_key),
+        ):
+            _write(temporary / name, content)
+        _write_roll(temporary, roll)
+    folder.chmod(0o700)
     return roll
 
 
@@ -124,12 +129,19 @@ def add_keys(
     authority = read_bytes(folder / "authority.pem", MAX_PEM_BYTES)
     key = read_bytes(folder / "authority.key", MAX_PEM_BYTES)
     number = roll.count + 1
+    if number > MAX_COUNT:
+        raise InputError(f"{folder}/keys.toml: count: found {roll.count}, expected fewer")
     subject = f"{name[:52]}#{number}"
     try:
         certificate, private = make_certificate(authority, key, subject, ["localhost", name], now)
-    except ValueError as error:
-        raise InputError(f"{folder}/authority: {' '.join(str(error).split())[:200]}") from None
+    except ValueError:
+        raise InputError(
+            f"{folder}: authority.pem, authority.key: found no certificate and its key, "
+            "expected those that `e3pose keys init` made"
+        ) from None
     place = folder / f"{kind}s" / name
+    if place.is_symlink() or place.parent.is_symlink():
+        raise InputError(f"{place}: found a symbolic link, expected a folder")
     place.mkdir(parents=True, exist_ok=True)
     _write(place / "authority.pem", authority)
     _write(place / f"{kind}.pem", certificate)
@@ -173,23 +185,44 @@ def read_roll(folder: Path) -> Roll:
     table = read_toml(path, MAX_LIST_BYTES)
     if table.get("format") != FORMAT or table.get("version") != 1:
         raise InputError(f"{path}: expected format {FORMAT!r}, version 1")
-    people: dict[str, dict[str, str]] = {}
-    for group in ("cameras", "viewers"):
-        found = table.get(group, {})
-        if not isinstance(found, dict) or not all(isinstance(v, str) for v in found.values()):
-            raise InputError(f"{path}: {group}: expected a table of names")
-        people[group] = {check_camera_id(name): value for name, value in found.items()}
-    revoked = table.get("revoked", [])
-    count = table.get("count", 0)
-    if not isinstance(revoked, list) or not isinstance(count, int):
-        raise InputError(f"{path}: revoked: expected a list of names, count: a whole number")
-    return Roll(
-        check_site(table.get("site")),
-        people["cameras"],
-        people["viewers"],
-        tuple(str(name) for name in revoked),
-        count,
-    )
+    for key in table:
+        if key not in KEYS:
+            raise InputError(f"{path}: unknown key {key[:60]!r}, expected one of {', '.join(KEYS)}")
+    try:
+        people = {group: _people(group, table.get(group, {})) for group in ("cameras", "viewers")}
+        revoked = table.get("revoked", [])
+        if not isinstance(revoked, list):
+            raise InputError(f"revoked: found {str(revoked)[:60]!r}, expected a list of names")
+        known = [*people["cameras"].values(), *people["viewers"].values(), *revoked]
+        numbers = [_number(name) for name in known]
+        if len(set(known)) < len(known):
+            twice = next(name for name in known if known.count(name) > 1)
+            raise InputError(f"found {twice} twice, expected one name for each certificate")
+        count = table.get("count", 0)
+        if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= MAX_COUNT:
+            raise InputError(f"count: found {str(count)[:60]!r}, expected 0 to {MAX_COUNT}")
+        site = check_site(table.get("site"))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    # A number is never given twice, whatever became of the count.
+    return Roll(site, people["cameras"], people["viewers"], tuple(revoked), max([count, *numbers]))
+
+
+def _people(group: str, found: object) -> dict[str, str]:
+    if not isinstance(found, dict):
+        raise InputError(f"{group}: found {str(found)[:60]!r}, expected a table of names")
+    for name, common_name in found.items():
+        check_camera_id(name)
+        _number(common_name)
+    return found
+
+
+def _number(common_name: object) -> int:
+    """Return the number in a common name, which makes it somebody's and nobody else's."""
+    match = COMMON_NAME.fullmatch(common_name) if isinstance(common_name, str) else None
+    if match is None:
+        raise InputError(f"found {str(common_name)[:80]!r}, expected a common name such as cam1#2")
+    return int(match[1])
 
 
 def certificates_in(folder: Path, role: Literal["edge", "camera", "viewer"]) -> Certificates:

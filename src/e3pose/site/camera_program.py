@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.clock import Clock
+from e3pose.errors import InputError
 from e3pose.keys.folder import certificates_in, check_certificates
 from e3pose.node.base import LiveDetector, NodeSettings
 from e3pose.node.live import CameraNode
@@ -61,6 +62,8 @@ def make_camera(
     """
     name = node.source
     kind, colon, rest = name.partition(":")
+    if kind == RECORDED and not rest:
+        raise InputError(f"source {name!r}: expected recorded:RECORDING, the folder of a recording")
     if kind == RECORDED and colon:
         name = f"{RECORDED}:{place(folder, rest)}"
     elif "://" not in name and kind not in ("usb", "gstreamer"):
