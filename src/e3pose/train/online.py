@@ -93,7 +93,7 @@ def _work(folder: Path, job: Job) -> None:
     from e3pose.train.card import model_card
     from e3pose.train.clips import hold_out_ends
     from e3pose.train.export import export
-    from e3pose.train.validation import error_factors, examine, make_exams
+    from e3pose.train.validation import error_curves, examine, make_exams
     from e3pose.train.weights import network_of
     from e3pose.train.windows import Corruption, Sampler
 
@@ -136,10 +136,10 @@ def _work(folder: Path, job: Job) -> None:
         raise InputError("the edge has ended")
 
     new = run.averaged()
-    factors = error_factors(examine(new, make_exams([("calibration", calibration)], *shape)))
+    curves = error_curves(examine(new, make_exams([("calibration", calibration)], *shape)))
     exams = make_exams([("the newest minutes", held_back)], *shape)
     (after,), (before,) = examine(new, exams), examine(running, exams)
-    content = export(new, factors)
+    content = export(new, [1.0] * leads, curves)
     with atomic_file(folder / WEIGHTS) as temporary:
         temporary.write_bytes(content)
     with atomic_file(folder / CARD) as temporary:
