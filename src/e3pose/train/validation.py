@@ -177,12 +177,6 @@ def score(marks: Sequence[Marks]) -> float:
     return float(np.mean([mark.ratio.mean() for mark in marks]))
 
 
-def error_factors(marks: Sequence[Marks]) -> list[float]:
-    """Return per lead the factor that makes expected errors right on average, over all exams."""
-    ratio = np.mean([np.log(mark.error_m / mark.expected_m) for mark in marks], axis=0)
-    return [float(factor) for factor in np.exp(ratio)]
-
-
 def error_curves(marks: Sequence[Marks]) -> Floats:
     """Return per lead what to make of expected errors, so that they are right at every size.
 
