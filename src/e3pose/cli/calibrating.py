@@ -23,6 +23,7 @@ MAX_SECONDS = 3600.0
 @calibrate_app.command
 def noise(
     recording: Path,
+    /,
     *,
     out: Path | None = None,
     plot: Path | None = None,
@@ -66,6 +67,8 @@ def noise(
 
     if not 0 < seconds <= MAX_SECONDS:
         raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    if detector is not None and not (0 < len(detector) <= 200 and detector.isprintable()):
+        raise InputError(f"--detector: found {detector[:40]!r}, expected 1 to 200 characters")
     if plot is not None:
         check_svg("--plot", plot)
     check_outputs(recording, {"--out": out, "--plot": plot})

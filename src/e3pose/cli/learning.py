@@ -12,6 +12,7 @@ from e3pose.cli.options import Whole
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
+    from e3pose.evaluate.settings import ReplaySettings
     from e3pose.learning import OnlineTrainer
     from e3pose.learning.rehearse import Rehearsed
     from e3pose.predictors.base import Predictor
@@ -80,9 +81,16 @@ def learn_replay(
         Share by which the error must be lower at every lead.
     """
     from e3pose.clock import WallClock
+    from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.learning import LearningSettings, OnlineTrainer
+    from e3pose.learning.versions import check_learning_folder
     from e3pose.recording import load_recording
 
+    places = [path.resolve() for path in recordings]
+    for path, place in zip(recordings, places, strict=True):
+        if places.count(place) > 1:
+            raise InputError(f"{path}: found twice, expected every recording once")
+    check_learning_folder(out)
     sources = [load_recording(path) for path in recordings]
     skeletons = {source.skeleton.name for source in sources}
     rates = {source.fps for source in sources}
@@ -97,7 +105,6 @@ def learn_replay(
         margin=margin,
         chunk_s=max(1.0, min(30.0, held_back / 4)),
     )
-    trainer = OnlineTrainer(out, sources[0].skeleton, settings, WallClock(), background=paced)
     options = {
         "policy": policy,
         "pipeline": pipeline,
@@ -105,18 +112,23 @@ def learn_replay(
         "num_selected": min(3, *(len(s.rig) for s in sources)) if cameras is None else cameras,
         "predictor": "attention-lstm",
     }
+    given = {key: value for key, value in options.items() if value is not None}
+    loop = ReplaySettings(**given)  # type: ignore[arg-type]
+    for source in sources:  # a wrong option is told before anything is written
+        make_pipeline(source, loop)
+    trainer = OnlineTrainer(out, sources[0].skeleton, settings, WallClock(), background=paced)
     try:
-        _run(sources, {k: v for k, v in options.items() if v is not None}, trainer, paced)
+        _run(sources, loop, trainer, paced)
     finally:
         trainer.close()
     _print_versions(out)
 
 
 @learn_app.command(name="versions")
-def list_versions(folder: Path) -> None:
+def list_versions(folder: Path, /) -> None:
     """List the networks of a site, and how much better each was than the one before it.
 
-    Example: e3pose learn versions learned
+    Example: `e3pose learn versions learned`
 
     Parameters
     ----------
@@ -128,10 +140,10 @@ def list_versions(folder: Path) -> None:
 
 
 @learn_app.command
-def rollback(folder: Path, *, to: Whole | None = None) -> None:
+def rollback(folder: Path, /, *, to: Whole | None = None) -> None:
     """Go back to an earlier network; a system that runs with the folder takes it within a second.
 
-    Example: e3pose learn rollback learned
+    Example: `e3pose learn rollback learned`
 
     Parameters
     ----------
@@ -153,16 +165,14 @@ def rollback(folder: Path, *, to: Whole | None = None) -> None:
 
 
 def _run(
-    sources: list[Recording], options: dict[str, object], trainer: OnlineTrainer, paced: bool
+    sources: list[Recording], settings: ReplaySettings, trainer: OnlineTrainer, paced: bool
 ) -> None:
     import logging
     import time
 
     from e3pose.cli.progress import track_progress
-    from e3pose.evaluate.replay import ReplaySettings
     from e3pose.learning.rehearse import rehearse
 
-    settings = ReplaySettings(**options)  # type: ignore[arg-type]
     logging.getLogger("e3pose.learning").addHandler(logging.NullHandler())  # events are printed
     told = 0
     predictor: Predictor | None = trainer.poll()

@@ -21,6 +21,7 @@ TOO_WIDE = ("joints",)  # for a terminal; files have them
 
 def query(
     store: str,
+    /,
     *,
     from_: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
     to: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
@@ -75,7 +76,7 @@ def query(
     database = database_path(database_url(store))
     for form, path in outputs.items():
         check_file_free(path)
-        if database is not None and path.resolve() == database.resolve():
+        if database is not None and path.resolve() in _files_of(database.resolve()):
             raise InputError(f"--{form}: found the store itself, expected another file: {path}")
     if len({path.resolve() for path in outputs.values()}) < len(outputs):
         raise InputError("--csv, --parquet, --json: found the same file twice, expected different")
@@ -83,6 +84,9 @@ def query(
         for option, value in (("--joint", joint), ("--track", track)):
             if value is not None:
                 raise InputError(f"{option}: found {value} with --what {what}, expected poses")
+    for option, value in (("--track", track), ("--run", run)):
+        if value is not None and not 0 <= value < 2**63:
+            raise InputError(f"{option}: found {str(value)[:40]}, expected a number of 0 or more")
 
     asked = Store(store)
     bounds: dict[str, Any] = {"start": from_, "end": to, "site": site, "run": run}
@@ -94,6 +98,11 @@ def query(
     for form, path in outputs.items():
         count = write_tables(_chunks(asked, what, bounds, track, joint), path, form)
         print(f"{path}: {count} rows")
+
+
+def _files_of(database: Path) -> list[Path]:
+    """Return the database with the files that SQLite keeps beside it."""
+    return [database, *(Path(f"{database}{end}") for end in ("-wal", "-shm", "-journal"))]
 
 
 def _chunks(

@@ -134,6 +134,7 @@ def _budgets(path: Path, site: SiteTable, rig: Rig, shares: list[float]) -> list
 def _check_places(path: Path, site: SiteTable) -> None:
     """What the edge writes must not be where something else stands."""
     from e3pose.atomic import check_file_free
+    from e3pose.learning.versions import check_learning_folder
     from e3pose.site.config import beside
 
     try:
@@ -141,8 +142,8 @@ def _check_places(path: Path, site: SiteTable) -> None:
             check_file_free(beside(path, site.state))
         if site.store is not None:
             _check_store(path, site.store.path)
-        if site.learn is not None and beside(path, site.learn).is_file():
-            raise InputError(f"learn: found a file, expected a folder: {site.learn}")
+        if site.learn is not None:
+            check_learning_folder(beside(path, site.learn))
     except InputError as error:
         raise _in_file(path, error) from None
 

@@ -9,6 +9,8 @@ from pathlib import Path
 from e3pose.errors import InputError
 from e3pose.predictors.attention_lstm import SHIPPED
 
+LONGEST_S = 1e8  # three years
+
 
 @dataclass(frozen=True, slots=True)
 class LearningSettings:
@@ -61,9 +63,10 @@ class LearningSettings:
         for name, low, high in (
             ("interval_s", 1e-3, 10.0),
             ("margin", 0.0, 0.9),
-            ("held_back_s", 1.0, math.inf),
-            ("every_s", 0.0, math.inf),
-            ("train_s", 0.1, math.inf),
+            ("held_back_s", 1.0, LONGEST_S),
+            ("least_s", 0.0, LONGEST_S),
+            ("every_s", 0.0, LONGEST_S),
+            ("train_s", 0.1, LONGEST_S),
             ("chunk_s", 0.1, 600.0),
             ("keep_versions", 1, 1000),
             ("least_windows", 1, math.inf),

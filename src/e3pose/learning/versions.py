@@ -14,6 +14,7 @@ import msgspec
 from e3pose.atomic import atomic_file
 from e3pose.bounded import read_bytes
 from e3pose.errors import InputError
+from e3pose.misfit import misfit
 from e3pose.predictors.attention_lstm import MAX_WEIGHTS_BYTES
 
 MANIFEST = "versions.json"
@@ -65,6 +66,35 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         raise InputError(f"version {number}: found none, expected one of 0, {known}".rstrip(", "))
 
 
+def check_learning_folder(folder: Path) -> None:
+    """Raise `InputError` where something else stands than what was learned before, or nothing."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder}: found a file, expected a folder to learn in")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / "versions").is_dir():
+        raise InputError(
+            f"{folder}: found a folder of other things, expected a new one or one to go on in"
+        )
+
+
+def _check(manifest: Manifest, path: Path) -> None:
+    numbers = [version.number for version in manifest.versions]
+    if len(set(numbers)) < len(numbers) or manifest.current not in (SHIPPED_NUMBER, *numbers):
+        raise InputError(
+            f"{path}: found versions {numbers[:20]}, current {manifest.current}, "
+            "expected every number once and the current one among them"
+        )
+    for version in manifest.versions:
+        fits = (
+            0 < version.number < 2**53
+            and 0 <= version.parent < version.number
+            and 0 <= version.created_s <= 1e11
+            and len(version.leads) == len(version.error_m) == len(version.parent_error_m)
+            and len(version.sha256) == 64
+        )
+        if not fits:
+            raise InputError(f"{path}: version {version.number}: found figures that cannot be")
+
+
 class VersionStore:
     """A folder of versions. Processes that change it at the same time wait for each other."""
 
@@ -83,10 +113,13 @@ class VersionStore:
             return Manifest()
         try:
             manifest = msgspec.json.decode(read_bytes(path, MAX_MANIFEST_BYTES), type=Manifest)
+        except msgspec.ValidationError as error:
+            raise InputError(f"{path}: {misfit(error, Manifest)}") from None
         except msgspec.DecodeError as error:
             raise InputError(f"{path}: found no list of versions ({error})") from None
         if manifest.format != FORMAT:
             raise InputError(f"{path}: format: found {manifest.format[:40]!r}, expected {FORMAT!r}")
+        _check(manifest, path)
         return manifest
 
     def weights(self, version: Version) -> Path:
@@ -124,6 +157,7 @@ class VersionStore:
 
     def use(self, number: int) -> None:
         """Make another version current; raise `InputError` if there is none, or it is damaged."""
+        self.read().find(number)  # before a lock is made
         with self._lock():
             manifest = self.read()
             version = manifest.find(number)

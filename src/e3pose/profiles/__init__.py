@@ -84,11 +84,11 @@ def load_profile(name_or_path: str | Path) -> DeviceProfile:
 
 
 def _decode(data: Mapping[str, Any], where: str) -> DeviceProfile:
+    if data.get("format") != FORMAT:
+        raise _error(where, "format", data.get("format"), f"{FORMAT!r}")
+    if isinstance(data.get("version"), bool) or data.get("version") != VERSION:
+        raise _error(where, "version", data.get("version"), f"{VERSION}")
     _check_keys(data, ("format", "version", "name", "title", "components"), where)
-    if data["format"] != FORMAT:
-        raise _error(where, "format", data["format"], f"{FORMAT!r}")
-    if isinstance(data["version"], bool) or data["version"] != VERSION:
-        raise _error(where, "version", data["version"], f"{VERSION}")
     name, title = (_text(data[key], where, key) for key in ("name", "title"))
     tables = data["components"]
     if not isinstance(tables, dict) or not 1 <= len(tables) <= MAX_COMPONENTS:
