@@ -245,6 +245,7 @@ def up(
     from rich.live import Live
 
     from e3pose.site.config import load_site
+    from e3pose.site.edge_program import edge_link
     from e3pose.site.example import SITE_FILE, make_example
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
@@ -257,6 +258,7 @@ def up(
     table = load_site(site)
     rig = site_rig(site, table)
     check_settings(site, table, rig)  # what is wrong is told here, not in a log
+    edge_link(site, table)
     folder = logs or site.parent / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")

@@ -123,8 +123,8 @@ def trouble(
         return f"silent for {(now_ns - life.heard_ns) / 1e9:.0f} s"
     if now_ns < life.quarantined_until_ns:
         return "sends messages that make no sense"
-    if life.hello is None:
-        return "has not said what it is"
+    if life.hello is None:  # without a frame it cannot know, and may say why
+        return (life.beat.problem if life.beat else "") or "has not said what it is"
     if tuple(life.hello.joints) != tuple(joints):
         return f"finds {len(life.hello.joints)} other joints than the edge's {len(joints)}"
     if tuple(life.hello.image_size) != tuple(image_size):

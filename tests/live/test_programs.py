@@ -1,0 +1,230 @@
+"""The programs as a person starts and ends them: all at once, wrongly, or two sites together."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+from tests.live.processes import COMPILE_S, LiveSite, e3pose, eventually, free_port, run
+
+from e3pose.calibration import load_rig
+from e3pose.site.config import load_site
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.wire.network import open_network
+
+SITE = """
+format = "e3pose-site"
+version = 1
+name = "{name}"
+calibration = "{recording}/calibration.toml"
+fps = 20
+[link]
+endpoint = "tcp/127.0.0.1:{port}"
+{upstream}
+[loop]
+policy = "round-robin"
+cameras = 2
+predictor = "zero-velocity"
+"""
+CAMERA = """
+[[camera]]
+id = "{id}"
+source = "{source}"
+"""
+
+
+def write_site(
+    folder: Path, recording: Path, name: str = "lab", upstream: str = "", **sources: str
+) -> Path:
+    """Write a site on plain tcp whose cameras play a recording, unless told otherwise."""
+    path = folder / "site.toml"
+    content = SITE.format(name=name, recording=recording, port=free_port(), upstream=upstream)
+    for camera_id in load_rig(recording / "calibration.toml").camera_ids:
+        source = sources.get(camera_id, f"recorded:{recording}")
+        content += CAMERA.format(id=camera_id, source=source)
+    path.write_text(content)
+    return path
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_up_runs_a_site_and_ends_all_of_it(
+    tmp_path: Path, recording: Path, number: signal.Signals
+) -> None:
+    path = write_site(tmp_path, recording)
+    program = subprocess.Popen(
+        e3pose("up", str(path)),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    follower, transport = Follower("lab"), open_network(viewer_link(path, load_site(path), None))
+    try:
+        follower.listen(transport)
+        assert eventually(lambda: follower.status and follower.status.slot > 10, COMPILE_S)
+        children = psutil.Process(program.pid).children(recursive=True)
+        assert len(children) == 4
+        begun_s = time.monotonic()
+        program.send_signal(number)
+        said, _ = program.communicate(timeout=20)
+        assert time.monotonic() - begun_s < 5.0
+    finally:
+        transport.close()
+        program.kill()
+    assert program.returncode == (0 if number == signal.SIGINT else 128 + number)
+    assert "Traceback" not in said
+    assert not any(child.is_running() for child in children)
+    logs = sorted(log.name for log in (tmp_path / "logs").iterdir())
+    assert logs == ["cam0.log", "cam1.log", "cam2.log", "edge.log"]
+    for log in (tmp_path / "logs").iterdir():
+        assert "Traceback" not in log.read_text(), log.read_text()
+
+
+def test_up_says_which_camera_cannot_start(tmp_path: Path, recording: Path) -> None:
+    (tmp_path / "broken.mp4").write_bytes(b"no video")
+    path = write_site(tmp_path, recording, cam1="broken.mp4")
+    code, _, err = run("up", str(path), "--quiet", "--for", "60", seconds=90)
+    assert code == 2
+    assert err.count("\n") == 1 and "cam1" in err and "broken.mp4" in err, err
+
+
+def test_port_that_is_taken_is_one_line(tmp_path: Path, recording: Path) -> None:
+    path = write_site(tmp_path, recording)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", int(path.read_text().split("127.0.0.1:")[1].split('"')[0])))
+        taken.listen()
+        code, out, err = run("edge", str(path))
+    assert (code, out) == (2, "")
+    assert err.splitlines()[-1].startswith("e3pose: ") and "Traceback" not in err, err
+
+
+def test_top_of_a_site_that_does_not_run(tmp_path: Path, recording: Path) -> None:
+    path = write_site(tmp_path, recording)
+    code, _, err = run("top", str(path), "--once", "--timeout", "0.5")
+    assert code == 2 and err.count("\n") == 1 and "no edge of site lab answers" in err
+
+
+def test_two_sites_share_one_router(tmp_path: Path, recording: Path) -> None:
+    """The cameras of the second site know only the router, which is the edge of the first."""
+    paths: list[Path] = []
+    for name in ("lab", "hall"):
+        folder = tmp_path / name
+        folder.mkdir()
+        upstream = f'upstream = ["tcp/127.0.0.1:{port_of(paths[0])}"]' if paths else ""
+        paths.append(write_site(folder, recording, name, upstream))
+    programs = LiveSite(tmp_path)
+    followers, transports = [], []
+    try:
+        for path, name in zip(paths, ("lab", "hall"), strict=True):
+            programs.start(f"edge-{name}", *e3pose("edge", str(path)))
+        for name in ("lab", "hall"):
+            for camera_id in ("cam0", "cam1"):
+                programs.start(
+                    f"{name}-{camera_id}", *e3pose(
+                        "camera", "--site", name, "--name", camera_id, "--meter", "model",
+                        "--endpoint", f"tcp/127.0.0.1:{port_of(paths[0])}",
+                        "--source", f"recorded:{recording}",
+                    ),
+                )  # fmt: skip
+        for path, name in zip(paths, ("lab", "hall"), strict=True):
+            follower = Follower(name)
+            transports.append(open_network(viewer_link(path, load_site(path), None)))
+            follower.listen(transports[-1])
+            followers.append(follower)
+
+        def both() -> bool:
+            return all(
+                f.status is not None and [c.online for c in f.status.cameras] == [True, True, False]
+                for f in followers
+            )
+
+        assert eventually(both, COMPILE_S), programs.told()
+        # Each knows its own: a camera of one that ends is no loss to the other.
+        programs.send("lab-cam0", signal.SIGKILL)
+        assert eventually(lambda: not both(), 5)
+        assert followers[1].status is not None
+        assert [c.online for c in followers[1].status.cameras] == [True, True, False]
+    finally:
+        for transport in transports:
+            transport.close()
+        programs.close()
+
+
+def port_of(path: Path) -> int:
+    return int(path.read_text().split('endpoint = "tcp/127.0.0.1:')[1].split('"')[0])
+
+
+Change = Callable[[Path], object]
+
+
+def replaced(old: str, new: str) -> Change:
+    def change(path: Path) -> None:
+        content = path.read_text()
+        assert old in content
+        path.write_text(content.replace(old, new, 1))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda path: path.unlink(), "site.toml"),
+        (lambda path: path.write_bytes(b"\xff\xfe"), "site.toml"),
+        (lambda path: path.write_text("x = ["), "site.toml"),
+        (replaced("version = 1", "version = 9"), "version"),
+        (replaced('format = "e3pose-site"', 'format = "other"'), "format"),
+        (replaced("fps = 20", "fps = 0"), "fps"),
+        (replaced("fps = 20", "fps = nan"), "fps"),
+        (replaced("fps = 20", 'fps = "20"'), "fps"),
+        (replaced("fps = 20", "fps = 20\nfsp = 3"), "fsp"),
+        (replaced("fps = 20", "fps = 20\nlead = 0"), "lead"),
+        (replaced("fps = 20", 'fps = 20\nlead = "soon"'), "lead"),
+        (replaced("fps = 20", "fps = 20\nmetrics_port = 70000"), "metrics_port"),
+        (replaced("fps = 20", 'fps = 20\nbudget = "much"'), "budget"),
+        (replaced("fps = 20", 'fps = 20\nskeleton = "octopus"'), "skeleton"),
+        (replaced('name = "lab"', 'name = "../lab"'), "site"),
+        (replaced("calibration.toml", "nowhere.toml"), "nowhere.toml"),
+        (replaced("tcp/127.0.0.1", "tcp/0.0.0.0"), "plain tcp beyond this machine"),
+        (replaced("tcp/127.0.0.1", "udp/127.0.0.1"), "expected tls/HOST:PORT"),
+        (replaced("tcp/127.0.0.1", "tls/127.0.0.1"), "certificates"),
+        (replaced('"round-robin"', '"best"'), "policy"),
+        (replaced("cameras = 2", "cameras = 9"), "cameras"),
+        (replaced("cameras = 2", "cameras = 2\ncolour = 3"), "colour"),
+        (replaced('id = "cam1"', 'id = "cam0"'), "cam0"),
+        (replaced('id = "cam1"', 'id = "cam9"'), "cam9"),
+        (replaced('id = "cam1"', 'id = "cam1"\nbudget = "until 25:00"'), "cam1"),
+        (replaced('id = "cam1"', 'id = "cam1"\nmeter = "guess"'), "meter"),
+        (replaced('id = "cam1"', 'id = "cam1"\nbattery_wh = -1'), "battery_wh"),
+    ],
+)
+def test_wrong_site_files_are_one_line_that_says_what(
+    tmp_path: Path,
+    recording: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: Change,
+    told: str,
+) -> None:
+    from e3pose.cli import main
+
+    shutil.copy(recording / "calibration.toml", tmp_path)
+    path = write_site(tmp_path, recording)
+    path.write_text(path.read_text().replace(f"{recording}/calibration", "calibration"))
+    change(path)
+    for verb in ("edge", "up"):
+        handler = signal.getsignal(signal.SIGTERM)
+        with pytest.raises(SystemExit) as ended:
+            main([verb, str(path)])
+        signal.signal(signal.SIGTERM, handler)
+        err = capsys.readouterr().err
+        assert ended.value.code == 2, err
+        assert err.count("\n") == 1 and told in err and err.startswith("e3pose: "), err
+    assert sorted(os.listdir(tmp_path)) in (["calibration.toml", "site.toml"], ["calibration.toml"])
