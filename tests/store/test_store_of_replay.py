@@ -83,7 +83,7 @@ def test_store_answers_what_the_replay_wrote(recording: Path, tmp_path: Path) ->
     ("options", "named"),
     [
         (["--store", "/nowhere/at.db"], "no folder /nowhere"),
-        (["--store", "RECORDING/recording.toml"], "no database"),
+        (["--store", "RECORDING/recording.toml"], "a file of the recording"),
         (["--keep", "30d"], "no --store"),
         (["--store", "s.db", "--keep", "soon"], "soon"),
         (["--store", "s.db", "--max-size", "3"], "such as 20GB"),

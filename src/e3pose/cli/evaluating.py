@@ -81,6 +81,8 @@ def evaluate(
         raise InputError(f"--jobs: found {jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores")
     if plot is not None:
         check_svg("--plot", plot)
+        if leads is None:
+            raise InputError("--plot: found no --leads, expected some to draw against")
     check_outputs(recording, {"--json": json_file, "--plot": plot})
     source = bad_day.thinned(load_recording(recording))
     plan = energy.plan(source.rig.camera_ids, source.interval_s, source.battery_wh)

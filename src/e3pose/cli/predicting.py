@@ -230,7 +230,7 @@ def _slots(text: str | None) -> list[tuple[int, int]]:
     parts = []
     for part in [] if text is None else text.split(","):
         first, _, end = part.partition(":")
-        if not (first.isdecimal() and end.isdecimal()):
+        if not (first.isdecimal() and end.isdecimal() and len(part) < 40):
             raise InputError(f"--slots: found {part[:40]!r}, expected FIRST:END, such as 3800:5000")
         parts.append((int(first), int(end)))
     return parts

@@ -71,9 +71,10 @@ def replay(
         check_poses_path(poses)
     if report is not None and report.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--report: found {str(report)!r}, expected a name that ends in .html")
-    check_outputs(recording, {"--poses": poses, "--json": json_file, "--report": report})
     if store.store is not None or store.keep or store.max_size:
         store.retention()
+    outputs = {"--poses": poses, "--json": json_file, "--report": report}
+    check_outputs(recording, {"--store": store.file(), **outputs})
     source = bad_day.thinned(load_recording(recording))
     plan = energy.plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
     day = bad_day.day(source, plan.watts)

@@ -30,6 +30,14 @@ class StoreOptions:
     max_size: Annotated[str | None, Parameter(name="--max-size")] = None
     """Remove the oldest slots from it beyond this, such as `20GB`."""
 
+    def file(self) -> Path | None:
+        """Return the file that the store is, None for a database elsewhere, or none at all."""
+        if self.store is None:
+            return None
+        from e3pose.store.database import database_path, database_url
+
+        return database_path(database_url(self.store))
+
     def retention(self) -> Retention:
         """Return what to keep; raise `InputError` for what is no age or size."""
         from e3pose.store import Retention, parse_age, parse_size

@@ -10,6 +10,7 @@ import numpy as np
 
 from e3pose.errors import InputError
 from e3pose.filter.noise import Noise
+from e3pose.misfit import misfit
 
 FORMAT = "e3pose-noise"
 VERSION = 1
@@ -105,7 +106,7 @@ def decode_noise(table: Mapping[str, Any], where: str) -> NoiseFile:
     try:
         file = msgspec.convert(dict(table), NoiseFile)
     except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {str(error)[:200]}") from None
+        raise InputError(f"{where}: {misfit(error, NoiseFile)}") from None
     _check(file, where)
     return file
 

@@ -77,8 +77,8 @@ def load_profile(name_or_path: str | Path) -> DeviceProfile:
     path = Path(name_or_path)
     if not path.is_file():
         raise InputError(
-            f"{name[:200]}: device profile: found no such file, expected {', '.join(PROFILES)} "
-            "or the path of a TOML file"
+            f"{name[:200] or repr(name)}: device profile: found no such file, "
+            f"expected {', '.join(PROFILES)} or the path of a TOML file"
         )
     return _decode(read_toml(path, MAX_BYTES), str(path))
 

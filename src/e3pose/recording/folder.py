@@ -17,6 +17,7 @@ from e3pose.bounded import read_lines, read_toml
 from e3pose.calibration import load_rig, save_rig
 from e3pose.camera import check_camera_id
 from e3pose.errors import InputError
+from e3pose.misfit import misfit
 from e3pose.pose import Poses2D
 from e3pose.recording.lines import decode_truth, decode_view, encode_truth, encode_view
 from e3pose.recording.record import MAX_PEOPLE, Recording, Truth, ViewSeries
@@ -191,7 +192,7 @@ def _read_header(path: Path) -> Header:
     try:
         header = msgspec.convert(table, Header)
     except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {str(error)[:300]}") from None
+        raise InputError(f"{path}: {misfit(error, Header)}") from None
     if header.version == 1 and (header.battery_wh or header.dies_at_s):
         raise InputError(f"{path}: version: found 1, expected 2 with battery_wh or dies_at_s")
     if not 0 <= header.num_slots <= 100_000_000:

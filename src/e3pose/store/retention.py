@@ -31,6 +31,9 @@ class Retention:
     max_bytes: int | None = None
 
 
+MOST = 1e9  # of whatever unit: beyond it nothing is meant
+
+
 def parse_age(words: str) -> float:
     """Return seconds of an age such as `30d`, `12h`, `90min`; raise `InputError` if it is none."""
     return _quantity(words, AGES_S, "age", "a number and s, min, h, d or w, such as 30d")
@@ -123,6 +126,6 @@ def _used(connection: Connection) -> int:
 def _quantity(words: str, units: dict[str, float] | dict[str, int], what: str, form: str) -> float:
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([A-Za-z]+)\s*", words)
     unit = match and next((u for u in units if u.lower() == match[2].lower()), None)
-    if not match or not unit or float(match[1]) <= 0:
+    if not match or not unit or not 0 < float(match[1]) < MOST:
         raise InputError(f"{what}: found {words[:40]!r}, expected {form}")
     return float(match[1]) * units[unit]
