@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from e3pose.clock import SlotTimes
 from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, take_apart
-from e3pose.edge.turns import skip_to, with_lead
+from e3pose.edge.turns import skip_to, still_true, with_lead
 from e3pose.errors import InputError
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
@@ -58,6 +59,10 @@ def test_continued_loop_is_the_same_loop(name: str, recording: Recording, tmp_pa
     save_checkpoint(path, Checkpoint(state, 12345, 3, 67890), pipeline)
     found = load_checkpoint(path, pipeline)
     assert (found.origin_ns, found.lead_slots, found.made_ns) == (12345, 3, 67890)
+    kept, was = take_apart(found.state), take_apart(state)
+    assert kept.keys() == was.keys()  # also what only some policies remember
+    for name, array in was.items():
+        np.testing.assert_array_equal(kept[name], array, name)
     _, expected = run(recording, pipeline, state, END)
     _, records = run(recording, pipeline, found.state, END)
     assert any(len(record.track_ids) for record in records)
@@ -141,3 +146,12 @@ def test_slots_left_out_save_energy_and_wake_everybody(recording: Recording) -> 
     assert later.slot == 14 and later.selections.all()
     assert later.deficit.tolist() == [1.0, 0.0, 0.0]
     assert skip_to(state, 10, np.full(3, 0.5)) is state
+
+
+def test_slots_move_only_with_a_clock_that_went_back() -> None:
+    times = SlotTimes(1000 * 10**9, 40_000_000)
+    now_ns = times.middle_ns(500)
+    assert still_true(times, 501, now_ns, 2) == times
+    assert still_true(times, 100, now_ns, 2) == times  # away for a while
+    moved = still_true(times, 90_000, now_ns, 2)
+    assert moved.slot_at(now_ns) == 90_000 - 3  # the orders can still be in time

@@ -93,6 +93,11 @@ def test_ailing_camera_says_what_ails_it(beat: Heartbeat, told: str) -> None:
     assert why(take_beat(well(), beat, NOW)) == told
 
 
+def test_camera_without_a_frame_says_why() -> None:
+    life = take_beat(CameraLife("cam1"), replace_beat(problem="found no /dev/video7"), NOW)
+    assert why(life) == "found no /dev/video7"
+
+
 def test_frozen_camera_is_noticed_though_it_speaks() -> None:
     life = well()
     for second in range(1, 9):

@@ -214,3 +214,46 @@ def test_damaged_state_is_set_aside_not_lost(site: Site) -> None:
     again = site.start_edge()
     assert (site.folder / "state.npz.unusable").read_bytes() == b"no state"
     assert eventually(lambda: again.counts.slots > 5, 6.0)
+
+
+def test_slow_and_lossy_air_makes_orders_go_out_earlier(site: Site) -> None:
+    rng, edge = random.Random(2), site.edge
+    assert edge is not None
+    before, slots, lost = edge.lead.slots, edge.counts.slots, edge.counts.lost
+    site.hub.delay_s = lambda topic: rng.uniform(0.08, 0.13)
+    site.hub.fault = lambda topic, payload: None if rng.random() < 0.05 else payload
+    assert eventually(lambda: edge.lead.slots > before, 15)
+    assert edge.counts.slots > slots and edge.counts.lost == lost
+    site.hub.delay_s = lambda topic: 0.0
+    site.hub.fault = lambda topic, payload: payload
+    assert eventually(lambda: len(site.online()) == 3)
+    views = edge.counts.views
+    assert eventually(lambda: edge.counts.views > views + 10)
+
+
+def test_state_that_cannot_be_kept_is_told_once_and_stops_nobody(site: Site) -> None:
+    edge = site.edge
+    assert edge is not None
+    good = edge.state_file.path
+    (site.folder / "file").write_text("in the way")
+    edge.state_file.path = site.folder / "file" / "state.npz"
+    slots = edge.counts.slots
+    assert eventually(lambda: bool(edge.state_file.trouble))
+    assert eventually(lambda: edge.counts.slots > slots + 50, 6)
+    edge.state_file.path = good
+    assert eventually(lambda: not edge.state_file.trouble)
+    told = [event.message for event in site.events if event.kind == "checkpoint"]
+    assert sum("cannot be kept" in line for line in told) == 1
+    assert "the state is kept again" in told[-1]
+
+
+def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
+    assert site.edge is not None
+    site.edge.stop()
+    slot = site.edge.state.slot
+    site.clock = WallClock(site.clock.origin_ns - 3600 * 10**9)
+    again = site.start_edge()  # and all its sessions are older than those of before
+    assert eventually(lambda: again.counts.views > 10, 6.0)
+    assert slot < again.state.slot < slot + 400
+    assert any(event.kind == "clock" for event in site.events)
+    assert len(site.online()) == 3

@@ -99,3 +99,9 @@ def test_slower_source_leaves_slots_out() -> None:
     times = [ORIGIN + i * 100_000_000 for i in range(40)]
     found = slots_of(times, 100_000_000)
     assert found == [TIMES.slot_at(at) for at in times]
+
+
+def test_slots_of_a_wrong_clock_do_not_hold_up_those_of_the_right_one() -> None:
+    times = SlotTimes(0, 40_000_000)
+    assert slot_of_frame(times, 0, 750, 40_000_000) == 0  # it was half a minute ahead before
+    assert slot_of_frame(times, 0, 0, 40_000_000) is None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 from e3pose.wire.memory import Hub
 
 
@@ -48,3 +50,21 @@ def test_presence_begins_and_ends() -> None:
     late.publish("a/x", b"from the grave")
     expected = [("a/early/alive", True), ("a/late/alive", True), ("a/late/alive", False)]
     assert seen == expected
+
+
+def test_what_is_under_way_arrives_after_its_delay() -> None:
+    hub = Hub(delay_s=lambda topic: 0.2 if topic == "slow" else 0.05)
+    near, far = hub.join(), hub.join()
+    got: list[tuple[str, float]] = []
+    for topic in ("slow", "quick"):
+        near.subscribe(topic, lambda topic, payload: got.append((topic, time.monotonic())))
+    begun_s = time.monotonic()
+    far.publish("slow", b"1")
+    far.publish("quick", b"2")
+    while len(got) < 2 and time.monotonic() - begun_s < 5:
+        time.sleep(0.01)
+    assert [topic for topic, _ in got] == ["quick", "slow"]
+    assert got[0][1] - begun_s >= 0.05 and got[1][1] - begun_s >= 0.2
+    near.answer("slow", lambda topic, payload: payload)
+    assert far.ask("slow", b"?", 1.0) == b"?"
+    assert far.ask("slow", b"?", 0.3) is None  # there and back takes longer
