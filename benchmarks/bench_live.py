@@ -10,6 +10,7 @@ whole loop with the store. Cameras share the machine's cores with the edge.
 from __future__ import annotations
 
 import argparse
+import time
 from pathlib import Path
 
 import msgspec
@@ -17,9 +18,10 @@ import numpy as np
 
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.messages import View
-from live_site import live_site, traffic, wait
+from live_site import live_site, traffic
 
 JPEG_QUALITY = 75
+PAUSE_S = 0.036
 
 
 def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, float]:
@@ -29,7 +31,7 @@ def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, floa
         status = site.follower.status
         assert status is not None
         slot, lost = status.slot, status.slots_lost
-        wait(seconds)
+        machine = bare_loop(seconds)
         status = site.follower.status
         assert status is not None
         slots = status.slot - slot
@@ -47,8 +49,33 @@ def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, floa
             "lead_slots": status.lead,
             "loopback_bytes_a_slot": (traffic() - before) / max(slots, 1),
             "edge_rss_mb": site.sample().edge_rss / 1e6,
+            "bare_loop_ms_p50": machine[0],
+            "bare_loop_ms_p99": machine[1],
+            "bare_wake_ms_p99": machine[2],
         }
     return figures
+
+
+def bare_loop(seconds: float) -> tuple[float, float, float]:
+    """Return how long a few milliseconds of plain Python take here, and how late sleep ends.
+
+    What happens to a program that does nothing else is the machine's doing: no latency beside it
+    can be better.
+
+    Returns:
+        Median and 99th percentile of the work, 99th percentile of the lateness, milliseconds.
+    """
+    work_s, late_s = [], []
+    end_s = time.perf_counter() + seconds
+    while time.perf_counter() < end_s:
+        begun_s = time.perf_counter()
+        time.sleep(PAUSE_S)
+        woken_s = time.perf_counter()
+        sum(number * number for number in range(30_000))
+        work_s.append(time.perf_counter() - woken_s)
+        late_s.append(woken_s - begun_s - PAUSE_S)
+    median, high = np.quantile(work_s, [0.5, 0.99]) * 1e3
+    return float(median), float(high), float(np.quantile(late_s, 0.99) * 1e3)
 
 
 def view_bytes(people: int) -> int:
@@ -95,7 +122,10 @@ def main() -> None:
             f"{figures['latency_ms_p99']:.2f}; step {figures['step_ms_p50']:.2f} ms, p99 "
             f"{figures['step_ms_p99']:.2f}; edge uses {figures['edge_cpu_share']:.0%} of a core, "
             f"{figures['edge_rss_mb']:.0f} MB; {figures['views_late_or_lost']:.0f} views late or "
-            f"lost; lead {figures['lead_slots']:.0f}",
+            f"lost; lead {figures['lead_slots']:.0f}; {1 / figures['edge_cpu_share']:.0f} such "
+            f"sites a core; beside it a bare loop of {figures['bare_loop_ms_p50']:.1f} ms has p99 "
+            f"{figures['bare_loop_ms_p99']:.1f}, and wakes up to {figures['bare_wake_ms_p99']:.1f} "
+            "late",
             flush=True,
         )
     sent = view_bytes(options.people)

@@ -6,9 +6,12 @@ import signal
 import time
 
 import psutil
+import pytest
 from tests.live.processes import CAMERAS, LiveSite, eventually, run
 
 from e3pose.store import Store
+
+pytestmark = pytest.mark.live
 
 NOTICED_S = 2.0
 SLACK_S = 0.5  # a machine that runs tests beside it

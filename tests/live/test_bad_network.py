@@ -10,6 +10,8 @@ import pytest
 from tests.live.bad_link import BadLink, bad_link
 from tests.live.processes import CAMERAS, COMPILE_S, LiveSite, eventually, make_keys
 
+pytestmark = pytest.mark.live
+
 CUT_S = 10.0
 
 

@@ -6,11 +6,14 @@ import signal
 import time
 
 import numpy as np
+import pytest
 from tests.live.processes import CAMERAS, LiveSite, eventually, run
 
 from e3pose.edge.checkpoint import take_apart
 from e3pose.store import Store
 from e3pose.wire.codec import unpack
+
+pytestmark = pytest.mark.live
 
 BACK_S = 3.0
 AWAY_SLOTS = 600  # half a minute: a slot that was numbered anew would be far from that

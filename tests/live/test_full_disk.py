@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from tests.live.processes import CAMERAS, COMPILE_S, LiveSite, as_root, eventually, make_keys
 
+pytestmark = pytest.mark.live
+
 SIZE = "48m"  # the store sets 32 MiB aside
 
 

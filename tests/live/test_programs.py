@@ -20,6 +20,8 @@ from e3pose.site.config import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.network import open_network
 
+pytestmark = pytest.mark.live
+
 SITE = """
 format = "e3pose-site"
 version = 1

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import subprocess
 
+import pytest
+
+pytestmark = pytest.mark.live
+
 
 def test_nothing_grows_in_a_minute(soak: subprocess.Popen[str]) -> None:
     said, _ = soak.communicate(timeout=420)
