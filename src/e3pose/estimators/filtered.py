@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimators.base import People
 from e3pose.filter import Belief, Estimate, Model, Outlook, outlook, step
+from e3pose.filter.returning import Identities, identify
 from e3pose.pose import Poses2D, Poses3D
 
 HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
@@ -27,11 +28,13 @@ class Remembered:
 
     Attributes:
         belief: about everybody.
-        track_ids: `(num_tracks,)` the people shown in the newest slot.
+        identities: which of the belief's tracks are whom, and who left.
+        track_ids: `(num_tracks,)` the belief's tracks that the newest slot showed.
         history_m: `(num_slots, num_tracks, num_joints, 3)` where they were shown, oldest first.
     """
 
     belief: Belief
+    identities: Identities
     track_ids: NDArray[np.int64]
     history_m: NDArray[np.float64]
 
@@ -53,7 +56,8 @@ class Filtered:
     def begin(self) -> Remembered:
         """See `Estimator.begin`."""
         history = np.zeros((max(self.history_slots, 2), 0, len(self.model.skeleton), 3))
-        return Remembered(Belief.empty(self.model), np.zeros(0, dtype=np.int64), history)
+        nobody = np.zeros(0, dtype=np.int64)
+        return Remembered(Belief.empty(self.model), Identities.none(self.model), nobody, history)
 
     def estimate(
         self,
@@ -65,6 +69,10 @@ class Filtered:
         """See `Estimator.estimate`."""
         start = clock()
         belief, estimate = self.step(self.model, memory.belief, views, time_s)
+        identities = identify(
+            memory.identities, memory.belief, belief, estimate.track_ids, self.model
+        )
+        track_ids = identities.of(estimate.track_ids)
         history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
         _, new, old = np.intersect1d(
             estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
@@ -73,18 +81,19 @@ class Filtered:
         history[-1] = estimate.joints_m
         people = People(
             Poses3D(estimate.joints_m, _scores(estimate)),
-            estimate.track_ids,
+            track_ids,
             history,
-            estimate.track_ids,
+            track_ids,
             estimate.covariance_m2,
             estimate.measured,
             {"estimate": clock() - start},
         )
-        return Remembered(belief, estimate.track_ids, history), people
+        return Remembered(belief, identities, estimate.track_ids, history), people
 
     def outlook(self, memory: Remembered, ahead_s: float) -> Outlook:
         """See `Estimator.outlook`."""
-        return outlook(self.model, memory.belief, ahead_s)
+        expected = outlook(self.model, memory.belief, ahead_s)
+        return replace(expected, track_ids=memory.identities.of(expected.track_ids))
 
 
 def _scores(estimate: Estimate) -> NDArray[np.float64]:
