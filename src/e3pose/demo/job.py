@@ -40,7 +40,7 @@ NETWORK = "openpose-thin"
 FPS = 20.0  # slots a second of the scene: every third frame
 NUM_SELECTED = 2
 WARMUP_SLOTS = 10  # the loop's own default, in which every camera looks
-STAND_IN_S = 6.0
+STAND_IN_SLOTS = 150
 READY_S, READY_LOOKS = 4.0, 20.0  # a camera imports, then loads and tries its network
 PROFILE = "xavier-nx"
 SPARE = 0.85  # of the processor that looking at frames may take; the rest decodes, fuses, draws
@@ -81,14 +81,14 @@ class Scene:
         site_file: of the site that was written.
         recording: its cameras, and for a simulated scene its truth; its views are not looked at.
         film: what is played.
-        play_s: how much of it.
+        num_slots: how long to run.
         look_s: how long this machine takes to look at one frame; 0 if simulated.
     """
 
     site_file: Path
     recording: Recording
     film: Film
-    play_s: float
+    num_slots: int
     look_s: float = 0.0
 
 
@@ -128,12 +128,16 @@ def run_demo(
             scene = _filmed(*inputs, folder / SITE, phase)
         with watch() as show:
             ready_s = READY_S + READY_LOOKS * scene.look_s
-            play_s = scene.play_s / scene.film.pace
-            heard = run_live(scene.site_file, scene.recording.rig, play_s, ready_s, show)
+            round_s = scene.film.length_s / scene.film.pace
+            heard = run_live(
+                scene.site_file, scene.recording.rig, scene.num_slots, round_s, ready_s, show
+            )
             film = replace(scene.film, begin_ns=heard.begin_ns)
         with phase("reading the store, drawing") as progress:
             store = folder / SITE / STORE_FILE
-            records, times = stored_records(store, scene.recording.interval_s, film, scene.play_s)
+            records, times = stored_records(
+                store, scene.recording.interval_s, film, scene.num_slots
+            )
             figures = _figures(scene, heard, len(records), inputs)
             summary = _write_results(
                 scene.recording,
@@ -227,7 +231,7 @@ def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
         videos=videos,
         source=SOURCE,
     )
-    return Scene(write_example(folder, example, rig), recording, film, film.length_s, look_s)
+    return Scene(write_example(folder, example, rig), recording, film, recording.num_slots, look_s)
 
 
 def _look_s(video: Path, weights: Path) -> float:
@@ -267,7 +271,7 @@ def _simulated(stand_in: SceneSettings | None, folder: Path, phase: Phase) -> Sc
         recording = simulate(scene, 0, lambda share: progress(round(100 * share), 100))
     site_file = write_recorded(folder, recording, "demo")
     film = Film(recording.num_slots * recording.interval_s, 1.0)
-    return Scene(site_file, recording, film, min(STAND_IN_S, film.length_s))
+    return Scene(site_file, recording, film, min(STAND_IN_SLOTS, recording.num_slots))
 
 
 def _figures(

@@ -27,6 +27,7 @@ from e3pose.wire.transport import Transport
 START_S = 180.0  # the very first time the edge compiles for a minute or two
 SLOT_S = 30.0  # without a new slot for so long, something hangs
 SHOW_S = 0.2
+PATIENCE = 3.0  # times the usual, at most, until cameras must be ready
 
 # Shows how the site is: the newest status, and slots done of how many.
 Show = Callable[["Status | None", int, int], None]
@@ -95,17 +96,20 @@ class Heard:
         self.order_bytes += len(payload)
 
 
-def run_live(site_file: Path, rig: Rig, play_s: float, ready_s: float, show: Show) -> Heard:
-    """Run the edge and every camera as processes of their own until what they play is over.
+def run_live(
+    site_file: Path, rig: Rig, num_slots: int, round_s: float, ready_s: float, show: Show
+) -> Heard:
+    """Run the edge and every camera as processes of their own until enough slots are done.
 
-    The cameras are started once the edge is ready, and all begin to play at one moment.
-
-    Whatever ends this, an exception or a signal that raises one, ends the processes.
+    The cameras are started once the edge is ready, and all begin to play at one moment. What they
+    play begins again after `round_s`, where people jump: the run ends there if half of the slots
+    are done. Whatever ends it, an exception or a signal that raises one, ends the processes.
 
     Args:
         site_file: of the site; its output goes to `logs` beside it.
         rig: its cameras.
-        play_s: how long to play; no slot after it is waited for.
+        num_slots: how many are enough.
+        round_s: how long one round of what is played takes.
         ready_s: how long a camera takes to get ready, about.
         show: called a few times a second.
 
@@ -125,8 +129,7 @@ def run_live(site_file: Path, rig: Rig, play_s: float, ready_s: float, show: Sho
     transport.watch(topics.of_site(site.name, "alive"), lambda _topic, there: edge_there.set())
     tap: Transport | None = None
     begun_s = newest_s = shown_s = time.monotonic()
-    slot_s = 1 / site.fps / site.pace
-    newest, num_slots = 0, round(play_s / slot_s)
+    newest = 0
 
     def stopped() -> bool:
         nonlocal newest, newest_s, shown_s, tap
@@ -134,7 +137,9 @@ def run_live(site_file: Path, rig: Rig, play_s: float, ready_s: float, show: Sho
         if tap is None and edge_there.is_set():
             tap = open_tap(link)
             heard.listen(site.name, tap)
-            heard.begin_ns = time.time_ns() + round(ready_s * 1e9)
+            # A machine on which the edge took long will take long for the cameras too.
+            wait_s = min(max(ready_s, now_s - begun_s), PATIENCE * ready_s)
+            heard.begin_ns = time.time_ns() + round(wait_s * 1e9)
             for camera_id in rig.camera_ids:
                 begin = ["--begin-s", str(heard.begin_ns / 1e9)]
                 command = camera_command(site_file, site, camera_id, rig) + begin
@@ -151,8 +156,9 @@ def run_live(site_file: Path, rig: Rig, play_s: float, ready_s: float, show: Sho
             raise InputError(f"edge: no slot for {waited_s:.0f} s: {last_words(programs)}")
         if any(program.restarts for program in programs):
             raise InputError(f"a program of the site ended by itself: {last_words(programs)}")
-        last_ns = heard.begin_ns + round((play_s - 1.5 * slot_s) * 1e9)
-        return newest > 0 and heard.newest_ns >= last_ns
+        over_ns = heard.begin_ns + round((round_s - 1.5 / site.fps / site.pace) * 1e9)
+        again = heard.newest_ns >= over_ns and heard.slots >= num_slots // 2
+        return heard.slots >= num_slots or again
 
     try:
         run_site(programs, stopped, lambda line: None)

@@ -50,7 +50,7 @@ class Film:
 
 
 def stored_records(
-    store: Path, interval_s: float, film: Film, play_s: float
+    store: Path, interval_s: float, film: Film, num_slots: int
 ) -> tuple[list[SlotRecord], list[int]]:
     """Return the records of the newest run in a store, and when each slot was, since 1970.
 
@@ -58,13 +58,16 @@ def stored_records(
         store: the database.
         interval_s: seconds of the scene that a slot lasts.
         film: what was played.
-        play_s: how much of it, seconds of the scene; slots after it are left out.
+        num_slots: how many were wanted; those after them are left out, and those after the first
+            round of the film if it gave half of them.
     """
     asked = Store(store)
     run = asked.runs()[-1].run_id
     found = asked.query(run=run)
-    end_ns = film.begin_ns + round((play_s - interval_s / 2) / film.pace * 1e9)
-    rows = [row for row in asked.rows("slots", run=run) if row["time_ns"] < end_ns]
+    end_ns = film.begin_ns + round((film.length_s - interval_s / 2) / film.pace * 1e9)
+    rows = [row for row in asked.rows("slots", run=run) if row["slot"] < num_slots]
+    first_round = [row for row in rows if row["time_ns"] < end_ns]
+    rows = first_round if len(first_round) >= num_slots // 2 else rows
     return [_record(row, found, interval_s) for row in rows], [row["time_ns"] for row in rows]
 
 
