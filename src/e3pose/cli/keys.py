@@ -137,7 +137,7 @@ def _until(path: Path) -> str:
         return "file is gone"
     try:
         return f"{expires(read_bytes(path, MAX_PEM_BYTES)):%Y-%m-%d}"
-    except (InputError, ValueError):
+    except InputError:
         return "file is damaged"
 
 

@@ -7,13 +7,17 @@ import ipaddress
 from collections.abc import Sequence
 
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from e3pose.errors import InputError
+
 AUTHORITY_DAYS = 3650
 LEAF_DAYS = 825
+# What certificates and keys that are none raise.
+UNREADABLE = (ValueError, TypeError, x509.InvalidVersion, UnsupportedAlgorithm)
 CLOCK_SLACK = datetime.timedelta(days=1)  # a camera without a network may be behind
 
 
@@ -98,7 +102,7 @@ def problem_with(
         own = x509.load_pem_x509_certificate(certificate)
         issuer = x509.load_pem_x509_certificate(authority)
         private = serialization.load_pem_private_key(key, password=None)
-    except (ValueError, TypeError):  # whose words are of PEM and framing
+    except UNREADABLE:  # whose words are of PEM and framing
         return "found no certificate or key, expected what `e3pose keys` made"
     if private.public_key() != own.public_key():
         return "found a key that belongs to another certificate"
@@ -115,8 +119,11 @@ def problem_with(
 
 
 def expires(certificate: bytes) -> datetime.datetime:
-    """Return until when a PEM certificate is valid, UTC."""
-    return x509.load_pem_x509_certificate(certificate).not_valid_after_utc
+    """Return until when a PEM certificate is valid, UTC; raise `InputError` if it is none."""
+    try:
+        return x509.load_pem_x509_certificate(certificate).not_valid_after_utc
+    except UNREADABLE:
+        raise InputError("found no certificate, expected what `e3pose keys` made") from None
 
 
 def _usage(signs: bool) -> x509.KeyUsage:

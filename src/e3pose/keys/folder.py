@@ -116,7 +116,7 @@ def add_keys(
     Raises:
         InputError: when the name is taken, unless `again`.
     """
-    from e3pose.keys.authority import make_certificate
+    from e3pose.keys.authority import UNREADABLE, make_certificate
 
     check_camera_id(name)
     roll = read_roll(folder)
@@ -134,7 +134,7 @@ def add_keys(
     subject = f"{name[:52]}#{number}"
     try:
         certificate, private = make_certificate(authority, key, subject, ["localhost", name], now)
-    except ValueError:
+    except UNREADABLE:
         raise InputError(
             f"{folder}: authority.pem, authority.key: found no certificate and its key, "
             "expected those that `e3pose keys init` made"

@@ -82,7 +82,7 @@ def read_job(folder: Path) -> Job:
     path = folder / JOB
     try:
         return msgspec.json.decode(read_bytes(path, MAX_JOB_BYTES), type=Job)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: found no job ({error})") from None
 
 
@@ -95,7 +95,7 @@ def read_result(folder: Path, job: Job) -> tuple[Verdict, bytes, str]:
     path = folder / VERDICT
     try:
         verdict = msgspec.json.decode(read_bytes(path, MAX_JOB_BYTES), type=Verdict)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: found no verdict ({error})") from None
     errors = (*verdict.error_m, *verdict.base_error_m)
     if verdict.leads != job.leads or len(errors) != 2 * len(job.leads):

@@ -115,7 +115,7 @@ class VersionStore:
             manifest = msgspec.json.decode(read_bytes(path, MAX_MANIFEST_BYTES), type=Manifest)
         except msgspec.ValidationError as error:
             raise InputError(f"{path}: {misfit(error, Manifest)}") from None
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: found no list of versions ({error})") from None
         if manifest.format != FORMAT:
             raise InputError(f"{path}: format: found {manifest.format[:40]!r}, expected {FORMAT!r}")

@@ -91,7 +91,7 @@ class Unfinished:
             return None
         try:
             state = msgspec.json.decode(read_bytes(path, MAX_STATE_BYTES), type=State)
-        except msgspec.DecodeError as error:
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: {str(error)[:200]}; delete {self.folder}") from None
         differing = [
             f"{name}: {state.settings.get(name, 'none')}, now {settings.get(name, 'none')}"

@@ -24,6 +24,8 @@ CHECKED_BYTES = 64 * 2**20  # larger databases would keep a start waiting for th
 # What SQLite says of a file whose content is wrong, in place of a disk or a lock that is.
 CORRUPT, NOT_A_DATABASE = 11, 26  # its error codes
 DAMAGE = ("malformed", "not a database")
+# What a database says when it is used; the second where it quotes what is damaged.
+REFUSALS = (DBAPIError, UnicodeDecodeError)
 
 
 def database_url(store: str | Path) -> str:
@@ -97,8 +99,8 @@ def reading(store: str | Path, engines: dict[str, Engine] | None = None) -> Iter
                 connection.execute(text("PRAGMA busy_timeout = 5000"))
             schema.check_version(connection, where)
             yield connection
-    except DBAPIError as error:
-        reason = " ".join(str(error.orig).split())
+    except REFUSALS as error:
+        reason = reason_of(error)
         if is_damage(error):
             raise InputError(f"{where}: damaged ({reason}), expected a store") from None
         raise InputError(f"{where}: cannot be read ({reason})") from None
@@ -139,10 +141,10 @@ def open_checked(url: str) -> str | None:
         told = set_aside(path, "its first bytes are not those of a database")
     try:
         _prepare(url, path)
-    except DBAPIError as error:
+    except REFUSALS as error:
         if path is None or not is_damage(error):
             raise
-        told = set_aside(path, " ".join(str(error.orig).split()))
+        told = set_aside(path, reason_of(error))
         _prepare(url, path)
     return told
 
@@ -162,8 +164,17 @@ def set_aside(path: Path, reason: str) -> str:
     return f"{path}: damaged ({reason}): set aside as {new.name}, a new one takes its place"
 
 
-def is_damage(error: DBAPIError) -> bool:
+def reason_of(error: Exception) -> str:
+    """Return one line of what a database or the disk under it said."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    return " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
+
+
+def is_damage(error: Exception) -> bool:
     """Tell a file whose content is wrong from a disk or a lock that does not let us write."""
+    if not isinstance(error, DBAPIError):
+        return isinstance(error, UnicodeDecodeError)
     code = getattr(error.orig, "sqlite_errorcode", None)  # Python 3.11 and later
     if code is not None:
         return code & 0xFF in (CORRUPT, NOT_A_DATABASE)

@@ -177,7 +177,7 @@ def frames(content: bytes) -> Iterator[list[Row]]:
         at += FRAME.size + len(part)
         try:
             yield msgspec.msgpack.decode(part, type=list[Row])
-        except msgspec.DecodeError:
+        except (msgspec.DecodeError, UnicodeDecodeError):
             return
 
 
@@ -201,7 +201,7 @@ def left_behind(path: Path, limit_bytes: int = 2**30) -> tuple[Run, list[list[Ro
         raise InputError(f"{path}: found no spool that e3pose wrote")
     try:
         run = msgspec.msgpack.decode(head, type=Run)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: found a spool of another version ({error})") from None
     body = content[HEADER_BYTES:]
     middle = len(body) // 2

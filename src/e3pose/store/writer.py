@@ -15,11 +15,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
-from sqlalchemy.exc import DBAPIError
-
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
-from e3pose.store.database import database_path, database_url, is_damage, open_checked, set_aside
+from e3pose.store.database import (
+    REFUSALS,
+    database_path,
+    database_url,
+    is_damage,
+    open_checked,
+    reason_of,
+    set_aside,
+)
 from e3pose.store.delivery import Delivery
 from e3pose.store.retention import Retention
 from e3pose.store.rows import (
@@ -135,7 +141,7 @@ class StoreWriter:
         unable: Exception | None = None
         try:
             self._open()
-        except (DBAPIError, OSError) as error:
+        except (*REFUSALS, OSError) as error:
             unable = error
         self._spool = new_spool(run, self._path, self.settings.spool_bytes)
         if unable is not None:
@@ -292,7 +298,7 @@ class StoreWriter:
             if len(self._spool):
                 for kept in self._spool.take():
                     self._commit(kept)
-        except (DBAPIError, OSError, InputError) as error:
+        except (*REFUSALS, OSError, InputError) as error:
             self._spool.add(rows)
             self._in_trouble(error)
             return
@@ -312,8 +318,8 @@ class StoreWriter:
     def _in_trouble(self, error: Exception) -> None:
         self._delivery.close()
         self._next_try_s = time.monotonic() + RETRY_S
-        reason = _reason(error)
-        if isinstance(error, DBAPIError) and self._path is not None and is_damage(error):
+        reason = reason_of(error)
+        if self._path is not None and is_damage(error):
             try:
                 self._say("store-damaged", set_aside(self._path, reason))
                 self._delivery.opened = False
@@ -340,7 +346,7 @@ class StoreWriter:
             for told in self._delivery.adopt():
                 self._say("store-adopted", told)
             self._delivery.trim(self.settings.retention, self._wall_ns())
-        except (DBAPIError, OSError) as error:
+        except (*REFUSALS, OSError) as error:
             self._in_trouble(error)
 
     def _say(self, kind: str, message: str) -> None:
@@ -348,9 +354,3 @@ class StoreWriter:
         self._notes.append(event)
         if self._tell is not None:
             self._tell(event)
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror.lower()
-    return " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
