@@ -194,6 +194,28 @@ def test_two_sites_share_one_router() -> None:
         program.close()
 
 
+def test_what_is_far_too_large_does_not_even_arrive(site: Site) -> None:
+    edge, camera = site.edge(), site.camera("cam1")
+    got: list[tuple[str, int]] = []
+    for what in ("view", "heartbeat"):
+        edge.subscribe(
+            f"e3pose/lab/camera/*/{what}", lambda t, p: got.append((t.rsplit("/", 1)[1], len(p)))
+        )
+
+    def arrived() -> bool:
+        camera.publish("e3pose/lab/camera/cam1/view", b"x" * 2**20)
+        camera.publish("e3pose/lab/camera/cam1/heartbeat", b"x" * 2**18)
+        camera.publish("e3pose/lab/camera/cam1/view", b"x" * 2**18)
+        camera.publish("e3pose/lab/camera/cam1/heartbeat", b"x" * 2**12)
+        time.sleep(0.05)
+        return {what for what, _ in got} == {"view", "heartbeat"}
+
+    assert eventually(arrived)
+    time.sleep(SILENCE_S)
+    assert set(got) == {("view", 2**18), ("heartbeat", 2**12)}
+    edge.close()
+
+
 def test_port_that_is_taken_is_told() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

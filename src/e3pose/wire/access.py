@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from e3pose.errors import InputError
-from e3pose.wire.topics import of_camera, of_order, of_site
+from e3pose.wire.topics import ANY, of_camera, of_order, of_site
 
 LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too long
+WORD_BYTES = 2**15  # hello and heartbeat: some hundred bytes, and the names of many joints
+VIEW_BYTES = 2**19  # 256 people with 133 keypoints
 SPEAK = ["put", "delete", "liveliness_token", "query", "reply"]
 LISTEN = [
     "declare_subscriber",
@@ -145,7 +147,24 @@ def zenoh_config(
         }
         if link.role == "edge":
             config["access_control"] = _access(link.site, cameras or {}, viewers or {})
+    if link.role == "edge":
+        config["low_pass_filter"] = _limits(link.site)
     return config
+
+
+def _limits(site: str) -> list[dict[str, Any]]:
+    """Return how large what cameras say may be: the rest is not even kept until it is read."""
+    sizes = {"view": VIEW_BYTES, "hello": WORD_BYTES, "heartbeat": WORD_BYTES, "clock": WORD_BYTES}
+    return [
+        {
+            "id": f"size-{what}",
+            "flows": ["ingress"],
+            "messages": ["put", "query"],
+            "key_exprs": [of_camera(site, ANY, what)],
+            "size_limit": size,
+        }
+        for what, size in sizes.items()
+    ]
 
 
 def _access(site: str, cameras: Mapping[str, str], viewers: Mapping[str, str]) -> dict[str, Any]:
