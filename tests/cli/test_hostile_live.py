@@ -1,0 +1,385 @@
+"""What no verb of a live site may do with bad input; the manner is that of `test_hostile`."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from e3pose import noises, profiles
+from e3pose.cli import main
+from e3pose.keys.folder import add_keys, init_keys
+from e3pose.recording import save_recording
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.example import write_recorded
+
+ESCAPE = "\x1b[2J"
+HUGE = 5000 * "9"
+LIMIT_S = 20
+ENDS = {
+    "edge": ("--for", "0.2"), "up": ("--for", "0.2"), "check": ("--timeout", "0"),
+    "top": ("--once", "--timeout", "0"),
+}  # fmt: skip
+SITE, LIST, NOISE, HEADER = "site/site.toml", "keys/keys.toml", "noise.toml", "rec/recording.toml"
+VERSIONS, PROFILE, PEM = "learned/versions/versions.json", "p.toml", "keys/cameras/cam0/camera.pem"
+
+Break = Callable[[Path], object]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with one good thing of each kind."""
+    import datetime
+
+    folder = tmp_path_factory.mktemp("live")
+    recording = simulate(SceneSettings(people=2, seconds=0.4, cameras=3), seed=0)
+    save_recording(recording, folder / "rec")
+    write_recorded(folder / "site", recording)
+    now = datetime.datetime.now(datetime.timezone.utc)
+    init_keys(folder / "keys", "example", [], now)
+    add_keys(folder / "keys", "cam0", now)
+    for package, name, to in (
+        (noises, "simulated.toml", NOISE),
+        (profiles, "generic.toml", PROFILE),
+    ):
+        shutil.copy(Path(str(package.__file__)).parent / name, folder / to)
+    with pytest.raises(SystemExit, match="0"):
+        main(["replay", str(folder / "rec"), "-C", "2", "--store", str(folder / "s.db")])
+    (folder / "learned" / "versions").mkdir(parents=True)
+    (folder / VERSIONS).write_text(versions(1, 2))
+    return folder
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Work in a copy of it; give up what does not end."""
+    folder = tmp_path / "w"
+    shutil.copytree(made, folder)
+    monkeypatch.chdir(folder)
+
+    def late(*_: object) -> None:
+        raise AssertionError(f"not done in {LIMIT_S} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(LIMIT_S)
+    try:
+        yield folder
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def versions(*numbers: int, made_s: float = 1.0, parent: int = 0) -> str:
+    """Return a list of versions, the last one current."""
+    each = ",".join(
+        f'{{"number":{n},"parent":{parent},"created_s":{made_s},"sha256":"{"0" * 64}",'
+        '"leads":[1],"error_m":[0.1],"parent_error_m":[0.2],"windows":9}'
+        for n in numbers
+    )
+    shown = f'"format":"e3pose predictor versions","current":{numbers[-1]},"last":9'
+    return f'{{{shown},"versions":[{each}]}}'
+
+
+def new(name: str, old: str, text: str) -> Break:
+    def change(folder: Path) -> None:
+        content = (folder / name).read_text()
+        assert old in content, name
+        (folder / name).write_text(content.replace(old, text, 1))
+
+    return change
+
+
+def ahead(name: str, line: str) -> Break:
+    """Put a line in front of a TOML file."""
+    return lambda folder: (folder / name).write_text(f"{line}\n{(folder / name).read_text()}")
+
+
+def whole(name: str, content: str | bytes) -> Break:
+    data = content.encode() if isinstance(content, str) else content
+    return lambda folder: (folder / name).write_bytes(data)
+
+
+def cut(name: str) -> Break:
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:60])
+
+
+def sparse(name: str) -> Break:
+    return lambda folder: os.truncate(folder / name, 10 * 2**30)
+
+
+def instead(name: str, make: Callable[[Path], object]) -> Break:
+    def change(folder: Path) -> None:
+        (folder / name).unlink()
+        make(folder / name)
+
+    return change
+
+
+FPS, ID, PATH, CAMERAS = "fps = 10.0", 'id = "cam0"', 'path = "live.db"', "cameras = 2"
+HERE = "tcp/127.0.0.1"
+# What is wrong with a site -> the verb that must say so (check, up and edge look at all of it, top
+# at the file), and what the line must say.
+SITES: list[tuple[str, Break, str]] = [
+    ("top", whole(SITE, ""), "format: not found"),
+    ("edge", cut(SITE), "site.toml: .*TOML|not found"),
+    ("up", whole(SITE, b"\xff\xfe\0"), "site.toml: .*TOML"),
+    ("top", sparse(SITE), "found 10737418240 bytes"),
+    ("edge", instead(SITE, os.mkfifo), "found a pipe"),
+    ("check", instead(SITE, Path.mkdir), "found a folder"),
+    ("edge", whole(SITE, "a = " + 100_000 * "["), "site.toml: .*TOML"),
+    ("top", new(SITE, "version = 1", "version = 2"), "version: found 2, expected 1"),
+    ("up", new(SITE, "version = 1", "version = true"), "version: found a boolean"),
+    ("top", new(SITE, "e3pose-site", "e3pose-camera"), "found 'e3pose-camera', expected 'e3pose-s"),
+    ("edge", new(SITE, 'name = "example"', ""), "name: not found"),
+    ("up", new(SITE, '"example"', '"../x"'), r"site '\.\./x'"),
+    ("top", new(SITE, '"example"', '"*"'), r"site '\*'"),
+    ("edge", ahead(SITE, '"\\u001b[2J" = 1'), r"unknown key '\\\\x1b\[2J'|\\x1b"),
+    ("check", ahead(SITE, "fpx = 1"), "unknown key 'fpx', expected one of format"),
+    ("check", ahead(SITE, "fps = 1.0"), "TOML: .*overwrite"),
+    ("edge", new(SITE, "fps = ", "fps = nan #"), "fps: found nan, expected 0.1 to 1000"),
+    ("up", new(SITE, "fps = ", 'fps = "25" #'), "fps: found text, expected a number"),
+    ("up", new(SITE, "fps = ", f"fps = {HUGE} #"), "TOML: Exceeds"),
+    ("edge", new(SITE, "pace = ", "pace = 0 #"), "pace: found 0"),
+    ("edge", ahead(SITE, 'lead = "soon"'), "lead: found 'soon', expected 'adaptive' or a whole"),
+    ("edge", ahead(SITE, "lead = 99999999999999999999"), "lead: found"),
+    ("check", ahead(SITE, 'budget = "much"'), "budget: found 'much', expected 0.6"),
+    ("edge", ahead(SITE, 'budget = "until 2001-01-01T00:00"'), "has passed"),
+    ("check", ahead(SITE, "metrics_port = 99999"), "metrics_port: found"),
+    ("edge", new(SITE, '"rig.toml"', '"/dev/zero"'), "found a pipe, socket or device"),
+    ("check", new(SITE, '"rig.toml"', '"a\\u0000"'), r"found 'a\\x00', expected the name"),
+    ("check", new(SITE, '"rig.toml"', '"~nobody-at-all/x"'), "home of a user"),
+    ("check", new(SITE, '"coco17"', '"fish"'), "skeleton 'fish' is unknown"),
+    # What the edge writes must not take the place of what is there.
+    ("edge", ahead(SITE, 'state = "rig.toml"'), "state: found 'rig.toml', expected .*npz"),
+    ("edge", ahead(SITE, 'state = "recording"'), "state: found 'recording'"),
+    ("edge", ahead(SITE, 'learn = "recording"'), "found a folder of other things"),
+    ("edge", ahead(SITE, 'learn = "rig.toml"'), "found a file, expected a folder to learn"),
+    ("edge", new(SITE, PATH, 'path = "rig.toml"'), "no database"),
+    ("up", new(SITE, PATH, 'path = "recording"'), "found a folder, expected a file"),
+    ("check", new(SITE, PATH, 'path = "no/such.db"'), "found no folder"),
+    ("edge", new(SITE, PATH, 'path = "foo://bar"'), "foo://bar: cannot be opened"),
+    ("check", new(SITE, PATH, f'{PATH}\nkeep = "30 moons"'), "age: found '30 moons'"),
+    ("check", new(SITE, PATH, f'{PATH}\nmax_size = "9{400 * "9"}GB"'), "size: found"),
+    ("edge", new(SITE, CAMERAS, "cameras = 9"), "cameras: asked for 9"),
+    ("check", new(SITE, CAMERAS, "cameras = true"), "cameras: found True"),
+    ("edge", new(SITE, CAMERAS, 'policy = "x"'), "site.toml: policy 'x' is unknown"),
+    ("up", new(SITE, CAMERAS, "policy = []"), r"policy: found \[\], expected a name"),
+    ("check", new(SITE, CAMERAS, "lead = 2"), "lead: expected it at the top"),
+    ("check", new(SITE, CAMERAS, 'warmup = "x"'), "loop: warmup: found text, expected a whole"),
+    ("edge", new(SITE, CAMERAS, 'noise = "rig.toml"'), "rig.toml: format: found"),
+    ("edge", new(SITE, CAMERAS, 'target_error = "4"'), "site.toml: --target-error: found '4'"),
+    ("check", new(SITE, "[loop]", '[energy]\nprofile = "x"\n[loop]'), "device profile"),
+    ("check", new(SITE, "[loop]", '[energy]\nlifetime = "9000d"\n[loop]'), "lifetime: found"),
+    ("edge", new(SITE, ID, 'id = "cam9"'), "camera cam9: not in the calibration"),
+    ("top", new(SITE, ID, 'id = "cam1"'), "camera cam1: found twice"),
+    ("top", new(SITE, ID, f"{ID}, idd = 1"), r"camera\[0\]: unknown key 'idd', expected one of id"),
+    ("top", new(SITE, ID, f"{ID}, wake_s = nan"), "camera cam0: wake_s: found nan"),
+    ("top", new(SITE, ID, f'{ID}, meter = "x"'), "found 'x', expected 'auto' or 'model'"),
+    ("edge", new(SITE, ID, f'{ID}, budget = "x"'), "camera cam0: budget: found 'x'"),
+    ("up", new(SITE, 'source = "recorded:recording"', 'provider = "cpu"'), "cam0: source: not fou"),
+    ("edge", new(SITE, HERE, "http/127.0.0.1"), "expected tls/HOST:PORT"),
+    ("edge", new(SITE, HERE, "tcp/0.0.0.0"), "plain tcp beyond this machine"),
+    ("edge", new(SITE, HERE, "tls/127.0.0.1"), "tls without certificates"),
+    ("edge", new(SITE, "[link]", '[link]\nupstream = ["x"]'), "endpoint 'x'"),
+]
+
+
+@pytest.mark.parametrize(("verb", "break_it", "message"), SITES)
+def test_a_bad_site_gets_one_line(
+    place: Path, capsys: pytest.CaptureFixture[str], verb: str, break_it: Break, message: str
+) -> None:
+    break_it(place)
+    refused(capsys, place, [verb, SITE, *ENDS[verb]], message)
+
+
+CAMERA = "camera --site example --name cam0 --source"
+# What is wrong with another file -> the command that must say so, and what.
+FILES: list[tuple[str, Break, str]] = [
+    ("keys list", whole(LIST, ""), "keys.toml: expected format 'e3pose-keys', version 1"),
+    ("keys add cam1", new(LIST, "version = 1", "version = 2"), "version 1"),
+    ("keys list", sparse(LIST), "found 10737418240 bytes"),
+    ("keys list", new(LIST, "cam0 =", '"../x" ='), r"keys.toml: camera id '\.\./x'"),
+    ("keys list", new(LIST, '"cam0#1"', '"\\u001b[2J"'), "found '.*', expected a common name"),
+    ("keys add cam1", new(LIST, "revoked = []", 'revoked = ["cam0#1"]'), "cam0#1 twice"),
+    ("keys add cam1", new(LIST, "count = 1", "count = -5"), "count: found '-5'"),
+    ("keys list", ahead(LIST, "zzz = 1"), "unknown key 'zzz'"),
+    ("keys add cam1", whole("keys/authority.key", "x"), "authority.key: found no certificate"),
+    (f"{CAMERA} recorded:rec --endpoint tls/localhost:1 --keys keys/cameras/cam0",
+     cut(PEM), "camera.pem: found no certificate or key"),
+    ("camera cam.toml", whole("cam.toml", 'format = "e3pose-camera"\nversion = 1'), "not found"),
+    ("info rec", ahead(HEADER, "battery_wh = { cam0 = 5.0 }"), "version: found 1, expected 2"),
+    ("replay rec --noise noise.toml", cut(NOISE), "noise.toml: "),
+    ("replay rec --noise noise.toml", new(NOISE, "version = 1", "version = 2"), "version: found"),
+    ("replay rec --noise noise.toml", ahead(NOISE, "zzz = 1"), "unknown key 'zzz'"),
+    ("replay rec --noise noise.toml", new(NOISE, "image_px = ", "image_px = nan #"), "image_px"),
+    ("replay rec --noise noise.toml", sparse(NOISE), "found 10737418240 bytes"),
+    ("power --profile p.toml", new(PROFILE, "version = 1", "version = 9"), "version: found '9'"),
+    ("power --profile p.toml", new(PROFILE, "watts = ", "watts = -"), "watts: found"),
+    ("learn versions learned", whole(VERSIONS, b"\xff\xfe"), "versions.json: found no list"),
+    ("learn rollback learned", whole(VERSIONS, b'{"format":"\xff"}'), "found no list"),
+    ("learn versions learned", whole(VERSIONS, "[" * 100_000), "versions.json: "),
+    ("learn versions learned", whole(VERSIONS, versions(1, 1)), "every number once"),
+    ("learn versions learned", whole(VERSIONS, versions(1, made_s=1e300)), "figures that cannot"),
+    ("learn rollback learned", whole(VERSIONS, versions(1, parent=1)), "figures that cannot"),
+    ("learn rollback learned", instead(VERSIONS, os.mkfifo), "found a pipe"),
+    ("query s.db", whole("s.db", b"SQLite format 3\0" + 5000 * b"\xff"), "s.db: (damaged|cannot)"),
+    ("query s.db", whole("s.db", ""), "no tables"),
+    ("query s.db", instead("s.db", os.mkfifo), "s.db: found"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "break_it", "message"), FILES)
+def test_a_bad_file_gets_one_line(
+    place: Path, capsys: pytest.CaptureFixture[str], words: str, break_it: Break, message: str
+) -> None:
+    break_it(place)
+    refused(capsys, place, words.split(), message)
+
+
+# Words of a command -> what the line must say.
+WORDS: list[tuple[str, str]] = [
+    ("edge", "SITE"),
+    ("edge nosuch", "nosuch: file not found"),
+    ("edge /dev/zero", "found a pipe, socket or device"),
+    (f"edge {SITE} --for nan", "--for: found nan"),
+    (f"edge {SITE} --for -1", "--for: found -1"),
+    (f"up {SITE} --for inf", "--for: found inf"),
+    (f"up {SITE} --logs s.db", "--logs: found a file"),
+    ("up rec --for 0", "rec/site.toml: file not found"),
+    ("up rec --example --for 0", "is there already"),
+    (f"top {SITE} --once --timeout inf", "--timeout: found inf"),
+    (f"top {SITE} --once --timeout 0", "no edge of site example answers"),
+    (f"check {SITE} --timeout nan", "--timeout: found nan"),
+    ("camera", "--site: not found"),
+    (f"camera --site ../x --name cam0 --source {ESCAPE}", r"site '\.\./x'"),
+    ("camera --site lab --name cam9 --source recorded:rec", "'cam9' is not in the rig"),
+    (f"{CAMERA} recorded:", "expected recorded:RECORDING"),
+    (f"{CAMERA} recorded:nosuch", "nosuch: found no such folder"),
+    (f"{CAMERA} usb:x", "expected usb:NUMBER"),
+    (f"{CAMERA} x{ESCAPE}", "expected the name of a file"),
+    (f"{CAMERA} {HUGE}", ""),
+    (f"{CAMERA} recorded:rec --pace nan", "pace: found nan"),
+    (f"{CAMERA} recorded:rec --battery-wh 0", "battery_wh: found 0"),
+    (f"{CAMERA} recorded:rec --threads {HUGE}", "threads"),
+    (f"{CAMERA} recorded:rec --endpoint tcp/10.0.0.1:1", "plain tcp beyond this machine"),
+    (f"{CAMERA} recorded:rec --endpoint tls/10.0.0.1:1", "tls without certificates"),
+    (f"{CAMERA} recorded:rec --endpoint tls/10.0.0.1:1 --keys rec", "authority.pem: file not"),
+    ("keys init ../x --out new", r"site '\.\./x'"),
+    ("keys init lab --out rec", "not empty, expected a free name"),
+    ("keys init lab --out s.db/x", "s.db is a file"),
+    (f"keys init lab --out new --host {ESCAPE}", "expected a name or an address"),
+    ("keys add ../x", r"camera id '\.\./x'"),
+    ("keys add cam0", "--again"),
+    (f"keys add {HUGE}", "camera id"),
+    ("keys revoke nobody", "expected one of: cam0"),
+    ("keys list --keys rec", "keys.toml: file not found"),
+    ("query", "STORE"),
+    ("query nosuch", "no such file"),
+    ("query rec", "found a folder"),
+    ("query foo://bar", "cannot be opened"),
+    ("query postgresql://u:secret@127.0.0.1:1/x", r"^e3pose: postgresql://u:\*\*\*@"),
+    (f"query s.db --from {ESCAPE}", "time: found"),
+    (f"query s.db --from {50 * '9'}", "time: found"),
+    ("query s.db --from now --to -10min", "the earlier one first"),
+    (f"query s.db --track {30 * '9'}", "--track: found 9"),
+    ("query s.db --joint tail", "joint: found 'tail'"),
+    ("query s.db --what slots --track 1", "--track: found 1 with --what slots"),
+    ("query s.db --run 99", "run: found 99"),
+    ("query s.db --csv s.db", "found the store itself"),
+    ("query s.db --parquet s.db-wal", "found the store itself"),
+    ("query s.db --csv a --json a", "the same file twice"),
+    ("power --seconds nan", "--seconds: found nan"),
+    ("power --profile rec/recording.toml", "format: found 'e3pose-recording'"),
+    ("learn versions rec", "found no versions there"),
+    ("learn rollback learned --to 7", "version 7: found none"),
+    ("learn replay rec --out rec", "a folder of other things"),
+    ("learn replay rec --out s.db", "found a file, expected a folder to learn"),
+    ("learn replay rec rec --out new", "rec: found twice"),
+    ("learn replay rec --out new --policy x", "policy 'x' is unknown"),
+    ("learn replay rec --out new --cameras 99", "cameras: asked for 99"),
+    ("learn replay rec --out new --least nan", "least_s: found nan"),
+    ("learn replay rec --out new --held-back inf", "held_back_s: found inf"),
+    ("calibrate noise rec --seconds nan", "--seconds: found nan"),
+    ("calibrate noise rec --out rec", "found a folder"),
+    ("calibrate noise rec --out rec/recording.toml", "a file of the recording"),
+    (f"calibrate noise rec --detector {ESCAPE}", "--detector: found"),
+    ("replay rec --target-error 40", "--target-error: found '40'"),
+    ("replay rec --target-error 40mm --cameras 2", "expected no --cameras"),
+    ("replay rec --cameras nan", "cameras: asked for nan"),
+    ("replay rec --lifetime 9999d", "lifetime: found"),
+    ("replay rec --battery-wh 50,cam9=1", "--battery-wh: found camera 'cam9'"),
+    ("replay rec --profile generic,cam0=nosuch", "nosuch: device profile"),
+    ("replay rec --kill-camera cam9@1", "--kill-camera: found 'cam9'"),
+    (f"replay rec --kill-camera cam0@{HUGE}", "--kill-camera: found"),
+    ("replay rec --loss nan", "--loss: found nan"),
+    ("replay rec --fps inf", "--fps: found inf"),
+    ("replay rec --keep 30d", "found no --store"),
+    (f"replay rec --store new.db --max-size {400 * '9'}GB", "size: found"),
+    ("replay rec --store s.db --json s.db", "found the file of --store"),
+    ("replay rec --store rec", "found a folder"),
+    ("replay rec --store nodir/s.db", "found no folder nodir"),
+    ("replay rec --store /dev/null", "found a pipe, socket or device"),
+    ("evaluate rec --leads 1,x", "--leads: found '1,x'"),
+    ("evaluate rec --plot new.svg", "--plot: found no --leads"),
+    ("evaluate rec --cameras 1.5,nan", "--cameras: found 'nan'"),
+    ("evaluate-predictor rec --pictures rec --overwrite", "holds no error-by-lead.svg"),
+    ("evaluate-predictor rec --slots 5:2", "slots: found 5:2"),
+    (f"evaluate-predictor rec --slots {HUGE}:1", "--slots: found"),
+    ("train rec --jobs 0", "--jobs: found 0"),
+    ("train rec --combinations 0", "--combinations: found 0"),
+    ("train rec --target x", "target"),
+    ("simulate new --scene two-rooms --people 99999", "people: found"),
+    ("simulate new --scene shaft --cameras 99", "cameras: found 99"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), WORDS)
+def test_a_bad_command_gets_one_line(
+    place: Path, capsys: pytest.CaptureFixture[str], words: str, message: str
+) -> None:
+    refused(capsys, place, words.split(" "), message)
+
+
+def test_a_link_is_no_place_for_the_keys_of_a_camera(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (place / "keys" / "cameras" / "cam1").symlink_to(place / "rec")
+    refused(capsys, place, ["keys", "add", "cam1"], "found a symbolic link")
+
+
+def test_a_number_of_a_certificate_is_never_given_twice(place: Path) -> None:
+    new(LIST, "count = 1", "count = 0")(place)
+    with pytest.raises(SystemExit, match="0"):
+        main(["keys", "add", "cam1"])
+    assert 'cam1 = "cam1#2"' in (place / LIST).read_text()
+
+
+def refused(
+    capsys: pytest.CaptureFixture[str], place: Path, words: list[str], message: str
+) -> None:
+    before = everything(place)
+    capsys.readouterr()
+    with pytest.raises(SystemExit) as exit_:
+        main(words)
+    out, err = capsys.readouterr()
+    assert exit_.value.code == 2, (exit_.value.code, out, err)
+    assert out == ""
+    assert err.startswith("e3pose: ") and err.endswith("\n")
+    assert len(err) < 1200
+    assert err[:-1].isprintable(), "control characters, or more than one line"
+    assert re.search(message, err[:-1]), err
+    assert everything(place) == before
+
+
+def everything(folder: Path) -> dict[str, tuple[int, int]]:
+    """Return what stands in a folder, but for what SQLite keeps beside a store that is read."""
+    return {
+        str(path): (path.lstat().st_size, path.lstat().st_mtime_ns if path.is_file() else 0)
+        for path in sorted(folder.rglob("*"))
+        if not path.name.endswith(("-wal", "-shm"))
+    }
