@@ -259,13 +259,13 @@ def test_videos_become_a_slower_site_poses_and_a_movie(
     said = words(report)
     assert said[0].startswith("Ran a live site: 4 cameras, each a process that plays its real vid")
     assert said[1] == (
-        "The videos were played at 0.071 of their speed, because one look took this machine 300 ms "
+        "The videos were played at 0.046 of their speed, because one look took this machine 300 ms "
         "and 4 cameras share its 2 cores."
     )
     site = load_site(tmp_path / "demo" / "site" / "site.toml")
-    assert site.pace == 0.071 and site.fps == 20 and site.skeleton == "coco18"
+    assert site.pace == 0.046 and site.fps == 20 and site.skeleton == "coco18"
     # An order must be able to come although every slot waits for its deadline.
-    assert site.deadline_ms == pytest.approx(1750 / 20 / 0.071, abs=1)
+    assert site.deadline_ms == pytest.approx(2500 / 20 / 0.046, abs=1)
     for camera in site.camera:
         assert camera.source == f"videos/{camera.id}.mp4" and camera.detector == "openpose-thin"
         assert (tmp_path / "demo" / "site" / camera.source).stat().st_size > 0
@@ -277,7 +277,7 @@ def test_videos_become_a_slower_site_poses_and_a_movie(
 
 @pytest.mark.parametrize(
     ("look_s", "cores", "expected"),
-    [(0.3, 2, 0.071), (0.085, 2, 0.25), (0.085, 8, 1.0), (0.01, 1, 1.0), (100.0, 1, 0.01)],
+    [(0.3, 2, 0.046), (0.085, 2, 0.16), (0.085, 16, 1.0), (0.006, 1, 1.0), (100.0, 1, 0.01)],
 )
 def test_pace_lets_all_cameras_look_in_every_slot(
     look_s: float, cores: int, expected: float
