@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimators.base import People
 from e3pose.filter import Belief, Estimate, Model, Outlook, outlook, step
+from e3pose.filter.honesty import spread_factor
 from e3pose.filter.returning import Identities, identify
 from e3pose.pose import Poses2D, Poses3D
 
@@ -73,6 +74,8 @@ class Filtered:
             memory.identities, memory.belief, belief, estimate.track_ids, self.model
         )
         track_ids = identities.of(estimate.track_ids)
+        shown = np.isin(belief.track_ids, estimate.track_ids)
+        factor = spread_factor(belief, self.model)[shown]
         history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
         _, new, old = np.intersect1d(
             estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
@@ -84,16 +87,29 @@ class Filtered:
             track_ids,
             history,
             track_ids,
-            estimate.covariance_m2,
+            estimate.covariance_m2 * factor[..., None, None] ** 2,
             estimate.measured,
             {"estimate": clock() - start},
         )
         return Remembered(belief, identities, estimate.track_ids, history), people
 
     def outlook(self, memory: Remembered, ahead_s: float) -> Outlook:
-        """See `Estimator.outlook`."""
+        """See `Estimator.outlook`.
+
+        One factor for everybody makes it honest as a whole: it changes what is expected, but not
+        which cameras tell most.
+        """
         expected = outlook(self.model, memory.belief, ahead_s)
-        return replace(expected, track_ids=memory.identities.of(expected.track_ids))
+        factor = 1.0
+        if memory.belief.confirmed.any():
+            factors = spread_factor(memory.belief, self.model)[memory.belief.confirmed]
+            factor = float(np.exp(np.log(factors.min(axis=1)).mean()))  # of joints just measured
+        return replace(
+            expected,
+            track_ids=memory.identities.of(expected.track_ids),
+            covariance_m2=expected.covariance_m2 * factor**2,
+            sigma_px=expected.sigma_px * factor,
+        )
 
 
 def _scores(estimate: Estimate) -> NDArray[np.float64]:
