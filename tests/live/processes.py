@@ -179,6 +179,20 @@ class LiveSite:
         assert eventually(lambda: self.online() == set(camera_ids), seconds), self.told()
         return time.monotonic() - begun_s
 
+    def whole(self) -> None:
+        """Start cameras that do not run, and wait for all."""
+        for camera_id in CAMERAS:
+            if camera_id not in self.programs:
+                self.start_camera(camera_id)
+        self.becomes(*CAMERAS, seconds=20.0)
+
+    def without(self, camera_id: str) -> None:
+        """End a camera if it runs, and wait for the others."""
+        if camera_id in self.programs:
+            self.send(camera_id, signal.SIGKILL)
+            self.wait(camera_id)
+        self.becomes(*(c for c in CAMERAS if c != camera_id))
+
     def flows(self, slots: int = 10, seconds: float = 10.0) -> None:
         """Wait for so many slots more."""
         count = len(self.poses)
