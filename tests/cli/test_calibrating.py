@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import run
 
-from e3pose.cli import main
 from e3pose.noises import load_noise_file
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
@@ -17,13 +17,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calibrate") / "recording"
     save_recording(simulate(SceneSettings(people=2, seconds=4.0, cameras=4), seed=5), path)
     return path
-
-
-def run(*tokens: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(token) for token in tokens])
-        raise SystemExit(0)
-    return int(stop.value.code or 0)
 
 
 def test_noise_is_measured_written_drawn_and_used(

@@ -13,10 +13,11 @@ from typing import Any
 import av
 import numpy as np
 import pytest
+from tests.cli.commands import run
 
 from e3pose.calibration import save_rig
 from e3pose.camera import Camera, Rig
-from e3pose.cli import detecting, main
+from e3pose.cli import detecting
 from e3pose.pose import Poses2D
 from e3pose.recording import load_recording
 from e3pose.skeleton import COCO17
@@ -70,13 +71,6 @@ def site(folder: Path, names: Sequence[str] = ("cam1", "cam2")) -> list[str]:
 @pytest.fixture
 def fake(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(detecting, "_detector", lambda *_: (Middle(), "middle"))
-
-
-def run(*words: str) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(words)
-        raise SystemExit(0)
-    return int(caught.value.code or 0)
 
 
 def slow(words: Sequence[str]) -> subprocess.Popen[str]:

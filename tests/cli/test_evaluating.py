@@ -5,14 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
+from tests.cli.commands import run
+from tests.cli.one_person import one_person
 
-from e3pose.camera import Camera, Rig
-from e3pose.cli import main
-from e3pose.pose import Poses2D
-from e3pose.recording import Recording, Truth, ViewSeries, save_recording
-from e3pose.skeleton import COCO17
+from e3pose.recording import save_recording
 
 NUM_SLOTS = 30
 
@@ -20,39 +17,9 @@ NUM_SLOTS = 30
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One person seen exactly by four cameras, so that every policy gets everything right."""
-    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
-    cameras = []
-    for index, angle in enumerate([0.3, 1.5, 3.1, 4.4]):
-        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
-        forward = (np.array([0, 0, 1.0]) - centre) / np.linalg.norm(np.array([0, 0, 1.0]) - centre)
-        right = np.cross(forward, [0, 0, 1.0]) / np.linalg.norm(np.cross(forward, [0, 0, 1.0]))
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
-    body = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
-    truth = np.stack([[body + [0.01 * slot, 0, 0]] for slot in range(NUM_SLOTS)])
-    series = tuple(
-        ViewSeries.from_views(
-            [Poses2D(camera.project(people), np.ones((1, 17))) for people in truth],
-            range(NUM_SLOTS),
-            (np.arange(NUM_SLOTS) / 25).tolist(),
-            17,
-        )
-        for camera in cameras
-    )
     path = tmp_path_factory.mktemp("evaluate") / "recording"
-    recording = Recording(
-        "one person", Rig(tuple(cameras)), 25.0, NUM_SLOTS, COCO17, series,
-        truth=Truth(COCO17, ("anna",), truth),
-    )  # fmt: skip
-    save_recording(recording, path)
+    save_recording(one_person([0.3, 1.5, 3.1, 4.4], NUM_SLOTS), path)
     return path
-
-
-def run(*tokens: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([*tokens])
-        raise SystemExit(0)
-    return int(stop.value.code or 0)
 
 
 def test_comparison_in_parallel_processes(
@@ -61,7 +28,8 @@ def test_comparison_in_parallel_processes(
     figures = tmp_path / "figures.json"
     code = run(
         "evaluate", str(folder), "--policies", "all,random,round-robin", "--cameras", "2,3",
-        "--pipeline", "paper", "--seeds", "2", "--jobs", "2", "--battery-wh", "20", "--json", str(figures),
+        "--pipeline", "paper", "--seeds", "2", "--jobs", "2", "--battery-wh", "20",
+        "--json", str(figures),
     )  # fmt: skip
     assert code == 0
     rows = json.loads(figures.read_text())["rows"]

@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.cli.commands import run
 
-from e3pose.cli import main
 from e3pose.weights import MODELS
 from e3pose.weights.catalogue import MOVENET, FromUrl
 
@@ -31,13 +31,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     )
     monkeypatch.setitem(MODELS, "movenet-multipose", model)
     return tmp_path / "cache"
-
-
-def run(*words: str) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(words)
-        raise SystemExit(0)
-    return int(caught.value.code or 0)
 
 
 def put(cache: Path, content: bytes) -> Path:

@@ -6,18 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli import commands
 
-from e3pose.cli import main
 from e3pose.recording import load_recording
 from e3pose.simulate import SceneSettings, simulate
 
 
-def run(*tokens: str) -> int:
-    try:
-        main(["simulate", *tokens])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
+def run(*words: str) -> int:
+    return commands.run("simulate", *words)
 
 
 def test_writes_the_recording_that_the_library_makes(

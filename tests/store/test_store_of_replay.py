@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli.commands import run
+from tests.cli.one_person import one_person
 
-from e3pose.camera import Camera, Rig
-from e3pose.cli import main
 from e3pose.energy import load_profile
-from e3pose.pose import Poses2D
-from e3pose.recording import Recording, ViewSeries, save_recording
+from e3pose.recording import save_recording
 from e3pose.skeleton import COCO17
 from e3pose.store import Store
 
@@ -22,37 +22,9 @@ NUM_SLOTS = 30
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One person walking, seen exactly by three cameras."""
-    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
-    cameras = []
-    for index, angle in enumerate([0.2, 2.3, 4.4]):
-        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
-    body = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
-    truth = np.stack([[body + [0.01 * slot, 0, 0]] for slot in range(NUM_SLOTS)])
-    series = tuple(
-        ViewSeries.from_views(
-            [Poses2D(camera.project(people), np.ones((1, 17))) for people in truth],
-            range(NUM_SLOTS),
-            (np.arange(NUM_SLOTS) / 25).tolist(),
-            17,
-        )
-        for camera in cameras
-    )
     path = tmp_path_factory.mktemp("store") / "walk"
-    save_recording(Recording("walk", Rig(tuple(cameras)), 25.0, NUM_SLOTS, COCO17, series), path)
+    save_recording(replace(one_person([0.2, 2.3, 4.4], NUM_SLOTS, truth=False), name="walk"), path)
     return path
-
-
-def run(*tokens: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([*tokens])
-        raise SystemExit(0)
-    return int(stop.value.code or 0)
 
 
 def test_store_answers_what_the_replay_wrote(recording: Path, tmp_path: Path) -> None:

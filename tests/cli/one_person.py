@@ -1,0 +1,41 @@
+"""A recording of one person whom every camera sees exactly, so that every number is known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from e3pose.camera import Camera, Rig
+from e3pose.pose import Poses2D
+from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.skeleton import COCO17
+
+
+def one_person(angles: Sequence[float], num_slots: int, truth: bool = True) -> Recording:
+    """Return the person between cameras that stand at `angles`, radians, on a circle of 4 m."""
+    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
+    cameras = []
+    for index, angle in enumerate(angles):
+        centre = np.array([4 * np.cos(angle), 4 * np.sin(angle), 1.5])
+        forward = np.array([0, 0, 1.0]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
+    body = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(17, 3)) + [0, 0, 1]
+    joints_m = np.stack([[body + [0.01 * slot, 0, 0]] for slot in range(num_slots)])
+    series = tuple(
+        ViewSeries.from_views(
+            [Poses2D(camera.project(people), np.ones((1, 17))) for people in joints_m],
+            range(num_slots),
+            (np.arange(num_slots) / 25).tolist(),
+            17,
+        )
+        for camera in cameras
+    )
+    return Recording(
+        "one person", Rig(tuple(cameras)), 25.0, num_slots, COCO17, series,
+        truth=Truth(COCO17, ("anna",), joints_m) if truth else None,
+    )  # fmt: skip
