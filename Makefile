@@ -26,7 +26,7 @@ $(VENV)/.dev: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@ $(VENV)/.all
 
-demo: $(VENV)/.all  ## real videos in, scored 3D poses and a report out (demo-output/)
+demo: $(VENV)/.all  ## a live site on real videos; poses and a report out (demo-output/)
 	$(BIN)/e3pose demo demo-output --overwrite
 
 test: $(VENV)/.dev  ## run the tests and print the coverage
