@@ -194,7 +194,10 @@ TOML, VIEW, TRUTH = "recording.toml", "keypoints/cam1.jsonl", "truth.jsonl"
         (_edit(TOML, "version = 1", "version = true"), "version: found True"),
         (_edit(TOML, "version = 1\n", ""), "version: found None"),
         (_edit(TOML, "fps = 20.0", "fps = nan"), "recording.toml: .*fps is nan"),
-        (_edit(TOML, "fps = 20.0", 'fps = "fast"'), r"recording.toml: fps: found text, expected a number"),
+        (
+            _edit(TOML, "fps = 20.0", 'fps = "fast"'),
+            r"recording.toml: fps: found text, expected a number",
+        ),
         (_edit(TOML, "fps = 20.0", "fps = -1"), "fps is -1"),
         (_edit(TOML, "num_slots = 40", "num_slots = 1000000000000"), "num_slots: found 1000000"),
         (_edit(TOML, "num_slots = 40", "num_slots = 99000000"), "num_slots: 99000000 slots of 2"),
