@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class BadDayOptions:
     """What goes wrong, for every verb that runs the loop."""
 
-    kill_camera: Annotated[tuple[str, ...], Parameter(negative="")] = ()
+    kill_camera: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = ()
     """CAMERA@SLOT or CAMERA@12.5s: this camera is gone from then on; repeatable. `each` for the
     camera kills another one in every repetition."""
     loss: float = 0.0

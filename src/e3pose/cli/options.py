@@ -83,8 +83,8 @@ class LoopOptions:
     """What foresees the poses: attention-lstm, constant-velocity, damped-velocity, zero-velocity;
     by default the policy's own."""
     noise: str | None = None
-    """How far off keypoints are, by score: a detector's name, or a file that `e3pose calibrate
-    noise` made; by default as the recording's detector is known to err."""
+    """How far off keypoints are, by score: a detector's name, or a file made by
+    `e3pose calibrate noise`; by default as the recording's detector is known to err."""
     reject_outliers: bool = False
     """Leave out views that disagree with the others."""
     occlusion_limit: float = 0.1

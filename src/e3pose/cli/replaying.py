@@ -35,7 +35,7 @@ def replay(
 
     Say what you want in one of three ways: a number of cameras (`--cameras 2`, or a mean such as
     1.5), an accuracy (`--target-error 40mm`), or how long the batteries are to last
-    (`--lifetime 10h --battery-wh 50`). A lifetime may be joined with either of the others and then
+    (`--lifetime 6h --battery-wh 50`). A lifetime may be joined with either of the others and then
     limits them; a number and an accuracy exclude each other.
 
     Prints accuracy (where the recording has truth), what every camera did, and the energy saved.

@@ -83,14 +83,15 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
 
     Example: `e3pose check site.toml`
 
-    Says what to do about whatever it finds. The exit code is 1 when something would fail.
+    Says what to do about whatever it finds. The exit code is 1 when something would fail, and 2,
+    with one line, when the site file itself is wrong.
 
     Parameters
     ----------
     site
         The site file.
     keys
-        As in `e3pose top`.
+        The folder that `e3pose keys add NAME --viewer` made, as in `e3pose top`.
     timeout
         Seconds to wait for the edge, if it runs.
     """
