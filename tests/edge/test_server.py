@@ -6,6 +6,7 @@ import random
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,8 @@ from e3pose.edge.settings import EdgeSettings
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.node.live import CameraNode, NodeSettings
 from e3pose.node.live_source import RecordedDetector, RecordedSource
+from e3pose.power import EnergyLedger, parse_budget
+from e3pose.profiles import load_profile
 from e3pose.recording import Recording
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
@@ -115,10 +118,22 @@ def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
     assert edge.counts.lost == 0
     slots = [poses.slot for poses in site.poses]
     assert slots == list(range(slots[0], slots[0] + len(slots)))
-    for node in site.nodes.values():
-        assert node.failure is None
-        assert node.schedule.orders > 25 and node.schedule.late <= 2
-    assert edge.counts.missed.sum() <= 0.05 * edge.counts.ordered.sum() + 2
+
+    def in_time() -> bool:
+        """Return whether orders of a second and a half come in time: on a busy machine in the end,
+        since the lead follows."""
+        before = {i: (node.schedule.orders, node.schedule.late) for i, node in site.nodes.items()}
+        missed, ordered = edge.counts.missed.sum(), edge.counts.ordered.sum()
+        time.sleep(1.5)
+        came = {
+            i: (node.schedule.orders - before[i][0], node.schedule.late - before[i][1])
+            for i, node in site.nodes.items()
+        }
+        share = (edge.counts.missed.sum() - missed) / max(edge.counts.ordered.sum() - ordered, 1)
+        return all(orders >= 20 and late <= 2 for orders, late in came.values()) and share <= 0.1
+
+    assert eventually(in_time, 20)
+    assert all(node.failure is None for node in site.nodes.values())
 
 
 def test_people_are_published_where_they_are(site: Site) -> None:
@@ -257,3 +272,27 @@ def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
     assert slot < again.state.slot < slot + 400
     assert any(event.kind == "clock" for event in site.events)
     assert len(site.online()) == 3
+
+
+def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
+    edge = site.edge
+    assert edge is not None
+    profile, now = load_profile("xavier-nx"), datetime.now().astimezone()
+    active_w, idle_w = profile.watts("active"), profile.watts("power-saving")
+    watts = idle_w + 0.75 * (active_w - idle_w)
+    words = ("80%", f"{watts:.6f}W", f"{watts * 0.05:.6f}J")
+    edge.ledger = EnergyLedger(
+        site.recording.rig.camera_ids,
+        [profile] * 3,
+        edge.settings.idle_modes,
+        [parse_budget(word, now) for word in words],
+        edge.pipeline.interval_s,
+        2,
+        edge.clock.now_ns,
+    )
+    expected = (0.8, 0.75, 0.75)
+    assert eventually(lambda: np.allclose(edge.pipeline.budget, expected, atol=1e-4))
+    slots = edge.counts.slots
+    assert eventually(lambda: edge.counts.slots > slots + 10)
+    spent_j = edge.ledger.spent_j(np.array([True, False, True]))
+    np.testing.assert_allclose(spent_j, np.array([active_w, idle_w, active_w]) * 0.05)
