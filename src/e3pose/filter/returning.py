@@ -28,7 +28,7 @@ MAX_REMEMBERED = 32  # the newest; among many somebody always looks like a stran
 DECIDE_S = 4.0  # a newcomer who was not recognised so long after being shown is somebody new
 PRIOR_ODDS = 0.5  # that a newcomer is one who left, against a stranger, before comparing
 SOON_ODDS, SOON_S = 10.0, 2.0  # on top of that for who was lost just now, which fades
-SURE_ODDS = 20.0  # takes an identity over: of 21 such cases one would be wrong
+SURE_ODDS = 40.0  # takes an identity over: of 41 such cases one would be wrong
 
 STATURE_SPREAD = 0.055  # of adults: 9.5 cm of 1.72 m
 PROPORTION_SPREAD = 0.03  # of the bones of people of one stature
