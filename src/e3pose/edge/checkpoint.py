@@ -145,7 +145,7 @@ def _fill(pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str, name: st
         if isinstance(like, np.ndarray):
             found = changes[item.name].shape
             lengths |= {n for n, m in zip(found, like.shape, strict=True) if m == 0}
-    if len(lengths) > 1:
+    if len(lengths - {0}) > 1:  # a skeleton may have no bones, a site nobody in it
         raise InputError(f"{where}: {name}: found lengths {sorted(lengths)}, expected one")
     return replace(pattern, **changes)  # type: ignore[type-var]
 
