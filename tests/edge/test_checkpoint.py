@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from e3pose.clock import SlotTimes
+from e3pose.edge.amend import skip_to, still_true, with_lead
 from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, take_apart
-from e3pose.edge.turns import skip_to, still_true, with_lead
 from e3pose.errors import InputError
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step

@@ -141,3 +141,21 @@ def test_the_stated_uncertainty_is_honest(name: str) -> None:
     figures = expected_figures(SCENE, list(replay(SCENE, settings)))
     assert 80 < figures["coverage_90"] < 99
     assert 0.6 < figures["actual_mm"] / figures["matched_mm"] < 1.4
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_ids_left_out_are_given_to_nobody(name: str) -> None:
+    settings = EstimatorSettings(
+        SCENE.rig, SCENE.skeleton, SCENE.interval_s, 5, FusionSettings(), "reference"
+    )
+    estimator = make_estimator(name, settings)
+    found = []
+    for count in (0, 100):
+        memory = estimator.leave_out_ids(estimator.begin(), count)
+        for slot in range(12):
+            memory, people = estimator.estimate(
+                memory, views_of(slot), slot * SCENE.interval_s, lambda: 0.0
+            )
+        found.append(people.track_ids)
+    assert len(found[0]) == 3
+    np.testing.assert_array_equal(found[1], found[0] + 100)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.clock import Clock, SlotTimes
+from e3pose.edge.amend import skip_to, still_true, with_lead
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
@@ -32,7 +33,6 @@ from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.settings import EdgeSettings
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.tally import Counts
-from e3pose.edge.turns import skip_to, still_true, with_lead
 from e3pose.edge.warm import warm_up
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.power.ledger import EnergyLedger
@@ -44,6 +44,7 @@ from e3pose.wire.transport import Transport
 
 BACKLOG_S = 2.0  # an edge that is farther behind gives up slots instead of working them off
 KEEP_EVENTS = 20
+IDS_LEFT_OUT = 100  # an edge that was killed had given some that its last checkpoint lacks
 KEEPING_S = 1.0  # status, checkpoint
 LOOK_S = 0.1  # who is there, and how long to wait for the moment after a slot
 
@@ -380,7 +381,8 @@ class EdgeServer:
         self.times, self.run_ns = SlotTimes(found.origin_ns, self.interval_ns), found.run_ns
         self.lead = Lead(found.lead_slots if self.settings.adaptive_lead else self.lead.slots)
         self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
-        self.state = with_lead(found.state, self.lead.slots)
+        memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
+        self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
         away_s = (self.clock.now_ns() - found.made_ns) / 1e9
         self.tell("resumed", f"goes on after slot {self.state.slot - 1}, {away_s:.1f} s later")
 

@@ -69,6 +69,10 @@ class Estimator(Protocol[Memory]):
         """
         ...
 
+    def leave_out_ids(self, memory: Memory, count: int) -> Memory:
+        """Return the memory in which the next `count` identities are never given to anybody."""
+        ...
+
     def outlook(self, memory: Memory, ahead_s: float) -> Outlook:
         """Return what is expected `ahead_s` seconds after the newest slot, if nothing is seen."""
         ...

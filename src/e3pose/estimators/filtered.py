@@ -93,6 +93,11 @@ class Filtered:
         )
         return Remembered(belief, identities, estimate.track_ids, history), people
 
+    def leave_out_ids(self, memory: Remembered, count: int) -> Remembered:
+        """See `Estimator.leave_out_ids`."""
+        belief = replace(memory.belief, next_id=memory.belief.next_id + count)
+        return replace(memory, belief=belief)
+
     def outlook(self, memory: Remembered, ahead_s: float) -> Outlook:
         """See `Estimator.outlook`.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -56,6 +56,10 @@ class PerSlot:
         return tracks, People(
             poses, track_ids, tracks.history_m, tracks.track_ids, spread, placed, stage_s
         )
+
+    def leave_out_ids(self, memory: Tracks, count: int) -> Tracks:
+        """See `Estimator.leave_out_ids`."""
+        return replace(memory, next_id=memory.next_id + count)
 
     def outlook(self, memory: Tracks, ahead_s: float) -> Outlook:
         """See `Estimator.outlook`.

@@ -1,4 +1,4 @@
-"""Changes of the loop's state that no slot makes: another lead, slots that nobody computed."""
+"""Amend the loop's state between slots: another lead, slots that nobody computed."""
 
 from __future__ import annotations
 
