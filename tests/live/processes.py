@@ -10,7 +10,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -216,6 +217,28 @@ class LiveSite:
             f"--- {p.name}\n{p.read_text()[-1500:]}" for p in self.folder.glob("*.log")
         )
         return f"{why}\n{logs}"
+
+    @contextmanager
+    def at_work(self, *hosts: str) -> Iterator[LiveSite]:
+        """Have everybody there and slots flowing; at the end, nobody may have told of a fault.
+
+        Args:
+            hosts: other names of the edge, for its certificate.
+        """
+        make_keys(self.folder / "keys", hosts)
+        self.write()
+        self.start_edge()
+        for camera_id in CAMERAS:
+            self.start_camera(camera_id)
+        self.watch()
+        try:
+            assert eventually(lambda: len(self.poses) > 20, COMPILE_S), self.told()
+            self.becomes(*CAMERAS)
+            yield self
+            for log in self.folder.glob("*.log"):
+                assert "Traceback" not in log.read_text(), log.read_text()[-3000:]
+        finally:
+            self.close()
 
     def close(self) -> None:
         """End everybody, whatever state they are in."""

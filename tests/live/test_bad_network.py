@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from tests.live.bad_link import BadLink, bad_link
-from tests.live.processes import CAMERAS, COMPILE_S, LiveSite, eventually, make_keys
+from tests.live.processes import CAMERAS, LiveSite
 
 pytestmark = pytest.mark.live
 
@@ -27,22 +27,10 @@ def far_site(
 ) -> Iterator[LiveSite]:
     folder = tmp_path_factory.mktemp("far")
     (folder / "recording").symlink_to(recording)
-    make_keys(folder / "keys", [link.host])
     made = LiveSite(folder, host=link.host, more=("deadline_ms = 400",), inside=link.inside)
     made.camera_port = link.port_for(made.port)
-    made.write()
-    made.start_edge()
-    for camera_id in CAMERAS:
-        made.start_camera(camera_id)
-    made.watch()
-    try:
-        assert eventually(lambda: len(made.poses) > 20, COMPILE_S), made.told()
-        made.becomes(*CAMERAS)
+    with made.at_work(link.host):
         yield made
-        for log in folder.glob("*.log"):
-            assert "Traceback" not in log.read_text(), log.read_text()[-3000:]
-    finally:
-        made.close()
 
 
 def test_loss_and_jitter_lose_views_but_no_slot(far_site: LiveSite, link: BadLink) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.live.processes import CAMERAS, COMPILE_S, LiveSite, as_root, eventually, make_keys
+from tests.live.processes import LiveSite, as_root, eventually
 
 pytestmark = pytest.mark.live
 
@@ -21,19 +21,12 @@ def small_site(tmp_path: Path, recording: Path) -> Iterator[LiveSite]:
     disk.mkdir()
     as_root("mount", "-t", "tmpfs", "-o", f"size={SIZE}", "tmpfs", str(disk))
     (tmp_path / "recording").symlink_to(recording)
-    make_keys(tmp_path / "keys")
     tables = ("[store]", 'path = "disk/poses.db"')
     made = LiveSite(tmp_path, more=('state = "disk/state.npz"',), tables=tables)
-    made.write()
-    made.start_edge()
-    for camera_id in CAMERAS:
-        made.start_camera(camera_id)
-    made.watch()
     try:
-        assert eventually(lambda: len(made.poses) > 20, COMPILE_S), made.told()
-        yield made
+        with made.at_work():
+            yield made
     finally:
-        made.close()
         subprocess.run(["umount", "-l", str(disk)], capture_output=True, check=False)
 
 
