@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import socket
-import sys
 import tempfile
 import threading
 import time
@@ -21,7 +20,7 @@ from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.site.config import load_site
 from e3pose.site.follow import Follower, viewer_link
-from e3pose.site.up import Program, camera_command, end
+from e3pose.site.up import Program, camera_command, edge_command, end
 from e3pose.wire.network import open_network
 
 SETTLE_S = 4.0
@@ -102,7 +101,7 @@ def live_site(
         path = folder / "site.toml"
         path.write_text(_site_file(recording.rig.camera_ids, fps, loop, store, tls))
         site = load_site(path)
-        command = [sys.executable, "-m", "e3pose", "edge", str(path), "--json-logs"]
+        command = [*edge_command(path), "--json-logs"]
         programs = [Program("edge", command, folder / "edge.log")] + [
             Program(i, camera_command(path, site, i, recording.rig), folder / f"{i}.log")
             for i in recording.rig.camera_ids

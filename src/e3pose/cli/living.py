@@ -15,7 +15,8 @@ from e3pose.cli.quantities import check_seconds
 from e3pose.cli.site_settings import check_settings, open_ledger, site_rig
 from e3pose.errors import InputError
 
-SHOW_EVERY_S = 10.0
+# For programs that start others: `site.up`.
+Child = Annotated[bool, Parameter(negative="", show=False)]
 
 
 def edge(
@@ -24,6 +25,7 @@ def edge(
     *,
     json_logs: Annotated[bool, Parameter(negative="")] = False,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
+    end_with_parent: Child = False,
 ) -> None:
     """Run the edge server of a site: receive, fuse, choose cameras, tell them.
 
@@ -41,9 +43,12 @@ def edge(
         Log one JSON object a line.
     for_s
         End by itself after so many seconds.
+    end_with_parent
+        End when standard input ends, a pipe from the program that started this one.
     """
     from contextlib import ExitStack
 
+    _look_after_parent(end_with_parent)
     check_seconds("--for", for_s)
     from e3pose.clock import WallClock
     from e3pose.site.config import load_site
@@ -116,6 +121,7 @@ def camera(
     profile: str | None = None,
     insecure: Annotated[bool | None, Parameter(negative="")] = None,
     json_logs: Annotated[bool, Parameter(negative="")] = False,
+    end_with_parent: Child = False,
 ) -> None:
     """Run one camera: capture, detect when told to, send keypoints.
 
@@ -166,7 +172,10 @@ def camera(
         Allow plain tcp beyond this machine.
     json_logs
         Log one JSON object a line.
+    end_with_parent
+        End when standard input ends, a pipe from the program that started this one.
     """
+    _look_after_parent(end_with_parent)
     from e3pose.clock import WallClock
     from e3pose.power import open_sampler
     from e3pose.profiles import load_profile
@@ -249,7 +258,7 @@ def up(
     from e3pose.site.example import SITE_FILE, make_example
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
-    from e3pose.site.up import Program, camera_command, run_site
+    from e3pose.site.up import Program, camera_command, edge_command, run_site
     from e3pose.wire.network import open_network
 
     if example:
@@ -262,8 +271,7 @@ def up(
     folder = logs or site.parent / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
-    command = [sys.executable, "-m", "e3pose", "edge", str(site)]
-    programs = [Program("edge", command, folder / "edge.log")] + [
+    programs = [Program("edge", edge_command(site), folder / "edge.log")] + [
         Program(i, camera_command(site, table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
     ]
     transport = open_network(viewer_link(site, table, None))
@@ -297,6 +305,13 @@ def up(
     if shown[-1] is not None and not showing:
         console.print(screen(shown[-1], 0.0))
     console.print(f"ended; logs are in {folder}")
+
+
+def _look_after_parent(asked: bool) -> None:
+    if asked:
+        from e3pose.site.run import end_with_parent
+
+        end_with_parent()
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import threading
 import time
 from collections import Counter
@@ -16,7 +15,7 @@ from e3pose.errors import InputError
 from e3pose.pose import Poses2D
 from e3pose.site.config import load_site
 from e3pose.site.follow import Follower, viewer_link
-from e3pose.site.up import Program, camera_command, run_site
+from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire import topics
 from e3pose.wire.access import Link, zenoh_config
 from e3pose.wire.codec import decode, poses_2d
@@ -119,8 +118,7 @@ def run_live(
     site = load_site(site_file)
     logs = site_file.parent / "logs"
     logs.mkdir()
-    command = [sys.executable, "-m", "e3pose", "edge", str(site_file)]
-    programs = [Program("edge", command, logs / "edge.log")]
+    programs = [Program("edge", edge_command(site_file), logs / "edge.log")]
     heard, follower = Heard(), Follower(site.name)
     link = viewer_link(site_file, site, None)
     transport = open_network(link)

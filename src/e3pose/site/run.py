@@ -2,10 +2,39 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
+
+END_S = 8.0  # to end cleanly
+
+
+def end_with_parent(end_s: float = END_S) -> None:
+    """End this program as a polite kill would when its standard input ends.
+
+    To be called by a program whose input is a pipe that nobody writes to. The system closes the
+    other end when whoever holds it is gone, however that came about: the one death that nobody
+    can report, SIGKILL, is noticed at once and on every system.
+
+    Args:
+        end_s: seconds after which a program that did not end is ended without more ado.
+    """
+
+    def watch() -> None:
+        number = 0 if sys.stdin is None else sys.stdin.fileno()
+        try:
+            while os.read(number, 4096):
+                pass
+        except OSError:
+            pass  # there is no input, and so nobody
+        signal.raise_signal(signal.SIGTERM)  # the handler runs on the main thread
+        threading.Event().wait(end_s)
+        os._exit(128 + signal.SIGTERM)
+
+    threading.Thread(target=watch, name="parent", daemon=True).start()
 
 
 def run_until_stopped(running: Callable[[], bool], every_s: float = 0.2) -> str:

@@ -14,10 +14,16 @@ from e3pose.camera import Rig
 from e3pose.errors import InputError
 from e3pose.site.config import SiteTable, beside, cameras_of
 from e3pose.site.follow import ANY_HOST
+from e3pose.site.run import END_S
 from e3pose.wire.access import split_endpoint
 
-END_S = 8.0  # to end cleanly, before it is killed
 RESTART_S = 2.0
+CHILD = "--end-with-parent"
+
+
+def edge_command(path: Path) -> list[str]:
+    """Return the command line of the edge of a site."""
+    return [sys.executable, "-m", "e3pose", "edge", str(path), CHILD]
 
 
 def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
@@ -45,7 +51,7 @@ def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> lis
         "--site", site.name, "--name", camera_id, "--source", source,
         "--endpoint", f"{protocol}/{host}:{port}", "--wake-s", str(camera.wake_s),
         # On one machine every camera would measure the same watts, those of all together.
-        "--provider", camera.provider, "--meter", camera.meter or "model",
+        "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
     ]  # fmt: skip
     if protocol == "tls":
         keys = beside(path, site.link.keys or "keys") / "cameras" / camera_id
@@ -68,6 +74,8 @@ def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> lis
 class Program:
     """One process of the site, started again when it ends by itself.
 
+    Its standard input is a pipe that ends with us, even if we are killed: see `end_with_parent`.
+
     Attributes:
         name: what to call it.
         command: how to start it.
@@ -84,15 +92,25 @@ class Program:
 
     def start(self) -> None:
         """Start it; its output is appended to its log."""
+        self.let_go()
         with self.log.open("ab") as output:
             # Its own group: a Ctrl-C on the terminal is for us, who end everybody in order.
             self.process = subprocess.Popen(
-                self.command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+                self.command,
+                stdin=subprocess.PIPE,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
             )
 
     def ended(self) -> int | None:
         """Return how it ended; None while it runs."""
         return None if self.process is None else self.process.poll()
+
+    def let_go(self) -> None:
+        """Close the pipe that keeps it running."""
+        if self.process is not None and self.process.stdin is not None:
+            self.process.stdin.close()
 
 
 def run_site(
@@ -144,6 +162,7 @@ def end(programs: Sequence[Program]) -> None:
             except subprocess.TimeoutExpired:
                 program.process.kill()
                 program.process.wait()
+            program.let_go()
 
 
 def _last_line(log: Path) -> str:

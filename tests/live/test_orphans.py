@@ -1,0 +1,76 @@
+"""Programs that were started by another one end when that is killed in a way it cannot report."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+from tests.live.processes import COMPILE_S, e3pose, eventually
+
+pytestmark = pytest.mark.live
+
+GONE_S = 5.0  # two, with room for a busy machine
+
+
+@contextmanager
+def killed(command: list[str], log: Path, num_children: int) -> Iterator[list[psutil.Process]]:
+    """Kill a program once the last of its children is ready; yield its children."""
+    with log.open("wb") as output:
+        program = subprocess.Popen(
+            command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+        )
+    children: list[psutil.Process] = []
+    try:
+
+        def started() -> bool:
+            children[:] = psutil.Process(program.pid).children(recursive=True)
+            return len(children) >= num_children
+
+        assert eventually(started, COMPILE_S), log.read_text()
+        yield children
+    finally:
+        program.kill()
+        program.wait()
+        for child in children:
+            if child.is_running():
+                child.kill()
+
+
+def gone(children: list[psutil.Process]) -> bool:
+    return not any(c.is_running() and c.status() != psutil.STATUS_ZOMBIE for c in children)
+
+
+def test_killed_up_leaves_nobody_behind(tmp_path: Path) -> None:
+    folder = tmp_path / "try"
+    command = e3pose("up", str(folder), "--example", "--quiet")
+    logs = [folder / "logs" / name for name in ("edge.log", "cam0.log", "cam3.log")]
+    with killed(command, tmp_path / "up.log", 5) as children:
+        state = folder / "state.npz"
+        assert eventually(state.exists, COMPILE_S), logs[0].read_text()
+        time.sleep(1.0)
+        psutil.Process(children[0].ppid()).send_signal(signal.SIGKILL)
+        assert eventually(lambda: gone(children), GONE_S), children
+    # Each ended as if it was told to: with its last words, and what it keeps whole.
+    assert "slots, 0 lost" in logs[0].read_text(), logs[0].read_text()
+    for log in logs[1:]:
+        assert "views sent" in log.read_text(), log.read_text()
+    for log in logs:
+        assert "Traceback" not in log.read_text(), log.read_text()
+    done = subprocess.run(
+        e3pose("query", str(folder / "live.db"), "--what", "runs"),
+        capture_output=True, text=True, timeout=30, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and "example" in done.stdout, done.stderr
+
+
+def test_killed_demo_leaves_nobody_behind(tmp_path: Path) -> None:
+    command = e3pose("demo", str(tmp_path / "demo"), "--offline")
+    with killed(command, tmp_path / "demo.log", 3) as children:
+        psutil.Process(children[0].ppid()).send_signal(signal.SIGKILL)
+        assert eventually(lambda: gone(children), GONE_S), children
