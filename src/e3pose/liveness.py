@@ -1,17 +1,34 @@
-"""Which cameras answer: one that is ordered again and again and sends nothing is presumed dead."""
+"""Which cameras answer: one that is ordered again and again and sends nothing is presumed dead.
+
+After k orders in a row without an answer, a camera is either well and unlucky k times, or it died
+in one of these slots. It is given up as soon as the second is the likelier:
+
+    loss^k <= k * interval / MEAN_LIFE_S
+
+A view that comes too late for its slot answers that question too (`forgive`), but is of no use: a
+camera whose views are all late for `USELESS_S` is given up just as a dead one.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 Flags = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
-MISSES = 5  # in a row: at 30 % lost messages one in 400 such rows is mere bad luck
-RETRY_S = 1.0  # a camera presumed dead may be ordered again after this; doubled at each failure
+MEAN_LIFE_S = 86400.0  # between two deaths of a camera: once a day is often
+# What a link may lose at any time, however good it was: that of the Wi-Fi a site must live with.
+# And the most: where more is lost than comes, a camera is no great loss itself.
+LOSS_RANGE = (0.05, 0.5)
+MEMORY_ORDERS = 200  # that a link's losses are learned from: +-0.03 at 30 %
+USELESS_S = 1.5  # of orders without a view in time: with a deadline, noticed within 2 s
+RETRY_S = 1.0  # a camera given up may be ordered again after this; doubled at each failure
 RETRY_LIMIT_S = 8.0
+_ROWS = np.arange(1, 65)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,30 +36,108 @@ class Silence:
     """How long cameras have not answered.
 
     Attributes:
-        missed: `(num_cameras,)` orders in a row that no view came for.
+        missed: `(num_cameras,)` orders in a row without a sign of life.
+        useless: `(num_cameras,)` orders in a row that no view came for in time.
+        loss: `(num_cameras,)` share of the orders that went without an answer while it lived.
+        failures: `(num_cameras,)` how often in a row it was given up.
         retry_slot: `(num_cameras,)` the first slot for which a camera may be ordered again.
     """
 
-    missed: NDArray[np.int64]
-    retry_slot: NDArray[np.int64]
+    missed: Counts
+    useless: Counts
+    loss: Floats
+    failures: Counts
+    retry_slot: Counts
 
     @classmethod
     def none(cls, num_cameras: int) -> Silence:
         """Return the state before the first slot: everybody is presumed well."""
-        return cls(np.zeros(num_cameras, dtype=np.int64), np.zeros(num_cameras, dtype=np.int64))
+        zeros = np.zeros(num_cameras, dtype=np.int64)
+        return cls(zeros, zeros, np.full(num_cameras, LOSS_RANGE[0]), zeros, zeros)
 
     def answering(self, slot: int) -> Flags:
         """Return `(num_cameras,)`: who may be ordered for `slot`."""
         return np.asarray(self.retry_slot <= slot)
 
 
+def patience(loss: Floats, interval_s: float) -> Counts:
+    """Return `(num_cameras,)`: after how many misses in a row death is likelier than bad luck.
+
+    Args:
+        loss: `(num_cameras,)` share of the orders that go without an answer, [0, 1].
+        interval_s: seconds a slot.
+    """
+    unlucky = np.clip(loss, *LOSS_RANGE)[:, None] ** _ROWS
+    died = _ROWS * min(interval_s / MEAN_LIFE_S, 1.0)
+    return np.asarray(_ROWS[(unlucky <= died).argmax(axis=1)])
+
+
 def listen(
     silence: Silence, slot: int, ordered: Flags, arrived: Flags, interval_s: float
 ) -> Silence:
-    """Return what is known after `slot`, in which cameras `ordered` to detect did or did not."""
-    missed = np.where(arrived, 0, silence.missed + ordered)
-    late = np.minimum(np.maximum(missed - MISSES, 0), 10)
-    wait_s = np.minimum(RETRY_S * 2.0**late, RETRY_LIMIT_S)
+    """Return what is known after `slot`, in which cameras `ordered` to detect did or did not.
+
+    Args:
+        silence: what was known before.
+        slot: the slot that was closed.
+        ordered: `(num_cameras,)` who was to send a view.
+        arrived: `(num_cameras,)` whose view came in time.
+        interval_s: seconds a slot.
+    """
+    after = _answered(silence, arrived, interval_s)
+    after = replace(
+        after,
+        missed=np.where(arrived, 0, silence.missed + ordered),
+        useless=np.where(arrived, 0, silence.useless + ordered),
+    )
+    if not after.missed.any() and not after.useless.any():
+        return after
+    given_up = after.missed >= patience(after.loss, interval_s)
+    given_up |= _is_useless(after, interval_s)
+    # Orders that were on their way when it was given up are no further attempts.
+    given_up &= ordered & (silence.retry_slot <= slot)
+    wait_s = np.minimum(RETRY_S * 2.0 ** np.minimum(after.failures, 10), RETRY_LIMIT_S)
     again = slot + np.ceil(wait_s / interval_s).astype(np.int64)
-    retry = np.where(ordered & (missed >= MISSES), again, silence.retry_slot)
-    return Silence(missed, np.where(arrived, 0, retry))
+    return replace(
+        after,
+        failures=after.failures + given_up,
+        retry_slot=np.where(given_up, again, after.retry_slot),
+    )
+
+
+def forgive(silence: Silence, views_late: Flags, orders_late: Flags, interval_s: float) -> Silence:
+    """Return what is known once cameras gave a sign of life other than a view in time.
+
+    Args:
+        silence: what was known before.
+        views_late: `(num_cameras,)` whose view came after its slot was closed: it lives, but if no
+            view was in time for `USELESS_S` it stays given up for its time.
+        orders_late: `(num_cameras,)` who had an order too late: no fault of its own.
+        interval_s: seconds a slot.
+    """
+    alive = orders_late | (views_late & ~_is_useless(silence, interval_s))
+    after = _answered(silence, alive, interval_s)
+    return replace(
+        after,
+        missed=np.where(views_late | orders_late, 0, silence.missed),
+        useless=np.where(orders_late, 0, silence.useless),
+    )
+
+
+def _is_useless(silence: Silence, interval_s: float) -> Flags:
+    """Return `(num_cameras,)`: who sent nothing in time for too long, whether alive or not."""
+    limit = np.maximum(np.ceil(USELESS_S / interval_s), patience(silence.loss, interval_s))
+    return np.asarray(silence.useless >= limit)
+
+
+def _answered(silence: Silence, who: Flags, interval_s: float) -> Silence:
+    """Return what is known after an answer: the misses before it were bad luck, few as they are."""
+    kept = 1 - 1 / MEMORY_ORDERS
+    unlucky = np.minimum(silence.missed, patience(silence.loss, interval_s))
+    loss = (1 - (1 - silence.loss) * kept**unlucky) * kept
+    return replace(
+        silence,
+        loss=np.where(who, loss, silence.loss),
+        failures=np.where(who, 0, silence.failures),
+        retry_slot=np.where(who, 0, silence.retry_slot),
+    )

@@ -26,7 +26,7 @@ from e3pose.coverage import Coverage
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotState, initial_state
 
-VERSION = 2  # 1 did not know its run
+VERSION = 3  # 1 did not know its run, 2 not what links lose
 MAX_BYTES = 256 * 2**20
 ABOUT = "about"
 FORGOTTEN = {"shown"}  # of the slot before, which is history when the edge is back
