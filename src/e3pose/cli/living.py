@@ -29,7 +29,7 @@ def edge(
 ) -> None:
     """Run the edge server of a site: receive, fuse, choose cameras, tell them.
 
-    Example: `e3pose edge site.toml`
+    Examples: `e3pose edge site.toml`, `e3pose edge lab` where that is a folder with a site.toml
 
     Waits until the cameras are there, closes a slot when all views are in or its deadline passes,
     and publishes the people of every slot. Ends on Ctrl-C with a summary; started again it goes on
@@ -38,7 +38,7 @@ def edge(
     Parameters
     ----------
     site
-        The site file.
+        The site file, or the folder that has it as site.toml.
     json_logs
         Log one JSON object a line.
     for_s
@@ -51,14 +51,14 @@ def edge(
     _look_after_parent(end_with_parent)
     check_seconds("--for", for_s)
     from e3pose.clock import WallClock
-    from e3pose.site.config import load_site
+    from e3pose.site.config import open_site
     from e3pose.site.edge_program import Admission, edge_link, make_edge, place_of
     from e3pose.site.logs import open_log
     from e3pose.site.quiet import be_quiet
     from e3pose.site.run import run_until_stopped
     from e3pose.wire.network import open_network
 
-    table = load_site(site)
+    site, table = open_site(site)
     rig = site_rig(site, table)
     settings = check_settings(site, table, rig)
     place = place_of(site, table, rig)
@@ -237,7 +237,7 @@ def up(
     Parameters
     ----------
     site
-        The site file, or the folder of one that is named site.toml.
+        The site file, or the folder that has it as site.toml.
     example
         Make the folder first: four cameras that play a simulated scene.
     logs
@@ -253,9 +253,9 @@ def up(
     from rich.console import Console
     from rich.live import Live
 
-    from e3pose.site.config import load_site
+    from e3pose.site.config import open_site
     from e3pose.site.edge_program import edge_link
-    from e3pose.site.example import SITE_FILE, make_example
+    from e3pose.site.example import make_example
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
     from e3pose.site.up import Program, camera_command, edge_command, run_site
@@ -263,8 +263,7 @@ def up(
 
     if example:
         make_example(site)
-    site = site / SITE_FILE if site.is_dir() else site
-    table = load_site(site)
+    site, table = open_site(site)
     rig = site_rig(site, table)
     check_settings(site, table, rig)  # what is wrong is told here, not in a log
     edge_link(site, table)

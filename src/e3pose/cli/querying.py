@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from e3pose.store import Store
 
 SHOWN_ROWS = 40
+OPTIONS = {"site": "--site", "run": "--run", "joint": "--joint", "time": "--from, --to"}
 TOO_WIDE = ("joints",)  # for a terminal; files have them
 
 
@@ -36,14 +37,16 @@ def query(
 ) -> None:
     """Ask a store what was where, when: 3D poses, selections, energy, events.
 
-    Example: `e3pose query live.db --from -10min --track 7 --joint left_wrist --csv wrist.csv`
+    Examples: `e3pose query live.db --from -10min --track 7 --joint left_wrist --csv wrist.csv`,
+    `e3pose query lab --what energy` for what the site in the folder `lab` stores
 
     Without a file the first rows are shown. May be asked while the system runs.
 
     Parameters
     ----------
     store
-        The database, as named to `e3pose replay --store`; a path or a URL.
+        The database, as named to `e3pose replay --store`; a path or a URL. Or a site: the file
+        site.toml, or the folder that has it.
     from_
         From when: `2026-11-21T14:00` (local time, with `Z` or `+01:00` another), `14:00` (today),
         `-10min` (ago; s, min, h, d), or seconds since the run began such as `12.5`.
@@ -57,7 +60,7 @@ def query(
         `poses`; `slots` (selections, arrivals, energy of each slot); `tracks` (who was there when);
         `energy` (what the cameras' meters said); `events`; `runs` (what the store holds).
     site
-        Runs of one site only.
+        Runs of one site only; by default the one named instead of a store, or else all.
     run
         One run only, by its number in `--what runs`; times in seconds are of the newest otherwise.
     csv
@@ -71,6 +74,7 @@ def query(
     from e3pose.store import Store
     from e3pose.store.database import database_path, database_url
 
+    store, site = _store_of(store, site)
     files = {"csv": csv, "parquet": parquet, "json": json_file}
     outputs = {form: path for form, path in files.items() if path is not None}
     database = database_path(database_url(store))
@@ -84,20 +88,45 @@ def query(
         for option, value in (("--joint", joint), ("--track", track)):
             if value is not None:
                 raise InputError(f"{option}: found {value} with --what {what}, expected poses")
+    if what == "runs":
+        for option, value in (("--from", from_), ("--to", to)):
+            if value is not None:
+                raise InputError(f"{option}: found it with --what runs, which lists whole runs")
     for option, value in (("--track", track), ("--run", run)):
         if value is not None and not 0 <= value < 2**63:
             raise InputError(f"{option}: found {str(value)[:40]}, expected a number of 0 or more")
 
     asked = Store(store)
     bounds: dict[str, Any] = {"start": from_, "end": to, "site": site, "run": run}
-    if not outputs:
-        _show(asked, what, bounds, track, joint)
-        return
-    from e3pose.store.export import write_tables
+    try:
+        if not outputs:
+            _show(asked, what, bounds, track, joint)
+            return
+        from e3pose.store.export import write_tables
 
-    for form, path in outputs.items():
-        count = write_tables(_chunks(asked, what, bounds, track, joint), path, form)
-        print(f"{path}: {count} rows")
+        for form, path in outputs.items():
+            count = write_tables(_chunks(asked, what, bounds, track, joint), path, form)
+            print(f"{path}: {count} row{'s' * (count != 1)}")
+    except InputError as error:
+        raise _as_typed(error, asked) from None
+
+
+def _as_typed(error: InputError, store: Store) -> InputError:
+    """Return what a store refuses in the words of the command line."""
+    key, colon, rest = str(error).removeprefix(f"{store.where}: ").partition(": ")
+    return InputError(f"{OPTIONS[key]}: {rest}") if colon and key in OPTIONS else error
+
+
+def _store_of(named: str, site: str | None) -> tuple[str, str | None]:
+    """Return the store that is meant, and the site whose runs are asked for."""
+    if "://" in named or not (Path(named).is_dir() or named.endswith(".toml")):
+        return named, site
+    from e3pose.site.config import open_site, store_place
+
+    path, table = open_site(Path(named))
+    if table.store is None:
+        raise InputError(f"{path}: store: not found, expected one: this site keeps nothing")
+    return str(store_place(path, table.store)), site or table.name
 
 
 def _files_of(database: Path) -> list[Path]:
@@ -115,7 +144,12 @@ def _chunks(
         for poses in store.read(**bounds, track=track, joint=joint):
             yield pose_columns(poses)
     elif what == "runs":
-        rows = [{"run_id": one.run_id, **one.run.row()} for one in store.runs()]
+        run, site = bounds["run"], bounds["site"]
+        rows = [
+            {"run_id": one.run_id, **one.run.row()}
+            for one in store.runs()
+            if run in (None, one.run_id) and site in (None, one.run.site)
+        ]
         yield row_columns(rows)
     else:
         yield row_columns(store.rows(what, **bounds))

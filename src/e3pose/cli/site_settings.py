@@ -135,24 +135,18 @@ def _check_places(path: Path, site: SiteTable) -> None:
     """What the edge writes must not be where something else stands."""
     from e3pose.atomic import check_file_free
     from e3pose.learning.versions import check_learning_folder
-    from e3pose.site.config import beside
+    from e3pose.site.config import beside, store_place
+    from e3pose.store.database import check_place, database_url
 
     try:
         if site.state:
             check_file_free(beside(path, site.state))
         if site.store is not None:
-            _check_store(path, site.store.path)
+            check_place(database_url(store_place(path, site.store)))
         if site.learn is not None:
             check_learning_folder(beside(path, site.learn))
     except InputError as error:
         raise _in_file(path, error) from None
-
-
-def _check_store(path: Path, name: str) -> None:
-    from e3pose.site.config import beside
-    from e3pose.store.database import check_place, database_url
-
-    check_place(database_url(name if "://" in name else beside(path, name)))
 
 
 def _in_file(path: Path, error: InputError) -> InputError:

@@ -35,7 +35,7 @@ def top(
     Parameters
     ----------
     site
-        The site file.
+        The site file, or the folder that has it as site.toml.
     keys
         The folder that `e3pose keys add NAME --viewer` made; on the edge server the first viewer of
         the site's keys by default.
@@ -48,12 +48,12 @@ def top(
     from rich.console import Console
     from rich.live import Live
 
-    from e3pose.site.config import load_site
+    from e3pose.site.config import open_site
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
     from e3pose.wire.network import open_network
 
-    table = load_site(site)
+    site, table = open_site(site)
     link = viewer_link(site, table, keys)
     transport = open_network(link)
     follower = Follower(table.name)
@@ -89,7 +89,7 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
     Parameters
     ----------
     site
-        The site file.
+        The site file, or the folder that has it as site.toml.
     keys
         The folder that `e3pose keys add NAME --viewer` made, as in `e3pose top`.
     timeout
@@ -101,9 +101,9 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
 
     from e3pose.cli.site_settings import check_settings, site_rig
     from e3pose.site import check as examine
-    from e3pose.site.config import load_site
+    from e3pose.site.config import open_site
 
-    table = load_site(site)
+    site, table = open_site(site)
     rig = site_rig(site, table)
     check_settings(site, table, rig)
     findings = [

@@ -19,6 +19,7 @@ from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
 
 MAX_BYTES = 2**20
+SITE_FILE = "site.toml"
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 IdleMode = Literal["power-saving", "aggressive-power-saving"]
 
@@ -179,6 +180,23 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 Table = TypeVar("Table", SiteTable, NodeTable)
 
 
+def open_site(named: Path) -> tuple[Path, SiteTable]:
+    """Return the site file that is meant, and what it says.
+
+    Args:
+        named: the file, or the folder that has it as `site.toml`.
+
+    Raises:
+        InputError: as `load_site`.
+    """
+    path = named
+    if named.is_dir():
+        path = named / SITE_FILE
+        if not path.exists():
+            raise InputError(f"{named}: found a folder without {SITE_FILE}, expected one that has it")
+    return path, load_site(path)
+
+
 def load_site(path: Path) -> SiteTable:
     """Return the configuration of a site.
 
@@ -250,6 +268,11 @@ def cameras_of(path: Path, site: SiteTable, rig: Rig) -> dict[str, CameraTable]:
                 f"expected one of {', '.join(rig.camera_ids)[:300]}"
             )
     return {i: named.get(i) or CameraTable(i) for i in rig.camera_ids}
+
+
+def store_place(path: Path, store: StoreTable) -> Path | str:
+    """Return the file or the URL of a site's store."""
+    return store.path if "://" in store.path else beside(path, store.path)
 
 
 def beside(path: Path, name: str) -> Path:

@@ -16,7 +16,7 @@ from e3pose.edge.settings import EdgeSettings
 from e3pose.errors import InputError
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.keys.folder import Roll, certificates_in, check_certificates, read_roll
-from e3pose.site.config import SiteTable, beside, cameras_of
+from e3pose.site.config import SiteTable, beside, cameras_of, store_place
 from e3pose.skeleton import Skeleton, skeleton_by_name
 from e3pose.store.rows import Event, Run
 from e3pose.wire.access import Link, check_link, split_endpoint
@@ -110,8 +110,7 @@ def make_edge(
             max_age_s=None if site.store.keep is None else parse_age(site.store.keep),
             max_bytes=None if site.store.max_size is None else parse_size(site.store.max_size),
         )
-        place_of_store = site.store.path
-        store = place_of_store if "://" in place_of_store else beside(path, place_of_store)
+        store = store_place(path, site.store)
         edge.sink = stack.enter_context(
             StoreWriter(store, run, WriterSettings(retention=retention), tell=tell)
         )

@@ -16,9 +16,9 @@ from e3pose.camera import Rig
 from e3pose.errors import InputError
 from e3pose.recording import Recording, save_recording
 from e3pose.simulate.settings import SceneSettings
+from e3pose.site.config import SITE_FILE
 
 SCENE = SceneSettings(people=3, seconds=30.0, cameras=4)
-SITE_FILE = "site.toml"
 STORE_FILE = "live.db"
 
 

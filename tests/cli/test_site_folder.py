@@ -1,0 +1,114 @@
+"""Every verb of a live site takes the folder of one for its site file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tests.cli.commands import run
+
+from e3pose.recording import save_recording
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.example import write_recorded
+
+VERBS = {
+    "edge": ("--for", "0.1"),
+    "up": ("--for", "0.1", "--quiet"),
+    "check": ("--timeout", "0"),
+    "top": ("--once", "--timeout", "0"),
+    "query": ("--what", "runs"),
+}
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a site that ran for a moment, and so has a store."""
+    folder = tmp_path_factory.mktemp("lab")
+    write_recorded(folder, simulate(SceneSettings(people=2, seconds=0.4, cameras=3), seed=0), "lab")
+    assert run("edge", folder / "site.toml", "--for", "0.1") == 0
+    return folder
+
+
+@pytest.mark.parametrize("verb", sorted(VERBS))
+def test_folder_says_what_its_file_says(
+    verb: str, lab: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    told = []
+    for named in (lab, lab / "site.toml"):
+        code = run(verb, named, *VERBS[verb])
+        said = capsys.readouterr()
+        told.append((code, said.out, said.err.count("\n")))
+        if verb == "top":
+            assert "no edge of site lab answers" in said.err
+        else:
+            assert code == 0, said.err
+    assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("verb", sorted(VERBS))
+def test_folder_without_a_site_file_is_one_line(
+    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(verb, tmp_path, *VERBS[verb]) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and f"{tmp_path}: found a folder without site.toml" in err, err
+    assert not list(tmp_path.iterdir())
+
+
+def test_query_of_a_site_tells_of_that_site_alone(
+    lab: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each site is a recording that was replayed into the store that both name."""
+    for name, people in (("lab", 1), ("hall", 3)):
+        scene = SceneSettings(people=people, seconds=0.4, cameras=3)
+        save_recording(replace(simulate(scene, seed=0), name=name), lab / f"rec-{name}")
+        assert run("replay", lab / f"rec-{name}", "-C", "2", "--store", lab / "live.db") == 0
+    other = lab / "other.toml"
+    other.write_text((lab / "site.toml").read_text().replace('name = "lab"', 'name = "hall"'))
+    for what in ("runs", "tracks"):
+        told = {}
+        for named in (lab, other, lab / "live.db"):
+            file = lab / f"{what}.json"
+            assert run("query", named, "--what", what, "--json", file) == 0
+            told[named] = json.loads(file.read_text())
+            file.unlink()
+        assert 0 < len(told[lab]) < len(told[lab]) + len(told[other]) == len(told[lab / "live.db"])
+        if what == "runs":
+            assert {row["site"] for row in told[other]} == {"hall"}
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--site", "nowhere"), "--site: found 'nowhere'"),
+        (("--run", "77"), "--run: found 77"),
+        (("--joint", "tail"), "--joint: found 'tail'"),
+        (("--from", "soon"), "--from, --to: found 'soon'"),
+        (("--from", "9", "--to", "5"), "--from, --to: found '9' to '5'"),
+        (("--what", "runs", "--from", "-1h"), "--from: found it with --what runs"),
+        (("--what", "slots", "--track", "1"), "--track: found 1 with --what slots"),
+    ],
+)
+def test_query_names_the_option_as_typed(
+    words: tuple[str, ...], told: str, lab: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    assert run("query", lab / "live.db", *words) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"e3pose: {told}") and err.count("\n") == 1, err
+
+
+def test_query_of_a_site_without_a_store_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_recorded(
+        tmp_path, simulate(SceneSettings(people=2, seconds=0.4, cameras=3), seed=0)
+    )
+    path.write_text(path.read_text().replace('[store]\npath = "live.db"\n', ""))
+    assert run("query", tmp_path) == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1 and "site.toml: store: not found" in err, err
