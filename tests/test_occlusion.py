@@ -57,6 +57,14 @@ def test_occlusion_is_the_mean_over_pairs(boxes: np.ndarray, expected: float) ->
     assert occlusion(boxes) == pytest.approx(expected)
 
 
+def test_views_together_are_views_one_by_one() -> None:
+    rng = np.random.default_rng(4)
+    corners = rng.uniform(0, 300, (7, 5, 2))
+    boxes = np.concatenate([corners, corners + rng.uniform(1, 300, (7, 5, 2))], axis=-1)
+    boxes[rng.uniform(size=(7, 5)) < 0.4] = np.nan
+    np.testing.assert_allclose(occlusion(boxes), [occlusion(view) for view in boxes])
+
+
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 10_000), st.integers(0, 6))
 def test_occlusion_is_a_share_and_ignores_the_order_of_people(seed: int, people: int) -> None:

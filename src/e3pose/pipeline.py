@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from e3pose.camera import Rig
 from e3pose.coverage import Coverage, learn, with_coverage
 from e3pose.energy import advance_deficit, price
-from e3pose.estimators.base import Estimator, People
+from e3pose.estimators.base import Estimator, Outlook, People
 from e3pose.foresight import Foresight, foresee, with_predictions
 from e3pose.liveness import Silence, listen
 from e3pose.occlusion import expected_views
@@ -145,8 +145,11 @@ def step(
     times.append(clock())
 
     if pipeline.foresees:
-        state = replace(state, coverage=_covered(pipeline, state))
-        situation = replace(situation, foresight=_foresight(pipeline, state, people, prediction))
+        now = pipeline.estimator.outlook(state.memory, 0.0)
+        coverage = state.coverage or Coverage.none(pipeline.rig)
+        state = replace(state, coverage=learn(coverage, now, pipeline.interval_s))
+        foresight = _foresight(pipeline, state, now, people, prediction)
+        situation = replace(situation, foresight=foresight)
     if situation.slot < pipeline.warmup_slots:
         decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
     else:
@@ -192,12 +195,7 @@ def _situation(
         interval_s=pipeline.interval_s,
         online=online & state.silence.answering(target),
         occlusion=occlusion,
-        own_occlusion=np.array(
-            [
-                own_occlusion(sight, target, camera.image_size)
-                for sight, camera in zip(sights, pipeline.rig.cameras, strict=True)
-            ]
-        ),
+        own_occlusion=own_occlusion(sights, target, pipeline.rig),
         unseen_slots=np.array([target - sight.slot for sight in sights], dtype=np.int64),
         visibility=visibility,
         deficit=state.deficit,
@@ -206,15 +204,8 @@ def _situation(
     )
 
 
-def _covered(pipeline: Pipeline, state: SlotState) -> Coverage:
-    """Remember what the newest views showed where."""
-    before = state.coverage or Coverage.none(pipeline.rig)
-    now = pipeline.estimator.outlook(state.memory, 0.0)
-    return learn(before, now, pipeline.interval_s)
-
-
 def _foresight(
-    pipeline: Pipeline, state: SlotState, people: People, prediction: Prediction
+    pipeline: Pipeline, state: SlotState, now: Outlook, people: People, prediction: Prediction
 ) -> Foresight:
     """Work out what each camera would tell of the slot that is decided now."""
     estimator, interval_s = pipeline.estimator, pipeline.interval_s
@@ -222,7 +213,6 @@ def _foresight(
     if state.coverage is not None:
         outlook = with_coverage(outlook, state.coverage)
     if np.isfinite(prediction.error_m[-1]).any():
-        now = estimator.outlook(state.memory, 0.0)
         outlook = with_predictions(
             outlook, now, people.history_ids, prediction.joints_m[-1], prediction.error_m[-1]
         )

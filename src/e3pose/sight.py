@@ -6,11 +6,13 @@ this, and from nothing that other cameras saw.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.camera import Rig
 from e3pose.occlusion import box_iou, occlusion, person_boxes
 from e3pose.pose import Poses2D
 
@@ -53,15 +55,20 @@ def look(sight: Sight, view: Poses2D, slot: int, image_size: tuple[int, int]) ->
     return Sight(slot, boxes, motion)
 
 
-def own_occlusion(sight: Sight, slot: int, image_size: tuple[int, int]) -> float:
-    """Return the occlusion, eq. (4), a camera itself expects in `slot`; NaN if it never looked.
+def own_occlusion(sights: Sequence[Sight], slot: int, rig: Rig) -> Floats:
+    """Return `(num_cameras,)`: the occlusion, eq. (4), that each camera itself expects in `slot`.
 
-    Boxes that have left the image by then do not count, nor do their parts outside it.
+    Boxes that have left the image by then do not count, nor do their parts outside it; NaN for a
+    camera that never looked.
     """
-    if sight.slot < 0:
-        return float("nan")
-    boxes = sight.boxes + (slot - sight.slot) * sight.motion
-    limits = np.tile(np.array(image_size, dtype=np.float64), 2) - 0.5
-    boxes = np.clip(boxes, -0.5, limits)
-    in_view = (boxes[:, 2:] > boxes[:, :2]).all(axis=-1)
-    return occlusion(boxes[in_view])
+    slots = np.array([sight.slot for sight in sights])
+    boxes = np.full(
+        (len(sights), max((len(sight.boxes) for sight in sights), default=0), 4), np.nan
+    )
+    for row, sight in zip(boxes, sights, strict=True):
+        row[: len(sight.boxes)] = sight.boxes + (slot - sight.slot) * sight.motion
+    sizes = np.array([camera.image_size * 2 for camera in rig.cameras], dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        boxes = np.minimum(np.maximum(boxes, -0.5), sizes[:, None] - 0.5)
+        in_view = (boxes[..., 2:] > boxes[..., :2]).all(axis=-1)
+    return np.where(slots < 0, np.nan, occlusion(np.where(in_view[..., None], boxes, np.nan)))

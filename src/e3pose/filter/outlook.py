@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter.state import Belief, Model
-from e3pose.filter.update import predict
+from e3pose.filter.update import predict_positions
 
 Floats = NDArray[np.float64]
 
@@ -45,12 +45,12 @@ class Outlook:
 
 def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
     """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen."""
-    then = predict(belief, ahead_s, model)
+    joints_m, covariance_m2 = predict_positions(belief, ahead_s, model)
     return Outlook(
         track_ids=belief.track_ids,
         confirmed=belief.confirmed,
-        joints_m=then.state[..., :3],
-        covariance_m2=then.covariance[..., :3, :3],
+        joints_m=joints_m,
+        covariance_m2=covariance_m2,
         delivered=belief.delivered,
         last_seen_s=belief.last_seen_s + ahead_s,
         sigma_px=model.noise.sigma_px.min() * model.scales,
