@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole
+from e3pose.cli.options import Whole, as_typed
 from e3pose.cli.quantities import check_seconds
 from e3pose.cli.site_settings import check_settings, open_ledger, site_rig
 from e3pose.errors import InputError
@@ -196,13 +196,21 @@ def camera(
         for option, key in (("--site", "site"), ("--name", "camera"), ("--source", "source")):
             if key not in told:
                 raise InputError(f"{option}: not found, expected it or a camera file")
-    node, folder = load_node(config, told), Path() if config is None else config.parent
-    link = camera_link(node, folder)
-    log = open_log("camera", json_logs, site=node.site, camera=node.camera)
-    clock = WallClock()
-    power = open_sampler(load_profile(node.profile), node.meter, node.battery_wh)
-    transport = open_network(link)
-    made = make_camera(node, folder, transport, clock, log.warning, power)
+    names = {} if config is None else {key: f"{config}: {key}" for key in given}
+    names |= {key: f"--{key.replace('_', '-')}" for key in told}
+    if "camera" in told:
+        names["camera"] = "--name"
+    folder = Path() if config is None else config.parent
+    try:
+        node = load_node(config, told)
+        link = camera_link(node, folder)
+        log = open_log("camera", json_logs, site=node.site, camera=node.camera)
+        clock = WallClock()
+        power = open_sampler(load_profile(node.profile), node.meter, node.battery_wh)
+        transport = open_network(link)
+        made = make_camera(node, folder, transport, clock, log.warning, power)
+    except InputError as error:
+        raise as_typed(error, names) from None
     power.mode = lambda: made.mode
     with power, made:
         log.info("ready", source=node.source, endpoint=node.endpoint)
@@ -318,8 +326,8 @@ def _nothing() -> Iterator[None]:
     yield None
 
 
-def _people(roll: Any) -> tuple[Any, Any]:
-    return (None, None) if roll is None else (roll.cameras, roll.viewers)
+def _people(roll: Any) -> tuple[Any, Any, Any]:
+    return (None,) * 3 if roll is None else (roll.cameras, roll.viewers, roll.routers)
 
 
 def _summary(server: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,21 @@ def whole_number(_: Any, tokens: Sequence[Token]) -> int:
 
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
+
+
+def as_typed(error: InputError, names: Mapping[str, str], found_in: str = "") -> InputError:
+    """Return an error that names what was typed, where it begins with what that sets.
+
+    Args:
+        error: such as `pace: found 7, expected ...`.
+        names: what errors begin with, to what a person wrote: an option, or a key of a file.
+        found_in: what to take off the beginning first.
+    """
+    text = str(error).removeprefix(found_in)
+    word = re.match(r"([a-z_]+)( id)?(?=[: ])", text)
+    if word is None or word[1] not in names:
+        return error
+    return InputError(f"{names[word[1]]}{text[word.end() :]}")
 
 
 def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:

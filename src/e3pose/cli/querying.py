@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole
+from e3pose.cli.options import Whole, as_typed
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -108,13 +108,7 @@ def query(
             count = write_tables(_chunks(asked, what, bounds, track, joint), path, form)
             print(f"{path}: {count} row{'s' * (count != 1)}")
     except InputError as error:
-        raise _as_typed(error, asked) from None
-
-
-def _as_typed(error: InputError, store: Store) -> InputError:
-    """Return what a store refuses in the words of the command line."""
-    key, colon, rest = str(error).removeprefix(f"{store.where}: ").partition(": ")
-    return InputError(f"{OPTIONS[key]}: {rest}") if colon and key in OPTIONS else error
+        raise as_typed(error, OPTIONS, found_in=f"{asked.where}: ") from None
 
 
 def _store_of(named: str, site: str | None) -> tuple[str, str | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -150,4 +151,8 @@ def _check_places(path: Path, site: SiteTable) -> None:
 
 
 def _in_file(path: Path, error: InputError) -> InputError:
-    return error if str(error).startswith(f"{path}:") else InputError(f"{path}: {error}")
+    if str(error).startswith(f"{path}:"):
+        return error
+    # What is an option of replay is a key here.
+    text = re.sub(r"--([a-z]+(?:-[a-z]+)*)", lambda o: o[1].replace("-", "_"), str(error))
+    return InputError(f"{path}: {text}")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import msgspec
 
@@ -177,9 +177,6 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     profile: str = "xavier-nx"
 
 
-Table = TypeVar("Table", SiteTable, NodeTable)
-
-
 def open_site(named: Path) -> tuple[Path, SiteTable]:
     """Return the site file that is meant, and what it says.
 
@@ -193,7 +190,9 @@ def open_site(named: Path) -> tuple[Path, SiteTable]:
     if named.is_dir():
         path = named / SITE_FILE
         if not path.exists():
-            raise InputError(f"{named}: found a folder without {SITE_FILE}, expected one that has it")
+            raise InputError(
+                f"{named}: found a folder without {SITE_FILE}, expected one that has it"
+            )
     return path, load_site(path)
 
 
@@ -203,14 +202,18 @@ def load_site(path: Path) -> SiteTable:
     Raises:
         InputError: naming the file, the key, what was found and what was expected.
     """
-    site = _converted(path, read_toml(path, MAX_BYTES), SiteTable)
-    _within(path, "fps", site.fps, 0.1, 1000)
-    _within(path, "deadline_ms", site.deadline_ms, 0, 60_000)
-    _within(path, "pace", site.pace, 1e-3, 1)
+    try:
+        site = msgspec.convert(read_toml(path, MAX_BYTES), SiteTable)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{path}: {misfit(error, SiteTable)}") from None
+    where = f"{path}: "
+    _within(where, "fps", site.fps, 0.1, 1000)
+    _within(where, "deadline_ms", site.deadline_ms, 0, 60_000)
+    _within(where, "pace", site.pace, 1e-3, 1)
     if isinstance(site.lead, int):
-        _within(path, "lead", site.lead, 1, 60)
+        _within(where, "lead", site.lead, 1, 60)
     if site.metrics_port is not None:
-        _within(path, "metrics_port", site.metrics_port, 1, 65535)
+        _within(where, "metrics_port", site.metrics_port, 1, 65535)
     _named(path, lambda: check_site(site.name))
     _named(path, lambda: split_endpoint(site.link.endpoint))
     seen: set[str] = set()
@@ -219,8 +222,8 @@ def load_site(path: Path) -> SiteTable:
         if camera.id in seen:
             raise InputError(f"{path}: camera {camera.id}: found twice, expected once")
         seen.add(camera.id)
-        where = f"camera {camera.id}: "
-        _check_camera(path, camera.wake_s, camera.battery_wh, camera.threads, where)
+        where = f"{path}: camera {camera.id}: "
+        _check_camera(where, camera.wake_s, camera.battery_wh, camera.threads)
     if site.state and not site.state.endswith(".npz"):  # it is replaced again and again
         raise InputError(
             f"{path}: state: found {site.state[:80]!r}, expected a name that ends in .npz, or ''"
@@ -236,21 +239,31 @@ def load_node(path: Path | None, options: Mapping[str, Any]) -> NodeTable:
         options: keys of the file that take precedence over it.
 
     Raises:
-        InputError: as `load_site`.
+        InputError: as `load_site`, but without the file where an option is meant.
     """
     table: dict[str, Any] = {"format": "e3pose-camera", "version": 1}
-    where = Path("options") if path is None else path
     if path is not None:
         table = read_toml(path, MAX_BYTES)
-    node = _converted(where, {**table, **options}, NodeTable)
-    _named(where, lambda: check_site(node.site))
-    _named(where, lambda: check_camera_id(node.camera))
-    _named(where, lambda: split_endpoint(node.endpoint))
+    try:
+        return _node({**table, **options})
+    except InputError as error:
+        asked = any(str(error).startswith((f"{key}:", f"{key} ")) for key in options)
+        raise error if asked or path is None else InputError(f"{path}: {error}") from None
+
+
+def _node(table: Mapping[str, Any]) -> NodeTable:
+    try:
+        node = msgspec.convert(table, NodeTable)
+    except msgspec.ValidationError as error:
+        raise InputError(misfit(error, NodeTable)) from None
+    check_site(node.site)
+    check_camera_id(node.camera)
+    split_endpoint(node.endpoint)
     if node.fps is not None:
-        _within(where, "fps", node.fps, 0.1, 1000)
-    _within(where, "pace", node.pace, 1e-3, 1)
-    _within(where, "begin_s", node.begin_s, 0, 1e10)
-    _check_camera(where, node.wake_s, node.battery_wh, node.threads)
+        _within("", "fps", node.fps, 0.1, 1000)
+    _within("", "pace", node.pace, 1e-3, 1)
+    _within("", "begin_s", node.begin_s, 0, 1e10)
+    _check_camera("", node.wake_s, node.battery_wh, node.threads)
     return node
 
 
@@ -297,26 +310,17 @@ def place(folder: Path, name: str) -> Path:
         raise InputError(f"found {name[:80]!r}, expected the home of a user there is") from None
 
 
-def _converted(path: Path, table: Mapping[str, Any], kind: type[Table]) -> Table:
-    try:
-        return msgspec.convert(table, kind)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {misfit(error, kind)}") from None
-
-
-def _within(path: Path, key: str, value: float, low: float, high: float) -> None:
+def _within(where: str, key: str, value: float, low: float, high: float) -> None:
     if not low <= value <= high:  # NaN fails too
-        raise InputError(f"{path}: {key}: found {value:g}, expected {low:g} to {high:g}")
+        raise InputError(f"{where}{key}: found {value:g}, expected {low:g} to {high:g}")
 
 
-def _check_camera(
-    path: Path, wake_s: float, battery_wh: float | None, threads: int | None, where: str = ""
-) -> None:
-    _within(path, f"{where}wake_s", wake_s, 0, 3600)
+def _check_camera(where: str, wake_s: float, battery_wh: float | None, threads: int | None) -> None:
+    _within(where, "wake_s", wake_s, 0, 3600)
     if threads is not None:
-        _within(path, f"{where}threads", threads, 1, 1024)
+        _within(where, "threads", threads, 1, 1024)
     if battery_wh is not None:
-        _within(path, f"{where}battery_wh", battery_wh, 1e-3, 1e6)
+        _within(where, "battery_wh", battery_wh, 1e-3, 1e6)
 
 
 def _named(path: Path, check: Any) -> None:
