@@ -142,7 +142,8 @@ def spoilt(slots: Slots, rng: np.random.Generator) -> Iterator[Slot]:
 
 
 @pytest.mark.parametrize(
-    ("name", "cameras"), [("ring", 5), ("ring", 1), ("crossing", 2), ("pillar", 3)]
+    ("name", "cameras"),
+    [("ring", 5), ("ring", 1), ("crossing", 2), ("pillar", 3), ("one-sided", 2)],
 )
 def test_equals_the_reference_over_a_whole_scene(name: str, cameras: int) -> None:
     recording = scene(name)

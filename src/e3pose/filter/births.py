@@ -148,6 +148,7 @@ def _start(
         "last_seen_s": np.where(seen_by, 0.0, np.inf),
         "bias_px": np.zeros((len(model.rig), len(known), 2)),
         "delivered": np.full(len(model.rig), DELIVERED_PRIOR),
+        "missed": np.zeros(len(model.rig)),
         "confirmed": False,
         "bones_m": no_bones,
         "bone_counts": no_bones,

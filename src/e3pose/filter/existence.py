@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from e3pose.filter import blindness
 from e3pose.filter.state import Belief, Flags, Floats, Ints, Model
 from e3pose.filter.update import MIN_DEPTH_M, project
 
@@ -34,7 +35,8 @@ def attend(
 ) -> Belief:
     """Count for each track the views that showed it and those that should have.
 
-    A camera that sent no view says nothing, nor does one that looks elsewhere.
+    A camera that sent no view says nothing, nor does one that looks elsewhere, and one that seldom
+    shows people at this place says little.
 
     Args:
         belief: after the update.
@@ -48,27 +50,46 @@ def attend(
         model: the rig.
     """
     expected = _inside(predicted, cameras, model)
-    rate = LEARN_RATE * min(1.0, dt / FASTEST_S)
+    share = min(1.0, dt / FASTEST_S)
+    places_m = predicted.state[:, model.tree.levels[0][0], :2]
+    proof = np.where(hits, 1.0, blindness.proof(belief.sights, cameras, places_m, model.corner_m))
     existence, seen_by = belief.existence, belief.seen_by.copy()
     last_seen_s = belief.last_seen_s + dt
     forgotten = 1 - np.exp(-dt / DELIVERED_LASTS_S)
     delivered = belief.delivered + forgotten * (DELIVERED_PRIOR - belief.delivered)
     for view, camera in enumerate(cameras.tolist()):
         hit, seen = hits[view], hits[view] | expected[view]
-        existence = np.where(seen, existence + rate * (fits[view] - existence), existence)
+        rate = LEARN_RATE * share * np.where(seen, proof[view], 0.0)
+        existence = existence + rate * (fits[view] - existence)
         seen_by[:, camera] |= hit
         last_seen_s[hit, camera] = 0.0
         delivered[seen, camera] += DELIVERED_RATE * (told[view] - delivered[:, camera])[seen]
     total = belief.hits + hits.sum(axis=0)
-    confirmed = (seen_by.sum(axis=1) >= CONFIRM_CAMERAS) | (total >= CONFIRM_HITS)
+    confirmed = belief.confirmed | (seen_by.sum(axis=1) >= CONFIRM_CAMERAS)
+    confirmed |= total >= CONFIRM_HITS
+    looks, shown = np.zeros_like(belief.missed), np.zeros_like(belief.missed)
+    looks[:, cameras] = share * (hits | expected).T
+    shown[:, cameras] = share * hits.T
+    missed = belief.missed + looks - shown
+    there: Flags = np.asarray(hits.any(axis=0))
+    taught = np.asarray(there & confirmed)[:, None]
+    sights = blindness.learn(
+        belief.sights,
+        places_m,
+        np.where(taught, missed + shown, 0.0),
+        np.where(taught, shown, 0.0),
+        model.corner_m,
+    )
     return replace(
         belief,
         existence=existence,
         seen_by=seen_by,
         last_seen_s=last_seen_s,
         delivered=delivered,
+        missed=np.where(there[:, None], 0.0, missed),
+        sights=sights,
         hits=total,
-        confirmed=belief.confirmed | confirmed,
+        confirmed=confirmed,
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.camera import Rig
 from e3pose.errors import InputError
+from e3pose.filter import blindness
 from e3pose.filter.noise import OPENPOSE, Noise
 from e3pose.filter.tree import Tree, grow
 from e3pose.skeleton import BODY_LIMBS, FACE_LIMBS, Skeleton
@@ -60,6 +61,11 @@ class Model:
         Detectors see images at one input size, so their error is a share of the image.
         """
         return np.asarray(self.image_sizes.max(axis=1) / self.noise.image_px)
+
+    @cached_property
+    def corner_m(self) -> Floats:
+        """`(2,)` where on the floor the cells of `Belief.sights` begin."""
+        return blindness.corner_m(self.rig)
 
     @cached_property
     def tree(self) -> Tree:
@@ -148,12 +154,15 @@ class Belief:
         delivered: `(num_tracks, num_cameras)` in [0, 1]: what the views of a camera recently told
             about the person, as a share of what a view with every joint in plain sight would
             (`existence.DELIVERED_PRIOR` before it looked, and again long after).
+        missed: `(num_tracks, num_cameras)` looks that missed the person since one did not.
         bias_px: `(num_tracks, num_cameras, num_joints, 2)` how far a view's keypoints of the person
             are off for seconds.
         confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
         bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
         leftovers: detections that wait for a second view.
+        sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who were
+            there, by place, and how many of them showed the person (`blindness`).
         next_id: the id that the next new person gets.
     """
 
@@ -168,11 +177,13 @@ class Belief:
     seen_by: Flags
     last_seen_s: Floats
     delivered: Floats
+    missed: Floats
     bias_px: Floats
     confirmed: Flags
     bones_m: Floats
     bone_counts: Floats
     leftovers: Leftovers
+    sights: Floats
     next_id: int = 0
 
     def __len__(self) -> int:
@@ -194,6 +205,7 @@ class Belief:
             seen_by=np.zeros((0, len(model.rig)), dtype=bool),
             last_seen_s=np.zeros((0, len(model.rig))),
             delivered=np.zeros((0, len(model.rig))),
+            missed=np.zeros((0, len(model.rig))),
             bias_px=np.zeros((0, len(model.rig), joints, 2)),
             confirmed=np.zeros(0, dtype=bool),
             bones_m=np.zeros((0, bones)),
@@ -204,6 +216,7 @@ class Belief:
                 np.zeros((0, joints, 2)),
                 np.zeros((0, joints)),
             ),
+            sights=blindness.nothing_known(model.rig),
         )
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
@@ -211,7 +224,7 @@ class Belief:
         return {
             item.name: getattr(self, item.name)
             for item in fields(self)
-            if item.name not in ("time_s", "leftovers", "next_id")
+            if item.name not in ("time_s", "leftovers", "sights", "next_id")
         }
 
 
@@ -221,6 +234,7 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
     return {
         "time_s": np.array(belief.time_s),
         "next_id": np.array(belief.next_id),
+        "sights": belief.sights,
         **belief.columns(),
         **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
     }
@@ -252,5 +266,6 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         time_s=float(np.asarray(arrays["time_s"], dtype=np.float64)),
         next_id=int(np.asarray(arrays["next_id"], dtype=np.int64)),
         leftovers=Leftovers(*waiting),
+        sights=np.array(arrays["sights"]),
         **columns,
     )

@@ -66,7 +66,7 @@ def step(
     now = time_s if first else max(time_s, belief.time_s)
     dt = 0.0 if first else now - belief.time_s
     if dt > LONGEST_S:
-        belief = replace(Belief.empty(model), next_id=belief.next_id)
+        belief = replace(Belief.empty(model), next_id=belief.next_id, sights=belief.sights)
     belief = predict(replace(belief, time_s=now), dt, model)
     cameras, keypoints, scores = _sorted(model, views)
     found = [

@@ -282,6 +282,7 @@ def _start(
         tracks.seen_by[track, camera] = False
         tracks.last_seen_s[track, camera] = np.inf
         tracks.delivered[track, camera] = DELIVERED_PRIOR
+        tracks.missed[track, camera] = 0.0
         for joint in range(num_joints):
             tracks.bias_px[track, camera, joint, 0] = 0.0
             tracks.bias_px[track, camera, joint, 1] = 0.0

@@ -22,6 +22,7 @@ from e3pose.filter.existence import (
 )
 from e3pose.filter.update import MIN_SCORE
 from e3pose.kernels.compile import kernel
+from e3pose.kernels.filter_blindness import proof
 from e3pose.kernels.filter_memory import Matches, Tracks, Views
 
 Floats = NDArray[np.float64]
@@ -36,6 +37,8 @@ def attend(
     noise_px: Floats,
     views: Views,
     matches: Matches,
+    sights: Floats,
+    corner_m: Floats,
     tracks: Tracks,
 ) -> None:
     """Count for each track the views that showed it and those that should have."""
@@ -67,8 +70,10 @@ def attend(
                     tracks.seen_by[track, camera] = True
                     tracks.last_seen_s[track, camera] = 0.0
                 if person >= 0 or matches.inside[camera, track]:
-                    fit = matches.fits[camera, track]
-                    tracks.existence[track] += rate * (fit - tracks.existence[track])
+                    fit, share = matches.fits[camera, track], 1.0
+                    if person < 0:
+                        share = proof(sights[camera], matches.places_m[track], corner_m)
+                    tracks.existence[track] += rate * share * (fit - tracks.existence[track])
                     tracks.delivered[track, camera] += DELIVERED_RATE * (told - told_before)
             num_seen_by += tracks.seen_by[track, camera]
         if num_seen_by >= CONFIRM_CAMERAS or tracks.hits[track] >= CONFIRM_HITS:
@@ -117,6 +122,7 @@ def _move(tracks: Tracks, source: int, target: int) -> None:
         tracks.seen_by[target, camera] = tracks.seen_by[source, camera]
         tracks.last_seen_s[target, camera] = tracks.last_seen_s[source, camera]
         tracks.delivered[target, camera] = tracks.delivered[source, camera]
+        tracks.missed[target, camera] = tracks.missed[source, camera]
         for joint in range(tracks.state.shape[1]):
             for axis in range(2):
                 value = tracks.bias_px[source, camera, joint, axis]

@@ -37,6 +37,7 @@ class Site(NamedTuple):
     depths: Integers  # (num_joints,) steps from the root
     drift_m2ps4: Floats  # (num_joints,)
     shared_m2ps4: Floats  # (num_joints,)
+    corner_m: Floats  # (2,) of the cells of `Belief.sights`
     lenses: Lenses
 
 
@@ -63,6 +64,7 @@ def make_site(model: Model) -> Site:
         depths,
         np.ascontiguousarray(tree.drift_m2ps4),
         np.ascontiguousarray(tree.shared_m2ps4),
+        np.ascontiguousarray(model.corner_m),
         make_lenses(model.rig),
     )
 
@@ -98,6 +100,7 @@ class Tracks(NamedTuple):
     seen_by: Flags
     last_seen_s: Floats
     delivered: Floats
+    missed: Floats
     bias_px: Floats
     confirmed: Flags
     bones_m: Floats
@@ -121,6 +124,8 @@ class Matches(NamedTuple):
     assigned: Integers  # (num_cameras, num_tracks) row within the view, -1 for none
     fits: Floats  # (num_cameras, num_tracks)
     inside: Flags  # (num_cameras, num_tracks) the view should show the track
+    places_m: Floats  # (num_tracks, 2) on the floor, as predicted
+    taught: Flags  # (num_tracks,) somebody of whom it is learned what cameras show
 
 
 class Offers(NamedTuple):
@@ -221,6 +226,8 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             assigned=np.zeros((cameras, num_tracks), np.int64),
             fits=np.zeros((cameras, num_tracks)),
             inside=np.zeros((cameras, num_tracks), bool),
+            places_m=np.zeros((num_tracks, 2)),
+            taught=np.zeros(num_tracks, bool),
         ),
         Offers(
             sight=np.zeros((4, joints)),

@@ -17,6 +17,7 @@ from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_associate import associate
 from e3pose.kernels.filter_bias import learn_bias
 from e3pose.kernels.filter_births import give_birth
+from e3pose.kernels.filter_blindness import learn_sights
 from e3pose.kernels.filter_existence import attend, end
 from e3pose.kernels.filter_memory import Memory, Site, Views, make_memory, make_site
 from e3pose.kernels.filter_predict import predict
@@ -67,8 +68,9 @@ class StepKernel:
             memory.waiting.cameras[:num_old] = waiting.cameras
             memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
             memory.waiting.scores[:num_old] = waiting.scores
+        sights = np.array(belief.sights, order="C")
         num_tracks, num_waiting, next_id = self._call(
-            num_tracks, num_old, now, dt, belief.next_id, self._site, memory
+            num_tracks, num_old, now, dt, belief.next_id, self._site, sights, memory
         )
         rows = memory.waiting.order[:num_waiting]
         leftovers = Leftovers(
@@ -81,7 +83,7 @@ class StepKernel:
             name: column[:num_tracks].copy()
             for name, column in zip(self._columns, memory.tracks, strict=True)
         }
-        belief = Belief(time_s=now, leftovers=leftovers, next_id=next_id, **columns)
+        belief = Belief(time_s=now, leftovers=leftovers, sights=sights, next_id=next_id, **columns)
         return belief, estimate_of(belief)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Memory:
@@ -122,11 +124,15 @@ def step_slot(
     dt: float,
     next_id: int,
     site: Site,
+    sights: Floats,
     memory: Memory,
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
     views, tracks, passes = memory.views, memory.tracks, memory.passes
     predict(num_tracks, dt, site.drift_m2ps4, site.shared_m2ps4, tracks)
+    for track in range(num_tracks):
+        for axis in range(2):
+            memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
     _prepare(site, views)
     num_views = 0
     for camera in range(len(views.counts)):
@@ -171,7 +177,18 @@ def step_slot(
             tracks.bone_counts[track],
             passes.measured,
         )
-    attend(num_tracks, dt, site.scales, site.noise_px, views, memory.matches, tracks)
+    attend(
+        num_tracks,
+        dt,
+        site.scales,
+        site.noise_px,
+        views,
+        memory.matches,
+        sights,
+        site.corner_m,
+        tracks,
+    )
+    learn_sights(num_tracks, dt, site.corner_m, views.arrived, memory.matches, sights, tracks)
     num_tracks, num_waiting, next_id = give_birth(
         num_tracks,
         num_old,
