@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.camera import Camera, Rig
+from e3pose.estimators.base import People
 from e3pose.estimators.per_slot import PerSlot
 from e3pose.fuse import Fuser
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
@@ -171,6 +172,28 @@ def test_nobody_and_nothing_are_normal(views: Mapping[int, Poses2D]) -> None:
     for record in run(make(), [views] * 10):
         assert len(record.poses) == 0
         assert (record.occlusion == 0).all()
+
+
+def test_people_are_told_before_cameras_are_selected_for_later() -> None:
+    told: list[People] = []
+    order: list[str] = []
+    predictor = make_predictor("constant-velocity")
+
+    class Listening:
+        def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
+            order.append("predict")
+            return predictor.predict(history_m, interval_s, lead_slots)
+
+    def tell(people: People) -> None:
+        order.append("tell")
+        told.append(people)
+
+    pipeline = make(predictor=Listening())
+    _, record = step(pipeline, initial_state(pipeline), scene(0), ONLINE, tell)
+    assert order == ["tell", "predict"]
+    assert len(told[0].track_ids) == 2
+    np.testing.assert_array_equal(told[0].poses.joints_m, record.poses.joints_m)
+    np.testing.assert_array_equal(told[0].track_ids, record.track_ids)
 
 
 def test_offline_cameras_are_neither_read_nor_ordered() -> None:

@@ -107,7 +107,11 @@ def initial_state(pipeline: Pipeline) -> SlotState:
 
 
 def step(
-    pipeline: Pipeline, state: SlotState, views: Mapping[int, Poses2D], online: Selection
+    pipeline: Pipeline,
+    state: SlotState,
+    views: Mapping[int, Poses2D],
+    online: Selection,
+    tell: Callable[[People], None] = lambda people: None,
 ) -> tuple[SlotState, SlotRecord]:
     """Advance one slot (paper Algorithm 1).
 
@@ -116,6 +120,8 @@ def step(
         state: what the slot before handed over.
         views: camera index to what it saw in `state.slot`; views that were not ordered are ignored.
         online: `(num_cameras,)` cameras that can be reached.
+        tell: called with the people of this slot once they are known, before cameras are selected
+            for a later one: whoever waits for them need not wait for that.
 
     Returns:
         The next state and the record of this slot, with the selection for `slot + lead_slots`.
@@ -129,6 +135,7 @@ def step(
     shown = people
     if pipeline.holds and not selected.any() and state.shown is not None:
         shown = replace(state.shown, measured=np.zeros_like(state.shown.measured))
+    tell(shown)
     times = [clock()]
 
     prediction = pipeline.predictor.predict(
