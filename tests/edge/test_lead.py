@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from e3pose.edge.lead import CALM_SLOTS, MAX_LEAD, Lead, adapt, cautious, take_in_delay
+from e3pose.edge.lead import CALM_SLOTS, MAX_LEAD, MAX_SAMPLES, Lead, adapt, cautious, take_in_delay
 
 INTERVAL_S = 0.04
 
@@ -45,6 +45,16 @@ def test_growing_is_immediate_and_shrinking_waits() -> None:
     assert adapt(lead, INTERVAL_S).slots == 3
 
 
+def test_slow_air_counts_within_two_seconds() -> None:
+    """Five cameras say their longest delay twice a second."""
+    lead = settled(0.01)
+    for _ in range(1000):
+        lead = take_in_delay(lead, 0.01)
+    for _ in range(5 * 2 * 2):
+        lead = take_in_delay(lead, 0.15)
+    assert adapt(lead, INTERVAL_S).slots == 5
+
+
 def test_delay_that_flutters_does_not_make_the_lead_flutter() -> None:
     rng = np.random.default_rng(1)
     lead, changes = Lead(1), 0
@@ -70,7 +80,7 @@ def test_lead_is_bounded_and_so_is_its_memory() -> None:
     assert lead.slots == MAX_LEAD
     for _ in range(2000):
         lead = take_in_delay(lead, 0.01)
-    assert len(lead.delays_s) == 500
+    assert len(lead.delays_s) == MAX_SAMPLES
 
 
 def test_beginning_survives_slots_that_wait_for_their_deadline() -> None:

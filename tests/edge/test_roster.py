@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from msgspec import structs
 
 from e3pose.edge.roster import (
     FLOOD_RATE,
@@ -52,6 +53,13 @@ def test_camera_that_is_well_can_be_chosen() -> None:
 )
 def test_incomplete_camera_says_what_is_missing(life: CameraLife, told: str) -> None:
     assert told in why(life)
+
+
+def test_camera_says_that_its_orders_come_late_until_they_do_not() -> None:
+    life = well()
+    for late_orders, expected in ((0, False), (2, True), (2, False), (3, True), (0, False)):
+        life = take_beat(life, structs.replace(BEAT, late_orders=late_orders), NOW)
+        assert life.orders_late is expected
 
 
 def test_silence_is_noticed_within_two_seconds() -> None:
@@ -115,10 +123,10 @@ def test_frozen_camera_is_noticed_though_it_speaks() -> None:
 def test_nonsense_leads_to_quarantine_and_out_again() -> None:
     life = well()
     for _ in range(WRONG_LIMIT - 1):
-        life = take_wrong(life, NOW)
+        life = take_wrong(life, "found 18 joints", NOW)
     assert why(life) == ""
-    life = take_wrong(life, NOW)
-    assert why(life) == "sends messages that make no sense"
+    life = take_wrong(life, "found 18 joints", NOW)
+    assert why(life) == "sends messages that make no sense (found 18 joints)"
     later = NOW + round(QUARANTINE_S * SECOND)
     assert why(take_beat(life, replace_beat(captured=11), later), later) == ""
 
@@ -126,7 +134,7 @@ def test_nonsense_leads_to_quarantine_and_out_again() -> None:
 def test_rare_nonsense_is_forgiven() -> None:
     life = well()
     for second in range(200):
-        life = take_wrong(life, NOW + second * SECOND)
+        life = take_wrong(life, "", NOW + second * SECOND)
     assert life.quarantined_until_ns == 0
 
 

@@ -1,115 +1,27 @@
-"""A site in one process: cameras and an edge on their threads, and the bad days they have."""
+"""A site in one process, and the bad days it has."""
 
 from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.edge.one_process import Site, eventually, site_at_work
 
 from e3pose.clock import WallClock
-from e3pose.edge.server import EdgeServer
-from e3pose.edge.settings import EdgeSettings
-from e3pose.evaluate.settings import ReplaySettings, make_pipeline
-from e3pose.node.live import CameraNode, NodeSettings
-from e3pose.node.live_source import RecordedDetector, RecordedSource
 from e3pose.power import EnergyLedger, parse_budget
 from e3pose.profiles import load_profile
-from e3pose.recording import Recording
-from e3pose.simulate.settings import SceneSettings
-from e3pose.simulate.simulation import simulate
-from e3pose.store.rows import Event
-from e3pose.wire.codec import decode, unpack
-from e3pose.wire.memory import Hub
-from e3pose.wire.messages import Poses
-
-
-def eventually(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
-    return condition()
-
-
-def told(site: Site, kind: str, camera_id: str) -> bool:
-    """Return whether the newest word on a camera is of a kind."""
-    words = [event.kind for event in site.events if event.camera_id == camera_id]
-    return words[-1:] == [kind]
-
-
-@dataclass
-class Site:
-    """Three cameras that look at a simulated room, and an edge."""
-
-    recording: Recording
-    folder: Path
-    hub: Hub = field(default_factory=Hub)
-    clock: WallClock = field(default_factory=WallClock)
-    nodes: dict[str, CameraNode] = field(default_factory=dict)
-    events: list[Event] = field(default_factory=list)
-    poses: list[Poses] = field(default_factory=list)
-    edge: EdgeServer | None = None
-
-    def start_edge(self) -> EdgeServer:
-        settings = ReplaySettings(
-            pipeline="memory", policy="round-robin", num_selected=2, backend="reference",
-            predictor="zero-velocity",
-        )  # fmt: skip
-        edge_settings = EdgeSettings(
-            "lab",
-            self.recording.skeleton.joints,
-            deadline_s=0.15,
-            idle_modes=["power-saving"] * len(self.recording.rig),
-            checkpoint=self.folder / "state.npz",
-            start_wait_s=1.0,
-        )
-        self.edge = EdgeServer(
-            make_pipeline(self.recording, settings),
-            self.hub.join(),
-            edge_settings,
-            self.clock,
-            tell=self.events.append,
-        )
-        self.edge.start()
-        return self.edge
-
-    def start_camera(self, camera_id: str) -> CameraNode:
-        node = CameraNode(
-            NodeSettings("lab", camera_id, self.recording.skeleton.joints),
-            RecordedSource(self.recording, camera_id, self.clock),
-            RecordedDetector(),
-            self.hub.join(),
-            self.clock,
-        )
-        node.start()
-        self.nodes[camera_id] = node
-        return node
-
-    def online(self) -> set[str]:
-        assert self.edge is not None
-        return {c.camera_id for c in self.edge.status().cameras if c.online}
+from e3pose.wire.codec import unpack
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    scene = SceneSettings("ring", people=2, seconds=4.0, fps=20, cameras=3)
-    made = Site(simulate(scene, seed=4), tmp_path_factory.mktemp("edge"))
-    viewer = made.hub.join()
-    viewer.subscribe("e3pose/lab/poses", lambda t, p: made.poses.append(decode(p, Poses, "edge")))
-    for camera_id in made.recording.rig.camera_ids:
-        made.start_camera(camera_id)
-    edge = made.start_edge()
-    assert eventually(lambda: edge.counts.slots > 30, 15)
-    yield made
-    for node in made.nodes.values():
-        node.stop()
-    assert made.edge is not None
-    made.edge.stop()
+    with site_at_work(tmp_path_factory.mktemp("edge")) as made:
+        yield made
 
 
 def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
@@ -174,10 +86,10 @@ def test_partition_is_noticed_in_two_seconds_and_healed(site: Site) -> None:
     assert edge is not None
     here = edge.counts.slots
     assert eventually(lambda: edge.counts.slots > here + 10)  # the others go on
-    assert eventually(lambda: told(site, "camera-lost", "cam2"))
+    assert eventually(lambda: site.told("camera-lost", "cam2"))
     site.hub.fault = lambda topic, payload: payload
     assert eventually(lambda: site.online() == {"cam0", "cam1", "cam2"}, 3.0)
-    assert eventually(lambda: told(site, "camera-back", "cam2"))
+    assert eventually(lambda: site.told("camera-back", "cam2"))
 
 
 def test_lossy_network_loses_views_but_no_slot(site: Site) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -13,6 +14,7 @@ from e3pose.clock import Clock
 from e3pose.pose import Poses2D
 
 MAX_AHEAD_SLOTS = 64  # a view of a slot farther ahead than any order is a clock gone wrong
+LATEST = 25  # late views whose age is remembered: a second of them, about
 WAIT_NS = 20_000_000  # how long to sleep at most between looks at who is still online
 
 
@@ -37,39 +39,40 @@ class Gather:
 
     Attributes:
         slot: the oldest slot that is still open.
-        late: per camera, views that came after their slot was closed.
-        early: per camera, views of slots too far ahead to be believed.
-        repeated: per camera, views of a slot that it had sent a view of; the newest counts.
+        late: `(num_cameras,)` views that came after their slot was closed.
     """
 
     num_cameras: int
     slot: int = 0
     late: NDArray[np.int64] = field(init=False)
-    early: NDArray[np.int64] = field(init=False)
-    repeated: NDArray[np.int64] = field(init=False)
+    _late_by_s: list[deque[float]] = field(init=False)
     _slots: dict[int, dict[int, Arrival]] = field(default_factory=dict)
     _lock: threading.Condition = field(default_factory=threading.Condition)
 
     def __post_init__(self) -> None:
-        self.late, self.early, self.repeated = (
-            np.zeros(self.num_cameras, dtype=np.int64) for _ in range(3)
-        )
+        self.late = np.zeros(self.num_cameras, dtype=np.int64)
+        self._late_by_s = [deque(maxlen=LATEST) for _ in range(self.num_cameras)]
 
     def add(self, slot: int, camera: int, arrival: Arrival) -> bool:
         """Take in a view; return whether its slot is open. A newer view of a slot replaces it."""
         with self._lock:
             if slot < self.slot:
                 self.late[camera] += 1
+                age_ns = arrival.arrived_ns - arrival.captured_ns
+                self._late_by_s[camera].append(age_ns / 1e9)
                 return False
             if slot > self.slot + MAX_AHEAD_SLOTS:
-                self.early[camera] += 1
                 return False
             views = self._slots.setdefault(slot, {})
-            self.repeated[camera] += camera in views
             views[camera] = arrival
             if slot == self.slot:
                 self._lock.notify_all()
             return True
+
+    def late_by_s(self) -> NDArray[np.float64]:
+        """Return `(num_cameras,)`: how old the latest views that came late were, at the most."""
+        with self._lock:
+            return np.array([max(ages, default=np.nan) for ages in self._late_by_s])
 
     def wake(self) -> None:
         """Let `close` look again: a camera came, went, or the program ends."""

@@ -63,7 +63,6 @@ class Inbox:
     strangers: int = 0
     wrong: int = 0
     flooded: int = 0
-    last_wrong: str = ""
     _index: dict[str, int] = field(init=False)
     _topics: dict[str, int] = field(init=False)  # of all that cameras may say
     _flood_until_ns: list[int] = field(init=False)
@@ -102,6 +101,10 @@ class Inbox:
         """Return `(num_cameras,)`: who can be chosen now."""
         return np.array([not why for why in self.troubles()], dtype=bool)
 
+    def orders_late(self) -> NDArray[np.bool_]:
+        """Return `(num_cameras,)`: who said last that orders came too late."""
+        return np.array([life.orders_late for life in self.roster.lives], dtype=bool)
+
     def _change(self, index: int, change: Callable[[CameraLife], CameraLife]) -> CameraLife:
         with self._lock:
             life = change(self.roster.lives[index])
@@ -131,14 +134,13 @@ class Inbox:
             return False
         self.flooded += 1
         if self.flooded % FLOOD_WRONG == 0:
-            self._change(index, lambda life: take_wrong(life, now_ns))
+            self._change(index, lambda life: take_wrong(life, "too many", now_ns))
         return True
 
     def _refuse(self, index: int, error: InputError) -> None:
         now_ns = self.clock.now_ns()
         self.wrong += 1
-        self.last_wrong = str(error)
-        self._change(index, lambda life: take_wrong(life, now_ns))
+        self._change(index, lambda life: take_wrong(life, str(error), now_ns))
 
     def _view(self, topic: str, payload: bytes) -> None:
         arrived_ns = self.clock.now_ns()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 QUANTILE = 0.9  # of delays that are each the longest of half a second: 99 % of the orders, about
-MAX_SAMPLES = 500  # a bounded memory: some seconds of a few cameras
+MAX_SAMPLES = 100  # some seconds of a few cameras: slow air must count soon
 MIN_SAMPLES = 25
 CALM_SLOTS = 250  # how long a smaller lead must have done before it is taken: hysteresis
 MARGIN_SHARE = 0.1  # of a slot, to spare

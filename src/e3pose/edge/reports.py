@@ -40,13 +40,21 @@ def poses_message(
 
 
 def camera_status(
-    life: CameraLife, why: str, deficit: float, duty: float, late: int, lost: int, now_ns: int
+    life: CameraLife,
+    trouble: str,
+    oddity: str,
+    deficit: float,
+    duty: float,
+    late: int,
+    lost: int,
+    now_ns: int,
 ) -> CameraStatus:
     """Return what the edge knows of a camera.
 
     Args:
         life: of the camera.
-        why: why it cannot be chosen; empty if it can.
+        trouble: why it cannot be chosen; empty if it can.
+        oddity: why it is of no use all the same.
         deficit: its queue.
         duty: share of the last minute's slots in which it was selected.
         late: views that came too late.
@@ -57,8 +65,8 @@ def camera_status(
     charge = beat.battery_j if beat else None
     return CameraStatus(
         camera_id=life.camera_id,
-        online=not why,
-        why=why,
+        online=not trouble,
+        why=one_line(trouble or oddity),
         mode=beat.mode if beat else None,
         last_seen_s=None if life.heard_ns is None else (now_ns - life.heard_ns) / 1e9,
         duty=duty,
@@ -79,15 +87,16 @@ def camera_status(
 def site_status(edge: EdgeServer) -> Status:
     """Return how a site is."""
     now_ns, record, counts = edge.clock.now_ns(), edge.newest, edge.counts
-    duty, troubles = counts.duty(), edge.inbox.troubles()
+    duty, troubles, oddities = counts.duty(), edge.inbox.troubles(), edge.oddities()
     cameras = tuple(
         camera_status(
             life,
             troubles[index],
+            oddities[index],
             edge.state.deficit[index],
             float(duty[index]),
             int(edge.gather.late[index]),
-            int(counts.missed[index]),
+            max(int(counts.missed[index] - edge.gather.late[index]), 0),
             now_ns,
         )
         for index, life in enumerate(edge.inbox.roster.lives)
@@ -107,6 +116,24 @@ def site_status(edge: EdgeServer) -> Status:
         expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
         slots_lost=counts.lost,
     )
+
+
+def changes(
+    camera_ids: Sequence[str], before: Sequence[str], after: Sequence[str], kinds: tuple[str, str]
+) -> list[tuple[str, str, str]]:
+    """Return what to tell of cameras whose trouble began or ended: kind, words, camera.
+
+    Args:
+        camera_ids: of the rig.
+        before: what troubled each; empty where nothing did.
+        after: what does now.
+        kinds: of events, when it begins and when it ends.
+    """
+    return [
+        (kinds[not why], f"{camera_id}: {why or 'is there'}", camera_id)
+        for camera_id, was, why in zip(camera_ids, before, after, strict=True)
+        if bool(was) != bool(why)
+    ]
 
 
 def one_line(text: str) -> str:

@@ -30,10 +30,12 @@ class CameraLife:
         heard_ns: when its newest message came; None before the first.
         wrong: when messages came that made no sense, newest last.
         quarantined_until_ns: until when it is left out because of those.
+        misfit: what was wrong with the newest of them.
         told: messages of this second, for `flooding`.
         second: which second that is.
         frame_ns: when its count of frames last grew.
         restarts: how often its program was started anew.
+        orders_late: whether its newest heartbeat told of more orders that came too late.
     """
 
     camera_id: str
@@ -43,10 +45,12 @@ class CameraLife:
     heard_ns: int | None = None
     wrong: tuple[int, ...] = ()
     quarantined_until_ns: int = 0
+    misfit: str = ""
     told: int = 0
     second: int = 0
     frame_ns: int = 0
     restarts: int = 0
+    orders_late: bool = False
 
 
 def come_or_go(life: CameraLife, there: bool, now_ns: int) -> CameraLife:
@@ -77,6 +81,7 @@ def take_beat(life: CameraLife, beat: Heartbeat, now_ns: int) -> CameraLife:
         beat=beat,
         heard_ns=now_ns,
         frame_ns=now_ns if moved or beat.mode == "aggressive-power-saving" else life.frame_ns,
+        orders_late=life.beat is not None and beat.late_orders > life.beat.late_orders,
     )
 
 
@@ -92,13 +97,14 @@ def flooding(life: CameraLife, fps: float) -> bool:
     return life.told > FLOOD_RATE * (fps + 10)
 
 
-def take_wrong(life: CameraLife, now_ns: int) -> CameraLife:
-    """Return the life of a camera that sent something that makes no sense."""
+def take_wrong(life: CameraLife, misfit: str, now_ns: int) -> CameraLife:
+    """Return the life of a camera that sent something that makes no sense, for a reason."""
     recent = tuple(at for at in life.wrong if now_ns - at < WRONG_S * 1e9)[-WRONG_LIMIT:]
     wrong = (*recent, now_ns)
     if len(wrong) < WRONG_LIMIT:
-        return replace(life, wrong=wrong)
-    return replace(life, wrong=(), quarantined_until_ns=now_ns + round(QUARANTINE_S * 1e9))
+        return replace(life, wrong=wrong, misfit=misfit)
+    until_ns = now_ns + round(QUARANTINE_S * 1e9)
+    return replace(life, wrong=(), misfit=misfit, quarantined_until_ns=until_ns)
 
 
 def trouble(
@@ -122,7 +128,7 @@ def trouble(
     if now_ns - life.heard_ns > SILENT_S * 1e9:
         return f"silent for {(now_ns - life.heard_ns) / 1e9:.0f} s"
     if now_ns < life.quarantined_until_ns:
-        return "sends messages that make no sense"
+        return f"sends messages that make no sense ({life.misfit})"
     if life.hello is None:  # without a frame it cannot know, and may say why
         return (life.beat.problem if life.beat else "") or "has not said what it is"
     if tuple(life.hello.joints) != tuple(joints):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -24,11 +24,12 @@ from e3pose.edge.amend import skip_to, still_true, with_lead
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
+from e3pose.edge.lateness import forgiven, oddities
 from e3pose.edge.lead import Lead, adapt, cautious, take_in_delay
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.partners import Learner, Sink
-from e3pose.edge.reports import poses_message, sigma_m, site_status
+from e3pose.edge.reports import changes, poses_message, sigma_m, site_status
 from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.settings import EdgeSettings
 from e3pose.edge.state_file import StateFile
@@ -97,6 +98,7 @@ class EdgeServer:
             self._take_beat,
         )
         self._on_beat = on_beat
+        self._late = self.gather.late.copy()  # up to the slot before
         self.outbox = Outbox()
         self.orders = Orders(
             settings.site,
@@ -189,6 +191,11 @@ class EdgeServer:
         if self.sink is not None and self._threads:
             self.sink.event(event)
 
+    def oddities(self) -> list[str]:
+        """Return, camera by camera, why one that can be chosen is of no use; empty where it is."""
+        late_by_s, interval_s = self.gather.late_by_s(), self.pipeline.interval_s
+        return oddities(self.state.silence, late_by_s, interval_s)
+
     def status(self) -> Status:
         """Return how the site is."""
         return site_status(self)
@@ -266,13 +273,15 @@ class EdgeServer:
         online = self.inbox.online()
         told = self._told(times, slot)
         wanted = told & online
-        self.state = replace(
-            self.state, selections=np.concatenate([told[None], self.state.selections[1:]])
-        )
+        late, orders_late = self.gather.late.copy(), self.inbox.orders_late()
+        interval_s = self.pipeline.interval_s
+        state = forgiven(self.state, late > self._late, orders_late, interval_s)
+        self._late = late
+        state = replace(state, selections=np.concatenate([told[None], state.selections[1:]]))
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
         # A camera that is not believed to be there but delivered all the same was there.
         online = online | np.isin(np.arange(len(online)), list(views))
-        self.state, record = step(self.pipeline, self.state, views, online)
+        self.state, record = step(self.pipeline, state, views, online)
         done_ns = self.clock.now_ns()
         used = [a.arrived_ns for camera, a in arrivals.items() if record.arrived[camera]]
         self._last_in_ns.clear()  # of slots that a newer one replaced before they were sent
@@ -341,12 +350,16 @@ class EdgeServer:
     # The keeping thread.
 
     def _run_housekeeping(self) -> None:
-        before, due_ns = ["never seen"] * len(self.pipeline.rig), 0
+        ids, due_ns = self.pipeline.rig.camera_ids, 0
+        troubles, odd = ["never seen"] * len(ids), [""] * len(ids)
         while not self._stop.is_set():
-            troubles = self.inbox.troubles()
-            changed = self._tell_changes(before, troubles)
-            before = troubles
-            if changed or self.clock.now_ns() >= due_ns:
+            before = troubles, odd
+            troubles, odd = self.inbox.troubles(), self.oddities()
+            news = changes(ids, before[0], troubles, ("camera-lost", "camera-back"))
+            news += changes(ids, before[1], odd, ("camera-useless", "camera-useful"))
+            for kind, message, camera_id in news:
+                self.tell(kind, message, camera_id)
+            if news or self.clock.now_ns() >= due_ns:
                 due_ns = self.clock.now_ns() + round(KEEPING_S * 1e9)
                 status = encode(self.status())
                 self.outbox.put(topics.of_site(self.settings.site, "status"), status)
@@ -355,16 +368,6 @@ class EdgeServer:
             # Two threads of Python work at half the speed: not while a slot is computed.
             self._quiet.clear()
             self._quiet.wait(LOOK_S)
-
-    def _tell_changes(self, before: Sequence[str], after: Sequence[str]) -> bool:
-        """Tell of cameras that were lost or came back; return whether any was."""
-        changed = False
-        for camera_id, was, why in zip(self.pipeline.rig.camera_ids, before, after, strict=True):
-            if bool(was) != bool(why):
-                kind = "camera-lost" if why else "camera-back"
-                self.tell(kind, f"{camera_id}: {why or 'is there'}", camera_id)
-                changed = True
-        return changed
 
     def _keep_checkpoint(self) -> None:
         times, pipeline, state = self.times, self.pipeline, self.state  # values: they stay

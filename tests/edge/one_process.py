@@ -1,0 +1,114 @@
+"""A site in one process: three cameras and an edge on their threads, and the air between them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from e3pose.clock import WallClock
+from e3pose.edge.server import EdgeServer
+from e3pose.edge.settings import EdgeSettings
+from e3pose.evaluate.settings import ReplaySettings, make_pipeline
+from e3pose.node.live import CameraNode, NodeSettings
+from e3pose.node.live_source import RecordedDetector, RecordedSource
+from e3pose.recording import Recording
+from e3pose.simulate.settings import SceneSettings
+from e3pose.simulate.simulation import simulate
+from e3pose.store.rows import Event
+from e3pose.wire.codec import decode
+from e3pose.wire.memory import Hub
+from e3pose.wire.messages import CameraStatus, Poses
+
+
+def eventually(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
+    end = time.monotonic() + seconds
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.02)
+    return condition()
+
+
+@dataclass
+class Site:
+    """Three cameras that look at a simulated room, and an edge."""
+
+    recording: Recording
+    folder: Path
+    hub: Hub = field(default_factory=Hub)
+    clock: WallClock = field(default_factory=WallClock)
+    nodes: dict[str, CameraNode] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    poses: list[Poses] = field(default_factory=list)
+    edge: EdgeServer | None = None
+    deadline_s: float = 0.15
+    num_selected: int = 2
+
+    def start_edge(self) -> EdgeServer:
+        settings = ReplaySettings(
+            pipeline="memory", policy="round-robin", num_selected=self.num_selected,
+            backend="reference", predictor="zero-velocity",
+        )  # fmt: skip
+        edge_settings = EdgeSettings(
+            "lab",
+            self.recording.skeleton.joints,
+            deadline_s=self.deadline_s,
+            idle_modes=["power-saving"] * len(self.recording.rig),
+            checkpoint=self.folder / "state.npz",
+            start_wait_s=1.0,
+        )
+        self.edge = EdgeServer(
+            make_pipeline(self.recording, settings),
+            self.hub.join(),
+            edge_settings,
+            self.clock,
+            tell=self.events.append,
+        )
+        self.edge.start()
+        return self.edge
+
+    def start_camera(self, camera_id: str) -> CameraNode:
+        node = CameraNode(
+            NodeSettings("lab", camera_id, self.recording.skeleton.joints),
+            RecordedSource(self.recording, camera_id, self.clock),
+            RecordedDetector(),
+            self.hub.join(),
+            self.clock,
+        )
+        node.start()
+        self.nodes[camera_id] = node
+        return node
+
+    def online(self) -> set[str]:
+        assert self.edge is not None
+        return {c.camera_id for c in self.edge.status().cameras if c.online}
+
+    def camera(self, camera_id: str) -> CameraStatus:
+        assert self.edge is not None
+        return next(c for c in self.edge.status().cameras if c.camera_id == camera_id)
+
+    def told(self, kind: str, camera_id: str) -> bool:
+        """Return whether the newest word on a camera is of a kind."""
+        words = [event.kind for event in self.events if event.camera_id == camera_id]
+        return words[-1:] == [kind]
+
+
+@contextmanager
+def site_at_work(folder: Path, deadline_s: float = 0.15, num_selected: int = 2) -> Iterator[Site]:
+    """Run a site of which some slots are done."""
+    scene = SceneSettings("ring", people=2, seconds=4.0, fps=20, cameras=3)
+    made = Site(simulate(scene, seed=4), folder, deadline_s=deadline_s, num_selected=num_selected)
+    viewer = made.hub.join()
+    viewer.subscribe("e3pose/lab/poses", lambda t, p: made.poses.append(decode(p, Poses, "edge")))
+    for camera_id in made.recording.rig.camera_ids:
+        made.start_camera(camera_id)
+    edge = made.start_edge()
+    try:
+        assert eventually(lambda: edge.counts.slots > 30, 15)
+        yield made
+    finally:
+        for node in made.nodes.values():
+            node.stop()
+        assert made.edge is not None
+        made.edge.stop()

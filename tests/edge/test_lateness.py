@@ -1,0 +1,76 @@
+"""What came late is held against nobody for good, and told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from e3pose.edge.lateness import TOLD_FAILURES, forgiven, oddities
+from e3pose.edge.reports import changes
+from e3pose.evaluate.settings import ReplaySettings, make_pipeline
+from e3pose.liveness import Silence, listen
+from e3pose.pipeline import SlotState, initial_state
+from e3pose.simulate.settings import SceneSettings
+from e3pose.simulate.simulation import simulate
+
+INTERVAL_S = 0.05
+ALL = np.ones(3, dtype=bool)
+ONLY_FIRST = np.array([True, False, False])
+UNKNOWN_S = np.full(3, np.nan)
+
+
+@pytest.fixture
+def state() -> SlotState:
+    """Return the state of three cameras, of which the last two were just given up."""
+    scene = simulate(SceneSettings("ring", people=1, seconds=0.5, cameras=3), seed=0)
+    made = initial_state(make_pipeline(scene, ReplaySettings(backend="reference")))
+    silence = made.silence
+    for slot in range(5):
+        silence = listen(silence, slot, ALL, ONLY_FIRST, INTERVAL_S)
+    return replace(made, silence=silence)
+
+
+def test_late_views_and_late_orders_forgive_their_camera_alone(state: SlotState) -> None:
+    assert state.silence.answering(5).tolist() == [True, False, False]
+    none, second, third = np.zeros(3, dtype=bool), np.eye(3)[1] > 0, np.eye(3)[2] > 0
+    for views_late, orders_late, expected in (
+        (none, none, [True, False, False]),
+        (second, none, [True, True, False]),
+        (none, third, [True, False, True]),
+        (second, third, [True, True, True]),
+    ):
+        after = forgiven(state, views_late, orders_late, INTERVAL_S)
+        assert after.silence.answering(5).tolist() == expected
+        assert after.slot == state.slot and after.memory is state.memory
+
+
+def test_camera_that_is_always_late_is_told_with_its_delay() -> None:
+    silence, late_by_s = Silence.none(3), np.array([np.nan, 0.232, np.nan])
+    for slot in range(40):
+        assert oddities(silence, late_by_s, INTERVAL_S) == [""] * 3 or slot * INTERVAL_S > 1.4
+        silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
+        silence = replace(silence, missed=np.zeros(3, dtype=np.int64))  # it is alive
+    told = "its views come too late, 232 ms after they were taken"
+    assert oddities(silence, late_by_s, INTERVAL_S) == ["", told, ""]
+    silence = listen(silence, int(silence.retry_slot[1]), ALL, ALL, INTERVAL_S)
+    assert oddities(silence, late_by_s, INTERVAL_S) == [""] * 3
+
+
+def test_camera_that_is_there_but_sends_nothing_is_told() -> None:
+    silence, slot, failures = Silence.none(3), 0, 0
+    while failures < TOLD_FAILURES:
+        assert oddities(silence, UNKNOWN_S, INTERVAL_S) == [""] * 3
+        slot = max(slot + 1, int(silence.retry_slot[1]))
+        silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
+        failures = int(silence.failures[1])
+    assert oddities(silence, UNKNOWN_S, INTERVAL_S) == ["", "sends no views in time", ""]
+
+
+def test_changes_are_told_once() -> None:
+    ids, kinds = ("a", "b", "c"), ("lost", "back")
+    assert changes(ids, ["", "x", "y"], ["gone", "", "z"], kinds) == [
+        ("lost", "a: gone", "a"),
+        ("back", "b: is there", "b"),
+    ]
