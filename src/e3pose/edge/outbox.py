@@ -11,13 +11,8 @@ MAX_WAITING = 4096
 
 @dataclass(slots=True, eq=False)
 class Outbox:
-    """Messages by what a newer one replaces; for any threads.
+    """Messages by what a newer one replaces; for any threads."""
 
-    Attributes:
-        replaced: how many a newer one replaced before they were sent.
-    """
-
-    replaced: int = 0
     _waiting: dict[tuple[str, int], bytes] = field(default_factory=dict)
     _change: threading.Condition = field(default_factory=threading.Condition)
     _closed: bool = False
@@ -25,10 +20,9 @@ class Outbox:
     def put(self, topic: str, payload: bytes, slot: int = -1) -> None:
         """Let a message wait; it takes the place of one for the same topic and slot."""
         with self._change:
-            self.replaced += self._waiting.pop((topic, slot), None) is not None
+            self._waiting.pop((topic, slot), None)
             if len(self._waiting) >= MAX_WAITING:
                 self._waiting.pop(next(iter(self._waiting)))
-                self.replaced += 1
             self._waiting[topic, slot] = payload
             self._change.notify()
 

@@ -19,12 +19,14 @@ class EdgeCollector:
         """Yield the metrics, as prometheus_client asks."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-        status, counts = self._edge.status(), self._edge.counts
+        status, counts, inbox = self._edge.status(), self._edge.counts, self._edge.inbox
         for name, text, value in (
             ("slots", "slots computed", counts.slots),
             ("slots_lost", "slots given up", counts.lost),
             ("views", "views that came in time", counts.views),
-            ("wrong_messages", "messages that made no sense", self._edge.inbox.wrong),
+            ("wrong_messages", "messages that made no sense", inbox.wrong),
+            ("unread_messages", "messages of a flood that were not read", inbox.flooded),
+            ("unknown_messages", "messages of cameras that the rig lacks", inbox.strangers),
         ):
             yield CounterMetricFamily(f"e3pose_{name}", text, value=value)
         for name, text, level in (
