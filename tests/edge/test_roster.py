@@ -93,7 +93,7 @@ def replace_beat(**changes: object) -> Heartbeat:
     ("beat", "told"),
     [
         (replace_beat(problem="the source gives no frames"), "the source gives no frames"),
-        (replace_beat(battery_j=0.0), "battery empty"),
+        (replace_beat(battery_j=0.0, gauge=True), "battery empty"),
         (replace_beat(clock_error_ns=300_000_000), "knows the time only to 300 ms"),
     ],
 )

@@ -119,6 +119,7 @@ def camera(
     battery_wh: float | None = None,
     meter: str | None = None,
     profile: str | None = None,
+    state: str | None = None,
     insecure: Annotated[bool | None, Parameter(negative="")] = None,
     json_logs: Annotated[bool, Parameter(negative="")] = False,
     end_with_parent: Child = False,
@@ -168,6 +169,9 @@ def camera(
         How power is measured: auto, or model for the profile's figures.
     profile
         Power profile for what is not measured.
+    state
+        File that remembers the charge of a battery without a gauge; beside the camera file by
+        default, as NAME.battery.json. Delete it when the battery is full again.
     insecure
         Allow plain tcp beyond this machine.
     json_logs
@@ -179,7 +183,7 @@ def camera(
     from e3pose.clock import WallClock
     from e3pose.power import open_sampler
     from e3pose.profiles import load_profile
-    from e3pose.site.camera_program import camera_link, make_camera
+    from e3pose.site.camera_program import camera_link, make_camera, remembered_charge
     from e3pose.site.config import load_node
     from e3pose.site.logs import open_log
     from e3pose.site.run import run_until_stopped
@@ -189,7 +193,8 @@ def camera(
         "site": site, "camera": name, "source": source, "endpoint": endpoint, "keys": keys,
         "detector": detector, "model": model, "provider": provider, "threads": threads,
         "fps": fps, "pace": pace, "begin_s": begin_s, "wake_s": wake_s,
-        "battery_wh": battery_wh, "meter": meter, "profile": profile, "insecure": insecure,
+        "battery_wh": battery_wh, "meter": meter, "profile": profile, "state": state,
+        "insecure": insecure,
     }  # fmt: skip
     told = {key: value for key, value in given.items() if value is not None}
     if config is None:
@@ -206,7 +211,8 @@ def camera(
         link = camera_link(node, folder)
         log = open_log("camera", json_logs, site=node.site, camera=node.camera)
         clock = WallClock()
-        power = open_sampler(load_profile(node.profile), node.meter, node.battery_wh)
+        charge = remembered_charge(node, config, log.warning)
+        power = open_sampler(load_profile(node.profile), node.meter, node.battery_wh, charge)
         transport = open_network(link)
         made = make_camera(node, folder, transport, clock, log.warning, power)
     except InputError as error:

@@ -30,7 +30,7 @@ def top(
 
     Example: `e3pose top site.toml`
 
-    A mark ~ before the watts means that a model says them, not a measurement.
+    A mark ~ before watts or a battery means that a model says so, not a measurement.
 
     Parameters
     ----------

@@ -81,6 +81,7 @@ def camera_status(
         late=late,
         lost=lost,
         clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
+        gauge=bool(beat and beat.gauge),
     )
 
 

@@ -123,6 +123,8 @@ def trouble(
     """
     if life.heard_ns is None:
         return "never seen"
+    if life.beat is not None and life.beat.ends:
+        return "ended"
     if not life.present:
         return "not connected"
     if now_ns - life.heard_ns > SILENT_S * 1e9:
@@ -148,7 +150,7 @@ def _ailing(life: CameraLife, beat: Heartbeat, now_ns: int) -> str:
     if beat.problem:
         return beat.problem
     if beat.battery_j is not None and beat.battery_j <= 0:
-        return "battery empty"
+        return "battery empty" if beat.gauge else "battery empty, as a model says"
     if beat.clock_error_ns > CLOCK_ERROR_NS:
         return f"knows the time only to {beat.clock_error_ns / 1e6:.0f} ms"
     if now_ns - life.frame_ns > FROZEN_S * 1e9:

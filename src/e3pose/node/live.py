@@ -141,6 +141,7 @@ class CameraNode:
         self._views.close()
         for thread in self._threads:
             thread.join(timeout=5.0)
+        self._beat(ends=True)  # so that nobody looks for it
         self.source.close()
         self.transport.close()
 
@@ -283,12 +284,14 @@ class CameraNode:
             now_ns = self.clock.now_ns()
             self._account(now_ns - mode_since_ns)
             mode_since_ns = now_ns
-            if self.offset.offset.error_ns is not None:
-                self.transport.publish(
-                    topics.of_camera(site, camera_id, "heartbeat"), encode(self._heartbeat())
-                )
+            self._beat()
             count += self._image_size is not None  # who it is, once it knows
             self.clock.wait(self._stop, self.clock.now_ns() + BEAT_NS)
+
+    def _beat(self, ends: bool = False) -> None:
+        if self.offset.offset.error_ns is not None:
+            topic = topics.of_camera(self.settings.site, self.settings.camera_id, "heartbeat")
+            self.transport.publish(topic, encode(self._heartbeat(ends)))
 
     def _account(self, span_ns: int) -> None:
         if self.mode == "active":
@@ -331,7 +334,7 @@ class CameraNode:
             battery_wh=settings.battery_wh,
         )
 
-    def _heartbeat(self) -> Heartbeat:
+    def _heartbeat(self, ends: bool) -> Heartbeat:
         counted, offset, schedule = self.counted, self.offset.offset, self.schedule
         with self._lock:
             margin_ns, counted.margin_ns = counted.margin_ns, None
@@ -355,6 +358,7 @@ class CameraNode:
             idle_s=counted.idle_ns / 1e9,
             problem=_line(self.problem),
             order_delay_ns=max(delay_ns, 0),
+            ends=ends,
             **self._meter(self.mode),
         )
 

@@ -14,10 +14,12 @@ from e3pose.errors import InputError
 from e3pose.power.base import Meter, MeterError, Reading
 from e3pose.power.battery import Charge, read_charge
 from e3pose.power.choose import ModelMeter, choose_meter
+from e3pose.power.remembered import RememberedCharge
 from e3pose.profiles import DeviceProfile, Mode
 
 PERIOD_S = 0.1  # a camera changes its mode with the slots: what is read seldom misses that
 CHARGE_PERIOD_S = 2.0  # gauges say something new every few seconds
+KEEP_S = 60.0  # at most so much of what was drawn is forgotten when the program is killed
 MAX_GAP_S = 5.0  # a longer one is a machine that slept, and drew nothing that we know of
 
 
@@ -70,6 +72,7 @@ class PowerSampler:
         root: Path = Path("/"),
         capacity_wh: float | None = None,
         clock_s: Callable[[], float] = time.monotonic,
+        remembered: RememberedCharge | None = None,
     ) -> None:
         """Take a meter that never fails, such as that of `choose_meter`; starts with `with`.
 
@@ -78,9 +81,13 @@ class PowerSampler:
             mode: what the camera does now, for meters that are models.
             root: above `sys`, for the battery.
             capacity_wh: of the battery, for gauges that only know a percentage; where there is no
-                gauge it is taken to be full at the start and to lose what is drawn.
+                gauge it is taken to lose what is drawn.
             clock_s: seconds.
+            remembered: what is in a battery without a gauge; full at the start by default.
         """
+        if remembered is None and capacity_wh is not None:
+            remembered = RememberedCharge(None, "", capacity_wh, lambda line: None)
+        self._remembered, self._keep_s = remembered, clock_s()
         self.mode = mode
         self._meter, self._root, self._capacity_wh = meter, root, capacity_wh
         self._clock_s = clock_s
@@ -103,6 +110,7 @@ class PowerSampler:
     ) -> None:
         self._stop.set()
         self._thread.join(2.0)
+        self._keep()
 
     def sample(self) -> Total:
         """Read the meter once and add it up."""
@@ -112,7 +120,9 @@ class PowerSampler:
                 reading = self._meter.read(self.mode())
             except MeterError:  # a meter without a model behind it
                 return self._total
-            self._total = add_reading(self._total, reading, time_s)
+            before_j, self._total = self._total.energy_j, add_reading(self._total, reading, time_s)
+            if self._remembered is not None:
+                self._remembered.spend(self._total.energy_j - before_j)
             if time_s - self._charge_s >= CHARGE_PERIOD_S:
                 self._charge_s = time_s
                 try:
@@ -122,8 +132,9 @@ class PowerSampler:
             return self._total
 
     def __call__(self, _mode: Mode | None = None) -> dict[str, Any]:
-        """Return `power_w`, `energy_j`, `measured`, `battery_j`, `charging_w` of a heartbeat.
+        """Return the power fields of a heartbeat.
 
+        These are `power_w`, `energy_j`, `measured`, `battery_j`, `charging_w` and `gauge`.
         `measured` is of the time since it was asked for the last time.
         """
         total = self.sample()
@@ -131,24 +142,35 @@ class PowerSampler:
             charge = None if self._charge is None else self._charge.energy_j
             charging_w = 0.0 if self._charge is None else self._charge.charging_w
             self._total = replace(self._total, measured=True)
-        if charge is None and self._capacity_wh is not None:
-            # Without a gauge: taken to be full at the start, and to lose what is drawn.
-            charge = max(self._capacity_wh * 3600 - total.energy_j, 0.0)
+            gauge = charge is not None
+            if charge is None and self._remembered is not None:
+                charge = self._remembered.left_j
         return {
             "power_w": total.watts,
             "energy_j": total.energy_j,
             "measured": total.measured and total.time_s is not None,
             "battery_j": charge,
             "charging_w": charging_w,
+            "gauge": gauge,
         }
 
     def _work(self) -> None:
         while not self._stop.wait(PERIOD_S):
             self.sample()
+            if self._clock_s() - self._keep_s >= KEEP_S:
+                self._keep()
+
+    def _keep(self) -> None:
+        self._keep_s = self._clock_s()
+        if self._remembered is not None and self._charge is None:
+            self._remembered.keep()
 
 
 def open_sampler(
-    profile: DeviceProfile, how: str = "auto", capacity_wh: float | None = None
+    profile: DeviceProfile,
+    how: str = "auto",
+    capacity_wh: float | None = None,
+    remembered: RememberedCharge | None = None,
 ) -> PowerSampler:
     """Return what fills the power fields of a camera's heartbeats, to be used with `with`.
 
@@ -156,6 +178,7 @@ def open_sampler(
         profile: what the camera is taken to draw where nothing is measured.
         how: `auto` measures what can be, `model` nothing.
         capacity_wh: of the battery, for gauges that only know a percentage.
+        remembered: what is in a battery without a gauge; full at the start by default.
 
     Raises:
         InputError: for another `how`.
@@ -167,4 +190,4 @@ def open_sampler(
         if how == "auto"
         else ModelMeter(profile, "as asked for")
     )
-    return PowerSampler(meter, capacity_wh=capacity_wh)
+    return PowerSampler(meter, capacity_wh=capacity_wh, remembered=remembered)

@@ -13,6 +13,7 @@ from e3pose.keys.folder import certificates_in, check_certificates
 from e3pose.node.base import LiveDetector, NodeSettings
 from e3pose.node.live import CameraNode
 from e3pose.node.live_source import RecordedDetector, make_source
+from e3pose.power.remembered import RememberedCharge
 from e3pose.site.config import NodeTable, place
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.transport import Transport
@@ -37,6 +38,28 @@ def camera_link(node: NodeTable, folder: Path) -> Link:
     link = Link("camera", node.site, node.endpoint, certificates, insecure=node.insecure)
     check_link(link)
     return link
+
+
+def remembered_charge(
+    node: NodeTable, config: Path | None, tell: Callable[[str], None]
+) -> RememberedCharge | None:
+    """Return what is left in a camera's battery; None on mains.
+
+    Args:
+        node: its configuration.
+        config: the camera file, beside which the charge is remembered unless it says where.
+        tell: called with what a person should know.
+    """
+    if node.battery_wh is None:
+        return None
+    path = None
+    if node.state:
+        path = place(Path() if config is None else config.parent, node.state)
+    elif node.state is None and config is not None:
+        path = config.with_name(f"{config.stem}.battery.json")
+    elif node.state is None:
+        tell("a battery without a gauge is taken to be full at every start; --state remembers it")
+    return RememberedCharge(path, node.camera, node.battery_wh, tell)
 
 
 def make_camera(

@@ -154,6 +154,7 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         battery_wh: capacity; without it the camera is on mains.
         meter: how its power is measured.
         profile: power profile, for what is not measured.
+        state: file that remembers the charge of a battery without a gauge; empty for none.
     """
 
     format: Literal["e3pose-camera"]
@@ -175,6 +176,7 @@ class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     battery_wh: float | None = None
     meter: Literal["auto", "model"] = "auto"
     profile: str = "xavier-nx"
+    state: str | None = None
 
 
 def open_site(named: Path) -> tuple[Path, SiteTable]:
@@ -264,6 +266,9 @@ def _node(table: Mapping[str, Any]) -> NodeTable:
     _within("", "pace", node.pace, 1e-3, 1)
     _within("", "begin_s", node.begin_s, 0, 1e10)
     _check_camera("", node.wake_s, node.battery_wh, node.threads)
+    if node.state and not node.state.endswith(".json"):  # it is replaced again and again
+        found = f"state: found {node.state[:80]!r}"
+        raise InputError(f"{found}, expected a name that ends in .json, or ''")
     return node
 
 

@@ -94,7 +94,8 @@ def _row(camera: CameraStatus) -> list[Text]:
         full = round(camera.battery * BAR)
         style = "red" if camera.battery < LOW_BATTERY else "green"
         battery = Text("|" * full + "." * (BAR - full), style=style)
-        battery.append(f" {camera.battery:4.0%}", style="")
+        share = f"{camera.battery:.0%}" if camera.gauge else f"~{camera.battery:.0%}"
+        battery.append(f" {share:>5}", style="")
     seen = "never" if camera.last_seen_s is None else f"{camera.last_seen_s:.1f} s"
     return [
         Text(camera.camera_id, style="bold"),

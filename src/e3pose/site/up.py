@@ -18,6 +18,7 @@ from e3pose.site.run import END_S
 from e3pose.wire.access import split_endpoint
 
 RESTART_S = 2.0
+BATTERIES = "batteries"  # folder of what is left in those of cameras on this machine
 CHILD = "--end-with-parent"
 
 
@@ -65,6 +66,8 @@ def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> lis
     ):
         if value is not None:
             command += [option, str(value)]
+    if camera.battery_wh is not None:
+        command += ["--state", str(beside(path, BATTERIES) / f"{camera_id}.json")]
     if site.link.insecure:
         command.append("--insecure")
     return command

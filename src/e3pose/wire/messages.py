@@ -116,6 +116,8 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         problem: what keeps it from working, in words; empty if nothing.
         order_delay_ns: the longest, since the heartbeat before, from the middle of the slot that
             an order was made from until it came; 0 if none came.
+        gauge: whether a gauge says `battery_j`; otherwise a model says it.
+        ends: whether this is its last word, as its program was told to end.
     """
 
     camera_id: str
@@ -141,6 +143,8 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     charging_w: float = 0.0
     problem: str = ""
     order_delay_ns: int = 0
+    gauge: bool = False
+    ends: bool = False
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
@@ -241,6 +245,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         late: views that came after their slot was closed, since the start.
         lost: views that were ordered and never came.
         clock_offset_ms: edge time minus camera time.
+        gauge: whether the battery's gauge says what is left; otherwise a model does.
     """
 
     camera_id: str
@@ -256,6 +261,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     late: int = 0
     lost: int = 0
     clock_offset_ms: float = 0.0
+    gauge: bool = False
 
 
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
