@@ -27,6 +27,7 @@ from e3pose.cli.models import models_app
 from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.querying import query
 from e3pose.cli.replaying import replay
+from e3pose.cli.routing import router
 from e3pose.cli.simulating import simulate
 from e3pose.cli.training import train
 from e3pose.cli.watching import check, top
@@ -56,6 +57,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "calibrate": calibrate_app,
     "models": models_app,
     "edge": edge,
+    "router": router,
     "up": up,
     "camera": camera,
     "keys": keys_app,

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
 from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.keys.folder import Kind
 
 keys_app = App(name="keys", help="Make, list and revoke the certificates of a site.")
 DEFAULT = Path("keys")
@@ -50,9 +53,11 @@ def add(
     *,
     keys: Path = DEFAULT,
     viewer: Annotated[bool, Parameter(negative="")] = False,
+    router: Annotated[bool, Parameter(negative="")] = False,
+    host: Annotated[list[str] | None, Parameter(negative="")] = None,
     again: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
-    """Make the certificate of a camera, and print the folder to carry to it.
+    """Make the certificate of a camera, viewer or router, and print the folder to carry to it.
 
     Example: `e3pose keys add cam1`, then `scp -r keys/cameras/cam1 cam1.local:`
 
@@ -67,17 +72,27 @@ def add(
         The folder that `e3pose keys init` made.
     viewer
         Not a camera: a program that may look at poses and status, and nothing else.
+    router
+        Not a camera: a router before the edge, trusted with all that the site says, see
+        `e3pose router`.
+    host
+        Names and addresses under which cameras reach that router.
     again
         Replace the certificate that it has, which is then worthless.
     """
     from e3pose.keys.folder import add_keys
 
-    print(add_keys(keys, name, _now(), "viewer" if viewer else "camera", again))
+    if viewer and router:
+        raise InputError("--router: found it with --viewer, expected one of them")
+    if host and not router:
+        raise InputError("--host: found it without --router, expected both: others are not called")
+    kind: Kind = "viewer" if viewer else "router" if router else "camera"
+    print(add_keys(keys, name, _now(), kind, again, host or []))
 
 
 @keys_app.command(name="revoke")
 def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
-    """Make the certificate of a camera or viewer worthless: lost, stolen, given away.
+    """Make the certificate of a camera, viewer or router worthless: lost, stolen, given away.
 
     Example: `e3pose keys revoke cam1`
 
@@ -86,7 +101,7 @@ def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
     Parameters
     ----------
     name
-        The camera or viewer.
+        The camera, viewer or router.
     keys
         The folder that `e3pose keys init` made.
     """
@@ -116,7 +131,11 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
     roll = read_roll(keys)
     table = Table("name", "what", "valid until", "certificate", box=None, pad_edge=False)
     rows = [("edge", "edge", f"{roll.site}#edge", keys / "edge.pem")]
-    for kind, people in (("camera", roll.cameras), ("viewer", roll.viewers)):
+    for kind, people in (
+        ("camera", roll.cameras),
+        ("viewer", roll.viewers),
+        ("router", roll.routers),
+    ):
         rows += [
             (name, kind, common_name, keys / f"{kind}s" / name / f"{kind}.pem")
             for name, common_name in people.items()

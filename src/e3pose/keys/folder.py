@@ -6,6 +6,7 @@
       edge.pem, .key            of the edge server
       cameras/CAMERA/           carry it to the camera: authority.pem, camera.pem, camera.key
       viewers/VIEWER/           likewise, for programs that only look
+      routers/ROUTER/           likewise, for a router before the edge, with a copy of keys.toml
 
 A common name holds a number that grows (`cam1#2`): a camera that was revoked and added again is
 somebody else, and the old certificate stays worthless. Access is by these names, so revoking needs
@@ -28,7 +29,7 @@ from e3pose.atomic import atomic_file, atomic_folder, check_free
 from e3pose.bounded import read_bytes, read_toml
 from e3pose.camera import check_camera_id
 from e3pose.errors import InputError
-from e3pose.wire.access import Certificates
+from e3pose.wire.access import Certificates, edge_name
 from e3pose.wire.topics import check_site
 
 FORMAT = "e3pose-keys"
@@ -37,8 +38,8 @@ MAX_PEM_BYTES = 2**16
 HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
 COMMON_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,51}#([0-9]{1,9})")
 MAX_COUNT = 10**9 - 1
-KEYS = ("format", "version", "site", "count", "revoked", "cameras", "viewers")
-Kind = Literal["camera", "viewer"]
+KEYS = ("format", "version", "site", "count", "revoked", "cameras", "viewers", "routers")
+Kind = Literal["camera", "viewer", "router"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,7 @@ class Roll:
         site: name of the site.
         cameras: camera id to the common name of its certificate.
         viewers: viewer to the common name of its certificate.
+        routers: router to the common name of its certificate.
         revoked: common names that are worthless.
         count: certificates made so far.
     """
@@ -56,6 +58,7 @@ class Roll:
     site: str
     cameras: Mapping[str, str] = field(default_factory=dict)
     viewers: Mapping[str, str] = field(default_factory=dict)
+    routers: Mapping[str, str] = field(default_factory=dict)
     revoked: tuple[str, ...] = ()
     count: int = 0
 
@@ -75,15 +78,13 @@ def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datet
     from e3pose.keys.authority import make_authority, make_certificate
 
     check_site(site)
-    for host in hosts:
-        if not HOST.fullmatch(host):
-            raise InputError(f"host {host[:80]!r}: expected a name or an address")
+    _check_hosts(hosts)
     if folder.is_dir() and any(folder.iterdir()):  # whose certificates would all be worthless
         raise InputError(f"{folder}: folder exists and is not empty, expected a free name")
     check_free(folder)
     authority, authority_key = make_authority(site, now)
     names = list(dict.fromkeys(["localhost", "127.0.0.1", *hosts]))
-    edge, edge_key = make_certificate(authority, authority_key, f"{site}#edge", names, now)
+    edge, edge_key = make_certificate(authority, authority_key, edge_name(site), names, now)
     roll = Roll(site)
     with atomic_folder(folder) as temporary:
         for name, content in (
@@ -99,16 +100,22 @@ def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datet
 
 
 def add_keys(
-    folder: Path, name: str, now: datetime.datetime, kind: Kind = "camera", again: bool = False
+    folder: Path,
+    name: str,
+    now: datetime.datetime,
+    kind: Kind = "camera",
+    again: bool = False,
+    hosts: Sequence[str] = (),
 ) -> Path:
-    """Make the certificate of a camera or a viewer.
+    """Make the certificate of a camera, a viewer or a router.
 
     Args:
         folder: of the site.
-        name: of the camera or viewer.
+        name: of the camera, viewer or router.
         now: the time from which it is valid.
-        kind: which of the two.
+        kind: which of the three.
         again: whether it may replace an earlier one, which is then revoked.
+        hosts: names and addresses under which cameras reach a router.
 
     Returns:
         The folder to carry to that machine.
@@ -119,8 +126,9 @@ def add_keys(
     from e3pose.keys.authority import UNREADABLE, make_certificate
 
     check_camera_id(name)
+    _check_hosts(hosts)
     roll = read_roll(folder)
-    known = dict(roll.cameras if kind == "camera" else roll.viewers)
+    known = dict({"camera": roll.cameras, "viewer": roll.viewers, "router": roll.routers}[kind])
     if name in known and not again:
         raise InputError(
             f"{folder}: {kind} {name} has a certificate already, "
@@ -132,8 +140,11 @@ def add_keys(
     if number > MAX_COUNT:
         raise InputError(f"{folder}/keys.toml: count: found {roll.count}, expected fewer")
     subject = f"{name[:52]}#{number}"
+    names = ["localhost", name] if kind != "router" else ["localhost", "127.0.0.1", name]
     try:
-        certificate, private = make_certificate(authority, key, subject, ["localhost", name], now)
+        certificate, private = make_certificate(
+            authority, key, subject, list(dict.fromkeys([*names, *hosts])), now
+        )
     except UNREADABLE:
         raise InputError(
             f"{folder}: authority.pem, authority.key: found no certificate and its key, "
@@ -148,27 +159,28 @@ def add_keys(
     _write(place / f"{kind}.key", private)
     revoked = (*roll.revoked, known[name]) if name in known else roll.revoked
     known[name] = subject
-    people = {"cameras": known} if kind == "camera" else {"viewers": known}
-    _write_roll(folder, replace(roll, **people, revoked=revoked, count=number))  # type: ignore[arg-type]
+    _write_roll(folder, replace(roll, **{f"{kind}s": known}, revoked=revoked, count=number))  # type: ignore[arg-type]
     return place
 
 
 def revoke_keys(folder: Path, name: str) -> Roll:
-    """Make the certificate of a camera or viewer worthless.
+    """Make the certificate of a camera, viewer or router worthless.
 
     Raises:
         InputError: when there is none of that name.
     """
     check_camera_id(name)
     roll = read_roll(folder)
-    lost = [people[name] for people in (roll.cameras, roll.viewers) if name in people]
+    everybody = (roll.cameras, roll.viewers, roll.routers)
+    lost = [people[name] for people in everybody if name in people]
     if not lost:
-        known = ", ".join([*roll.cameras, *roll.viewers]) or "nobody"
+        known = ", ".join(name for people in everybody for name in people) or "nobody"
         raise InputError(f"{folder}: found no certificate of {name}, expected one of: {known}")
     roll = replace(
         roll,
         cameras={n: c for n, c in roll.cameras.items() if n != name},
         viewers={n: c for n, c in roll.viewers.items() if n != name},
+        routers={n: c for n, c in roll.routers.items() if n != name},
         revoked=(*roll.revoked, *lost),
     )
     _write_roll(folder, roll)
@@ -189,11 +201,12 @@ def read_roll(folder: Path) -> Roll:
         if key not in KEYS:
             raise InputError(f"{path}: unknown key {key[:60]!r}, expected one of {', '.join(KEYS)}")
     try:
-        people = {group: _people(group, table.get(group, {})) for group in ("cameras", "viewers")}
+        groups = ("cameras", "viewers", "routers")
+        people = {group: _people(group, table.get(group, {})) for group in groups}
         revoked = table.get("revoked", [])
         if not isinstance(revoked, list):
             raise InputError(f"revoked: found {str(revoked)[:60]!r}, expected a list of names")
-        known = [*people["cameras"].values(), *people["viewers"].values(), *revoked]
+        known = [*(name for group in groups for name in people[group].values()), *revoked]
         numbers = [_number(name) for name in known]
         if len(set(known)) < len(known):
             twice = next(name for name in known if known.count(name) > 1)
@@ -205,7 +218,13 @@ def read_roll(folder: Path) -> Roll:
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     # A number is never given twice, whatever became of the count.
-    return Roll(site, people["cameras"], people["viewers"], tuple(revoked), max([count, *numbers]))
+    return Roll(site, **people, revoked=tuple(revoked), count=max([count, *numbers]))
+
+
+def _check_hosts(hosts: Sequence[str]) -> None:
+    for host in hosts:
+        if not HOST.fullmatch(host):
+            raise InputError(f"host {host[:80]!r}: expected a name or an address")
 
 
 def _people(group: str, found: object) -> dict[str, str]:
@@ -225,7 +244,9 @@ def _number(common_name: object) -> int:
     return int(match[1])
 
 
-def certificates_in(folder: Path, role: Literal["edge", "camera", "viewer"]) -> Certificates:
+def certificates_in(
+    folder: Path, role: Literal["edge", "camera", "viewer", "router"]
+) -> Certificates:
     """Return the files of a folder for a program; raise `InputError` naming what is missing."""
     files = Certificates(folder / "authority.pem", folder / f"{role}.pem", folder / f"{role}.key")
     for path in (files.authority, files.certificate, files.key):
@@ -254,8 +275,14 @@ def _write_roll(folder: Path, roll: Roll) -> None:
         "revoked": list(roll.revoked),
         "cameras": dict(roll.cameras),
         "viewers": dict(roll.viewers),
+        "routers": dict(roll.routers),
     }
-    _write(folder / "keys.toml", tomli_w.dumps(table).encode())
+    written = tomli_w.dumps(table).encode()
+    _write(folder / "keys.toml", written)
+    for name in roll.routers:  # to carry there: a router keeps the rules that the edge keeps
+        place = folder / "routers" / name
+        if place.is_dir() and not place.is_symlink():
+            _write(place / "keys.toml", written)
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -21,6 +21,7 @@ LISTEN = [
     "liveliness_query",
     "declare_liveliness_subscriber",
 ]
+PASS = [*SPEAK, *LISTEN]
 HEAR = ["put", "delete", "query", "reply", "declare_subscriber", "liveliness_token"]
 
 
@@ -44,15 +45,16 @@ class Link:
     """How a program joins its site.
 
     Attributes:
-        role: the `edge` is the router; a `camera` or a `viewer` connects to it.
+        role: the `edge` routes for its site, and so does a `router` before it; a `camera` or a
+            `viewer` connects to one of them.
         site: the name of the site.
         endpoint: `tls/HOST:PORT` or `tcp/HOST:PORT`; where the edge listens and others connect.
         certificates: for `tls`.
-        upstream: routers that an edge connects to, so that sites share them.
+        upstream: routers that an edge connects to, so that sites share them; of a router, the edge.
         insecure: whether plain `tcp` beyond this machine is allowed.
     """
 
-    role: Literal["edge", "camera", "viewer"]
+    role: Literal["edge", "router", "camera", "viewer"]
     site: str
     endpoint: str
     certificates: Certificates | None = None
@@ -66,7 +68,7 @@ def check_link(link: Link) -> None:
     if protocol == "tcp" and not (is_loopback(host) or link.insecure):
         raise InputError(
             f"endpoint {link.endpoint}: plain tcp beyond this machine, expected tls "
-            "(make certificates with `e3pose keys init`) or the option --insecure"
+            "(make certificates with `e3pose keys init`) or insecure = true, --insecure at a camera"
         )
     if protocol == "tls" and link.certificates is None:
         raise InputError(
@@ -75,8 +77,13 @@ def check_link(link: Link) -> None:
         )
     for place in link.upstream:
         split_endpoint(place)
-    if link.role != "edge" and port == 0:
+    if not routes(link) and port == 0:
         raise InputError(f"endpoint {link.endpoint}: expected the port of the edge")
+
+
+def routes(link: Link) -> bool:
+    """Return whether others connect to the program, which then says who may say what."""
+    return link.role in ("edge", "router")
 
 
 def split_endpoint(endpoint: str) -> tuple[str, str, int]:
@@ -103,23 +110,28 @@ def is_loopback(host: str) -> bool:
 
 
 def zenoh_config(
-    link: Link, cameras: Mapping[str, str] | None = None, viewers: Mapping[str, str] | None = None
+    link: Link,
+    cameras: Mapping[str, str] | None = None,
+    viewers: Mapping[str, str] | None = None,
+    routers: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the configuration of a program's Zenoh session.
 
     Args:
         link: how it joins.
-        cameras: of an edge with tls: camera id to the common name of its certificate. Who is not
-            here may connect, but neither read nor write.
+        cameras: of an edge or router with tls: camera id to the common name of its certificate. Who
+            is not here may connect, but neither read nor write.
         viewers: likewise, of programs that may read poses and status.
+        routers: likewise, of programs that pass on whatever the site says, and are trusted to let
+            each camera say and hear its own alone. A router trusts the edge of its site too.
     """
     check_link(link)
     protocol, _, _ = split_endpoint(link.endpoint)
     config: dict[str, Any] = {
         # A client would wait for an edge before it does anything else; a peer that does not listen
         # connects, and connects again, in the background.
-        "mode": "router" if link.role == "edge" else "peer",
-        "listen": {"endpoints": [link.endpoint] if link.role == "edge" else []},
+        "mode": "router" if routes(link) else "peer",
+        "listen": {"endpoints": [link.endpoint] if routes(link) else []},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
         "transport": {"link": {"tx": {"lease": LEASE_MS, "keep_alive": 3}}},
@@ -129,7 +141,7 @@ def zenoh_config(
         "exit_on_failure": False,
         "retry": {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5},
     }
-    if link.role == "edge":
+    if routes(link):
         if link.upstream:
             config["connect"] = {"endpoints": list(link.upstream), **connect}
     else:
@@ -145,11 +157,19 @@ def zenoh_config(
             "enable_mtls": True,
             "verify_name_on_connect": True,
         }
-        if link.role == "edge":
-            config["access_control"] = _access(link.site, cameras or {}, viewers or {})
-    if link.role == "edge":
+        if routes(link):
+            trusted = dict(routers or {})
+            if link.role == "router":
+                trusted["#edge"] = edge_name(link.site)
+            config["access_control"] = _access(link.site, cameras or {}, viewers or {}, trusted)
+    if routes(link):
         config["low_pass_filter"] = _limits(link.site)
     return config
+
+
+def edge_name(site: str) -> str:
+    """Return the common name of the certificate of a site's edge."""
+    return f"{site}#edge"
 
 
 def _limits(site: str) -> list[dict[str, Any]]:
@@ -167,7 +187,9 @@ def _limits(site: str) -> list[dict[str, Any]]:
     ]
 
 
-def _access(site: str, cameras: Mapping[str, str], viewers: Mapping[str, str]) -> dict[str, Any]:
+def _access(
+    site: str, cameras: Mapping[str, str], viewers: Mapping[str, str], trusted: Mapping[str, str]
+) -> dict[str, Any]:
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
     subjects: list[dict[str, Any]] = []
@@ -185,6 +207,11 @@ def _access(site: str, cameras: Mapping[str, str], viewers: Mapping[str, str]) -
         _grant(rules, policies, subjects, f"viewer-{viewer}", common_name, {
             "listens": ("ingress", LISTEN, shown),
             "hears": ("egress", HEAR, shown),
+        })  # fmt: skip
+    for name, common_name in trusted.items():
+        _grant(rules, policies, subjects, f"router-{name}", common_name, {
+            "takes": ("ingress", PASS, [of_site(site, "**")]),
+            "gives": ("egress", PASS, [of_site(site, "**")]),
         })  # fmt: skip
     return {
         "enabled": True,

@@ -86,7 +86,10 @@ class NetworkTransport:
 
 
 def open_network(
-    link: Link, cameras: Mapping[str, str] | None = None, viewers: Mapping[str, str] | None = None
+    link: Link,
+    cameras: Mapping[str, str] | None = None,
+    viewers: Mapping[str, str] | None = None,
+    routers: Mapping[str, str] | None = None,
 ) -> NetworkTransport:
     """Join the site; a camera that finds no edge goes on trying in the background.
 
@@ -94,12 +97,13 @@ def open_network(
         link: how to join.
         cameras: see `zenoh_config`.
         viewers: see `zenoh_config`.
+        routers: see `zenoh_config`.
 
     Raises:
         InputError: when the endpoint or a certificate cannot be used.
     """
     zenoh.init_log_from_env_or("off")
-    config = zenoh_config(link, cameras, viewers)
+    config = zenoh_config(link, cameras, viewers, routers)
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:

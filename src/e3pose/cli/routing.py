@@ -1,0 +1,69 @@
+"""`e3pose router`: a router before the edge of a site."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from e3pose.cli.quantities import check_seconds
+
+
+def router(
+    keys: Path,
+    /,
+    *,
+    edge: str,
+    endpoint: str = "tls/0.0.0.0:7447",
+    json_logs: Annotated[bool, Parameter(negative="")] = False,
+    for_s: Annotated[float | None, Parameter(name="--for")] = None,
+) -> None:
+    """Route for a site before its edge, where cameras cannot reach that themselves.
+
+    Example: `e3pose router hall --edge tls/edge.local:7447`
+
+    Cameras and viewers connect to it as they would to the edge, and may say and hear the same. Who
+    may is in keys.toml of its folder; carry a new one there, and it is taken in within seconds.
+    Ends on Ctrl-C.
+
+    Parameters
+    ----------
+    keys
+        The folder that `e3pose keys add NAME --router` made.
+    edge
+        Where the edge listens, tls/HOST:PORT.
+    endpoint
+        Where to listen.
+    json_logs
+        Log one JSON object a line.
+    for_s
+        End by itself after so many seconds.
+    """
+    check_seconds("--for", for_s)
+    from e3pose.site.logs import open_log
+    from e3pose.site.router_program import Router
+    from e3pose.site.run import run_until_stopped
+    from e3pose.wire.network import open_network
+
+    log = open_log("router", json_logs)
+    made = Router(
+        keys,
+        endpoint,
+        edge,
+        lambda link, roll: open_network(link, roll.cameras, roll.viewers, roll.routers),
+        log.info,
+    )
+    end_s = None if for_s is None else time.monotonic() + for_s
+
+    def running() -> bool:
+        made.look()
+        return end_s is None or time.monotonic() < end_s
+
+    made.open()
+    try:
+        log.info("routes", site=made.site, endpoint=endpoint, edge=edge)
+        run_until_stopped(running)
+    finally:
+        made.close()

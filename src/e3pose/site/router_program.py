@@ -1,0 +1,94 @@
+"""A router before the edge of a site: it passes on, by the rules that the edge keeps."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from e3pose.errors import InputError
+from e3pose.keys.folder import Roll, certificates_in, check_certificates, read_roll
+from e3pose.wire.access import Link, check_link
+from e3pose.wire.transport import Transport
+
+
+def router_link(folder: Path, endpoint: str, edge: str) -> tuple[Link, Roll]:
+    """Return how a router joins, and who may join it.
+
+    Args:
+        folder: that `e3pose keys add NAME --router` made.
+        endpoint: where it listens.
+        edge: where the edge listens.
+
+    Raises:
+        InputError: for an endpoint or a certificate that cannot be used.
+    """
+    for place in (endpoint, edge):
+        if not place.startswith("tls/"):
+            raise InputError(f"endpoint {place[:100]}: found no tls, expected tls/HOST:PORT")
+    roll = read_roll(folder)
+    files = certificates_in(folder, "router")
+    check_certificates(files, datetime.datetime.now(datetime.timezone.utc))
+    link = Link("router", roll.site, endpoint, files, (edge,))
+    check_link(link)
+    return link, roll
+
+
+@dataclass(slots=True, eq=False)
+class Router:
+    """Joins the site, and joins anew when the list of certificates is another one.
+
+    Attributes:
+        folder: see `router_link`.
+        endpoint: likewise.
+        edge: likewise.
+        join: opens the network by the rules of a list.
+        tell: called with a line that a person should know.
+        site: that it routes for, once it joined.
+    """
+
+    folder: Path
+    endpoint: str
+    edge: str
+    join: Callable[[Link, Roll], Transport]
+    tell: Callable[[str], None]
+    site: str = ""
+    _transport: Transport | None = None
+    _seen: tuple[int, int] = (0, 0)
+    _refused: str = ""
+
+    def open(self) -> None:
+        """Join; raise `InputError` for what cannot be used."""
+        seen = self._look()
+        link, roll = router_link(self.folder, self.endpoint, self.edge)
+        self.close()  # the port is one
+        self._transport = self.join(link, roll)
+        self.site, self._seen = roll.site, seen
+
+    def look(self) -> None:
+        """Join anew if the list changed; what is wrong with it is told once, and tried again."""
+        if self._transport is not None and self._look() == self._seen:
+            return
+        try:
+            self.open()
+        except InputError as error:
+            if str(error) != self._refused:
+                self.tell(f"the list of certificates changed, but: {error}")
+            self._refused = str(error)
+            return
+        self._refused = ""
+        self.tell("the list of certificates changed: joined anew")
+
+    def close(self) -> None:
+        """Leave."""
+        if self._transport is not None:
+            self._transport.close()
+            self._transport = None
+
+    def _look(self) -> tuple[int, int]:
+        try:
+            status = (self.folder / "keys.toml").stat()
+        except OSError:
+            return self._seen  # being replaced
+        return status.st_mtime_ns, status.st_ino

@@ -1,0 +1,98 @@
+"""`e3pose router` and its certificate: options that fit, rules that are taken in while it runs."""
+
+from __future__ import annotations
+
+import datetime
+import socket
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+
+from e3pose.cli.app import main
+from e3pose.errors import InputError
+from e3pose.keys.folder import add_keys, init_keys, read_roll, revoke_keys
+from e3pose.site.router_program import Router, router_link
+from e3pose.wire.access import Link
+from e3pose.wire.memory import Hub, MemoryTransport
+
+NOW = datetime.datetime.now(datetime.timezone.utc)
+EDGE, HERE = "tls/edge.local:7447", "tls/127.0.0.1:7448"
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    init_keys(tmp_path / "keys", "lab", [], NOW)
+    add_keys(tmp_path / "keys", "cam1", NOW)
+    add_keys(tmp_path / "keys", "hall", NOW, kind="router", hosts=["hall.local"])
+    return tmp_path / "keys"
+
+
+def test_router_is_of_its_site_and_reaches_the_edge(keys: Path) -> None:
+    link, roll = router_link(keys / "routers" / "hall", HERE, EDGE)
+    assert (link.role, link.site, link.upstream) == ("router", "lab", (EDGE,))
+    assert roll == read_roll(keys) and set(roll.cameras) == {"cam1"}
+
+
+def test_its_certificate_is_for_its_hosts(keys: Path) -> None:
+    from cryptography import x509
+
+    found = x509.load_pem_x509_certificate((keys / "routers/hall/router.pem").read_bytes())
+    names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert set(names.get_values_for_type(x509.DNSName)) == {"localhost", "hall", "hall.local"}
+
+
+@pytest.mark.parametrize("place", ["tcp/127.0.0.1:7448", "hall.local"])
+def test_nothing_but_tls_is_routed(keys: Path, place: str) -> None:
+    for here, edge in ((place, EDGE), (HERE, place)):
+        with pytest.raises(InputError, match="found no tls, expected tls/HOST:PORT"):
+            router_link(keys / "routers" / "hall", here, edge)
+
+
+def test_copy_of_the_list_is_the_list_after_every_change(keys: Path) -> None:
+    add_keys(keys, "cam2", NOW)
+    assert read_roll(keys / "routers" / "hall") == read_roll(keys)
+    revoke_keys(keys, "cam1")
+    assert set(read_roll(keys / "routers" / "hall").cameras) == {"cam2"}
+
+
+def test_running_router_takes_in_a_new_list_and_outlives_a_wrong_one(keys: Path) -> None:
+    told: list[str] = []
+    opened: list[Mapping[str, str]] = []
+
+    def join(link: Link, roll: object) -> MemoryTransport:
+        opened.append(read_roll(keys).cameras)
+        return MemoryTransport(Hub())
+
+    place = keys / "routers" / "hall"
+    router = Router(place, HERE, EDGE, join, told.append)
+    router.open()
+    router.look()
+    assert len(opened) == 1 and not told
+    revoke_keys(keys, "cam1")
+    router.look()
+    router.look()
+    assert opened[1:] == [{}] and told == ["the list of certificates changed: joined anew"]
+    (place / "keys.toml").write_text("nothing")
+    router.look()
+    router.look()
+    assert len(opened) == 2 and len(told) == 2 and "keys.toml" in told[1]
+
+
+def test_contradictions_are_refused(keys: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for options, told in (
+        (["--viewer", "--router"], "--router: found it with --viewer"),
+        (["--host", "a.local"], "--host: found it without --router"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(["keys", "add", "x", "--keys", str(keys), *options])
+        assert ended.value.code == 2 and told in capsys.readouterr().err
+
+
+def test_folder_of_a_camera_is_no_router(keys: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with pytest.raises(SystemExit) as ended:
+        main(["router", str(keys), "--edge", EDGE, "--endpoint", f"tls/127.0.0.1:{port}"])
+    assert ended.value.code == 2 and "router.pem" in capsys.readouterr().err
