@@ -19,6 +19,7 @@ from e3pose.filter.bias import (
 )
 from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE
 from e3pose.kernels.compile import kernel
+from e3pose.kernels.filter_sight import shown_at
 
 Floats = NDArray[np.float64]
 
@@ -61,34 +62,19 @@ def learn_bias(
         if not weights[row, joint] > MIN_SCORE:
             continue
         x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
-        depth = (
-            projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
-        )
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
         if not depth > MIN_DEPTH_M:
             continue
-        inverse = 1.0 / depth
-        u = inverse * (
-            projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]
+        doubt = (
+            covariance[joint, 0, 0] * (ux * ux + vx * vx)
+            + covariance[joint, 1, 1] * (uy * uy + vy * vy)
+            + covariance[joint, 2, 2] * (uz * uz + vz * vz)
+        ) / 2
+        doubt += (
+            covariance[joint, 0, 1] * (ux * uy + vx * vy)
+            + covariance[joint, 0, 2] * (ux * uz + vx * vz)
+            + covariance[joint, 1, 2] * (uy * uz + vy * vz)
         )
-        v = inverse * (
-            projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]
-        )
-        doubt = 0.0
-        for axis in range(2):
-            at = u if axis == 0 else v
-            dx = (projection[axis, 0] - at * projection[2, 0]) * inverse
-            dy = (projection[axis, 1] - at * projection[2, 1]) * inverse
-            dz = (projection[axis, 2] - at * projection[2, 2]) * inverse
-            doubt += (
-                covariance[joint, 0, 0] * dx * dx
-                + covariance[joint, 1, 1] * dy * dy
-                + covariance[joint, 2, 2] * dz * dz
-            ) / 2
-            doubt += (
-                covariance[joint, 0, 1] * dx * dy
-                + covariance[joint, 0, 2] * dx * dz
-                + covariance[joint, 1, 2] * dy * dz
-            )
         variance = variances[row, joint]
         du = pixels[row, joint, 0] - bias_px[joint, 0] - u
         dv = pixels[row, joint, 1] - bias_px[joint, 1] - v

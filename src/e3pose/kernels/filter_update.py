@@ -20,6 +20,7 @@ from e3pose.filter.update import (
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_bias import inflation
 from e3pose.kernels.filter_memory import Passes, Site, Tracks, Views
+from e3pose.kernels.filter_sight import shown_at
 from e3pose.kernels.filter_tree import eliminate, prepare, spread_out
 
 Floats = NDArray[np.float64]
@@ -147,24 +148,9 @@ def _pull_view(
         if not weights[row, joint] > MIN_SCORE:
             continue
         x, y, z = places[joint, 0], places[joint, 1], places[joint, 2]
-        depth = (
-            projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
-        )
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
         if not depth > MIN_DEPTH_M:
             continue
-        inverse = 1.0 / depth
-        u = inverse * (
-            projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]
-        )
-        v = inverse * (
-            projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]
-        )
-        ux = (projection[0, 0] - u * projection[2, 0]) * inverse
-        uy = (projection[0, 1] - u * projection[2, 1]) * inverse
-        uz = (projection[0, 2] - u * projection[2, 2]) * inverse
-        vx = (projection[1, 0] - v * projection[2, 0]) * inverse
-        vy = (projection[1, 1] - v * projection[2, 1]) * inverse
-        vz = (projection[1, 2] - v * projection[2, 2]) * inverse
         xx, xy, xz = ux * ux + vx * vx, ux * uy + vx * vy, ux * uz + vx * vz
         yy, yz, zz = uy * uy + vy * vy, uy * uz + vy * vz, uz * uz + vz * vz
         variance = variances[row, joint] * factor
