@@ -6,10 +6,12 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
 END_S = 8.0  # to end cleanly
+SAME_S = 1.0  # a terminal, `timeout` or a parent may send one signal twice
 
 
 def end_with_parent(end_s: float = END_S) -> None:
@@ -40,22 +42,28 @@ def end_with_parent(end_s: float = END_S) -> None:
 def run_until_stopped(running: Callable[[], bool], every_s: float = 0.2) -> str:
     """Wait until SIGINT, SIGTERM, or the program ends by itself; return which.
 
+    While it then ends cleanly, the same signal sent twice at once is one, and another one a second
+    later ends it without more ado.
+
     Args:
         running: whether the program still works.
         every_s: how often to look.
     """
     stop = threading.Event()
-    told: list[str] = []
+    told: list[tuple[str, float]] = []
 
     def end(number: int, _frame: Any) -> None:
-        told.append(signal.Signals(number).name)
+        told.append((signal.Signals(number).name, time.monotonic()))
         stop.set()
+        if told[-1][1] - told[0][1] > SAME_S:
+            os._exit(128 + number)
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         while running() and not stop.wait(every_s):
             pass
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-    return told[0] if told else "ended"
+        if not told:  # else it ends, and an exception from a second signal would leave threads
+            for number, handler in before.items():
+                signal.signal(number, handler)
+    return told[0][0] if told else "ended"
