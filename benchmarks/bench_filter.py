@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench_fuse import Workload, distort, load_workload, make_workload
+from bench_fuse import Workload, make_workload, workloads
 from e3pose.filter import Belief, Estimate, Model, step
 from e3pose.kernels.filter_step import StepKernel
 from e3pose.pose import Poses2D
@@ -98,7 +98,7 @@ def measure(bench: Workload, kernel: StepKernel, seconds: float) -> dict[str, fl
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED"))
+    parser.add_argument("--shared", default=os.environ.get("E3POSE_SHARED"))
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--seconds", type=float, default=2.0, help="of timing for each workload")
     options = parser.parse_args()
@@ -111,25 +111,15 @@ def main() -> None:
     print(f"ready after {warm_s:.1f} s: compiled, or loaded where it had been compiled before")
     print("cameras x people  median ms   p99 ms  reference ms  ratio  error mm  difference m")
     rows: dict[str, dict[str, float]] = {"warm_up": {"seconds": warm_s}}
-    for cameras, people in SIZES:
-        name = f"{cameras}x{people}"
-        if options.shared:
-            path = Path(options.shared) / "bench" / f"workload_c{cameras}_k{people}.npz"
-            bench = load_workload(path)
-        else:
-            bench = make_workload(cameras, people)
-        benches = {name: bench}
-        if (cameras, people) in DISTORTED:
-            benches[f"{name} with lenses"] = distort(bench)
-        for title, one in benches.items():
-            rows[title] = row = measure(one, kernel, options.seconds)
-            missed = row["median_ms"] > TARGETS_MS.get(title, np.inf)
-            print(
-                f"{title:>16}  {row['median_ms']:9.4f}  {row['p99_ms']:7.4f}  "
-                f"{row['reference_ms']:12.2f}  {row['speedup']:5.0f}  {row['error_mm']:8.1f}  "
-                f"{row['difference_m']:12.0e}"
-                + (f"  misses its target of {TARGETS_MS[title]} ms" if missed else "")
-            )
+    for title, one in workloads(SIZES, DISTORTED, options.shared):
+        rows[title] = row = measure(one, kernel, options.seconds)
+        missed = row["median_ms"] > TARGETS_MS.get(title, np.inf)
+        print(
+            f"{title:>16}  {row['median_ms']:9.4f}  {row['p99_ms']:7.4f}  "
+            f"{row['reference_ms']:12.2f}  {row['speedup']:5.0f}  {row['error_mm']:8.1f}  "
+            f"{row['difference_m']:12.0e}"
+            + (f"  misses its target of {TARGETS_MS[title]} ms" if missed else "")
+        )
     print(f"load of the machine: {os.getloadavg()[0]:.1f}; other work shows in the p99")
     if options.json:
         options.json.write_text(json.dumps(rows, indent=2) + "\n")

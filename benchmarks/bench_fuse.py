@@ -10,6 +10,7 @@ import argparse
 import json
 import os
 import time
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -26,6 +27,7 @@ Floats = NDArray[np.float64]
 
 SIZES = ((5, 4), (5, 8), (5, 16), (12, 8), (28, 8))
 DISTORTED = ((5, 4), (12, 8))
+WITH_LENSES = " with lenses"
 # OpenCV's coefficients, and whether of its fisheye model; the cameras have them in turn.
 LENSES = (
     ((-0.28, 0.09, 0.0012, -0.0008, -0.01), False),
@@ -197,9 +199,29 @@ def measure(bench: Workload, settings: FusionSettings, seconds: float) -> dict[s
     }
 
 
+def workloads(
+    sizes: Iterable[tuple[int, int]], distorted: Container[tuple[int, int]], shared: str | None
+) -> Iterator[tuple[str, Workload]]:
+    """Yield workloads and their titles, and some of them again as lenses that distort see them.
+
+    Args:
+        sizes: numbers of cameras and people.
+        distorted: those to see through lenses, too.
+        shared: folder that has the workloads; without it they are made up.
+    """
+    for cameras, people in sizes:
+        if shared:
+            bench = load_workload(Path(shared) / "bench" / f"workload_c{cameras}_k{people}.npz")
+        else:
+            bench = make_workload(cameras, people)
+        yield f"{cameras}x{people}", bench
+        if (cameras, people) in distorted:
+            yield f"{cameras}x{people}{WITH_LENSES}", distort(bench)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--shared", type=Path, default=os.environ.get("E3POSE_SHARED"))
+    parser.add_argument("--shared", default=os.environ.get("E3POSE_SHARED"))
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--seconds", type=float, default=2.0, help="of timing for each workload")
     parser.add_argument("--paper", action="store_true", help="the paper's DLT, not refined")
@@ -213,28 +235,18 @@ def main() -> None:
     print(f"matching and triangulation, one thread, {settings}")
     print("scenes: " + ("workloads of --shared" if options.shared else "made up"))
     print("cameras x people  median ms   p99 ms  reference ms  ratio  recall  precis.  MPJPE mm")
-    for cameras, people in SIZES:
-        name = f"{cameras}x{people}"
-        if options.shared:
-            path = Path(options.shared) / "bench" / f"workload_c{cameras}_k{people}.npz"
-            bench = load_workload(path)
-        else:
-            bench = make_workload(cameras, people)
-        benches = {name: bench}
-        if (cameras, people) in DISTORTED:
-            benches[f"{name} with lenses"] = distort(bench)
-        for title, one in benches.items():
-            row = measure(one, settings, options.seconds) | quality(run(one, settings), one.truth_m)
-            if title != name:
-                row["price"] = row["median_ms"] / rows[name]["median_ms"]
-            rows[title] = row
-            print(
-                f"{title:>16}  {row['median_ms']:9.4f}  {row['p99_ms']:7.4f}  "
-                f"{row['reference_ms']:12.2f}  {row['speedup']:5.0f}  {row['recall']:6.3f}  "
-                f"{row['precision']:7.3f}  {row['mpjpe_mm']:8.1f}"
-                + (f"  {row['price']:.2f} times the row above" if "price" in row else "")
-                + (_missed(title, row) if options.shared else "")
-            )
+    for title, one in workloads(SIZES, DISTORTED, options.shared):
+        row = measure(one, settings, options.seconds) | quality(run(one, settings), one.truth_m)
+        if title.endswith(WITH_LENSES):
+            row["price"] = row["median_ms"] / rows[title.removesuffix(WITH_LENSES)]["median_ms"]
+        rows[title] = row
+        print(
+            f"{title:>16}  {row['median_ms']:9.4f}  {row['p99_ms']:7.4f}  "
+            f"{row['reference_ms']:12.2f}  {row['speedup']:5.0f}  {row['recall']:6.3f}  "
+            f"{row['precision']:7.3f}  {row['mpjpe_mm']:8.1f}"
+            + (f"  {row['price']:.2f} times the row above" if "price" in row else "")
+            + (_missed(title, row) if options.shared else "")
+        )
     print(f"load of the machine: {os.getloadavg()[0]:.1f}; other work shows in the p99")
     if options.json:
         options.json.write_text(json.dumps(rows, indent=2) + "\n")
