@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
-from e3pose.bounded import parse_toml, read_toml
-from e3pose.errors import InputError
 from e3pose.filter.noise import Noise
 from e3pose.noises.file import NoiseFile, decode_noise
+from e3pose.shipped import read_shipped
 
 DEFAULT = "openpose"  # of a recording that does not say what detected it
 # By detector, and the words by which the source of a recording names it, the longest first.
@@ -44,15 +42,4 @@ def load_noise(name_or_path: str | Path) -> Noise:
 
 def load_noise_file(name_or_path: str | Path) -> NoiseFile:
     """Load a noise file with all that it says; see `load_noise`."""
-    name = str(name_or_path)
-    if name in SHIPPED:
-        packaged = resources.files("e3pose.noises").joinpath(f"{name}.toml")
-        where = f"noise {name}"
-        return decode_noise(parse_toml(packaged.read_text(encoding="utf-8"), where), where)
-    path = Path(name_or_path)
-    if not path.is_file():
-        raise InputError(
-            f"{name[:200]}: noise: found no such file, expected {', '.join(SHIPPED)} "
-            "or the path of a TOML file"
-        )
-    return decode_noise(read_toml(path, MAX_BYTES), str(path))
+    return decode_noise(*read_shipped(name_or_path, "e3pose.noises", SHIPPED, "noise", MAX_BYTES))

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from e3pose.bounded import parse_toml, read_toml
 from e3pose.errors import InputError
+from e3pose.shipped import read_shipped
 
 Mode = Literal["active", "power-saving", "aggressive-power-saving"]
 
@@ -69,18 +68,9 @@ def load_profile(name_or_path: str | Path) -> DeviceProfile:
     Raises:
         InputError: naming the file and the field that is wrong.
     """
-    name = str(name_or_path)
-    if name in PROFILES:
-        packaged = resources.files("e3pose.profiles").joinpath(f"{name}.toml")
-        where = f"profile {name}"
-        return _decode(parse_toml(packaged.read_text(encoding="utf-8"), where), where)
-    path = Path(name_or_path)
-    if not path.is_file():
-        raise InputError(
-            f"{name[:200] or repr(name)}: device profile: found no such file, "
-            f"expected {', '.join(PROFILES)} or the path of a TOML file"
-        )
-    return _decode(read_toml(path, MAX_BYTES), str(path))
+    return _decode(
+        *read_shipped(name_or_path, "e3pose.profiles", PROFILES, "device profile", MAX_BYTES)
+    )
 
 
 def _decode(data: Mapping[str, Any], where: str) -> DeviceProfile:
