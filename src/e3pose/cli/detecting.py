@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
+from e3pose.counted import counted
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -189,14 +190,15 @@ def frame_bar() -> Iterator[Callable[[int, int], None]]:
 
 
 def _print(dest: Path, report: DetectReport) -> None:
-    print(f"{dest}: {report.num_slots} slots at {report.fps:g} a second")
+    print(f"{dest}: {counted(report.num_slots, 'slot')} at {report.fps:g} a second")
     for camera_id, camera in report.cameras.items():
         lost = report.num_slots - camera.frames
-        notes = [f"{lost} slots without a frame"] if lost else []
+        notes = [f"{counted(lost, 'slot')} without a frame"] if lost else []
         notes += [camera.damage] if camera.damage else []
         tail = "; " + "; ".join(notes) if notes else ""
-        print(f"  {camera_id}: {camera.frames} frames, {camera.people} people in them{tail}")
+        people = counted(camera.people, "person", "people")
+        print(f"  {camera_id}: {counted(camera.frames, 'frame')}, {people} in them{tail}")
     if report.without_video:
         print(f"  left out, without a video: {', '.join(report.without_video)}")
     if report.resumed_slots:
-        print(f"  {report.resumed_slots} frames were done before the interruption")
+        print(f"  frames done before the interruption: {report.resumed_slots}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from e3pose.counted import counted
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -225,9 +226,14 @@ def _save(recording: Recording, dest: Path, overwrite: bool) -> None:
     save_recording(recording, dest, overwrite=overwrite)
     people = sum(len(series.scores) for series in recording.views)
     print(
-        f"{dest}: {len(recording.rig)} cameras, {recording.num_slots} slots at "
-        f"{recording.fps:g} fps, {people} 2D poses ({recording.skeleton.name})"
-        + (f", truth of {len(recording.truth.person_ids)} people" if recording.truth else "")
+        f"{dest}: {counted(len(recording.rig), 'camera')}, "
+        f"{counted(recording.num_slots, 'slot')} at "
+        f"{recording.fps:g} fps, {counted(people, '2D pose')} ({recording.skeleton.name})"
+        + (
+            f", truth of {counted(len(recording.truth.person_ids), 'person', 'people')}"
+            if recording.truth
+            else ""
+        )
     )
 
 

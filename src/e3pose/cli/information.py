@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.counted import counted
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
@@ -69,7 +71,7 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
     rows = {
         "recording": description.name,
         "source": description.source or "-",
-        "length": f"{description.num_slots} slots at {description.fps:g} fps, "
+        "length": f"{counted(description.num_slots, 'slot')} at {description.fps:g} fps, "
         f"{description.duration_s:.2f} s",
         "scored slots": scored,
         "skeleton": description.skeleton,
@@ -128,9 +130,9 @@ def _truth_line(description: Description) -> str:
         return "none"
     named = ", ".join(f"{name} in {slots}" for name, slots in truth.slots_of_person.items())
     if len(named) > 200:
-        named = f"{len(truth.slots_of_person)} people"
+        named = counted(len(truth.slots_of_person), "person", "people")
     everybody = "of everybody" if truth.complete else "of some of the people"
-    return f"{truth.skeleton}, {everybody}, in {truth.annotated_slots} slots ({named})"
+    return f"{truth.skeleton}, {everybody}, in {counted(truth.annotated_slots, 'slot')} ({named})"
 
 
 def _number(value: float | None, form: str) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from e3pose.cli.options import Whole
+from e3pose.counted import counted
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -203,7 +204,7 @@ def _run(
 def _summary(source: Recording, slots: list[Rehearsed]) -> str:
     used = sorted({slot.version for slot in slots})
     swaps = [1000 * slot.seconds for slot in slots if slot.swapped]
-    line = f"{source.name}: {len(slots)} slots with version {', '.join(map(str, used))}"
+    line = f"{source.name}: {counted(len(slots), 'slot')} with version {', '.join(map(str, used))}"
     times = sorted(1000 * slot.seconds for slot in slots[WARM_UP_SLOTS:])
     if times:
         line += f"; a slot took {times[len(times) // 2]:.1f} ms, the longest {times[-1]:.1f} ms"

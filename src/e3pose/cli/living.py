@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -56,6 +55,7 @@ def edge(
     from e3pose.site.logs import open_log
     from e3pose.site.quiet import be_quiet
     from e3pose.site.run import run_until_stopped
+    from e3pose.site.summary import edge_summary
     from e3pose.wire.network import open_network
 
     site, table = open_site(site)
@@ -96,7 +96,8 @@ def edge(
         server.stop()
         if server.failure is not None:
             raise server.failure
-        _summary(server)
+        counts = server.counts
+        print("\n".join(edge_summary(server.status(), counts.slots, counts.views)))
 
 
 def camera(
@@ -187,6 +188,7 @@ def camera(
     from e3pose.site.config import load_node
     from e3pose.site.logs import open_log
     from e3pose.site.run import run_until_stopped
+    from e3pose.site.summary import camera_summary
     from e3pose.wire.network import open_network
 
     given = {
@@ -224,11 +226,8 @@ def camera(
         counted = made.counted
     if made.failure is not None:
         raise made.failure
-    late = made.schedule.late
-    print(
-        f"{node.camera}: {counted.captured} frames, {counted.detected} looked at, "
-        f"{counted.sent} views sent, {late} late orders"
-    )
+    schedule = made.schedule
+    print(camera_summary(node.camera, counted, schedule.orders, schedule.late))
 
 
 def up(
@@ -334,20 +333,3 @@ def _nothing() -> Iterator[None]:
 
 def _people(roll: Any) -> tuple[Any, Any, Any]:
     return (None,) * 3 if roll is None else (roll.cameras, roll.viewers, roll.routers)
-
-
-def _summary(server: Any) -> None:
-    counts, status = server.counts, server.status()
-    print(
-        f"{counts.slots} slots, {counts.lost} lost, {counts.views} views; "
-        f"lead {status.lead}; a slot takes {status.step_ms[0]:.1f} ms (99 %: "
-        f"{status.step_ms[1]:.1f}), poses come {status.latency_ms[0]:.1f} ms (99 %: "
-        f"{status.latency_ms[1]:.1f}) after the last view"
-    )
-    for camera in status.cameras:
-        state = "online" if camera.online else camera.why
-        print(
-            f"  {camera.camera_id}: {state}, looked in {camera.duty:.0%} of the last minute, "
-            f"{camera.late} views late, {camera.lost} lost",
-            file=sys.stdout,
-        )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed
+from e3pose.counted import counted
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def query(
 
         for form, path in outputs.items():
             count = write_tables(_chunks(asked, what, bounds, track, joint), path, form)
-            print(f"{path}: {count} row{'s' * (count != 1)}")
+            print(f"{path}: {counted(count, 'row')}")
     except InputError as error:
         raise as_typed(error, OPTIONS, found_in=f"{asked.where}: ") from None
 

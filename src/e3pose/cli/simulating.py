@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from e3pose.cli.options import Whole
+from e3pose.counted import counted
 from e3pose.errors import InputError
 
 RESOLUTION = re.compile(r"(\d{1,6})[xX](\d{1,6})")
@@ -96,8 +97,9 @@ def simulate(
     save_recording(recording, dest, overwrite)
     poses = sum(len(series.scores) for series in recording.views)
     print(
-        f"{dest}: {recording.name}: {len(recording.rig)} cameras, {recording.num_slots} slots at "
-        f"{recording.fps:g} fps, {poses} detected poses"
+        f"{dest}: {recording.name}: {counted(len(recording.rig), 'camera')}, "
+        f"{counted(recording.num_slots, 'slot')} at "
+        f"{recording.fps:g} fps, {counted(poses, 'detected pose')}"
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.counted import counted
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ def stored(
         status = writer.status()
     if status.trouble is not None or status.shed:
         raise InputError(
-            f"{Path(options.store).name}: {status.spooled} rows not stored, {status.shed} given up "
-            f"({status.trouble or 'no room'}), expected a database that takes them all"
+            f"{Path(options.store).name}: {counted(status.spooled, 'row')} not stored, "
+            f"{status.shed} given up ({status.trouble or 'no room'}), "
+            "expected a database that takes them all"
         )

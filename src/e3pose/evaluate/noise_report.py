@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
+from e3pose.counted import counted
 from e3pose.evaluate.drawing import COLOURS, INK, PALE, legend_above, picture
 from e3pose.evaluate.noise_calibration import Calibrated
 from e3pose.evaluate.noise_statistics import MEMORY_S
@@ -34,7 +35,8 @@ def as_file(calibrated: Calibrated, rig: Rig, detector: str, source: str) -> Noi
     """
     measured = calibrated.measured
     said = " ".join(source.split())[:MAX_SOURCE]
-    how_much = f"{calibrated.slots} slots, {calibrated.people} tracks and {len(rig)} cameras"
+    slots, tracks = counted(calibrated.slots, "slot"), counted(calibrated.people, "track")
+    how_much = f"{slots}, {tracks} and {counted(len(rig), 'camera')}"
     return NoiseFile(
         format=FORMAT,
         version=VERSION,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from e3pose.counted import counted
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -44,7 +46,13 @@ def print_latency(latency: Mapping[str, Any], leads: Sequence[int], console: Con
         name: {lead: times["median"] for lead, times in each["leads"].items()}
         for name, each in latency.items()
     }
-    _print(f"time of a call for {people} people, median ms", rows, leads, 3, console)
+    _print(
+        f"time of a call for {counted(people, 'person', 'people')}, median ms",
+        rows,
+        leads,
+        3,
+        console,
+    )
 
 
 def print_calibration(calibration: Mapping[str, Any], console: Console) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from e3pose.counted import counted
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ def print_summary(summary: Mapping[str, Any], console: Console | None = None) ->
     """Print the figures of one replay and what every camera did."""
     from rich.table import Table
 
-    title = f"{summary['policy']} over {summary['slots']} slots"
+    title = f"{summary['policy']} over {counted(summary['slots'], 'slot')}"
     figures = Table(title=title, title_justify="left", show_header=False)
     figures.add_column()
     figures.add_column(justify="right")

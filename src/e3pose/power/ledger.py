@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.counted import counted
 from e3pose.pipeline import Pipeline
 from e3pose.power.budgets import Budget
 from e3pose.power.site import CameraEnergy, Reckoning, hear, new_camera, reckon
@@ -123,7 +124,7 @@ class EnergyLedger:
             news.append(
                 (
                     None,
-                    f"budgets pay for {now.num_selected:.2g} cameras a slot"
+                    f"budgets pay for {counted(round(now.num_selected, 2), 'camera')} a slot"
                     + (f", {asked:g} were asked for" if now.num_selected < asked else ""),
                 )
             )

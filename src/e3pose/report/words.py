@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.counted import counted
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 
@@ -58,7 +59,7 @@ def sentences(
     num_cameras = len(recording.rig)
     seconds = len(records) * recording.interval_s
     said = [
-        f"{num_cameras} calibrated cameras watched for {_count(len(records), 'slot')} of "
+        f"{num_cameras} calibrated cameras watched for {counted(len(records), 'slot')} of "
         f"{1000 * recording.interval_s:.3g} ms ({seconds:.1f} s)."
     ]
     if not records:
@@ -71,7 +72,7 @@ def sentences(
         )
     else:
         said.append(
-            f"Up to {_count(max(counts), 'person', 'people')} at once stood in 3D, "
+            f"Up to {counted(max(counts), 'person', 'people')} at once stood in 3D, "
             f"somebody in {100 * share:.0f} % of the slots."
         )
     mean = duty(recording, records).sum()
@@ -120,7 +121,3 @@ def thinning(stride: int, num_slots: int) -> str:
         f"This run is long: the page shows one in {stride} of its {num_slots} slots. "
         "The figures are of all slots."
     )
-
-
-def _count(number: int, one: str, many: str = "") -> str:
-    return f"{number} {one if number == 1 else many or one + 's'}"

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
+from e3pose.counted import counted
 from e3pose.errors import InputError
 from e3pose.keys.folder import certificates_in, check_certificates
 from e3pose.policies.base import Floats
@@ -51,7 +52,7 @@ def check_calibration(rig: Rig) -> Iterator[Finding]:
     """Look at where the cameras are, and whether they see the same."""
     centres = np.array([camera.T_world_camera[:3, 3] for camera in rig.cameras])
     axes = np.array([camera.T_world_camera[:3, 2] for camera in rig.cameras])
-    yield Finding("ok", "calibration", f"{len(rig)} cameras")
+    yield Finding("ok", "calibration", counted(len(rig), "camera"))
     if len(rig) < 2:
         yield Finding("problem", "calibration", "one camera", "3D needs two at least")
         return

@@ -6,6 +6,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from e3pose.counted import counted
 from e3pose.wire.messages import CameraStatus, Status
 
 MODES = {
@@ -41,7 +42,7 @@ def _head(status: Status, stale_s: float) -> Text:
         head.append(f"no news for {stale_s:.0f} s  ", style="bold red")
     style = "green" if online == len(status.cameras) else "yellow" if online else "red"
     head.append(f"{online}/{len(status.cameras)} cameras", style=style)
-    head.append(f"  {status.people} people", style="bold")
+    head.append(f"  {counted(status.people, 'person', 'people')}", style="bold")
     if status.expected_error_mm is not None:
         head.append(f" within {status.expected_error_mm:.0f} mm")
     head.append(
@@ -51,7 +52,7 @@ def _head(status: Status, stale_s: float) -> Text:
         f"latency {status.latency_ms[0]:.1f} ms (99 %: {status.latency_ms[1]:.1f})"
     )
     if status.slots_lost:
-        head.append(f"  {status.slots_lost} slots lost", style="red")
+        head.append(f"  {counted(status.slots_lost, 'slot')} lost", style="red")
     watts = [c.power_w for c in status.cameras if c.online and c.power_w is not None]
     if watts:
         head.append(f"\n{sum(watts):.1f} W in all cameras that are there")

@@ -10,6 +10,7 @@ from sqlalchemy import Connection, Insert, Table, bindparam, insert, select, upd
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.exc import DBAPIError, OperationalError
 
+from e3pose.counted import counted
 from e3pose.errors import InputError
 from e3pose.store import schema
 from e3pose.store.database import database_path, is_damage, shown, writing_engine
@@ -78,7 +79,8 @@ class Delivery:
         path.unlink(missing_ok=True)
         count = sum(map(len, frames))
         if count:
-            yield f"{count} rows that run {run.name!r} could not deliver were found and stored"
+            how_many = counted(count, "row")
+            yield f"found and stored {how_many} that run {run.name!r} could not deliver"
 
     def trim(self, retention: Retention, now_ns: int) -> None:
         """Remove a few slots that need not be kept."""

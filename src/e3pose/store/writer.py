@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
+from e3pose.counted import counted
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
 from e3pose.store.database import (
@@ -88,7 +89,6 @@ class WriterStatus:
 class _Slot:
     record: SlotRecord
     time_ns: int
-    sigma_m: Floats | None
     energy_j: Floats | None
 
 
@@ -154,7 +154,6 @@ class StoreWriter:
         record: SlotRecord,
         *,
         time_ns: int | None = None,
-        sigma_m: Floats | None = None,
         energy_j: Floats | None = None,
         wait: bool = False,
     ) -> bool:
@@ -163,8 +162,6 @@ class StoreWriter:
         Args:
             record: what the slot left behind; its arrays must not change afterwards.
             time_ns: when it was captured; by default the run's start and the record's time.
-            sigma_m: `(num_persons, num_joints)` standard deviation of each joint; by default what
-                the record's covariance says.
             energy_j: `(num_cameras,)` joules that the slot is charged with, where known.
             wait: wait for room in the queue, for those who can: a replay.
 
@@ -173,7 +170,7 @@ class StoreWriter:
         """
         if time_ns is None:
             time_ns = self.run.started_ns + round(record.time_s * NS)
-        return self._hand_over(_Slot(record, time_ns, sigma_m, energy_j), wait)
+        return self._hand_over(_Slot(record, time_ns, energy_j), wait)
 
     def event(self, event: Event) -> bool:
         """Hand over an event; return whether it was taken."""
@@ -265,7 +262,9 @@ class StoreWriter:
             time.sleep(0)  # lets the loop have the interpreter in the middle of a batch
         if self._shed + self._spool.lost_rows > self._told_shed:
             count = self._shed + self._spool.lost_rows
-            self._say("store-shed", f"{count - self._told_shed} records given up: no more room")
+            self._say(
+                "store-shed", f"{counted(count - self._told_shed, 'record')} given up: no more room"
+            )
             self._told_shed = count
         notes, self._notes = self._notes, []
         for note in notes:
@@ -275,7 +274,7 @@ class StoreWriter:
     def _encode(self, item: _Slot | Event | EnergyReading) -> list[Row]:
         try:
             if isinstance(item, _Slot):
-                return slot_rows(item.record, item.time_ns, item.sigma_m, item.energy_j)
+                return slot_rows(item.record, item.time_ns, item.energy_j)
             if isinstance(item, EnergyReading):
                 return [energy_row(item)]
             self._events += 1
@@ -307,13 +306,18 @@ class StoreWriter:
             kept_rows = len(self._spool)
             self._spool.clear()
             self._trouble = None
-            self._say("store-recovered", f"the store takes slots again, {kept_rows} rows caught up")
+            self._say(
+                "store-recovered",
+                f"the store takes slots again, {counted(kept_rows, 'row')} caught up",
+            )
 
     def _commit(self, rows: Sequence[Row], run: Run | None = None) -> None:
         refused = self._delivery.commit(rows, run or self.run)
         if refused:
             self._shed += refused
-            self._say("store-refused", f"{refused} rows that the database does not accept")
+            self._say(
+                "store-refused", f"{counted(refused, 'row')} that the database does not accept"
+            )
 
     def _in_trouble(self, error: Exception) -> None:
         self._delivery.close()

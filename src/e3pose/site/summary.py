@@ -1,0 +1,57 @@
+"""What a program of a site says when it ends."""
+
+from __future__ import annotations
+
+from e3pose.counted import counted
+from e3pose.node.live import Counted
+from e3pose.wire.messages import CameraStatus, Status
+
+
+def edge_summary(status: Status, slots: int, views: int) -> list[str]:
+    """Return what an edge did, and how it left each camera, a line each.
+
+    Args:
+        status: its last.
+        slots: that it computed.
+        views: that came in time.
+    """
+    if slots == 0:
+        lines = ["no slots: fewer than two cameras were there"]
+    else:
+        lines = [
+            f"{counted(slots, 'slot')}, {status.slots_lost} lost, {counted(views, 'view')} in "
+            f"time; lead {status.lead}; a slot takes {_quantiles(status.step_ms)}, poses come "
+            f"{_quantiles(status.latency_ms)} after the last view"
+        ]
+    return lines + [f"  {camera.camera_id}: {_camera(camera)}" for camera in status.cameras]
+
+
+def camera_summary(camera_id: str, done: Counted, orders: int, late: int) -> str:
+    """Return what a camera did.
+
+    Args:
+        camera_id: who.
+        done: what it counted.
+        orders: that came.
+        late: of those, that came too late.
+    """
+    if done.captured and not orders:
+        return f"{camera_id}: {counted(done.captured, 'frame')}, but no orders: no edge asked it"
+    return (
+        f"{camera_id}: {counted(done.captured, 'frame')}, {done.detected} looked at, "
+        f"{counted(done.sent, 'view')} sent, {counted(late, 'late order')}"
+    )
+
+
+def _camera(camera: CameraStatus) -> str:
+    state = ", ".join(word for word in ("online" if camera.online else "", camera.why) if word)
+    if camera.last_seen_s is None:
+        return state
+    return (
+        f"{state}; looked in {camera.duty:.0%} of the last minute's slots, "
+        f"{counted(camera.late, 'view')} late, {camera.lost} lost"
+    )
+
+
+def _quantiles(durations_ms: tuple[float, float]) -> str:
+    return f"{durations_ms[0]:.1f} ms (99 %: {durations_ms[1]:.1f})"
