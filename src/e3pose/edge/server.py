@@ -245,7 +245,7 @@ class EdgeServer:
             return
         slot = self.state.slot + behind_ns // self.interval_ns
         self.counts.lost += slot - self.state.slot
-        self.tell("slots-lost", f"{slot - self.state.slot} slots given up: the edge was behind")
+        self.tell("slots-lost", f"slots given up, as the edge was behind: {slot - self.state.slot}")
         self._skip(slot)
 
     def _skip(self, slot: int) -> None:
