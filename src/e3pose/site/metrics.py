@@ -20,6 +20,7 @@ class EdgeCollector:
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
         status, counts, inbox = self._edge.status(), self._edge.counts, self._edge.inbox
+        beats = [life.beat for life in inbox.roster.lives]
         for name, text, value in (
             ("slots", "slots computed", counts.slots),
             ("slots_lost", "slots given up", counts.lost),
@@ -46,6 +47,20 @@ class EdgeCollector:
             ("camera_lost_views", "views never come", [c.lost for c in status.cameras]),
             ("camera_watts", "what it draws", [c.power_w for c in status.cameras]),
             ("camera_battery", "share of its charge left", [c.battery for c in status.cameras]),
+            ("camera_ordered_views", "views asked for in time", counts.ordered.tolist()),
+            ("camera_orders", "orders that came", [b and b.orders for b in beats]),
+            ("camera_late_orders", "orders too late", [b and b.late_orders for b in beats]),
+            (
+                "camera_order_margin_seconds",
+                "how long before its slot the tightest order of the last half second came",
+                [b and b.order_margin_ns / 1e9 for b in beats],
+            ),
+            ("camera_dropped", "frames and views given up", [b and b.dropped for b in beats]),
+            (
+                "camera_clock_drift_ppm",
+                "how fast its clock leaves the edge's",
+                [b and b.clock_drift_ppm for b in beats],
+            ),
         ):
             family = GaugeMetricFamily(f"e3pose_{name}", text, labels=["camera"])
             for camera, found in zip(status.cameras, values, strict=True):

@@ -1,0 +1,64 @@
+"""What an edge tells Prometheus is what it counted."""
+
+from __future__ import annotations
+
+import socket
+import urllib.request
+from pathlib import Path
+
+import pytest
+from tests.edge.one_process import eventually, site_at_work
+
+from e3pose.errors import InputError
+from e3pose.site.metrics import serve_metrics
+
+pytest.importorskip("prometheus_client")
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def scraped(port: int) -> dict[str, float]:
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5) as answer:
+        lines = answer.read().decode().splitlines()
+    return {
+        name: float(value)
+        for name, value in (line.rsplit(" ", 1) for line in lines if not line.startswith("#"))
+    }
+
+
+def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
+    with site_at_work(tmp_path) as site:
+        edge, port = site.edge, free_port()
+        assert edge is not None
+        liar = site.hub.join()
+        for _ in range(3):
+            liar.publish("e3pose/lab/camera/cam1/view", b"garbage")
+            liar.publish("e3pose/lab/camera/nobody/view", b"garbage")
+        server = serve_metrics(edge, port)
+        try:
+            with pytest.raises(InputError, match=f"metrics_port: {port}: .*expected a free port"):
+                serve_metrics(edge, port)
+            assert eventually(lambda: edge.inbox.roster.lives[0].beat is not None)
+            before, found, after = edge.counts.slots, scraped(port), edge.counts.slots
+        finally:
+            server.shutdown()
+            server.server_close()
+        assert before <= found["e3pose_slots_total"] <= after
+        assert found["e3pose_wrong_messages_total"] == 3
+        assert found["e3pose_unknown_messages_total"] == 3
+        assert found["e3pose_unread_messages_total"] == 0
+        assert found["e3pose_lead_slots"] >= 1
+        for camera in site.nodes:
+            of = {
+                name.split("{")[0].removeprefix("e3pose_camera_"): value
+                for name, value in found.items()
+                if f'"{camera}"' in name
+            }
+            assert of["online"] == 1 and 0 < of["duty"] <= 1
+            assert 0 < of["ordered_views"] <= after
+            assert 0 <= of["lost_views"] <= of["ordered_views"]
+            assert 0 <= of["late_orders"] < of["orders"]
+            assert "battery" not in of  # on mains
