@@ -24,6 +24,11 @@ def expected_distance_m(covariance_m2: Floats) -> Floats:
     return mean_distance(total, total**2 / squared)
 
 
+def axis_sigma_m(covariance_m2: Floats) -> Floats:
+    """Return the standard deviation along an axis, `(*batch)` metres: of the mean of the three."""
+    return np.asarray(np.sqrt(np.maximum(np.trace(covariance_m2, axis1=-2, axis2=-1) / 3, 0.0)))
+
+
 def distance_within_m(covariance_m2: Floats, share: float) -> Floats:
     """Return the distance `(*batch)` that holds `share` of the positions, in metres.
 

@@ -31,8 +31,7 @@ def filled(tmp_path: Path, record: Records, run: Runs) -> Path:
     with StoreWriter(path, run()) as writer:
         for slot in range(NUM_SLOTS):
             spent_j = np.array([0.5, 0.25, 0.125]) * slot
-            sigma_m = np.full((2, 17), 0.0625)
-            assert writer.append(record(slot), energy_j=spent_j, sigma_m=sigma_m, wait=True)
+            assert writer.append(record(slot), energy_j=spent_j, wait=True)
         writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "east"))
         writer.energy(EnergyReading(STARTED_NS + 2 * 10**9, "north", 7.5, 1.5, "measured", 0.75))
         assert writer.flush()
@@ -55,7 +54,7 @@ def test_everything_comes_back(filled: Path, record: Records) -> None:
         assert found.time_ns[row] == STARTED_NS + slot * 40_000_000
         np.testing.assert_array_equal(found.joints_m[row], truth.poses.joints_m[person])
         np.testing.assert_array_equal(found.scores[row], truth.poses.scores[person])
-        np.testing.assert_array_equal(found.sigma_m[row], np.full(17, 0.0625))
+        np.testing.assert_allclose(found.sigma_m[row], np.full(17, 0.5**0.5), rtol=1e-3)
         np.testing.assert_array_equal(found.measured[row], truth.measured[person])
     slots = Store(filled).rows("slots")
     assert len(slots) == NUM_SLOTS
@@ -217,7 +216,7 @@ def test_query_writes_the_same_rows_in_every_format(filled: Path, tmp_path: Path
     assert rows[0]["time"] == "2026-11-18T11:06:41.000000Z"
     listed = json.loads(names["json"].read_text())
     assert [row["x"] for row in listed] == list(range(25, 51))
-    assert listed[0]["sigma"] == 0.0625
+    assert listed[0]["sigma"] == pytest.approx(0.5**0.5, rel=1e-3)
     assert listed[0]["measured"] is True
     table = parquet.read_table(names["parquet"])
     assert table.column("time_ns").to_pylist() == [int(row["time_ns"]) for row in rows]

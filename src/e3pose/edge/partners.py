@@ -20,7 +20,6 @@ class Sink(Protocol):
         record: SlotRecord,
         *,
         time_ns: int | None = None,
-        sigma_m: NDArray[np.float64] | None = None,
         energy_j: NDArray[np.float64] | None = None,
         wait: bool = False,
     ) -> bool:

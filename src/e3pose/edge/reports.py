@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from e3pose.edge.roster import CameraLife
-from e3pose.pipeline import SlotRecord
-from e3pose.policies.base import Floats
+from e3pose.estimators.base import People
+from e3pose.uncertainty import axis_sigma_m
 from e3pose.wire.codec import pack
 from e3pose.wire.messages import CameraStatus, Poses, Status
 
@@ -17,24 +17,18 @@ if TYPE_CHECKING:
     from e3pose.edge.server import EdgeServer
 
 
-def sigma_m(record: SlotRecord) -> Floats:
-    """Return `(num_persons, num_joints)` standard deviation along an axis; NaN where unknown."""
-    variance = np.trace(record.covariance_m2, axis1=-2, axis2=-1) / 3
-    return np.asarray(np.sqrt(variance))
-
-
 def poses_message(
-    record: SlotRecord, joints: Sequence[str], time_ns: int, published_ns: int
+    slot: int, people: People, joints: Sequence[str], time_ns: int, published_ns: int
 ) -> Poses:
     """Return the message of a slot's people."""
     return Poses(
-        slot=record.slot,
+        slot=slot,
         time_edge_ns=time_ns,
         joints=tuple(joints),
-        track_ids=pack(record.track_ids.astype(np.int64)),
-        joints_m=pack(record.poses.joints_m.astype(np.float32)),
-        sigma_m=pack(sigma_m(record).astype(np.float32)),
-        measured=pack(np.asarray(record.measured, dtype=bool)),
+        track_ids=pack(people.track_ids.astype(np.int64)),
+        joints_m=pack(people.poses.joints_m.astype(np.float32)),
+        sigma_m=pack(axis_sigma_m(people.covariance_m2).astype(np.float32)),
+        measured=pack(np.asarray(people.measured, dtype=bool)),
         published_edge_ns=published_ns,
     )
 

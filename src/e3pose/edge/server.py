@@ -29,12 +29,13 @@ from e3pose.edge.lead import Lead, adapt, cautious, take_in_delay
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.partners import Learner, Sink
-from e3pose.edge.reports import changes, poses_message, sigma_m, site_status
+from e3pose.edge.reports import changes, poses_message, site_status
 from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.settings import EdgeSettings
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.tally import Counts
 from e3pose.edge.warm import warm_up
+from e3pose.estimators.base import People
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.power.ledger import EnergyLedger
 from e3pose.store.rows import Event
@@ -281,31 +282,29 @@ class EdgeServer:
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
         # A camera that is not believed to be there but delivered all the same was there.
         online = online | np.isin(np.arange(len(online)), list(views))
-        self.state, record = step(self.pipeline, state, views, online)
-        done_ns = self.clock.now_ns()
-        used = [a.arrived_ns for camera, a in arrivals.items() if record.arrived[camera]]
-        self._last_in_ns.clear()  # of slots that a newer one replaced before they were sent
-        if used:
-            self._last_in_ns[slot] = max(*used, times.middle_ns(slot))
-        message = poses_message(record, self.settings.joints, times.middle_ns(slot), done_ns)
-        self.outbox.put(self._poses_topic, encode(message), slot)
+        used = [a.arrived_ns for camera, a in arrivals.items() if told[camera]]
+        time_ns = times.middle_ns(slot)
+        self._last_in_ns = {slot: max(*used, time_ns)} if used else {}
+
+        def publish(people: People) -> None:
+            now_ns = self.clock.now_ns()
+            message = poses_message(slot, people, self.settings.joints, time_ns, now_ns)
+            self.outbox.put(self._poses_topic, encode(message), slot)
+
+        self.state, record = step(self.pipeline, state, views, online, publish)
+        self.counts.stepping.add(self.clock.now_ns() - begun_ns)
         lead = self.pipeline.lead_slots
         self.orders.give(times, slot + lead, record.next_selection, lead)
         self.orders.forget_before(slot)
         self.newest = record
-        self.counts.stepping.add(done_ns - begun_ns)
         self.counts.slots += 1
         self.counts.views += len(used)
         self.counts.ordered += wanted
         self.counts.missed += wanted & ~record.arrived
         self.counts.looked(record.selected)
         if self.sink is not None:
-            self.sink.append(
-                record,
-                time_ns=times.middle_ns(slot),
-                sigma_m=sigma_m(record),
-                energy_j=None if self.ledger is None else self.ledger.spent_j(record.selected),
-            )
+            spent_j = None if self.ledger is None else self.ledger.spent_j(record.selected)
+            self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
         self._improve(times, record)
         self._quiet.set()
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
+from e3pose.uncertainty import axis_sigma_m
 
 Floats = NDArray[np.float64]
 Row = tuple[str, dict[str, Any]]  # table name and columns, less the run id
@@ -103,7 +104,6 @@ class EnergyReading:
 def slot_rows(
     record: SlotRecord,
     time_ns: int,
-    sigma_m: Floats | None = None,
     energy_j: Floats | None = None,
 ) -> list[Row]:
     """Return the rows of one slot.
@@ -111,23 +111,16 @@ def slot_rows(
     Args:
         record: what the slot left behind.
         time_ns: when it was captured, since 1970, UTC.
-        sigma_m: `(num_persons, num_joints)` standard deviation of each joint; by default what the
-            record's covariance says, along an axis.
         energy_j: `(num_cameras,)` joules that the slot is charged with, where known.
 
     Raises:
         InputError: when the parts do not fit together.
     """
-    num_persons, num_joints = record.poses.scores.shape
+    num_persons = len(record.poses)
     if len(record.track_ids) != num_persons:
         raise InputError(
             f"slot {record.slot}: found {len(record.track_ids)} track ids, "
             f"expected {num_persons}, one a person"
-        )
-    if sigma_m is not None and np.shape(sigma_m) != (num_persons, num_joints):
-        raise InputError(
-            f"slot {record.slot}: sigma: found shape {np.shape(sigma_m)}, "
-            f"expected {(num_persons, num_joints)}"
         )
     if energy_j is not None and np.shape(energy_j) != record.selected.shape:
         raise InputError(
@@ -150,9 +143,7 @@ def slot_rows(
     # Half precision would take a very small score for a missing joint.
     scores = record.poses.scores
     scores = np.where(scores > 0, np.maximum(scores, SMALLEST_SCORE), 0.0).astype("<f2")
-    if sigma_m is None:
-        variance_m2 = np.trace(record.covariance_m2, axis1=-2, axis2=-1) / 3
-        sigma_m = np.sqrt(np.maximum(variance_m2, 0.0))  # NaN stays NaN
+    sigma_m = axis_sigma_m(record.covariance_m2)
     sigma = None if np.isnan(sigma_m).all() else np.asarray(sigma_m, dtype="<f2")
     measured = np.packbits(record.measured, axis=-1)
     for person, track_id in enumerate(record.track_ids.tolist()):
