@@ -95,7 +95,7 @@ def memory_mb(recording: Path, predictor: str) -> float:
     code = (
         "import sys; from e3pose.recording import load_recording;"
         "from e3pose.evaluate.replay import ReplaySettings, replay;"
-        "settings = ReplaySettings(predictor=sys.argv[2], lead_slots=5, warmup_slots=10);"
+        "settings = ReplaySettings('paper', predictor=sys.argv[2], lead_slots=5);"
         "[None for _ in replay(load_recording(sys.argv[1]), settings)];"
         "print(next(l.split()[1] for l in open('/proc/self/status') if l.startswith('VmRSS')))"
     )

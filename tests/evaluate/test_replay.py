@@ -129,3 +129,12 @@ def test_replays_repeat_to_the_last_bit() -> None:
 def test_impossible_settings_are_named(changes: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
         replay(RECORDING, replace(SETTINGS, **changes))
+
+
+def test_python_and_the_command_line_run_the_same_system_by_default() -> None:
+    from e3pose.cli.options import LoopOptions
+
+    asked = LoopOptions().settings()
+    default = ReplaySettings()
+    assert {key: getattr(default, key) for key in asked} == asked
+    assert default.policy_name == "information"

@@ -29,7 +29,7 @@ def shelf() -> Recording:
 
 
 def figures(source: Recording, **options: Any) -> dict[str, Any]:
-    settings = ReplaySettings(**options)
+    settings = ReplaySettings(pipeline="paper", **options)
     records = list(replay(source, settings))
     return summarise(source, settings, records, load_profile("xavier-nx"))
 

@@ -45,7 +45,7 @@ def motion_of(recording: Recording, progress: Progress = iter) -> Motion:
         return true_motion(recording, recording.truth)
     from e3pose.evaluate.replay import ReplaySettings, replay
 
-    settings = ReplaySettings(policy="all", num_selected=len(recording.rig))
+    settings = ReplaySettings(pipeline="paper", policy="all", num_selected=len(recording.rig))
     return estimated_motion(recording, progress(replay(recording, settings)))
 
 

@@ -66,7 +66,7 @@ class ReplaySettings:
             detector which the recording names.
     """
 
-    pipeline: str = "paper"
+    pipeline: str = "default"
     policy: str | None = None
     num_selected: float = 3
     target_error_m: float | None = None
