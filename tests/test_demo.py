@@ -178,7 +178,7 @@ def test_offline_says_what_it_could_not_fetch_and_where_to_look(tmp_path: Path) 
     text = "\n".join(said)
     assert "chose 2 cameras to look 2 slots ahead (all in the first 10)" in text
     assert "3.0 of 4 cameras were awake" in text and "% less energy" in text
-    assert "Live: 76 of 80 orders and 60 of 60 views came in time; 0 slots were lost." in text
+    assert "Live: 76 of 80 orders and 60 of 60 views came in time; slots lost: 0." in text
     assert "Sent: 2 kB of keypoints" in text and "speed" not in text
     assert str(dest / "report.html") in text and "overlay.webm" not in text
     assert "So this ran a live site" in (dest / "e3pose-demo.txt").read_text()

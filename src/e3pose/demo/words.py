@@ -147,7 +147,7 @@ def delivery_words(live: LiveFigures) -> list[str]:
     in_time = live.orders - live.late_orders
     said = (
         f"Live: {in_time} of {live.orders} orders and {live.views - live.late_views} of "
-        f"{live.views} views came in time; {live.slots_lost} slots were lost. Poses came "
+        f"{live.views} views came in time; slots lost: {live.slots_lost}. Poses came "
         f"{live.fuse_ms[0]:.1f} ms after a slot's last view (99 %: {live.fuse_ms[1]:.1f} ms)."
     )
     sizes = f"Sent: {live.view_bytes / 1e3:.0f} kB of keypoints"
