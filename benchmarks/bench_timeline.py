@@ -116,7 +116,7 @@ def ours(recording: Recording, round_trip_s: float, server_s: float, seconds: fl
         hub.members.append(made)
         return made
 
-    settings = ReplaySettings(policy="all", predictor="zero-velocity")
+    settings = ReplaySettings(pipeline="paper", policy="all", predictor="zero-velocity")
     pipeline = make_pipeline(recording, settings)
     pipeline = replace(pipeline, predictor=SlowPredictor(pipeline.predictor, server_s))
     edge = EdgeServer(
