@@ -51,6 +51,7 @@ def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
         joints_m=joints_m,
         covariance_m2=np.full(joints_m.shape[:2], sigma_m**2)[..., None, None] * np.eye(3),
         delivered=np.ones(shape),
+        shows=np.ones(shape),
         last_seen_s=np.full(shape, np.inf),
         sigma_px=np.full(len(rig), 3.0),
         unexplained=np.zeros(len(rig), dtype=np.int64),

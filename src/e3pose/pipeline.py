@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
-from e3pose.coverage import Coverage, learn, with_coverage
+from e3pose.coverage import with_coverage
 from e3pose.energy import advance_deficit, price
-from e3pose.estimators.base import Estimator, Outlook, People
+from e3pose.estimators.base import Estimator, People
 from e3pose.foresight import Foresight, foresee, with_predictions
 from e3pose.liveness import Silence, listen
 from e3pose.occlusion import expected_views
@@ -80,7 +80,6 @@ class SlotState:
         memory: what the estimator remembers.
         sights: what every camera remembers of its own views.
         shown: the people of the slot before; None before the first.
-        coverage: what cameras showed where; None where nobody asks.
     """
 
     slot: int
@@ -90,7 +89,6 @@ class SlotState:
     memory: Any
     sights: tuple[Sight, ...]
     shown: People | None = None
-    coverage: Coverage | None = None
 
 
 def initial_state(pipeline: Pipeline) -> SlotState:
@@ -152,10 +150,7 @@ def step(
     times.append(clock())
 
     if pipeline.foresees:
-        now = pipeline.estimator.outlook(state.memory, 0.0)
-        coverage = state.coverage or Coverage.none(pipeline.rig)
-        state = replace(state, coverage=learn(coverage, now, pipeline.interval_s))
-        foresight = _foresight(pipeline, state, now, people, prediction)
+        foresight = _foresight(pipeline, state, people, prediction)
         situation = replace(situation, foresight=foresight)
     if situation.slot < pipeline.warmup_slots:
         decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
@@ -181,9 +176,7 @@ def step(
         stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
-    return SlotState(
-        slot + 1, selections, deficit, silence, memory, sights, shown, state.coverage
-    ), record
+    return SlotState(slot + 1, selections, deficit, silence, memory, sights, shown), record
 
 
 def _situation(
@@ -212,14 +205,14 @@ def _situation(
 
 
 def _foresight(
-    pipeline: Pipeline, state: SlotState, now: Outlook, people: People, prediction: Prediction
+    pipeline: Pipeline, state: SlotState, people: People, prediction: Prediction
 ) -> Foresight:
     """Work out what each camera would tell of the slot that is decided now."""
     estimator, interval_s = pipeline.estimator, pipeline.interval_s
     outlook = estimator.outlook(state.memory, pipeline.lead_slots * interval_s)
-    if state.coverage is not None:
-        outlook = with_coverage(outlook, state.coverage)
+    outlook = with_coverage(outlook)
     if np.isfinite(prediction.error_m[-1]).any():
+        now = estimator.outlook(state.memory, 0.0)
         outlook = with_predictions(
             outlook, now, people.history_ids, prediction.joints_m[-1], prediction.error_m[-1]
         )

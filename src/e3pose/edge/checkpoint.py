@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from e3pose.atomic import atomic_file
 from e3pose.bounded import read_bytes
-from e3pose.coverage import Coverage
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotState, initial_state
 
@@ -97,8 +96,6 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
     if not 1 <= lead <= 1000:
         raise InputError(f"{path}: lead_slots: found {lead}, expected 1 to 1000")
     pattern = initial_state(replace(pipeline, lead_slots=lead))
-    if any(name.startswith("state.coverage.") for name in arrays):
-        pattern = replace(pattern, coverage=Coverage.none(pipeline.rig))
     return Checkpoint(put_together(pattern, arrays, str(path)), origin, lead, made, run)
 
 

@@ -79,6 +79,7 @@ class PerSlot:
             joints_m=np.where(known[..., None], joints_m, middle),
             covariance_m2=np.full(known.shape, UNSEEN_SIGMA_M**2)[..., None, None] * np.eye(3),
             delivered=np.ones(shape),
+            shows=np.ones(shape),
             last_seen_s=np.full(shape, np.inf),
             sigma_px=OPENPOSE.sigma_px.min() * sizes / OPENPOSE.image_px,
             unexplained=np.zeros(num_cameras, dtype=np.int64),

@@ -39,8 +39,8 @@ def nothing_known(rig: Rig) -> Floats:
     return np.zeros((len(rig), NUM_CELLS, NUM_CELLS, 2))
 
 
-def proof(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
-    """Return `(num_views, num_places)` in [0, 1]: the share of a miss in plain sight.
+def chance(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+    """Return `(num_views, num_places)` in (0, 1): how likely a look shows somebody who is there.
 
     Args:
         sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks, and those which showed somebody.
@@ -51,8 +51,16 @@ def proof(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Fl
     cells, weights = around(places_m - corner)
     near = sights[cameras[:, None, None], cells[..., 0], cells[..., 1]]
     looks, shown = np.moveaxis((near * weights[..., None]).sum(axis=-2), -1, 0)
-    chance = (shown + PRIOR_LOOKS * PLAIN) / (looks + PRIOR_LOOKS)
-    blind = np.log(np.maximum(1 - chance, 1 - PLAIN)) / np.log(1 - PLAIN)
+    return np.asarray((shown + PRIOR_LOOKS * PLAIN) / (looks + PRIOR_LOOKS))
+
+
+def proof(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+    """Return `(num_views, num_places)` in [0, 1]: the share of a miss in plain sight.
+
+    Arguments are those of `chance`.
+    """
+    missing = 1 - chance(sights, cameras, places_m, corner)
+    blind = np.log(np.maximum(missing, 1 - PLAIN)) / np.log(1 - PLAIN)
     return np.asarray(np.minimum(blind, 1.0))
 
 
@@ -60,7 +68,7 @@ def learn(sights: Floats, places_m: Floats, looks: Floats, shown: Floats, corner
     """Return the counts after people were proved to be at places.
 
     Args:
-        sights: as for `proof`; not changed.
+        sights: as for `chance`; not changed.
         places_m: `(num_people, 2)` on the floor.
         looks: `(num_people, num_cameras)` to add.
         shown: `(num_people, num_cameras)` likewise.

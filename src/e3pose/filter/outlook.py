@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.filter import blindness
 from e3pose.filter.state import Belief, Model
 from e3pose.filter.update import predict_positions
 
@@ -24,6 +25,8 @@ class Outlook:
         covariance_m2: `(num_tracks, num_joints, 3, 3)` of `joints_m`.
         delivered: `(num_tracks, num_cameras)` in [0, 1]: what a camera's views recently told about
             the person, as a share of a view with every joint in plain sight.
+        shows: `(num_tracks, num_cameras)` in [0, 1]: how likely a look of the camera shows somebody
+            where the person will be, as a share of that in plain sight.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each camera showed the person, by
             then; inf if never.
         sigma_px: `(num_cameras,)` error of a keypoint in plain sight.
@@ -35,6 +38,7 @@ class Outlook:
     joints_m: Floats
     covariance_m2: Floats
     delivered: Floats
+    shows: Floats
     last_seen_s: Floats
     sigma_px: Floats
     unexplained: NDArray[np.int64]
@@ -46,12 +50,15 @@ class Outlook:
 def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
     """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen."""
     joints_m, covariance_m2 = predict_positions(belief, ahead_s, model)
+    places_m = joints_m[:, model.tree.levels[0][0], :2]
+    chance = blindness.chance(belief.sights, np.arange(len(model.rig)), places_m, model.corner_m)
     return Outlook(
         track_ids=belief.track_ids,
         confirmed=belief.confirmed,
         joints_m=joints_m,
         covariance_m2=covariance_m2,
         delivered=belief.delivered,
+        shows=np.minimum(chance.T / blindness.PLAIN, 1.0),
         last_seen_s=belief.last_seen_s + ahead_s,
         sigma_px=model.noise.sigma_px.min() * model.scales,
         unexplained=np.bincount(belief.leftovers.cameras, minlength=len(model.rig)),
