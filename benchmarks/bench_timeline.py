@@ -21,6 +21,7 @@ from pathlib import Path
 from e3pose.clock import WallClock
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.settings import EdgeSettings
+from e3pose.evaluate.drawing import check_svg
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.node.live import CameraNode, NodeSettings
 from e3pose.node.live_source import RecordedSource
@@ -187,8 +188,10 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=4.0)
     parser.add_argument("--round-trips-ms", type=float, nargs="+", default=[0, 20, 50, 100, 200])
     parser.add_argument("--servers-ms", type=float, nargs="+", default=[5])
-    parser.add_argument("--plot", type=Path)
+    parser.add_argument("--plot", type=Path, help="draw the rates, an .svg file")
     options = parser.parse_args()
+    if options.plot is not None:
+        check_svg("--plot", options.plot)
     scene = SceneSettings("ring", people=2, seconds=4.0, fps=FPS, cameras=3)
     recording = simulate(scene, seed=1)
     rows = []
@@ -208,20 +211,31 @@ def main() -> None:
                 f"{rates[2]:12.1f}",
                 flush=True,
             )
-    if options.plot:
+    if options.plot is not None:
         draw(rows, options.plot)
 
 
 def draw(rows: Sequence[tuple[float, ...]], path: Path) -> None:
-    """Draw the rates against the round trip."""
-    import matplotlib.pyplot as plt
+    """Draw the rates against the round trip, dashed where the server takes longest."""
+    from e3pose.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
 
-    figure, axes = plt.subplots(figsize=(5.5, 3.2), layout="constrained")
-    for column, name in ((2, "e3pose"), (3, "central control, 2D boxes"), (4, "distributed")):
-        axes.plot([r[0] for r in rows], [r[column] for r in rows], marker="o", label=name)
-    axes.set(xlabel="round trip, ms", ylabel="frames a second", ylim=(0, FPS * 1.1))
-    axes.legend(frameon=False)
-    figure.savefig(path)
+    servers = sorted({row[1] for row in rows})
+    with picture(path, 5.5, 3.2) as figure:
+        axes = figure.subplots()
+        for number, name in enumerate(("e3pose", "central control, 2D boxes", "distributed")):
+            for server_ms in {servers[0], servers[-1]}:
+                slow = server_ms > servers[0]
+                points = [(row[0], row[2 + number]) for row in rows if row[1] == server_ms]
+                axes.plot(
+                    *zip(*points, strict=True),
+                    color=COLOURS[number],
+                    marker=MARKERS[number],
+                    markersize=9 - 3 * number,  # two of them lie on each other
+                    linestyle="--" if slow else "-",
+                    label=None if slow else name,
+                )
+        axes.set(xlabel="round trip, ms", ylabel="frames a second", ylim=(0, FPS * 1.1))
+        legend_above(figure)
 
 
 if __name__ == "__main__":

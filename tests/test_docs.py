@@ -1,0 +1,103 @@
+"""The pages are true: links lead somewhere, commands parse, files load, all options are told."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from e3pose.cli.app import VERBS, app
+from e3pose.edge import roster
+from e3pose.site.config import NodeTable, SiteTable
+
+ROOT = Path(__file__).parent.parent
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "deploy").glob("*.md")]
+TEXTS = {page: page.read_text() for page in sorted(PAGES)}
+FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```", re.S | re.M)
+COMMAND = re.compile(
+    r"^ *(?:sudo (?:-u e3pose )?)?(?:E3POSE_CACHE=\S+ )?(?:/opt/e3pose/bin/)?e3pose "
+)
+PLACEHOLDER = re.compile(r"[\[\]|<>$]|\.\.\.")  # of a synopsis or a loop, not a command
+BY_PAGE = {str(page.relative_to(ROOT)): text for page, text in TEXTS.items()}
+
+
+def blocks(text: str, *languages: str) -> list[str]:
+    """Return the code blocks of a page that are in one of the languages."""
+    return [body for _, language, body in FENCE.findall(text) if language in languages]
+
+
+def anchors(text: str) -> set[str]:
+    """Return what the headings of a page are called in links."""
+    headings = re.findall(r"^#+ (.*)$", FENCE.sub("", text), re.M)
+    return {re.sub(r"[^\w\- ]", "", h.lower().strip()).replace(" ", "-") for h in headings}
+
+
+def commands() -> list[str]:
+    """Return every whole call of the program in the pages' blocks, without comments."""
+    found = []
+    for text in TEXTS.values():
+        indented = re.findall(r"(?:^ {4}e3pose .*\n)+", FENCE.sub("", text), re.M)
+        for block in [*blocks(text, "", "sh", "bash", "console"), *indented]:
+            for line in re.sub(r" *\\\n *", " ", block).splitlines():
+                if COMMAND.match(line) and not PLACEHOLDER.search(line.partition("  #")[0]):
+                    found.append(COMMAND.sub("", line).partition("  #")[0].strip())
+    return sorted(set(found))
+
+
+@pytest.mark.parametrize("page", BY_PAGE)
+def test_every_link_leads_somewhere(page: str) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", BY_PAGE[page])):
+        if re.match(r"https?:|mailto:", target):
+            continue
+        place, _, anchor = target.partition("#")
+        path = ((ROOT / page).parent / place).resolve() if place else ROOT / page
+        assert path.exists(), target
+        if anchor and path.suffix == ".md":
+            assert anchor in anchors(path.read_text()), target
+
+
+def test_there_are_links_and_commands_to_look_at() -> None:
+    assert "many-sites" in anchors(BY_PAGE["docs/live.md"])
+    assert len(commands()) > 40
+
+
+@pytest.mark.parametrize("command", commands())
+def test_every_command_parses(command: str) -> None:
+    tokens = shlex.split(command)
+    function = app.parse_args(tokens, exit_on_error=False, print_error=False)[0]
+    assert tokens[0] in VERBS and callable(function)
+
+
+def test_every_verb_is_in_a_page() -> None:
+    everything = "\n".join(TEXTS.values())
+    for verb in VERBS:
+        assert re.search(rf"`(?:e3pose )?{verb}[` ]|^ *e3pose {verb} ", everything, re.M), verb
+
+
+@pytest.mark.parametrize("verb", ["edge", "camera", "router", "up", "top", "check"])
+def test_every_option_of_a_live_program_says_what_it_is_for(verb: str) -> None:
+    for argument in app[verb].assemble_argument_collection(parse_docstring=True):
+        if argument.show:
+            assert argument.parameter.help, argument.name
+
+
+def test_every_file_in_a_page_is_one() -> None:
+    kinds = {"e3pose-site": SiteTable, "e3pose-camera": NodeTable}
+    seen = 0
+    for text in TEXTS.values():
+        for block in blocks(text, "toml"):
+            found = re.search(r'^format = "([a-z0-9-]+)"', block, re.M)
+            if found and found[1] in kinds:
+                msgspec.toml.decode(block, type=kinds[found[1]])
+                seen += 1
+    assert seen >= 1
+
+
+def test_pages_agree_with_the_code_on_how_long_a_liar_is_left_out() -> None:
+    assert (roster.WRONG_LIMIT, roster.WRONG_S, roster.QUARANTINE_S) == (20, 10.0, 5.0)
+    for page in ("docs/live.md", "docs/messages.md"):
+        said = " ".join(BY_PAGE[page].split())
+        assert re.search(r"twenty (such )?in ten seconds (leave it out|is left out) for five", said)
