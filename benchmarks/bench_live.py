@@ -18,7 +18,7 @@ import numpy as np
 
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.messages import View
-from live_site import live_site, traffic
+from live_site import Site, live_site, traffic
 
 JPEG_QUALITY = 75
 PAUSE_S = 0.036
@@ -30,7 +30,8 @@ def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, floa
         before = traffic()
         status = site.follower.status
         assert status is not None
-        slot, lost = status.slot, status.slots_lost
+        slot, lost, begun_s = status.slot, status.slots_lost, status.uptime_s
+        orders, late_orders = orders_told(site)
         machine = bare_loop(seconds)
         status = site.follower.status
         assert status is not None
@@ -38,13 +39,15 @@ def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, floa
         figures = {
             "cameras": cameras,
             "people": people,
-            "slots_a_second": slots / seconds,
+            "slots_a_second": slots / (status.uptime_s - begun_s),
             "slots_lost": status.slots_lost - lost,
             "step_ms_p50": status.step_ms[0],
             "step_ms_p99": status.step_ms[1],
             "latency_ms_p50": status.latency_ms[0],
             "latency_ms_p99": status.latency_ms[1],
             "edge_cpu_share": site.edge_cpu_share(),
+            "orders": orders_told(site)[0] - orders,
+            "orders_late": orders_told(site)[1] - late_orders,
             "views_late_or_lost": sum(c.late + c.lost for c in status.cameras),
             "lead_slots": status.lead,
             "loopback_bytes_a_slot": (traffic() - before) / max(slots, 1),
@@ -54,6 +57,11 @@ def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, floa
             "bare_wake_ms_p99": machine[2],
         }
     return figures
+
+
+def orders_told(site: Site) -> tuple[float, float]:
+    """Return how many orders came to the cameras so far, and how many of them too late."""
+    return site.metric("e3pose_camera_orders"), site.metric("e3pose_camera_late_orders")
 
 
 def bare_loop(seconds: float) -> tuple[float, float, float]:
@@ -122,7 +130,7 @@ def main() -> None:
             f"{figures['latency_ms_p99']:.2f}; step {figures['step_ms_p50']:.2f} ms, p99 "
             f"{figures['step_ms_p99']:.2f}; edge uses {figures['edge_cpu_share']:.0%} of a core, "
             f"{figures['edge_rss_mb']:.0f} MB; {figures['views_late_or_lost']:.0f} views late or "
-            f"lost; lead {figures['lead_slots']:.0f}; {1 / figures['edge_cpu_share']:.0f} such "
+            f"lost; {figures['orders_late']:.0f} of {figures['orders']:.0f} orders late; lead {figures['lead_slots']:.0f}; {1 / figures['edge_cpu_share']:.0f} such "
             f"sites a core; beside it a bare loop of {figures['bare_loop_ms_p50']:.1f} ms has p99 "
             f"{figures['bare_loop_ms_p99']:.1f}, and wakes up to {figures['bare_wake_ms_p99']:.1f} "
             "late",

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import datetime
+import re
 import socket
 import tempfile
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -44,6 +46,7 @@ class Site:
     folder: Path
     programs: list[Program]
     follower: Follower
+    metrics_port: int
     cpu_begin_s: float = 0.0
     begun_s: float = 0.0
     samples: list[Sample] = field(default_factory=list)
@@ -63,6 +66,13 @@ class Site:
         times = self.edge().cpu_times()
         spent_s = times.user + times.system - self.cpu_begin_s
         return float(spent_s / (time.monotonic() - self.begun_s))
+
+    def metric(self, name: str) -> float:
+        """Return a metric of the edge, summed over the cameras if they have it each."""
+        url = f"http://127.0.0.1:{self.metrics_port}/metrics"
+        with urllib.request.urlopen(url, timeout=5.0) as answer:
+            lines = answer.read().decode().splitlines()
+        return sum(float(line.split()[-1]) for line in lines if re.match(rf"{name}[ {{]", line))
 
     def sample(self) -> Sample:
         edge, cameras = self.edge(), self.cameras()
@@ -99,7 +109,8 @@ def live_site(
             add_keys(folder / "keys", camera_id, now)
         add_keys(folder / "keys", "wall", now, kind="viewer")
         path = folder / "site.toml"
-        path.write_text(_site_file(recording.rig.camera_ids, fps, loop, store, tls))
+        metrics_port = _free_port()
+        path.write_text(_site_file(recording.rig.camera_ids, fps, loop, store, tls, metrics_port))
         site = load_site(path)
         command = [*edge_command(path), "--json-logs"]
         programs = [Program("edge", command, folder / "edge.log")] + [
@@ -114,7 +125,7 @@ def live_site(
         try:
             _wait_until_it_runs(follower, programs)
             time.sleep(SETTLE_S)
-            made = Site(folder, programs, follower)
+            made = Site(folder, programs, follower, metrics_port)
             made.begin_count()
             yield made
         finally:
@@ -122,16 +133,23 @@ def live_site(
             end(programs)
 
 
-def _site_file(camera_ids: tuple[str, ...], fps: float, loop: str, store: bool, tls: bool) -> str:
+def _free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+        return int(probe.getsockname()[1])
+
+
+def _site_file(
+    camera_ids: tuple[str, ...], fps: float, loop: str, store: bool, tls: bool, metrics_port: int
+) -> str:
+    port = _free_port()
     lines = [
         'format = "e3pose-site"',
         "version = 1",
         'name = "bench"',
         'calibration = "recording/calibration.toml"',
         f"fps = {fps}",
+        f"metrics_port = {metrics_port}",
         "[link]",
         f'endpoint = "{"tls" if tls else "tcp"}/127.0.0.1:{port}"',
         'keys = "keys"',
