@@ -130,7 +130,8 @@ def main() -> None:
             f"{figures['latency_ms_p99']:.2f}; step {figures['step_ms_p50']:.2f} ms, p99 "
             f"{figures['step_ms_p99']:.2f}; edge uses {figures['edge_cpu_share']:.0%} of a core, "
             f"{figures['edge_rss_mb']:.0f} MB; {figures['views_late_or_lost']:.0f} views late or "
-            f"lost; {figures['orders_late']:.0f} of {figures['orders']:.0f} orders late; lead {figures['lead_slots']:.0f}; {1 / figures['edge_cpu_share']:.0f} such "
+            f"lost; {figures['orders_late']:.0f} of {figures['orders']:.0f} orders late; lead "
+            f"{figures['lead_slots']:.0f}; {1 / figures['edge_cpu_share']:.0f} such "
             f"sites a core; beside it a bare loop of {figures['bare_loop_ms_p50']:.1f} ms has p99 "
             f"{figures['bare_loop_ms_p99']:.1f}, and wakes up to {figures['bare_wake_ms_p99']:.1f} "
             "late",
