@@ -184,7 +184,7 @@ def camera(
     from e3pose.clock import WallClock
     from e3pose.power import open_sampler
     from e3pose.profiles import load_profile
-    from e3pose.site.camera_program import camera_link, make_camera, remembered_charge
+    from e3pose.site.camera_program import EdgeWatch, camera_link, make_camera, remembered_charge
     from e3pose.site.config import load_node
     from e3pose.site.logs import open_log
     from e3pose.site.run import run_until_stopped
@@ -222,7 +222,13 @@ def camera(
     power.mode = lambda: made.mode
     with power, made:
         log.info("ready", source=node.source, endpoint=node.endpoint)
-        run_until_stopped(made.running)
+        watch = EdgeWatch(log.info, node.endpoint)
+
+        def running() -> bool:
+            watch.look(made.edge_there, clock.now_ns() / 1e9)
+            return made.running()
+
+        run_until_stopped(running)
         counted = made.counted
     if made.failure is not None:
         raise made.failure

@@ -19,11 +19,14 @@ if TYPE_CHECKING:
 
 
 def site_rig(path: Path, site: SiteTable) -> Rig:
-    """Return the cameras of a site."""
+    """Return the cameras of a site; raise `InputError` naming the key where there are none."""
     from e3pose.calibration import load_rig
     from e3pose.site.config import beside
 
-    return load_rig(beside(path, site.calibration))
+    calibration = beside(path, site.calibration)
+    if not calibration.exists():
+        raise InputError(f"{path}: calibration: found no {calibration}, expected the file of a rig")
+    return load_rig(calibration)
 
 
 def check_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:

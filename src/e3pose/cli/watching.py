@@ -11,11 +11,12 @@ from cyclopts import Parameter
 from rich.text import Text
 
 from e3pose.cli.quantities import check_seconds
+from e3pose.counted import counted
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
+    from e3pose.site.check import Finding
     from e3pose.site.config import SiteTable
-    from e3pose.wire.messages import Status
 
 
 def top(
@@ -112,7 +113,7 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
         *examine.check_places(site, table),
         *examine.check_models(site, table, rig),
         examine.check_clock(),
-        *examine.check_running(_status(site, table, keys, timeout)),
+        *_edge(site, table, keys, timeout),
     ]
     shown = Table(box=None, pad_edge=False, show_header=False)
     style = {"ok": "green", "warning": "yellow", "problem": "bold red"}
@@ -124,22 +125,26 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
             Text(finding.found + advice),
         )
     Console().print(shown)
-    problems = sum(finding.level == "problem" for finding in findings)
-    if problems:
-        print(f"e3pose: {problems} would fail", file=sys.stderr)
+    count = {level: sum(finding.level == level for finding in findings) for level in style}
+    told = f"{counted(count['problem'], 'problem')}, {counted(count['warning'], 'warning')}"
+    if count["problem"]:
+        print(f"e3pose: {told}: the site would not work as it is", file=sys.stderr)
         sys.exit(1)
+    print(f"nothing would fail: {told}")
 
 
-def _status(path: Path, site: SiteTable, keys: Path | None, timeout_s: float) -> Status | None:
+def _edge(path: Path, site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]:
+    from e3pose.site.check import Finding, check_running
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.wire.network import open_network
 
     try:
-        transport = open_network(viewer_link(path, site, keys))
-    except InputError:  # a missing certificate is among the findings
-        return None
+        link = viewer_link(path, site, keys)
+        transport = open_network(link)
+    except InputError as error:
+        return [Finding("warning", "edge", f"cannot be asked: {error}")]
     follower = Follower(site.name)
     follower.listen(transport)
     follower.fresh.wait(timeout_s)
     transport.close()
-    return follower.status
+    return [*check_running(follower.status, link.endpoint)]

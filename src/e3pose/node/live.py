@@ -99,6 +99,7 @@ class CameraNode:
         self.offset = OffsetEstimate()
         self.counted = Counted()
         self.problem = ""
+        self.edge_there = False
         self.mode: CameraMode = "power-saving"
         self._frames: Box[_Seen] = Box()
         self._views: Box[View] = Box()
@@ -177,6 +178,7 @@ class CameraNode:
 
     def _see_edge(self, topic: str, there: bool) -> None:
         """Take orders of whatever edge comes next, also if its clock was set back."""
+        self.edge_there = there
         if not there:
             with self._lock:
                 self.schedule = replace(self.schedule, session=0)

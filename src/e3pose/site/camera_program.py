@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.transport import Transport
 
 RECORDED = "recorded"
+ALONE_S = 5.0
 
 
 def camera_link(node: NodeTable, folder: Path) -> Link:
@@ -60,6 +62,35 @@ def remembered_charge(
     elif node.state is None:
         tell("a battery without a gauge is taken to be full at every start; --state remembers it")
     return RememberedCharge(path, node.camera, node.battery_wh, tell)
+
+
+@dataclass(slots=True, eq=False)
+class EdgeWatch:
+    """Tells a person whether the edge is there: a camera without one waits in silence.
+
+    Attributes:
+        tell: called with what a person should know.
+        endpoint: where the edge is looked for.
+        alone_s: seconds without the edge, at the start, before that is told.
+    """
+
+    tell: Callable[[str], None]
+    endpoint: str
+    alone_s: float = ALONE_S
+    _there: bool = False
+    _since_s: float | None = None
+    _told: bool = False
+
+    def look(self, there: bool, now_s: float) -> None:
+        """Tell of a change since the last look, and once of an edge that does not come."""
+        if self._since_s is None:
+            self._since_s = now_s
+        if there != self._there:
+            self._there, self._told = there, True
+            self.tell("the edge is there" if there else "the edge is away, waiting for it")
+        elif not (there or self._told) and now_s - self._since_s >= self.alone_s:
+            self._told = True
+            self.tell(f"no edge of this site answers at {self.endpoint} yet, waiting for it")
 
 
 def make_camera(

@@ -112,7 +112,14 @@ def check_link_of(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
     try:
         _, roll = edge_link(path, site)
     except InputError as error:
-        yield Finding("problem", "link", str(error))
+        advice = ""
+        if split_endpoint(site.link.endpoint)[0] == "tls":
+            folder = beside(path, site.link.keys or "keys")
+            if not (folder / "keys.toml").exists():
+                advice = f"e3pose keys init {site.name} --out {folder}"
+            if site.link.keys is None:
+                advice += f"{', and ' if advice else ''}keys = 'keys' in [link]"
+        yield Finding("problem", "link", str(error), advice)
         return
     yield Finding("ok", "link", site.link.endpoint)
     protocol, host, _ = split_endpoint(site.link.endpoint)
@@ -147,15 +154,17 @@ def _certificate(folder: Path, camera_id: str, now: datetime.datetime) -> Findin
     from e3pose.keys.authority import expires
 
     what = f"certificate {camera_id}"
+    again = (
+        f"e3pose keys add {camera_id} --again --keys {folder.parent.parent}, then carry {folder}"
+    )
     try:
         files = certificates_in(folder, "camera")
         check_certificates(files, now)
     except InputError as error:
-        return Finding("problem", what, str(error), f"e3pose keys add {camera_id} --again")
+        return Finding("problem", what, str(error), again)
     until = expires(files.certificate.read_bytes())
     if until - now < datetime.timedelta(days=SOON_DAYS):
-        advice = f"e3pose keys add {camera_id} --again, and carry the folder to it"
-        return Finding("warning", what, f"expires on {until:%Y-%m-%d}", advice)
+        return Finding("warning", what, f"expires on {until:%Y-%m-%d}", again)
     return Finding("ok", what, f"valid until {until:%Y-%m-%d}")
 
 
@@ -232,10 +241,15 @@ def check_clock() -> Finding:
     return Finding("warning", "clock", found, advice)
 
 
-def check_running(status: Status | None) -> Iterator[Finding]:
-    """Look at the running edge and its cameras, if there is one."""
+def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
+    """Look at the running edge and its cameras, if there is one.
+
+    Args:
+        status: what it says; None if it does not answer.
+        endpoint: where it was asked.
+    """
     if status is None:
-        found = "does not answer"
+        found = f"does not answer at {endpoint}"
         yield Finding("warning", "edge", found, "start it with `e3pose edge`, or `e3pose up`")
         return
     yield Finding("ok", "edge", f"runs, slot {status.slot}, lead {status.lead}")

@@ -170,4 +170,4 @@ def end(programs: Sequence[Program]) -> None:
 
 def _last_line(log: Path) -> str:
     lines = log.read_text(errors="replace").strip().splitlines()
-    return lines[-1][:500] if lines else "ended without a word"
+    return lines[-1][:500].removeprefix("e3pose: ") if lines else "ended without a word"

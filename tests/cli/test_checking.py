@@ -1,0 +1,119 @@
+"""`e3pose check` says what is wrong with a site and what to do about it."""
+
+from __future__ import annotations
+
+import datetime
+import shutil
+from pathlib import Path
+
+import pytest
+from tests.cli.commands import run
+
+from e3pose.keys.folder import add_keys, init_keys
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.example import write_recorded
+
+NOW = datetime.datetime.now(datetime.timezone.utc)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("good")
+    write_recorded(folder, simulate(SceneSettings(people=1, seconds=0.2, cameras=2), seed=0), "lab")
+    init_keys(folder / "keys", "lab", [], NOW)
+    for camera_id in ("cam0", "cam1"):
+        add_keys(folder / "keys", camera_id, NOW)
+    add_keys(folder / "keys", "wall", NOW, kind="viewer")
+    path = folder / "site.toml"
+    path.write_text(
+        path.read_text()
+        .replace("tcp/127.0.0.1", "tls/0.0.0.0")
+        .replace("[link]", '[link]\nkeys = "keys"')
+    )
+    return folder
+
+
+@pytest.fixture
+def site(good: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    shutil.copytree(good, tmp_path / "lab")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "300")
+    return Path("lab")
+
+
+def checked(site: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    capsys.readouterr()
+    code = run("check", site, "--timeout", "0")
+    said = capsys.readouterr()
+    return code, " ".join(said.out.split()), said.err
+
+
+def test_good_site_has_no_problem(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = checked(site, capsys)
+    assert (code, err) == (0, "")
+    assert "nothing would fail: 0 problems" in out
+    assert "warning edge does not answer at tls/localhost:" in out
+
+
+def test_certificates_are_told_with_the_command_that_mends_them(
+    site: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    add_keys(site / "keys", "cam0", NOW - datetime.timedelta(days=1000), again=True)
+    (site / "keys/cameras/cam1/camera.key").unlink()
+    code, out, err = checked(site, capsys)
+    assert code == 1 and err.startswith("e3pose: 2 problems, ") and err.count("\n") == 1
+    for camera_id, told in (("cam0", "certificate expired on"), ("cam1", "camera.key: file not")):
+        assert told in out
+        assert f"-> e3pose keys add {camera_id} --again --keys lab/keys, then carry" in out
+        assert run("keys", "add", camera_id, "--again", "--keys", site / "keys") == 0
+    assert checked(site, capsys)[0] == 0, "what was advised helps"
+
+
+def test_missing_keys_are_told_with_the_command_that_makes_them(
+    site: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.rmtree(site / "keys")
+    path = site / "site.toml"
+    code, out, _ = checked(site, capsys)
+    assert code == 1 and "-> e3pose keys init lab --out lab/keys" in out
+    path.write_text(path.read_text().replace('keys = "keys"\n', ""))
+    code, out, _ = checked(site, capsys)
+    assert code == 1
+    assert "-> e3pose keys init lab --out lab/keys, and keys = 'keys' in [link]" in out
+    assert run("keys", "init", "lab", "--out", "lab/keys") == 0
+    code, out, _ = checked(site, capsys)
+    assert code == 1 and "-> keys = 'keys' in [link]" in out
+
+
+def test_edge_that_cannot_be_asked_is_not_said_to_be_away(
+    site: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.rmtree(site / "keys/viewers")
+    code, out, _ = checked(site, capsys)
+    assert code == 0
+    assert "cannot be asked: lab/keys: found no viewer's certificate" in out
+    assert "does not answer" not in out
+
+
+def test_calibration_that_is_not_there_is_told_with_its_key(
+    site: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (site / "rig.toml").unlink()
+    code, _, err = checked(site, capsys)
+    assert code == 2 and err.count("\n") == 1
+    assert "lab/site.toml: calibration: found no lab/rig.toml" in err
+
+
+def test_models_and_sources_that_are_not_there(
+    site: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("E3POSE_CACHE", str(site / "cache"))
+    path = site / "site.toml"
+    text = path.read_text()
+    text = text.replace("recorded:recording", "walk.mp4", 1).replace("recorded:recording", "usb:77")
+    path.write_text(text)
+    code, out, _ = checked(site, capsys)
+    assert code == 1
+    assert "problem camera cam0 source lab/walk.mp4 is not there" in out
+    assert "problem camera cam1 usb:77: no such device -> is it plugged in?" in out
+    assert "-> e3pose models pull movenet-multipose" in out
