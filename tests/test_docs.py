@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
 from e3pose.cli.app import VERBS, app
+from e3pose.cli.options import EnergyOptions, LoopOptions
 from e3pose.edge import roster
 from e3pose.site.config import NodeTable, SiteTable
 
@@ -94,6 +97,21 @@ def test_every_file_in_a_page_is_one() -> None:
                 msgspec.toml.decode(block, type=kinds[found[1]])
                 seen += 1
     assert seen >= 1
+
+
+@pytest.mark.parametrize("options", [LoopOptions, EnergyOptions])
+def test_page_explains_every_key_of_the_loop_and_of_energy(options: Any) -> None:
+    (text,) = re.findall(rf"<!-- {options.__name__} -->\n(.*?)\n\n", BY_PAGE["docs/live.md"], re.S)
+    rows = dict(re.findall(r"^\| `(\w+)` \|\s*([^|]*?)\s*\|", text, re.M))
+    known = {item.name: item.default for item in fields(options)}
+    if options is LoopOptions:  # lead stands at the top of the file
+        known = {**known, "cameras": None, "policy": None}
+        del known["lead"]
+    assert set(rows) == set(known)
+    for name, told in rows.items():
+        default = known[name]
+        shown = str(default).lower() if isinstance(default, bool) else f"{default}"
+        assert told == ("" if default is None else f"`{shown.removesuffix('.0')}`"), name
 
 
 def test_pages_agree_with_the_code_on_how_long_a_liar_is_left_out() -> None:
