@@ -45,6 +45,12 @@ def test_edge_that_did_nothing_says_why_and_measures_nothing() -> None:
     assert told == ["no slots: fewer than two cameras were there", "  cam0: never seen"]
 
 
+def test_camera_without_frames_says_why() -> None:
+    assert camera_summary("cam0", Counted(), 0, 0) == "cam0: no frames"
+    told = camera_summary("cam0", Counted(), 0, 0, "source usb:0: found no /dev/video0")
+    assert told == "cam0: no frames: source usb:0: found no /dev/video0"
+
+
 @pytest.mark.parametrize(
     ("done", "orders", "late", "told"),
     [

@@ -233,7 +233,7 @@ def camera(
     if made.failure is not None:
         raise made.failure
     schedule = made.schedule
-    print(camera_summary(node.camera, counted, schedule.orders, schedule.late))
+    print(camera_summary(node.camera, counted, schedule.orders, schedule.late, made.problem))
 
 
 def up(

@@ -201,20 +201,25 @@ class CameraNode:
                 continue
             frame = self.source.read()
             if frame is None:
-                self.problem = "the source gives no frames"
+                self._find("the source gives no frames")
                 continue
-            self.problem = ""
+            self._find("")
             self._take(frame)
 
     def _open(self) -> bool:
         try:
             self.source.open()
         except InputError as error:
-            self.problem = str(error)[:300]
-            self._tell(self.problem)
+            self._find(str(error)[:300])
             self._stop.wait(REOPEN_S)
             return False
         return True
+
+    def _find(self, problem: str) -> None:
+        """Tell of a problem with the source when it comes and when it goes, not every second."""
+        if problem != self.problem:
+            self.problem = problem
+            self._tell(problem or "the source gives frames again")
 
     def _may_sleep(self) -> bool:
         """Return whether nothing is to be captured for longer than waking takes."""

@@ -26,7 +26,7 @@ def edge_summary(status: Status, slots: int, views: int) -> list[str]:
     return lines + [f"  {camera.camera_id}: {_camera(camera)}" for camera in status.cameras]
 
 
-def camera_summary(camera_id: str, done: Counted, orders: int, late: int) -> str:
+def camera_summary(camera_id: str, done: Counted, orders: int, late: int, problem: str = "") -> str:
     """Return what a camera did.
 
     Args:
@@ -34,8 +34,11 @@ def camera_summary(camera_id: str, done: Counted, orders: int, late: int) -> str
         done: what it counted.
         orders: that came.
         late: of those, that came too late.
+        problem: of its source, in the end.
     """
-    if done.captured and not orders:
+    if not done.captured:
+        return f"{camera_id}: no frames" + (f": {problem}" if problem else "")
+    if not orders:
         return f"{camera_id}: {counted(done.captured, 'frame')}, but no orders: no edge asked it"
     return (
         f"{camera_id}: {counted(done.captured, 'frame')}, {done.detected} looked at, "
