@@ -78,3 +78,23 @@ def test_screen_marks_what_a_model_says() -> None:
         assert "1 person" in out.getvalue() and "1/1 camera" in out.getvalue()
     assert " 62%" in told[0] and "~" not in told[0]
     assert "~62%" in told[1]
+
+
+def test_screen_before_the_first_slot_measures_nothing() -> None:
+    from io import StringIO
+
+    from rich.console import Console
+
+    out = StringIO()
+    status = Status("lab", 0, 0.0, 5, 0, (CameraStatus("cam0", False, why="never seen"),))
+    Console(file=out, width=120).print(screen(status, 0.0))
+    assert "no slots yet" in out.getvalue() and "step" not in out.getvalue()
+
+
+def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
+    from e3pose.site.check import check_running
+
+    for gauge, told in ((False, "delete the file"), (True, "see its log")):
+        camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)
+        found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))
+        assert found[-1].level == "problem" and told in found[-1].advice

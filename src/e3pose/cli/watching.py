@@ -31,7 +31,10 @@ def top(
 
     Example: `e3pose top site.toml`
 
-    A mark ~ before watts or a battery means that a model says so, not a measurement.
+    For each camera: what it does now; the share of the last minute's slots in which it looked; its
+    watts and its battery, with ~ where a model says so and not a measurement; `owes`, how far it
+    spent above its budget; when it was last heard; views that came late or never; how far its clock
+    is off, which is corrected for. Ctrl-C ends.
 
     Parameters
     ----------

@@ -256,7 +256,10 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
     for camera in status.cameras:
         what = f"camera {camera.camera_id}"
         if not camera.online:
-            yield Finding("problem", what, camera.why, "see its log")
+            advice = "see its log"
+            if camera.battery == 0 and not camera.gauge:
+                advice = "charge it, then delete the file beside its camera file that remembers it"
+            yield Finding("problem", what, camera.why, advice)
         elif abs(camera.clock_offset_ms) > CLOCK_MS:
             found = f"clock {camera.clock_offset_ms:+.1f} ms off"
             yield Finding("warning", what, found, "corrected for; chrony or PTP would be better")

@@ -27,7 +27,8 @@ def screen(status: Status | None, stale_s: float) -> RenderableType:
         stale_s: seconds since it came.
     """
     if status is None:
-        return Text("waiting for the edge ... (Ctrl-C ends)", style="yellow")
+        said = "waiting for the edge ... its very first start takes a minute or two (Ctrl-C ends)"
+        return Text(said, style="yellow")
     lines: list[RenderableType] = [_head(status, stale_s), _cameras(status)]
     if status.events:
         lines.append(Text("\n".join(("newest events:", *status.events[-EVENTS:])), style="dim"))
@@ -45,6 +46,9 @@ def _head(status: Status, stale_s: float) -> Text:
     head.append(f"  {counted(status.people, 'person', 'people')}", style="bold")
     if status.expected_error_mm is not None:
         head.append(f" within {status.expected_error_mm:.0f} mm")
+    if status.fps == 0:
+        head.append(f"\nno slots yet  up {_duration(status.uptime_s)}")
+        return head
     head.append(
         f"\nslot {status.slot}  {status.fps:.1f} a second  lead {status.lead}  "
         f"up {_duration(status.uptime_s)}"
