@@ -73,6 +73,6 @@ def test_verb_of_a_camera_needs_no_package_of_the_edge(verb: str, tmp_path: Path
             said.append(line)
             if "ready" in line:
                 program.send_signal(signal.SIGINT)
-        assert program.wait() == 0, said
+        assert program.wait() in (0, 130), said  # 130: not yet waiting for a signal
     timer.cancel()
     assert "".join(said).count("ready" if verb == "camera" else "device") == 1
