@@ -22,8 +22,10 @@ from e3pose.wire.codec import decode
 from e3pose.wire.memory import Hub
 from e3pose.wire.messages import CameraStatus, Poses
 
+WAIT_S = 30.0  # for what takes a second or two on a machine that does nothing else
 
-def eventually(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
+
+def eventually(condition: Callable[[], bool], seconds: float = WAIT_S) -> bool:
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
         time.sleep(0.02)
@@ -105,7 +107,7 @@ def site_at_work(folder: Path, deadline_s: float = 0.15, num_selected: int = 2) 
         made.start_camera(camera_id)
     edge = made.start_edge()
     try:
-        assert eventually(lambda: edge.counts.slots > 30, 15)
+        assert eventually(lambda: edge.counts.slots > 30)
         yield made
     finally:
         for node in made.nodes.values():

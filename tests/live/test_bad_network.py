@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 from tests.live.bad_link import BadLink, bad_link
-from tests.live.processes import CAMERAS, LiveSite
+from tests.live.processes import CAMERAS, LiveSite, eventually
 
 pytestmark = pytest.mark.live
 
 CUT_S = 10.0
+NOTICED_S = 2.0
 
 
 @pytest.fixture(scope="module")
@@ -34,31 +35,33 @@ def far_site(
 
 
 def test_loss_and_jitter_lose_views_but_no_slot(far_site: LiveSite, link: BadLink) -> None:
+    begin, given_up = len(far_site.poses), far_site.status().slots_lost
     link.jitter()
-    far_site.flows(60, 15.0)  # the lead and TCP find their way
-    begin, missed = len(far_site.poses), sum(c.lost + c.late for c in far_site.status().cameras)
-    far_site.flows(100, 15.0)
-    slots = [poses.slot for poses in far_site.poses[begin:]]
-    assert slots == list(range(slots[0], slots[0] + len(slots)))
-    assert far_site.status().slots_lost == 0
-    lost = sum(c.lost + c.late for c in far_site.status().cameras) - missed
-    ordered = 2 * len(slots)
-    assert lost < 0.5 * ordered, far_site.told()
-    assert len(far_site.online()) >= 2
+
+    def come() -> bool:
+        """Return whether most views of 60 slots come in time: not before the lead has followed."""
+        missed = sum(c.lost + c.late for c in far_site.status().cameras)
+        far_site.flows(60)
+        missed = sum(c.lost + c.late for c in far_site.status().cameras) - missed
+        return missed < 0.25 * 2 * 60
+
+    assert eventually(come), far_site.told()
+    far_site.unbroken([poses.slot for poses in far_site.poses[begin:]], given_up)
+    assert far_site.online() == set(CAMERAS) and not far_site.events("camera-useless")
     link.heal()
     far_site.becomes(*CAMERAS)
 
 
 def test_partition_of_ten_seconds_heals_by_itself(far_site: LiveSite, link: BadLink) -> None:
-    lost = far_site.status().slots_lost
+    lost, since, begin = far_site.status().slots_lost, len(far_site.statuses), len(far_site.poses)
     link.cut()
     cut_s = time.monotonic()
-    far_site.becomes(seconds=4.0)
-    assert time.monotonic() - cut_s < 2.5
+    far_site.becomes()
+    assert max(far_site.longest_silence_s(camera, since) for camera in CAMERAS) < NOTICED_S
     count = len(far_site.poses)
-    time.sleep(CUT_S - (time.monotonic() - cut_s))
-    assert len(far_site.poses) - count > 5 * 20  # slots go on, with nobody
+    time.sleep(max(CUT_S - (time.monotonic() - cut_s), 2.0))
+    assert len(far_site.poses) > count + 20  # slots go on, with nobody
     link.heal()
-    far_site.becomes(*CAMERAS, seconds=8.0)  # TCP tries again after 1, 2, 4 seconds
+    far_site.becomes(*CAMERAS)  # TCP tries again after 1, 2, 4 seconds
     far_site.flows(20)
-    assert far_site.status().slots_lost == lost
+    far_site.unbroken([poses.slot for poses in far_site.poses[begin:]], lost)

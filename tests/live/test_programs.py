@@ -76,8 +76,8 @@ def test_up_runs_a_site_and_ends_all_of_it(
         assert len(children) == 4
         begun_s = time.monotonic()
         program.send_signal(number)
-        said, _ = program.communicate(timeout=20)
-        assert time.monotonic() - begun_s < 5.0
+        said, _ = program.communicate(timeout=60)
+        assert time.monotonic() - begun_s < 10.0  # one or two, on a machine that does nothing else
     finally:
         transport.close()
         program.kill()
@@ -151,7 +151,7 @@ def test_two_sites_share_one_router(tmp_path: Path, recording: Path) -> None:
         assert eventually(both, COMPILE_S), programs.told()
         # Each knows its own: a camera of one that ends is no loss to the other.
         programs.send("lab-cam0", signal.SIGKILL)
-        assert eventually(lambda: not both(), 5)
+        assert eventually(lambda: not both())
         assert followers[1].status is not None
         assert [c.online for c in followers[1].status.cameras] == [True, True, False]
     finally:

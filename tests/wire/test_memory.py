@@ -61,10 +61,10 @@ def test_what_is_under_way_arrives_after_its_delay() -> None:
     begun_s = time.monotonic()
     far.publish("slow", b"1")
     far.publish("quick", b"2")
-    while len(got) < 2 and time.monotonic() - begun_s < 5:
+    while len(got) < 2 and time.monotonic() - begun_s < 20:
         time.sleep(0.01)
     assert [topic for topic, _ in got] == ["quick", "slow"]
     assert got[0][1] - begun_s >= 0.05 and got[1][1] - begun_s >= 0.2
     near.answer("slow", lambda topic, payload: payload)
-    assert far.ask("slow", b"?", 1.0) == b"?"
+    assert far.ask("slow", b"?", 10.0) == b"?"
     assert far.ask("slow", b"?", 0.3) is None  # there and back takes longer

@@ -25,7 +25,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def eventually(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
+def eventually(condition: Callable[[], bool], seconds: float = 20.0) -> bool:
     end = time.monotonic() + seconds
     while not condition() and time.monotonic() < end:
         time.sleep(0.01)
@@ -109,7 +109,7 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
     revoked.publish("e3pose/lab/camera/cam3/view", b"from the revoked")
     assert revoked.ask("e3pose/lab/camera/cam3/clock", b"?", SILENCE_S) is None
     assert cam2.ask("e3pose/lab/camera/cam1/clock", b"?", SILENCE_S) is None
-    assert cam1.ask("e3pose/lab/camera/cam1/clock", b"?", 2.0) == b"time of ?"
+    assert cam1.ask("e3pose/lab/camera/cam1/clock", b"?", 10.0) == b"time of ?"
     cam2.publish("e3pose/lab/camera/cam2/view", b"honest")
     assert eventually(lambda: ("e3pose/lab/camera/cam2/view", b"honest") in views)
     time.sleep(SILENCE_S)
@@ -132,7 +132,7 @@ def test_edge_that_comes_back_is_found_again(site: Site) -> None:
             time.sleep(0.05)
             return life in told
 
-        assert eventually(heard, 3.0)
+        assert eventually(heard)
         edge.close()
 
 
