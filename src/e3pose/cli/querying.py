@@ -147,7 +147,9 @@ def _chunks(
         ]
         yield row_columns(rows)
     else:
-        yield row_columns(store.rows(what, **bounds))
+        from e3pose.store import schema
+
+        yield row_columns(store.rows(what, **bounds), schema.ROWS[what].c.keys())
 
 
 def _show(

@@ -49,10 +49,17 @@ def pose_columns(poses: StoredPoses) -> dict[str, list[Any]]:
     }
 
 
-def row_columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
-    """Return rows by name as columns, with a time as ISO 8601 before the nanoseconds."""
+def row_columns(
+    rows: Sequence[Mapping[str, Any]], names: Sequence[str] = ()
+) -> dict[str, list[Any]]:
+    """Return rows by name as columns, with a time as ISO 8601 before the nanoseconds.
+
+    Args:
+        rows: by name.
+        names: of the columns where there are no rows.
+    """
     columns: dict[str, list[Any]] = {}
-    for name in rows[0] if rows else ():
+    for name in rows[0] if rows else names:
         values = [row[name] for row in rows]
         if name.endswith("_ns") and name != "interval_ns":
             columns[name.removesuffix("_ns")] = [iso_text(value) for value in values]
