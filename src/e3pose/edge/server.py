@@ -333,7 +333,7 @@ class EdgeServer:
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s)
         if self.lead.slots != before:
             self.tell(
-                "lead", f"orders now go out so many slots ahead: {self.lead.slots}, not {before}"
+                "lead", f"the lead, slots that orders go out ahead, is now {self.lead.slots}, not {before}"
             )
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
