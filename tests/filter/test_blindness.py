@@ -141,3 +141,20 @@ def test_a_long_pause_forgets_people_but_not_where_cameras_are_blind() -> None:
     later, _ = step(MODEL, belief, {}, 1000.0)
     assert len(later) == 0
     np.testing.assert_array_equal(later.sights, belief.sights)
+
+
+def test_what_one_camera_alone_shows_proves_no_other_camera_blind() -> None:
+    belief = Belief.empty(MODEL)
+    for slot in range(20):
+        views = {c: v for c in range(5) if (v := CLEAN.view(slot, c)) is not None}
+        belief, _ = step(MODEL, belief, views, slot * CLEAN.interval_s)
+    looks = belief.sights[..., blind.LOOKS]
+    before = looks.sum(axis=(1, 2))
+    for slot in range(20, 100):
+        views = {c: Poses2D.empty(17) for c in range(5)}
+        if (view := CLEAN.view(slot, 0)) is not None and slot < 60:
+            views[0] = view
+        belief, _ = step(MODEL, belief, views, slot * CLEAN.interval_s)
+    gained = belief.sights[..., blind.LOOKS].sum(axis=(1, 2)) - before
+    assert gained.max() < 1.2 * blind.PROOF_S / CLEAN.interval_s
+    assert len(belief) == 0

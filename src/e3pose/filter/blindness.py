@@ -3,8 +3,8 @@
 A rig's geometry says which places lie inside an image, but not what stands between: a wall, a
 shelf, people who always stand there, dirt on a lens. So the looks at people who were there are
 counted per camera and place of the floor, and how many of them showed the person. Whether somebody
-was there at a miss turns out later, when any camera shows the person again: misses wait until then,
-and those of a track that ends say nothing about cameras.
+was there at a miss turns out later, when a camera shows the person again whom another one showed of
+late: misses wait until then, and those of a track that ends say nothing about cameras.
 
 A camera that shows people at a place with probability p leaves, by a miss, 1 - p of the odds that
 somebody is there. Existence counts it as that share of a miss in plain sight which the logarithms
@@ -27,6 +27,9 @@ PLAIN = 0.9  # detections of a look in plain sight: what is thought of places no
 PRIOR_LOOKS = 2.0  # that this counts for
 MOST_LOOKS = 60.0  # per place that are remembered, a few seconds of somebody: things get moved
 LOOKS, SHOWN = 0, 1  # of the last axis
+# So many cameras must have shown a person of late to prove that one is there: what lives on the
+# detections of one camera alone may be a ghost, whose misses would say that all others are blind.
+PROOF_CAMERAS, PROOF_S = 2, 1.0
 
 
 def corner_m(rig: Rig) -> Floats:

@@ -72,7 +72,8 @@ def attend(
     shown[:, cameras] = share * hits.T
     missed = belief.missed + looks - shown
     there: Flags = np.asarray(hits.any(axis=0))
-    taught = np.asarray(there & confirmed)[:, None]
+    recent = (last_seen_s < blindness.PROOF_S).sum(axis=1)
+    taught = np.asarray(there & confirmed & (recent >= blindness.PROOF_CAMERAS))[:, None]
     sights = blindness.learn(
         belief.sights,
         places_m,

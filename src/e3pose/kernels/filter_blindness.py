@@ -14,6 +14,8 @@ from e3pose.filter.blindness import (
     NUM_CELLS,
     PLAIN,
     PRIOR_LOOKS,
+    PROOF_CAMERAS,
+    PROOF_S,
     SHOWN,
 )
 from e3pose.filter.existence import FASTEST_S
@@ -57,14 +59,16 @@ def learn_sights(
     share = dt / FASTEST_S if dt < FASTEST_S else 1.0
     num_cameras = len(arrived)
     for track in range(num_tracks):
-        there = False
+        there, recent = False, 0
         for camera in range(num_cameras):
+            recent += tracks.last_seen_s[track, camera] < PROOF_S
             if arrived[camera]:
                 if matches.assigned[camera, track] >= 0:
                     there = True
                 elif matches.inside[camera, track]:
                     tracks.missed[track, camera] += share
-        matches.taught[track] = there and tracks.confirmed[track]
+        proved = there and recent >= PROOF_CAMERAS
+        matches.taught[track] = proved and tracks.confirmed[track]
         for camera in range(num_cameras):
             if matches.taught[track]:
                 hit = arrived[camera] and matches.assigned[camera, track] >= 0
