@@ -332,9 +332,8 @@ class EdgeServer:
         wake_s = slowest_wake_s(self.inbox.roster.lives, self.settings.idle_modes)
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s)
         if self.lead.slots != before:
-            self.tell(
-                "lead", f"the lead, slots that orders go out ahead, is now {self.lead.slots}, not {before}"
-            )
+            sooner = "earlier" if self.lead.slots > before else "later"
+            self.tell("lead", f"orders go out {sooner}: lead {self.lead.slots}, it was {before}")
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
             for ahead in range(before, self.lead.slots):  # slots that nobody was told of yet
