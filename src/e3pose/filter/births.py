@@ -144,6 +144,7 @@ def _start(
         "unmeasured_s": np.where(known, 0.0, np.inf),
         "existence": START_EXISTENCE,
         "hits": 2,
+        "alone": 0.0,
         "seen_by": seen_by,
         "last_seen_s": np.where(seen_by, 0.0, np.inf),
         "bias_px": np.zeros((len(model.rig), len(known), 2)),

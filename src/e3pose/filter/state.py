@@ -149,6 +149,8 @@ class Belief:
         existence: `(num_tracks,)` in [0, 1]: recent share of the views that should show the
             person and did.
         hits: `(num_tracks,)` detections so far.
+        alone: `(num_tracks,)` looks that showed this track or the one that it overlaps most, since
+            one showed both; 0 for those who overlap nobody.
         seen_by: `(num_tracks, num_cameras)` cameras that have shown the person.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each did; inf if never.
         delivered: `(num_tracks, num_cameras)` in [0, 1]: what the views of a camera recently told
@@ -174,6 +176,7 @@ class Belief:
     unmeasured_s: Floats
     existence: Floats
     hits: Ints
+    alone: Floats
     seen_by: Flags
     last_seen_s: Floats
     delivered: Floats
@@ -202,6 +205,7 @@ class Belief:
             unmeasured_s=np.zeros((0, joints)),
             existence=np.zeros(0),
             hits=np.zeros(0, dtype=np.int64),
+            alone=np.zeros(0),
             seen_by=np.zeros((0, len(model.rig)), dtype=bool),
             last_seen_s=np.zeros((0, len(model.rig))),
             delivered=np.zeros((0, len(model.rig))),

@@ -277,6 +277,7 @@ def _start(
     tracks.track_ids[track] = track_id
     tracks.existence[track] = START_EXISTENCE
     tracks.hits[track] = 2
+    tracks.alone[track] = 0.0
     tracks.confirmed[track] = False
     for camera in range(tracks.seen_by.shape[1]):
         tracks.seen_by[track, camera] = False

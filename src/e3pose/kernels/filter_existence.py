@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter.existence import (
+    CHEST_M,
     CONFIRM_CAMERAS,
     CONFIRM_HITS,
     DELIVERED_LASTS_S,
@@ -18,6 +19,7 @@ from e3pose.filter.existence import (
     END_UNSEEN_S,
     FASTEST_S,
     LEARN_RATE,
+    MOST_ALONE,
     SAME_M,
 )
 from e3pose.filter.update import MIN_SCORE
@@ -78,6 +80,39 @@ def attend(
             num_seen_by += tracks.seen_by[track, camera]
         if num_seen_by >= CONFIRM_CAMERAS or tracks.hits[track] >= CONFIRM_HITS:
             tracks.confirmed[track] = True
+    for track in range(num_tracks):
+        tracks.alone[track] = _alone(
+            track, num_tracks, tracks.alone[track], rate / LEARN_RATE, views, matches, tracks.state
+        )
+
+
+@kernel
+def _alone(
+    track: int,
+    num_tracks: int,
+    alone: float,
+    share: float,
+    views: Views,
+    matches: Matches,
+    state: Floats,
+) -> float:
+    """Return `Belief.alone` of a track after a slot."""
+    nearest, least = -1, CHEST_M
+    for other in range(num_tracks):
+        if other != track:
+            apart_m = _middles_apart_m(state[track], state[other])
+            if apart_m < least:
+                nearest, least = other, apart_m
+    if nearest < 0:
+        return 0.0
+    for camera in range(len(views.counts)):
+        if views.arrived[camera]:
+            shown = matches.assigned[camera, track] >= 0
+            other_shown = matches.assigned[camera, nearest] >= 0
+            if shown and other_shown:
+                return 0.0
+            alone += share * (shown != other_shown)
+    return alone
 
 
 @kernel
@@ -89,8 +124,11 @@ def end(num_tracks: int, tracks: Tracks, ended: Flags) -> int:
         )
     for track in range(num_tracks):
         for other in range(track):
-            if _is_same(tracks.state[track], tracks.state[other]):
-                younger = track if tracks.hits[track] <= tracks.hits[other] else other
+            younger = track if tracks.hits[track] <= tracks.hits[other] else other
+            same = _is_same(tracks.state[track], tracks.state[other])
+            if not same and tracks.alone[younger] > MOST_ALONE:
+                same = _middles_apart_m(tracks.state[track], tracks.state[other]) < CHEST_M
+            if same:
                 ended[younger] = True
     left = 0
     for track in range(num_tracks):
@@ -108,6 +146,7 @@ def _move(tracks: Tracks, source: int, target: int) -> None:
     tracks.track_ids[target] = tracks.track_ids[source]
     tracks.existence[target] = tracks.existence[source]
     tracks.hits[target] = tracks.hits[source]
+    tracks.alone[target] = tracks.alone[source]
     tracks.confirmed[target] = tracks.confirmed[source]
     for joint in range(tracks.state.shape[1]):
         tracks.unmeasured_s[target, joint] = tracks.unmeasured_s[source, joint]
@@ -143,6 +182,18 @@ def _is_over(existence: float, covariance: Floats, unmeasured_s: Floats) -> bool
         least = spread if spread < least else least
         seen |= unmeasured_s[joint] <= END_UNSEEN_S
     return not (seen and math.sqrt(least) < END_SPREAD_M)
+
+
+@kernel
+def _middles_apart_m(first: Floats, second: Floats) -> float:
+    """Return the distance of the means of two people's joints."""
+    squares = 0.0
+    for axis in range(3):
+        total = 0.0
+        for joint in range(len(first)):
+            total += first[joint, axis] - second[joint, axis]
+        squares += (total / len(first)) ** 2
+    return math.sqrt(squares)
 
 
 @kernel

@@ -97,6 +97,7 @@ class Tracks(NamedTuple):
     unmeasured_s: Floats
     existence: Floats
     hits: Integers
+    alone: Floats
     seen_by: Flags
     last_seen_s: Floats
     delivered: Floats
