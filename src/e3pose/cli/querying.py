@@ -176,7 +176,8 @@ def _show(
             break
     # A pipe gets whole lines; only a terminal has a width to fold to.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 200)
-    console.print(table if shown else "Nothing was stored that fits; --what runs lists what is there.")
+    nothing = "Nothing was stored that fits; --what runs lists what is there."
+    console.print(table if shown else nothing)
     if more:
         console.print("... and more: --csv, --parquet or --json write all of it")
 
