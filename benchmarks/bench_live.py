@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from e3pose.demo.clip import find_clip
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.messages import View
 from live_site import Site, live_site, traffic
@@ -113,10 +114,14 @@ def jpeg_bytes(video: Path) -> int:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=20.0, help="of each row")
-    parser.add_argument("--cameras", type=int, nargs="+", default=[5])
+    parser.add_argument("--cameras", type=int, nargs="+", default=[5, 12, 28])
     parser.add_argument("--people", type=int, default=4)
     parser.add_argument("--fps", type=float, default=25.0)
-    parser.add_argument("--video", type=Path, help="to compare with sending its frames as JPEG")
+    parser.add_argument(
+        "--video",
+        type=Path,
+        help="to compare with sending its frames as JPEG; the demo's, if it was fetched",
+    )
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     rows = []
@@ -130,7 +135,8 @@ def main() -> None:
             f"{figures['latency_ms_p99']:.2f}; step {figures['step_ms_p50']:.2f} ms, p99 "
             f"{figures['step_ms_p99']:.2f}; edge uses {figures['edge_cpu_share']:.0%} of a core, "
             f"{figures['edge_rss_mb']:.0f} MB; {figures['views_late_or_lost']:.0f} views late or "
-            f"lost; {figures['orders_late']:.0f} of {figures['orders']:.0f} orders late; lead "
+            f"lost; {figures['orders_late']:.0f} of {figures['orders']:.0f} orders late; "
+            f"{figures['loopback_bytes_a_slot'] / 1e3:.1f} kB a slot over the loopback; lead "
             f"{figures['lead_slots']:.0f}; {1 / figures['edge_cpu_share']:.0f} such "
             f"sites a core; beside it a bare loop of {figures['bare_loop_ms_p50']:.1f} ms has p99 "
             f"{figures['bare_loop_ms_p99']:.1f}, and wakes up to {figures['bare_wake_ms_p99']:.1f} "
@@ -139,11 +145,11 @@ def main() -> None:
         )
     sent = view_bytes(options.people)
     print(f"a view of {options.people} people is {sent} bytes", end="")
-    if options.video is not None:
-        jpeg = jpeg_bytes(options.video)
-        print(
-            f"; a frame of {options.video.name} as a JPEG {jpeg}: {jpeg / sent:.0f} times", end=""
-        )
+    clip = find_clip()
+    video = options.video or (clip.videos[0] if clip else None)
+    if video is not None:
+        jpeg = jpeg_bytes(video)
+        print(f"; a frame of {video.name} as a JPEG {jpeg}: {jpeg / sent:.0f} times", end="")
     print()
     if options.json:
         options.json.write_bytes(msgspec.json.encode(rows))
