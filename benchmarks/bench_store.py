@@ -54,9 +54,9 @@ def make_run() -> Run:
 def build_day(path: Path, slots: int) -> float:
     """Write slots in large transactions; return how long it took."""
     rng = np.random.default_rng(0)
-    sigma_m, energy_j = np.full((PEOPLE, 17), 0.01), np.full(CAMERAS, 0.2)
+    energy_j = np.full(CAMERAS, 0.2)
     # The content of a hundred slots again and again: their place is what the question depends on.
-    patterns = [slot_rows(make_record(s, rng), 0, sigma_m, energy_j) for s in range(100)]
+    patterns = [slot_rows(make_record(s, rng), 0, energy_j) for s in range(100)]
     delivery, begin_s = Delivery(f"sqlite:///{path}"), time.perf_counter()
     for start in range(0, slots, 2000):
         rows: list[Row] = []
