@@ -42,6 +42,7 @@ def make_record(slot: int, rng: np.random.Generator) -> SlotRecord:
         occlusion=rng.random(CAMERAS),
         deficit=rng.random(CAMERAS),
         next_selection=~selected,
+        covariance_m2=np.tile(1e-4 * np.eye(3), (PEOPLE, 17, 1, 1)),
         stage_s={"match": 0.001},
     )
 
