@@ -194,6 +194,7 @@ def test_changed_identity_is_counted() -> None:
     records = [record(slot, [BODY], [1 if slot < 2 else 7]) for slot in range(4)]
     figures = summarise(source, ReplaySettings(), records, load_profile("tx2"))
     assert figures["metrics"]["id_switches"] == 1
+    assert figures["identities"] == 2
 
 
 def test_an_empty_replay_is_summarised() -> None:

@@ -55,6 +55,7 @@ def summarise(
         "slots": len(records),
         "policy": settings.policy_name,
         "settings": {k: v for k, v in asdict(settings).items() if v is not None},
+        "identities": len({track_id for r in records for track_id in r.track_ids.tolist()}),
         "metrics": accuracy(recording, records),
         "expected": expected_figures(recording, records),
         "selection": _selection(recording, records),
