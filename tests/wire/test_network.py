@@ -216,6 +216,33 @@ def test_what_is_far_too_large_does_not_even_arrive(site: Site) -> None:
     edge.close()
 
 
+def test_what_is_said_at_once_arrives_whole() -> None:
+    port, got = free_port(), 0
+    edge = open_network(Link("edge", "lab", f"tcp/127.0.0.1:{port}"))
+    viewer = open_network(Link("viewer", "lab", f"tcp/127.0.0.1:{port}"))
+
+    def take(topic: str, payload: bytes) -> None:
+        nonlocal got
+        got += len(payload) > 1
+
+    viewer.subscribe("e3pose/lab/poses", take)
+
+    def arrived() -> bool:
+        edge.publish("e3pose/lab/poses", b"xx")
+        return got > 0
+
+    assert eventually(arrived)
+    time.sleep(SILENCE_S)
+    got = 0
+    for _ in range(100):
+        for _ in range(12):  # a batch of Zenoh each: they wait for its sending thread
+            edge.publish("e3pose/lab/poses", b"x" * 60_000)
+        time.sleep(0.02)
+    assert eventually(lambda: got == 1200, 5.0), got
+    viewer.close()
+    edge.close()
+
+
 def test_port_that_is_taken_is_told() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

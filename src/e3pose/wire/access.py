@@ -12,6 +12,9 @@ from e3pose.errors import InputError
 from e3pose.wire.topics import ANY, of_camera, of_order, of_site
 
 LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too long
+# Zenoh lets 2 messages wait for its own sending thread and drops the next after a millisecond: a
+# busy machine loses whole poses. 16 is the most it takes: 1 MB a connection, where it is needed.
+WAITING_MESSAGES = 16
 WORD_BYTES = 2**15  # hello and heartbeat: some hundred bytes, and the names of many joints
 VIEW_BYTES = 2**19  # 256 people with 133 keypoints
 SPEAK = ["put", "delete", "liveliness_token", "query", "reply"]
@@ -134,7 +137,15 @@ def zenoh_config(
         "listen": {"endpoints": [link.endpoint] if routes(link) else []},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
-        "transport": {"link": {"tx": {"lease": LEASE_MS, "keep_alive": 3}}},
+        "transport": {
+            "link": {
+                "tx": {
+                    "lease": LEASE_MS,
+                    "keep_alive": 3,
+                    "queue": {"size": {"data": WAITING_MESSAGES}},
+                }
+            }
+        },
     }
     connect = {
         "timeout_ms": -1,
