@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -123,8 +122,6 @@ def run_live(
     link = viewer_link(site_file, site, None)
     transport = open_network(link)
     follower.listen(transport, heard.poses)
-    edge_there = threading.Event()
-    transport.watch(topics.of_site(site.name, "alive"), lambda _topic, there: edge_there.set())
     tap: Transport | None = None
     begun_s = newest_s = shown_s = time.monotonic()
     newest = 0
@@ -132,7 +129,7 @@ def run_live(
     def stopped() -> bool:
         nonlocal newest, newest_s, shown_s, tap
         now_s = time.monotonic()
-        if tap is None and edge_there.is_set():
+        if tap is None and follower.status is not None:  # it is there before it is ready
             tap = open_tap(link)
             heard.listen(site.name, tap)
             # A machine on which the edge took long will take long for the cameras too.
