@@ -49,7 +49,7 @@ def commands() -> list[list[str]]:
     instructions = dict(container())
     (health,) = re.findall(r"CMD (\[.*\])", instructions["HEALTHCHECK"])
     found += [re.findall(r'"([^"]*)"', text) for text in (health, instructions["CMD"])]
-    found[len(UNITS)] = found[len(UNITS)][1:]  # the health check names the program, the default command does not
+    found[len(UNITS)].pop(0)  # the health check names the program, the default command does not
     for line in re.findall(r"^.*\be3pose (?:check|models|top|camera|keys) .*$", README, re.M):
         call = re.split(r"\be3pose (?=(?:check|models|top|camera|keys) )", line)[-1]
         found.append(shlex.split(re.sub(r"[`:.,]+( .*)?$", "", call.split("`")[0].strip())))
