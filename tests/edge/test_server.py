@@ -188,7 +188,7 @@ def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
     assert eventually(lambda: again.counts.views > 10)
     assert slot < again.state.slot < slot + 400
     assert any(event.kind == "clock" for event in site.events)
-    assert len(site.online()) == 3
+    assert eventually(lambda: len(site.online()) == 3)
 
 
 def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
