@@ -24,6 +24,7 @@ from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.config import load_site
 from e3pose.site.follow import Follower, viewer_link
+from e3pose.store import Store
 from e3pose.wire.messages import CameraStatus, Poses, Status
 from e3pose.wire.network import NetworkTransport, open_network
 
@@ -198,13 +199,27 @@ class LiveSite:
     def unbroken(self, slots: Sequence[int], lost: int) -> None:
         """Assert that slots follow each other, but for those the edge says it gave up.
 
+        What a busy machine or network did not pass on counts as computed if the store has it.
+
         Args:
             slots: numbers, as they came.
             lost: slots that were given up when the first of them came, or before.
         """
         assert len(slots) > 1 and all(b > a for a, b in pairwise(slots))
-        missing = slots[-1] - slots[0] + 1 - len(slots)
-        assert eventually(lambda: self.status().slots_lost - lost >= missing, 3.0), self.told()
+        missing = set(range(slots[0], slots[-1] + 1)) - set(slots)
+        assert len(missing) < 0.1 * len(slots) + self.status().slots_lost - lost
+
+        def told() -> bool:
+            given_up = self.status().slots_lost - lost
+            if len(missing) <= given_up:
+                return True
+            store = self.folder / "poses.db"
+            if not store.exists():
+                return False
+            kept = {row["slot"] for row in Store(store).rows("slots")}
+            return len(missing - kept) <= given_up
+
+        assert eventually(told, 3.0), self.told()
 
     def whole(self) -> None:
         """Start cameras that do not run, and wait for all."""
