@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+
+from tests.waiting import eventually
 
 from e3pose.clock import WallClock
 from e3pose.edge.server import EdgeServer
@@ -21,15 +22,6 @@ from e3pose.store.rows import Event
 from e3pose.wire.codec import decode
 from e3pose.wire.memory import Hub
 from e3pose.wire.messages import CameraStatus, Poses
-
-WAIT_S = 30.0  # for what takes a second or two on a machine that does nothing else
-
-
-def eventually(condition: Callable[[], bool], seconds: float = WAIT_S) -> bool:
-    end = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.02)
-    return condition()
 
 
 @dataclass

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.edge.one_process import eventually, site_at_work
+from tests.edge.one_process import site_at_work
+from tests.waiting import eventually
 
 from e3pose.edge.roster import CameraLife, come_or_go, greet, take_beat, trouble
 from e3pose.wire.messages import Heartbeat, Hello

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from tests.edge.one_process import Site, eventually, site_at_work
+from tests.edge.one_process import Site, site_at_work
+from tests.waiting import eventually
 
 DEADLINE_S = 0.1
 

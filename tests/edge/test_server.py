@@ -10,7 +10,8 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-from tests.edge.one_process import Site, eventually, site_at_work
+from tests.edge.one_process import Site, site_at_work
+from tests.waiting import eventually
 
 from e3pose.clock import WallClock
 from e3pose.power import EnergyLedger, parse_budget

@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.waiting import WAIT_S, eventually
 
 from e3pose.keys.folder import add_keys, init_keys
 from e3pose.recording import save_recording
@@ -32,17 +33,6 @@ HERE = Path(__file__).parent
 CAMERAS = ("cam0", "cam1", "cam2")
 FPS = 20.0
 COMPILE_S = 240.0  # what a machine that never ran this may take
-
-
-WAIT_S = 30.0  # for what takes a second or two on a machine that does nothing else
-
-
-def eventually(condition: Callable[[], object], seconds: float = WAIT_S) -> bool:
-    """Wait until a condition holds; return whether it does."""
-    end_s = time.monotonic() + seconds
-    while not condition() and time.monotonic() < end_s:
-        time.sleep(0.02)
-    return bool(condition())
 
 
 def free_port() -> int:

@@ -7,7 +7,8 @@ import time
 
 import psutil
 import pytest
-from tests.live.processes import CAMERAS, LiveSite, eventually, run
+from tests.live.processes import CAMERAS, LiveSite, run
+from tests.waiting import eventually
 
 from e3pose.store import Store
 from e3pose.wire.access import VIEW_BYTES

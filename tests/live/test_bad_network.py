@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from tests.live.bad_link import BadLink, bad_link
-from tests.live.processes import CAMERAS, LiveSite, eventually
+from tests.live.processes import CAMERAS, LiveSite
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.live
 

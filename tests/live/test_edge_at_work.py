@@ -7,7 +7,8 @@ import time
 
 import numpy as np
 import pytest
-from tests.live.processes import CAMERAS, LiveSite, eventually, run
+from tests.live.processes import CAMERAS, LiveSite, run
+from tests.waiting import eventually
 
 from e3pose.edge.checkpoint import take_apart
 from e3pose.edge.server import IDS_LEFT_OUT

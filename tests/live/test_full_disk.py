@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.live.processes import LiveSite, as_root, eventually
+from tests.live.processes import LiveSite, as_root
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.live
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import psutil
 import pytest
-from tests.live.processes import COMPILE_S, e3pose, eventually
+from tests.live.processes import COMPILE_S, e3pose
+from tests.waiting import eventually
 
 pytestmark = pytest.mark.live
 

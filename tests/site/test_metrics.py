@@ -7,7 +7,8 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from tests.edge.one_process import eventually, site_at_work
+from tests.edge.one_process import site_at_work
+from tests.waiting import eventually
 
 from e3pose.errors import InputError
 from e3pose.site.metrics import serve_metrics
