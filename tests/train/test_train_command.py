@@ -8,6 +8,8 @@ import pytest
 
 from e3pose.cli.training import train
 from e3pose.errors import InputError
+from e3pose.recording import save_recording
+from e3pose.simulate import SceneSettings, simulate
 
 
 @pytest.mark.parametrize(
@@ -30,3 +32,29 @@ def test_an_impossible_option_is_named(tmp_path: Path, option: str, value: float
     with pytest.raises(InputError, match=f"--{option.replace('_', '-')}: found"):
         train([tmp_path], out=tmp_path / "out", **{option: value})  # type: ignore[arg-type]
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"history": 12}, "--history: found 12, expected 10 as in"),
+        ({"hidden": 32}, "--hidden: found 32, expected 96 as in"),
+    ],
+)
+def test_weights_of_other_sizes_are_not_gone_on_from(
+    tmp_path: Path, options: dict[str, int], message: str
+) -> None:
+    for module in ("torch", "onnx"):
+        pytest.importorskip(module, reason=f"{module} is not installed: pip install e3pose[train]")
+    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=0), tmp_path / "room")
+    with pytest.raises(InputError, match=message):
+        train([tmp_path / "room"], out=tmp_path / "out", start=Path("shipped"), **options)  # type: ignore[arg-type]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_file_of_weights_is_named(tmp_path: Path) -> None:
+    for module in ("torch", "onnx"):
+        pytest.importorskip(module, reason=f"{module} is not installed: pip install e3pose[train]")
+    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=0), tmp_path / "room")
+    with pytest.raises(InputError, match=r"none\.onnx"):
+        train([tmp_path / "room"], out=tmp_path / "out", start=tmp_path / "none.onnx")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import pickle
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from e3pose.skeleton import COCO17  # noqa: E402
 from e3pose.train.attention_lstm import Training, TrainSettings, train  # noqa: E402
 from e3pose.train.export import export  # noqa: E402
 from e3pose.train.network import KEEP, AttentionLstm, NetworkSettings  # noqa: E402
+from e3pose.train.weights import network_of  # noqa: E402
 from e3pose.train.windows import Clip  # noqa: E402
 
 SETTINGS = TrainSettings(
@@ -133,6 +135,23 @@ def test_a_killed_training_goes_on_as_if_nothing_had_been(tmp_path: Path) -> Non
     assert train(TRAINING, VALIDATION, tmp_path / "cut", SETTINGS).read_bytes() == whole
     steps = [row["step"] for row in log_of(tmp_path / "cut")]
     assert steps == ["20", "40", "60"]
+
+
+def test_training_goes_on_from_weights_and_keeps_what_is_better(tmp_path: Path) -> None:
+    first = train(TRAINING, VALIDATION, tmp_path / "first", SETTINGS)
+    network, _ = network_of(first.read_bytes(), "first")
+    settings = replace(SETTINGS, network=network.settings, started_from="first", seed=7)
+    train(TRAINING, VALIDATION, tmp_path / "second", settings, start=network)
+    before, after = (
+        [float(row["loss"]) for row in log_of(tmp_path / name)] for name in ("first", "second")
+    )
+    assert max(after) < before[0]
+    assert "- started from: first" in (tmp_path / "second" / "model-card.md").read_text("utf-8")
+    harmful = replace(settings, learning_rate=1.0)
+    spoilt = train(TRAINING, VALIDATION, tmp_path / "third", harmful, start=network)
+    kept, _ = network_of(spoilt.read_bytes(), "third")
+    for name, value in network.state_dict().items():
+        torch.testing.assert_close(kept.state_dict()[name], value, atol=1e-6, rtol=1e-3)
 
 
 class Evil:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
 from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.train.attention_lstm import TrainSettings
+    from e3pose.train.network import AttentionLstm
+
+SHIPPED_NAME = "shipped"
 
 
 def train(
@@ -16,6 +23,7 @@ def train(
     /,
     *,
     out: Path = Path("predictor"),
+    start: Path | None = None,
     validate: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
     hold_out: float = 0.2,
     target: Literal["auto", "truth", "estimates"] = "auto",
@@ -41,12 +49,17 @@ def train(
 
     Example: e3pose train recordings/a recordings/b --validate recordings/c --out predictor
 
+    Example: e3pose train my-room --start shipped --minutes 10
+
     Parameters
     ----------
     recordings
         Recordings to learn from, with truth or with detections of several cameras.
     out
         The folder for the results.
+    start
+        Go on from these weights (.onnx), at half the learning rate, not from nothing; `shipped` are
+        those that e3pose comes with.
     validate
         Recordings that are never learned from and tell when to stop; repeatable.
     hold_out
@@ -98,7 +111,7 @@ def train(
     from rich.progress import Progress
 
     from e3pose.recording import Recording, load_recording
-    from e3pose.train.attention_lstm import TrainSettings
+    from e3pose.train.attention_lstm import TrainSettings as Settings
     from e3pose.train.attention_lstm import train as run
     from e3pose.train.clips import gather
     from e3pose.train.estimates import EstimateSettings
@@ -125,20 +138,23 @@ def train(
                 lambda share: bar.update(task, completed=share),
             )
 
-    learned, held_out = gather(
-        [load_recording(path) for path in recordings],
-        [load_recording(path) for path in validate or []],
-        hold_out,
-        history + leads,
-        motion,
-    )
-    settings = TrainSettings(
+    settings = Settings(
         network=NetworkSettings(history_slots=history, hidden=hidden),
         num_leads=leads,
         steps=steps,
         minutes=math.inf if minutes is None else minutes,
         batch=batch,
         seed=seed,
+    )
+    before: AttentionLstm | None = None
+    if start is not None:
+        before, settings = _gone_on_from(start, settings)
+    learned, held_out = gather(
+        [load_recording(path) for path in recordings],
+        [load_recording(path) for path in validate or []],
+        hold_out,
+        history + leads,
+        motion,
     )
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         task = bar.add_task("train", total=1.0)
@@ -149,8 +165,35 @@ def train(
             settings,
             lambda share, text: bar.update(task, completed=share, description=f"train, {text}"),
             workers,
+            before,
         )
     print(f"{weights}: trained; figures on held-out motion are in {out / 'model-card.md'}")
+
+
+def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, TrainSettings]:
+    """Return the network in a file, and the settings to go on from it."""
+    import hashlib
+
+    from e3pose.bounded import read_bytes
+    from e3pose.predictors.attention_lstm import MAX_WEIGHTS_BYTES, SHIPPED
+    from e3pose.train.weights import network_of
+
+    path = SHIPPED if str(start) == SHIPPED_NAME else start
+    content = read_bytes(path, MAX_WEIGHTS_BYTES)
+    network, _ = network_of(content, str(path))
+    for name, wanted, found in (
+        ("history", settings.network.history_slots, network.settings.history_slots),
+        ("hidden", settings.network.hidden, network.settings.hidden),
+    ):
+        if wanted != found:
+            raise InputError(f"--{name}: found {wanted}, expected {found} as in {path}")
+    digest = hashlib.sha256(content).hexdigest()[:12]
+    return network, replace(
+        settings,
+        network=network.settings,
+        learning_rate=settings.learning_rate / 2,
+        started_from=f"{start.name}, sha256 {digest}",
+    )
 
 
 def _check(*numbers: tuple[str, float, float, float]) -> None:

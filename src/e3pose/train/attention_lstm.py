@@ -49,6 +49,7 @@ class TrainSettings:
         patience: validations without progress before training stops early.
         seed: of weights and windows.
         expert_windows: per kind of history, from which experts are found before training.
+        started_from: the weights that training goes on from, if any, for the card.
     """
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
@@ -62,6 +63,7 @@ class TrainSettings:
     patience: int = 20
     seed: int = 0
     expert_windows: int = 8_000
+    started_from: str = "nothing"
 
 
 class Training:
@@ -81,8 +83,7 @@ class Training:
             ],
             lr=settings.learning_rate,
         )
-        self.average = {k: v.clone() for k, v in self.network.state_dict().items()}
-        self.best = dict(self.average)
+        self._begin_here()
         self.best_score, self.stale = math.inf, 0
         self.step, self.elapsed_s = 0, 0.0
 
@@ -90,8 +91,16 @@ class Training:
         """Let the experts of an untrained network be what regressions find."""
         rng = np.random.default_rng([self.settings.seed, 1])
         start_experts(self.network, sampler, rng, self.settings.expert_windows)
+        self._begin_here()
+
+    def take_up(self, network: AttentionLstm) -> None:
+        """Go on from a network that was trained before, experts and all."""
+        self.network.load_state_dict(network.state_dict())
+        self._begin_here()
+
+    def _begin_here(self) -> None:
         self.average = {k: v.clone() for k, v in self.network.state_dict().items()}
-        self.best = dict(self.average)
+        self.best = {k: v.clone() for k, v in self.average.items()}  # averages change in place
 
     @property
     def done(self) -> float:
@@ -180,6 +189,7 @@ def train(
     settings: TrainSettings,
     progress: Callable[[float, str], None] = lambda share, text: None,
     workers: Workers | None = None,
+    start: AttentionLstm | None = None,
 ) -> Path:
     """Train, and write weights, model card, log and checkpoints into the folder `out`.
 
@@ -191,6 +201,7 @@ def train(
         settings: how.
         progress: called with the share that is done and one line about it.
         workers: who draws the windows; the result does not depend on them.
+        start: a trained network of the same sizes to go on from.
 
     Returns:
         The file of the weights.
@@ -202,6 +213,9 @@ def train(
     run = Training(settings)
     if (out / CHECKPOINT).exists():
         run.load(out / CHECKPOINT)
+    elif start is not None:
+        run.take_up(start)
+        run.best_score = score(examine(start, exams))  # what comes must be better to be kept
     else:
         run.start(sampler)
     board = _board(out / "tensorboard")

@@ -122,8 +122,7 @@ def _work(folder: Path, job: Job) -> None:
         seed=job.seed,
     )
     run = Training(settings)
-    run.network.load_state_dict(running.state_dict())
-    run.average = {name: value.clone() for name, value in running.state_dict().items()}
+    run.take_up(running)
     fps = 1 / job.interval_s
     sampler = Sampler(learned, *shape, (fps, fps))
     while run.done < 1 and os.getppid() == job.parent:
