@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.train.parallel import Workers
+from e3pose.train.parallel import AHEAD, ROUND, Workers
 
 
 def draw(shift: float, seed: int) -> tuple[float, int]:
@@ -26,6 +28,32 @@ def test_who_stops_early_leaves_no_mess() -> None:
     results = Workers(2).run(draw, 0.0, range(1000))
     assert next(results)[0] == draw(0.0, 0)[0]
     results.close()  # type: ignore[attr-defined]
+
+
+def make_file(folder: Path, task: int) -> int:
+    (folder / f"{task}").touch()
+    return task
+
+
+def test_no_more_is_made_than_is_soon_used(tmp_path: Path) -> None:
+    results = Workers(2).run(make_file, tmp_path, range(1000))
+    assert [next(results) for _ in range(20)] == list(range(20))
+    time.sleep(1.0)  # in which hundreds could be made
+    assert len(list(tmp_path.iterdir())) <= 20 + AHEAD + 2 * ROUND * 2
+    results.close()  # type: ignore[attr-defined]
+
+
+def fall(shared: None, task: int) -> int:
+    if task == 5:
+        raise InputError("5: found nothing")
+    return task
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_reaches_who_takes_the_results(jobs: int) -> None:
+    results = Workers(jobs).run(fall, None, range(1000))
+    with pytest.raises(InputError, match="5: found nothing"):
+        list(results)
 
 
 @pytest.mark.parametrize("jobs", [0, -2, 100_000])
