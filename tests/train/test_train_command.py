@@ -20,6 +20,7 @@ from e3pose.simulate import SceneSettings, simulate
         ("history", 3),
         ("leads", 0),
         ("hidden", 100_000),
+        ("dropout", 1.0),
         ("steps", 0),
         ("minutes", 0.0),
         ("batch", 1),

@@ -32,6 +32,7 @@ def train(
     history: Whole = 10,
     leads: Whole = 15,
     hidden: Whole = 96,
+    dropout: float | None = None,
     steps: Whole = 12_000,
     minutes: float | None = None,
     batch: Whole = 128,
@@ -76,6 +77,9 @@ def train(
         How many slots ahead it is trained to look; it can look further, less well.
     hidden
         Width of the network.
+    dropout
+        Share of its units that do not take part in a batch: more where there is little motion to
+        learn from. 0.2 by default, or what the weights of --start were made with.
     steps
         Batches to learn from at most.
     minutes
@@ -100,6 +104,7 @@ def train(
         ("history", history, 4, 100),
         ("leads", leads, 1, 60),
         ("hidden", hidden, 8, 1024),
+        ("dropout", 0.0 if dropout is None else dropout, 0.0, 0.9),
         ("steps", steps, 1, 10_000_000),
         ("minutes", math.inf if minutes is None else minutes, 0.01, math.inf),
         ("batch", batch, 2, 4096),
@@ -139,7 +144,9 @@ def train(
             )
 
     settings = Settings(
-        network=NetworkSettings(history_slots=history, hidden=hidden),
+        network=NetworkSettings(
+            history_slots=history, hidden=hidden, dropout=0.2 if dropout is None else dropout
+        ),
         num_leads=leads,
         steps=steps,
         minutes=math.inf if minutes is None else minutes,
@@ -148,7 +155,7 @@ def train(
     )
     before: AttentionLstm | None = None
     if start is not None:
-        before, settings = _gone_on_from(start, settings)
+        before, settings = _gone_on_from(start, settings, dropout)
     learned, held_out = gather(
         [load_recording(path) for path in recordings],
         [load_recording(path) for path in validate or []],
@@ -170,7 +177,9 @@ def train(
     print(f"{weights}: trained; figures on held-out motion are in {out / 'model-card.md'}")
 
 
-def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, TrainSettings]:
+def _gone_on_from(
+    start: Path, settings: TrainSettings, dropout: float | None
+) -> tuple[AttentionLstm, TrainSettings]:
     """Return the network in a file, and the settings to go on from it."""
     import hashlib
 
@@ -190,7 +199,7 @@ def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, 
     digest = hashlib.sha256(content).hexdigest()[:12]
     return network, replace(
         settings,
-        network=network.settings,
+        network=network.settings if dropout is None else replace(network.settings, dropout=dropout),
         learning_rate=settings.learning_rate / 2,
         started_from=f"{start.name}, sha256 {digest}",
     )
