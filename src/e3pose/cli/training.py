@@ -112,6 +112,7 @@ def train(
         ("combinations", combinations, 1, 1000),
     )
     workers = Workers(jobs, dask)
+    import torch
     from rich.console import Console
     from rich.progress import Progress
 
@@ -124,6 +125,9 @@ def train(
     from e3pose.train.network import NetworkSettings
     from e3pose.train.windows import Clip
 
+    # More threads are no faster with a network so small, and a hundred times slower where other
+    # programs run: they wait for each other by counting.
+    torch.set_num_threads(1)
     wanted = LessonSettings(
         target=target,
         include_scored=include_scored,
