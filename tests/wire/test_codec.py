@@ -171,6 +171,16 @@ def test_missing_keypoint_is_nan_with_score_0() -> None:
     assert np.isnan(found.keypoints_px[0, :2]).all() and (found.keypoints_px[0, 2] == 5).all()
 
 
+@pytest.mark.parametrize("bits", [0x7F800001, 0xFFA00000, 0x7FC00000])
+def test_every_kind_of_nan_is_a_missing_keypoint(bits: int) -> None:
+    keypoints = np.full((1, 3, 2), 5, np.float32)
+    keypoints.view(np.uint32)[0, 1, 0] = bits  # signalling ones too, of which NumPy warns
+    told = view(1, keypoints_px=pack(keypoints))
+    found = poses_2d(decode(encode(told), View, "cam1"))
+    assert np.isnan(found.keypoints_px[0, 1]).all() and found.scores[0, 1] == 0
+    assert (found.keypoints_px[0, [0, 2]] == 5).all()
+
+
 @pytest.mark.parametrize("dtype", ["f4", "f8", "i8", "b1"])
 def test_array_comes_back(dtype: str) -> None:
     array = (np.arange(24).reshape(2, 3, 4) % 2).astype(dtype)
