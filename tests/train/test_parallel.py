@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.train.parallel import AHEAD, ROUND, Workers
+from e3pose.train.parallel import ROUND, Workers
 
 
 def draw(shift: float, seed: int) -> tuple[float, int]:
@@ -39,7 +39,7 @@ def test_no_more_is_made_than_is_soon_used(tmp_path: Path) -> None:
     results = Workers(2).run(make_file, tmp_path, range(1000))
     assert [next(results) for _ in range(20)] == list(range(20))
     time.sleep(1.0)  # in which hundreds could be made
-    assert len(list(tmp_path.iterdir())) <= 20 + AHEAD + 2 * ROUND * 2
+    assert len(list(tmp_path.iterdir())) <= 20 + 2 * ROUND * 2
     results.close()  # type: ignore[attr-defined]
 
 

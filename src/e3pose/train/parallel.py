@@ -5,12 +5,10 @@ Nothing here decides anything: a task carries its own seed, so that it does not 
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from queue import Full, Queue
 from typing import Any, TypeVar
 
 from e3pose.errors import InputError
@@ -22,7 +20,6 @@ Result = TypeVar("Result")
 LOCAL = "local"
 MAX_JOBS = 1000
 ROUND = 4  # tasks of each process in one go
-AHEAD = 16  # results that may wait to be used
 WAIT_S = 30.0  # for a cluster to answer
 
 
@@ -65,19 +62,18 @@ class Workers:
             for task in tasks:
                 yield function(shared, task)
             return
-        yield from _made_ahead(self._rounds(function, shared, tasks))
-
-    def _rounds(
-        self, function: Callable[[Shared, Task], Result], shared: Shared, tasks: Sequence[Task]
-    ) -> Iterator[Result]:
         from joblib import Parallel, delayed, effective_n_jobs
 
-        with self._backend(shared), Parallel(batch_size=1) as run:
+        # The generators of joblib know no limit: they fill the memory if their results are used
+        # more slowly than they are made. So a thread makes one round while another is used.
+        with self._backend(shared), Parallel(batch_size=1) as run, ThreadPoolExecutor(1) as maker:
             size = ROUND * effective_n_jobs(None)
-            for start in range(0, len(tasks), size):
-                yield from run(
-                    delayed(function)(shared, task) for task in tasks[start : start + size]
-                )
+            rounds = (tasks[start : start + size] for start in range(0, len(tasks), size))
+            made: Future[Any] | None = None
+            for some in rounds:
+                last, made = made, maker.submit(run, [delayed(function)(shared, t) for t in some])
+                yield from last.result() if last else ()
+            yield from made.result() if made else ()
 
     @contextmanager
     def _backend(self, shared: Any) -> Iterator[None]:
@@ -90,45 +86,6 @@ class Workers:
             return
         with _client(self.dask, self.jobs), parallel_config("dask", scatter=[shared]):
             yield
-
-
-def _made_ahead(results: Iterator[Result]) -> Iterator[Result]:
-    """Yield what a thread takes from `results` meanwhile: no more than are soon used.
-
-    The generators of joblib know no limit: they fill the memory if their results are used more
-    slowly than they are made.
-    """
-    ready: Queue[Callable[[], Result] | None] = Queue(AHEAD)
-    stopped = threading.Event()
-
-    def put(item: Callable[[], Result] | None) -> None:
-        while not stopped.is_set():
-            with suppress(Full):
-                return ready.put(item, timeout=0.1)
-
-    def fail(error: BaseException) -> Result:
-        raise error
-
-    def make() -> None:
-        try:
-            for result in results:
-                put(lambda result=result: result)  # type: ignore[misc]
-                if stopped.is_set():
-                    break
-        except BaseException as error:
-            put(partial(fail, error))
-        finally:
-            results.close()  # type: ignore[attr-defined]
-        put(None)
-
-    maker = threading.Thread(target=make, name="rounds", daemon=True)
-    maker.start()
-    try:
-        while (item := ready.get()) is not None:
-            yield item()
-    finally:  # who stops early waits for the round that was begun
-        stopped.set()
-        maker.join()
 
 
 @contextmanager
