@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.waiting import eventually
 
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
@@ -26,10 +27,7 @@ QUICK = WriterSettings(commit_s=0.02, spool_bytes=400_000)
 
 
 def wait_for(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s, "it never came to pass"
-        time.sleep(0.01)
+    assert eventually(condition, timeout_s), "it never came to pass"
 
 
 def stored_slots(path: Path) -> list[int]:
