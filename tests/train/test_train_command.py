@@ -35,6 +35,15 @@ def test_an_impossible_option_is_named(tmp_path: Path, option: str, value: float
     assert not (tmp_path / "out").exists()
 
 
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    for module in ("torch", "onnx"):
+        pytest.importorskip(module, reason=f"{module} is not installed: pip install e3pose[train]")
+    folder = tmp_path / "room"
+    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=0), folder)
+    return folder
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -43,19 +52,14 @@ def test_an_impossible_option_is_named(tmp_path: Path, option: str, value: float
     ],
 )
 def test_weights_of_other_sizes_are_not_gone_on_from(
-    tmp_path: Path, options: dict[str, int], message: str
+    room: Path, options: dict[str, int], message: str
 ) -> None:
-    for module in ("torch", "onnx"):
-        pytest.importorskip(module, reason=f"{module} is not installed: pip install e3pose[train]")
-    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=0), tmp_path / "room")
+    out = room.parent / "out"
     with pytest.raises(InputError, match=message):
-        train([tmp_path / "room"], out=tmp_path / "out", start=Path("shipped"), **options)  # type: ignore[arg-type]
-    assert not (tmp_path / "out").exists()
+        train([room], out=out, start=Path("shipped"), **options)  # type: ignore[arg-type]
+    assert not out.exists()
 
 
-def test_a_missing_file_of_weights_is_named(tmp_path: Path) -> None:
-    for module in ("torch", "onnx"):
-        pytest.importorskip(module, reason=f"{module} is not installed: pip install e3pose[train]")
-    save_recording(simulate(SceneSettings(people=2, seconds=3.0), seed=0), tmp_path / "room")
+def test_a_missing_file_of_weights_is_named(room: Path) -> None:
     with pytest.raises(InputError, match=r"none\.onnx"):
-        train([tmp_path / "room"], out=tmp_path / "out", start=tmp_path / "none.onnx")
+        train([room], out=room.parent / "out", start=room.parent / "none.onnx")

@@ -148,9 +148,7 @@ def train(
             )
 
     settings = Settings(
-        network=NetworkSettings(
-            history_slots=history, hidden=hidden, dropout=0.2 if dropout is None else dropout
-        ),
+        network=NetworkSettings(history_slots=history, hidden=hidden),
         num_leads=leads,
         steps=steps,
         minutes=math.inf if minutes is None else minutes,
@@ -159,7 +157,9 @@ def train(
     )
     before: AttentionLstm | None = None
     if start is not None:
-        before, settings = _gone_on_from(start, settings, dropout)
+        before, settings = _gone_on_from(start, settings)
+    if dropout is not None:
+        settings = replace(settings, network=replace(settings.network, dropout=dropout))
     learned, held_out = gather(
         [load_recording(path) for path in recordings],
         [load_recording(path) for path in validate or []],
@@ -181,9 +181,7 @@ def train(
     print(f"{weights}: trained; figures on held-out motion are in {out / 'model-card.md'}")
 
 
-def _gone_on_from(
-    start: Path, settings: TrainSettings, dropout: float | None
-) -> tuple[AttentionLstm, TrainSettings]:
+def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, TrainSettings]:
     """Return the network in a file, and the settings to go on from it."""
     import hashlib
 
@@ -203,7 +201,7 @@ def _gone_on_from(
     digest = hashlib.sha256(content).hexdigest()[:12]
     return network, replace(
         settings,
-        network=network.settings if dropout is None else replace(network.settings, dropout=dropout),
+        network=network.settings,
         learning_rate=settings.learning_rate / 2,
         started_from=f"{start.name}, sha256 {digest}",
     )
