@@ -22,12 +22,18 @@ def people(delivered: list[float], shows: list[float]) -> Outlook:
         track_ids=np.array([7], dtype=np.int64),
         confirmed=np.ones(1, dtype=bool),
         joints_m=np.zeros((1, 17, 3)),
-        covariance_m2=np.broadcast_to(1e-4 * np.eye(3), (1, 17, 3, 3)),
+        covariance=np.broadcast_to(1e-4 * np.eye(6), (1, 17, 6, 6)),
+        drift_m2ps3=np.zeros((1, 17)),
+        wander_m2ps=np.zeros((1, 17)),
+        velocity_lasts_s=0.8,
+        remembers=True,
         delivered=np.array([delivered]),
         shows=np.array([shows]),
         last_seen_s=np.zeros((1, count)),
         sigma_px=np.full(count, 5.0),
         unexplained=np.zeros(count, dtype=np.int64),
+        unexplained_s=np.full(count, np.inf),
+        wait_s=0.14,
     )
 
 

@@ -4,19 +4,21 @@ A joint at p with covariance P, seen by the cameras of a set S, is expected to b
 
     L(S) = P^-1 + sum_{c in S} w_c J_c' J_c,    w_c = delivered * visible * fresh / sigma_c^2
 
-where J_c is the derivative of the projection. `docs/choice.md` has the method.
+where J_c is the derivative of the projection. Between the newest slot and the one that is decided
+lie slots whose cameras are already ordered: P is what their views are expected to leave of what is
+known, each at its own time. `docs/choice.md` has the method.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
+from e3pose.entrants import Entrants, expected_entrants
+from e3pose.filter.bias import inflation
 from e3pose.filter.outlook import Outlook
 from e3pose.filter.update import MIN_DEPTH_M, project
 from e3pose.uncertainty import mean_distance
@@ -31,8 +33,6 @@ PERSISTENT = ((0.45, 0.1), (0.45, 2.5))
 # filled by its body.
 BEHIND_SHARE = 0.5
 BEHIND_M = 0.1  # nearer than this two people stand side by side
-OVERLAP_DEPTHS_M = np.arange(1.0, 9.0, 0.5)
-PERSON_M = 2.0  # up to which height people are seen
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric matrix, as stored here
 
 
@@ -47,21 +47,22 @@ class Foresight:
         confirmed: `(num_tracks,)` who is shown.
         prior: `(num_tracks, num_joints, 6)` before any view of the slot.
         views: `(num_cameras, num_tracks, num_joints, 6)` that each camera would add if its errors
-            were new ones, which is what the estimator counts.
+            were new ones.
+        counted: `(num_cameras, num_tracks)` share of that which the estimator counts.
         fresh: `(num_cameras, num_tracks)` share of that which is new.
         weights: `(num_tracks,)` how much each person counts. Somebody whom no camera showed of late
             may not be there: that cameras would tell much if they were must not decide.
-        entrants: `(num_cameras,)` people whom nobody knows yet and another camera showed, as far
-            as each camera overlooks the ground where they may be.
+        entrants: people who are not tracked yet.
     """
 
     track_ids: NDArray[np.int64]
     confirmed: Flags
     prior: Floats
     views: Floats
+    counted: Floats
     fresh: Floats
     weights: Floats
-    entrants: Floats
+    entrants: Entrants
 
     def information(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` nats a joint that sets of cameras are expected to add.
@@ -87,7 +88,7 @@ class Foresight:
         shown = np.repeat(self.confirmed, self.prior.shape[1])
         if not shown.any():
             return np.full(len(subsets), np.nan)
-        after = self._after(subsets, self.views)[:, shown]
+        after = self._after(subsets, self.views * self.counted[..., None, None])[:, shown]
         return np.asarray(_distance(after).mean(axis=-1))
 
     def _after(self, subsets: Flags, views: Floats) -> Floats:
@@ -97,88 +98,99 @@ class Foresight:
 
 
 def foresee(
-    rig: Rig,
-    outlook: Outlook,
-    ordered: Sequence[tuple[float, Flags]] = (),
+    rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags | None = None
 ) -> Foresight:
-    """Work out what each camera would add to what is expected.
+    """Work out what each camera would add to what is expected of the slot after `ordered`.
+
+    What is known is carried through the slots in between: each adds its process noise, and the
+    views that are ordered for it add what they are expected to tell, at their own time.
 
     Args:
         rig: the cameras.
         outlook: of the slot to be decided.
-        ordered: for every slot from now to that one whose cameras are already ordered, how many
-            seconds it lies before it, and `(num_cameras,)` who detects in it.
+        interval_s: seconds per slot.
+        ordered: `(num_ordered, num_cameras)` from the next slot to the one before that which is
+            decided: the cameras that are already ordered; None where it is the next one.
     """
+    from e3pose.kernels.filter_carry import carry
+
     pixels, depth, jacobian = project(outlook.joints_m, rig.projections)
     seen = _inside(rig, pixels, depth) * _in_front(pixels, depth)
-    last_seen_s = outlook.last_seen_s.T
     weight = seen / outlook.sigma_px[:, None, None] ** 2
     weight = weight * outlook.delivered.T[..., None]
     full = np.stack([(jacobian[..., a] * jacobian[..., b]).sum(axis=-1) for a, b in UPPER], axis=-1)
     full = full * weight[..., None]  # (num_cameras, num_tracks, num_joints, 6)
-    prior = _inverse(outlook.covariance_m2)
-    for before_s, cameras in ordered:
-        fresh = freshness(np.maximum(last_seen_s - before_s, 0.0)[cameras])
-        prior = prior + np.einsum("ct,ctjk->tjk", fresh, full[cameras])
-        last_seen_s = np.where(cameras[:, None], np.minimum(last_seen_s, before_s), last_seen_s)
-    entrants = outlook.unexplained @ overlap(rig)
+    if ordered is None:
+        ordered = np.zeros((0, len(rig)), dtype=bool)
+    prior = np.empty(full.shape[1:])
+    since_s = outlook.last_seen_s.copy()
+    carry(
+        outlook.covariance,
+        outlook.drift_m2ps3,
+        outlook.wander_m2ps,
+        outlook.velocity_lasts_s,
+        interval_s,
+        ordered if outlook.remembers else np.zeros_like(ordered),
+        full,
+        since_s,
+        prior,
+    )
     return Foresight(
         track_ids=outlook.track_ids,
         confirmed=outlook.confirmed,
         prior=prior,
         views=full,
-        fresh=freshness(last_seen_s),
+        counted=1 / inflation(since_s.T),
+        fresh=freshness(since_s.T),
         weights=outlook.delivered.max(axis=1, initial=0.0),
-        entrants=entrants,
+        entrants=expected_entrants(
+            rig,
+            outlook.unexplained,
+            outlook.unexplained_s + (len(ordered) + 1) * interval_s,
+            outlook.wait_s,
+            interval_s,
+            ordered,
+        ),
     )
 
 
-@lru_cache(maxsize=8)
-def overlap(rig: Rig) -> Floats:
-    """Return `(num_cameras, num_cameras)`: how much of what one camera (row) sees another sees too.
-
-    The share of points along the rays of its image, at heights of people; 0 on the diagonal.
-    """
-    share = np.zeros((len(rig), len(rig)))
-    for row, camera in enumerate(rig.cameras):
-        width, height = camera.image_size
-        u, v = np.meshgrid(np.linspace(0.1, 0.9, 7) * width, np.linspace(0.1, 0.9, 5) * height)
-        rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=-1))
-        points = camera.center_m + rays[:, None] * OVERLAP_DEPTHS_M[:, None]
-        points = points[(points[..., 2] > 0) & (points[..., 2] < PERSON_M)]
-        if len(points):
-            share[row] = [other.sees(points).mean() for other in rig.cameras]
-    np.fill_diagonal(share, 0.0)
-    return share
-
-
 def with_predictions(
-    outlook: Outlook, now: Outlook, track_ids: NDArray[np.int64], joints_m: Floats, error_m: Floats
+    outlook: Outlook,
+    track_ids: NDArray[np.int64],
+    joints_m: Floats,
+    error_m: Floats,
+    ahead_s: float,
 ) -> Outlook:
     """Put a predictor's joints in the place of the estimator's own, where it states their error.
 
-    What is not known of a joint now is not known of it later: the predictor's error comes on top.
+    What is not known of a joint now is not known of it later: the predictor's error comes on top,
+    evenly over the time until then, in place of what the joint's own velocity may do.
 
     Args:
         outlook: the estimator's own.
-        now: the same for the newest slot.
         track_ids: `(num_predicted,)` whose joints were predicted.
         joints_m: `(num_predicted, num_joints, 3)`.
         error_m: `(num_predicted, num_joints)` expected distance; NaN where the predictor states
             none, which leaves the estimator's own prediction.
+        ahead_s: seconds from the newest slot until the slot of the outlook.
     """
     _, rows, predicted = np.intersect1d(outlook.track_ids, track_ids, return_indices=True)
     known = np.isfinite(error_m[predicted]) & np.isfinite(joints_m[predicted]).all(axis=-1)
     if not known.any():
         return outlook
-    one_axis = np.where(known, error_m[predicted], 0.0) / mean_distance(
-        np.array(3.0), np.array(3.0)
-    )
-    spread = now.covariance_m2[rows] + (one_axis**2)[..., None, None] * np.eye(3)
-    joints, covariance = outlook.joints_m.copy(), outlook.covariance_m2.copy()
+    three = np.array(3.0)
+    one_axis_m = np.where(known, error_m[predicted], 0.0) / mean_distance(three, three)
+    joints, covariance = outlook.joints_m.copy(), outlook.covariance.copy()
+    drift, wander = outlook.drift_m2ps3.copy(), outlook.wander_m2ps.copy()
     joints[rows] = np.where(known[..., None], joints_m[predicted], joints[rows])
-    covariance[rows] = np.where(known[..., None, None], spread, covariance[rows])
-    return replace(outlook, joints_m=joints, covariance_m2=covariance)
+    still = covariance[rows]
+    still[..., :, 3:] = still[..., 3:, :] = 0.0
+    covariance[rows] = np.where(known[..., None, None], still, covariance[rows])
+    drift[rows] = np.where(known, 0.0, drift[rows])
+    wander[rows] = np.where(known, one_axis_m**2 / ahead_s, wander[rows])
+    return replace(
+        outlook, joints_m=joints, covariance=covariance, drift_m2ps3=drift, wander_m2ps=wander
+    )
 
 
 def freshness(last_seen_s: Floats) -> Floats:
@@ -205,11 +217,6 @@ def _in_front(pixels: Floats, depth: Floats) -> Floats:
     nearer = (distance[:, None] < distance[..., None] - BEHIND_M) & (distance[:, None] > 0)
     hidden = (within.all(axis=-1) & nearer[:, :, None, :]).any(axis=-1)
     return np.where(hidden, BEHIND_SHARE, 1.0)
-
-
-def _inverse(covariance_m2: Floats) -> Floats:
-    inverse = np.linalg.inv(covariance_m2)
-    return np.stack([inverse[..., a, b] for a, b in UPPER], axis=-1)
 
 
 def _det(m: Floats) -> Floats:

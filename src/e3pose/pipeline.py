@@ -146,11 +146,12 @@ def step(
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     state = replace(state, memory=memory, silence=silence)
     sights = _look(pipeline.rig, state.sights, views, slot)
-    situation = _situation(pipeline, state, prediction.joints_m[-1], sights, online)
+    ordered = _in_flight(pipeline, state, online)
+    situation = _situation(pipeline, state, prediction.joints_m[-1], sights, online, ordered)
     times.append(clock())
 
     if pipeline.foresees:
-        foresight = _foresight(pipeline, state, people, prediction)
+        foresight = _foresight(pipeline, state, people, prediction, ordered)
         situation = replace(situation, foresight=foresight)
     if situation.slot < pipeline.warmup_slots:
         decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
@@ -185,6 +186,7 @@ def _situation(
     predicted_m: Floats,
     sights: tuple[Sight, ...],
     online: Selection,
+    ordered: NDArray[np.bool_],
 ) -> Situation:
     """Gather what a policy may know about the slot that is decided now."""
     target = state.slot + pipeline.lead_slots
@@ -196,7 +198,7 @@ def _situation(
         online=online & state.silence.answering(target),
         occlusion=occlusion,
         own_occlusion=own_occlusion(sights, target, pipeline.rig),
-        unseen_slots=np.array([target - sight.slot for sight in sights], dtype=np.int64),
+        unseen_slots=target - _last_looks(sights, ordered, state.slot + 1),
         visibility=visibility,
         deficit=state.deficit,
         budget=pipeline.budget,
@@ -204,23 +206,40 @@ def _situation(
     )
 
 
+def _in_flight(pipeline: Pipeline, state: SlotState, online: Selection) -> NDArray[np.bool_]:
+    """Return `(lead_slots - 1, num_cameras)`: the looks of the next slots that are to be expected.
+
+    Cameras that were ordered and have since been given up will not look.
+    """
+    ordered = state.selections[1:]
+    answering = [state.silence.answering(state.slot + 1 + ahead) for ahead in range(len(ordered))]
+    return np.asarray(ordered & online & np.array(answering, dtype=bool).reshape(ordered.shape))
+
+
+def _last_looks(
+    sights: tuple[Sight, ...], ordered: NDArray[np.bool_], next_slot: int
+) -> NDArray[np.int64]:
+    """Return `(num_cameras,)`: the slot of each camera's last look, ordered ones included."""
+    looked = np.array([sight.slot for sight in sights], dtype=np.int64)
+    slots = np.arange(next_slot, next_slot + len(ordered))[:, None]
+    return np.asarray(np.maximum(looked, np.where(ordered, slots, -1).max(axis=0, initial=-1)))
+
+
 def _foresight(
-    pipeline: Pipeline, state: SlotState, people: People, prediction: Prediction
+    pipeline: Pipeline,
+    state: SlotState,
+    people: People,
+    prediction: Prediction,
+    ordered: NDArray[np.bool_],
 ) -> Foresight:
     """Work out what each camera would tell of the slot that is decided now."""
-    estimator, interval_s = pipeline.estimator, pipeline.interval_s
-    outlook = estimator.outlook(state.memory, pipeline.lead_slots * interval_s)
-    outlook = with_coverage(outlook)
+    ahead_s = pipeline.lead_slots * pipeline.interval_s
+    outlook = with_coverage(pipeline.estimator.outlook(state.memory, ahead_s))
     if np.isfinite(prediction.error_m[-1]).any():
-        now = estimator.outlook(state.memory, 0.0)
         outlook = with_predictions(
-            outlook, now, people.history_ids, prediction.joints_m[-1], prediction.error_m[-1]
+            outlook, people.history_ids, prediction.joints_m[-1], prediction.error_m[-1], ahead_s
         )
-    in_flight = [
-        ((pipeline.lead_slots - ahead) * interval_s, cameras)
-        for ahead, cameras in enumerate(state.selections[1:], start=1)
-    ]
-    return foresee(pipeline.rig, outlook, in_flight)
+    return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)
 
 
 def _reasons(situation: Situation, decision: Selection) -> Reasons | None:

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.energy import advance_deficit, price
+from e3pose.entrants import Entrants
 from e3pose.foresight import Foresight
 from e3pose.policies import Selection, Situation
 from e3pose.policies.information import LOOK_AGAIN_S, Information
@@ -24,9 +25,10 @@ def foresight(told: list[float], sigma_m: float = 0.1, **more: object) -> Foresi
         confirmed=np.array([True]),
         prior=(EYE / sigma_m**2)[None, None],
         views=views,
+        counted=np.ones((len(told), 1)),
         fresh=np.ones((len(told), 1)),
         weights=np.ones(1),
-        entrants=np.zeros(len(told)),
+        entrants=Entrants.nobody(len(told)),
     )
     return replace(plain, **more)  # type: ignore[arg-type]
 
@@ -81,11 +83,18 @@ def test_a_camera_that_has_not_looked_for_long_is_looked_through() -> None:
     assert chosen(policy.select(situation(seen, unseen_slots=unseen))) == [1]
 
 
-def test_somebody_unexplained_pulls_another_camera_in() -> None:
-    seen = foresight([30, 25, 0], entrants=np.array([0.0, 0.0, 0.9]))
-    assert chosen(Information(1).select(situation(seen))) == [2]
+def test_somebody_unexplained_pulls_in_cameras_that_see_the_same_ground() -> None:
+    nobody_else = np.zeros((1, 3))
+    new = Entrants(np.array([[0.0, 1.0, 0.9]]), nobody_else, np.ones(1))
+    seen = foresight([30, 25, 0], sigma_m=0.05, entrants=new)
+    assert chosen(Information(1).select(situation(foresight([30, 25, 0], sigma_m=0.05)))) == [0]
+    assert chosen(Information(1).select(situation(seen))) == [1]
+    assert chosen(Information(2).select(situation(seen))) == [1, 2]
     aiming = Information(1, target_error_m=1.0)
     assert len(chosen(aiming.select(situation(seen)))) == 2
+    met = foresight([30, 25, 0], sigma_m=0.05, entrants=replace(new, weights=np.array([0.1])))
+    assert chosen(Information(2).select(situation(met))) == [0, 1]
+    assert chosen(aiming.select(situation(met))) == []
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -102,9 +111,10 @@ def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count:
         confirmed=np.ones(2, dtype=bool),
         prior=np.broadcast_to(EYE * 100, (2, 5, 6)),
         views=full[..., rows, columns],
+        counted=np.ones((12, 2)),
         fresh=np.ones((12, 2)),
         weights=np.array([1.0, 0.4]),
-        entrants=np.zeros(12),
+        entrants=Entrants.nobody(12),
     )
     now = situation(seen, price=rng.uniform(0, 5, 12))
     selection = Information(count, quality_weight=10).select(now)
@@ -150,7 +160,7 @@ def test_at_a_lower_rate_more_cameras_are_needed() -> None:
 def test_with_a_target_somebody_always_looks_now_and_then() -> None:
     nobody = Foresight(
         np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 1, 6)), np.zeros((3, 0, 1, 6)),
-        np.zeros((3, 0)), np.zeros(0), np.zeros(3),
+        np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0), Entrants.nobody(3),
     )  # fmt: skip
     policy = Information(3, target_error_m=0.04)
     assert not policy.select(situation(nobody)).any()

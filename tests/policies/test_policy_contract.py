@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from e3pose.energy import advance_deficit
+from e3pose.entrants import Entrants
 from e3pose.foresight import Foresight
 from e3pose.policies import POLICIES, PolicySettings, Selection, Situation
 
@@ -28,9 +29,10 @@ def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
         confirmed=np.array([True, True]),
         prior=np.broadcast_to([400.0, 0, 0, 400, 0, 400], (2, 3, 6)),
         views=views[..., rows, columns],
+        counted=np.ones((num_cameras, 2)),
         fresh=np.ones((num_cameras, 2)),
         weights=np.ones(2),
-        entrants=np.zeros(num_cameras),
+        entrants=Entrants.nobody(num_cameras),
     )
 
 

@@ -11,7 +11,7 @@ from e3pose.estimators.base import Outlook as Outlook
 from e3pose.estimators.base import People as People
 from e3pose.estimators.filtered import Filtered, FilterStep
 from e3pose.estimators.per_slot import PerSlot
-from e3pose.filter import OPENPOSE, Model, Noise, step
+from e3pose.filter import OPENPOSE, Model, Noise, step, wait_s
 from e3pose.fuse import Fuser, FusionSettings
 from e3pose.skeleton import Skeleton
 
@@ -28,6 +28,8 @@ class EstimatorSettings:
         fusion: of the estimator without a memory.
         backend: `numba` kernels or the numpy `reference`.
         noise: of the detector's keypoints, for the estimator with a memory.
+        num_selected: cameras per slot, a mean if it is no whole number; how long the estimator
+            with a memory waits for a second view of somebody new follows from it.
     """
 
     rig: Rig
@@ -37,6 +39,7 @@ class EstimatorSettings:
     fusion: FusionSettings
     backend: Literal["numba", "reference"]
     noise: Noise = OPENPOSE
+    num_selected: float = 1.0
 
 
 def _per_slot(settings: EstimatorSettings) -> PerSlot:
@@ -56,7 +59,8 @@ def filter_step(backend: str, model: Model) -> FilterStep:
 
 
 def _filtered(settings: EstimatorSettings) -> Filtered:
-    model = Model(settings.rig, settings.skeleton, settings.noise)
+    waiting_s = wait_s(settings.interval_s, settings.num_selected)
+    model = Model(settings.rig, settings.skeleton, settings.noise, waiting_s)
     return Filtered(model, settings.history_slots, filter_step(settings.backend, model))
 
 

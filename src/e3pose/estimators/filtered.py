@@ -112,7 +112,8 @@ class Filtered:
         return replace(
             expected,
             track_ids=memory.identities.of(expected.track_ids),
-            covariance_m2=expected.covariance_m2 * factor**2,
+            covariance=expected.covariance * factor**2,
+            drift_m2ps3=expected.drift_m2ps3 * factor**2,
             sigma_px=expected.sigma_px * factor,
         )
 

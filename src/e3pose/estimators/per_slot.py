@@ -68,6 +68,8 @@ class PerSlot:
         """
         joints_m = memory.last_known_m()
         known = np.asarray(np.isfinite(joints_m).all(axis=-1))
+        covariance = np.zeros((*known.shape, 6, 6))
+        covariance[..., :3, :3] = UNSEEN_SIGMA_M**2 * np.eye(3)
         count = np.maximum(known.sum(axis=-1), 1)[:, None, None]
         middle = np.where(known[..., None], joints_m, 0.0).sum(axis=1, keepdims=True) / count
         num_cameras = len(self.fuser.rig)
@@ -77,10 +79,16 @@ class PerSlot:
             track_ids=memory.track_ids,
             confirmed=memory.unseen == 0,
             joints_m=np.where(known[..., None], joints_m, middle),
-            covariance_m2=np.full(known.shape, UNSEEN_SIGMA_M**2)[..., None, None] * np.eye(3),
+            covariance=covariance,
+            drift_m2ps3=np.zeros(known.shape),
+            wander_m2ps=np.zeros(known.shape),
+            velocity_lasts_s=1.0,
+            remembers=False,
             delivered=np.ones(shape),
             shows=np.ones(shape),
             last_seen_s=np.full(shape, np.inf),
             sigma_px=OPENPOSE.sigma_px.min() * sizes / OPENPOSE.image_px,
             unexplained=np.zeros(num_cameras, dtype=np.int64),
+            unexplained_s=np.full(num_cameras, np.inf),
+            wait_s=0.0,
         )

@@ -149,6 +149,7 @@ def make_pipeline(
             ),
             backend=settings.backend,
             noise=load_noise(settings.noise or detector_of(place.source)),
+            num_selected=1.0 if settings.target_error_m is not None else settings.num_selected,
         ),
     )
     policy = row.make(

@@ -14,7 +14,6 @@ from e3pose.triangulate import triangulate
 
 Floats = NDArray[np.float64]
 
-WAIT_S = 0.14  # how long a detection waits for a second view: three slots of 1/25 s
 WALK_MPS = 0.7  # all joints may have moved together so fast between two slots
 SURE_SCORE, SHARED_SCORE = 0.2, 0.15
 MIN_JOINTS = 8
@@ -43,7 +42,7 @@ def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
     sure = (fresh.scores > SURE_SCORE).sum(axis=1) >= MIN_JOINTS
     fresh = fresh.take(sure)
     fresh = fresh.take(_spread(fresh))
-    old = belief.leftovers.take(belief.leftovers.times_s > belief.time_s - WAIT_S)
+    old = belief.leftovers.take(belief.leftovers.times_s > belief.time_s - model.wait_s)
     waiting = fresh.join(old).take(np.arange(min(MAX_LEFTOVERS, len(fresh) + len(old))))
     order = np.lexsort((waiting.scores.sum(axis=1), waiting.cameras, -waiting.times_s))
     waiting = waiting.take(order)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -29,6 +30,8 @@ STIFF = (
     ("left_eye", "right_eye"),
     ("left_ear", "right_ear"),
 )
+WAIT_S = 0.14  # three slots of 1/25 s
+WAIT_LOOKS = 2.5  # that a detection waits for where slots are long or few cameras look
 STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
 # A head turns and nods: what it does to these lengths is a few centimetres.
 LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
@@ -43,11 +46,13 @@ class Model:
         rig: the cameras.
         skeleton: of the keypoints.
         noise: of the detector.
+        wait_s: how long a detection that no track explains waits for a view of another camera.
     """
 
     rig: Rig
     skeleton: Skeleton
     noise: Noise = field(default=OPENPOSE)
+    wait_s: float = WAIT_S
 
     @cached_property
     def image_sizes(self) -> Floats:
@@ -99,6 +104,17 @@ class Model:
             for a, b in links
             if {a, b} <= set(names)
         ]
+
+
+def wait_s(interval_s: float, num_selected: float) -> float:
+    """Return how long an unexplained detection must wait so that another camera's look can come.
+
+    Args:
+        interval_s: seconds per slot.
+        num_selected: cameras per slot, a mean if it is no whole number.
+    """
+    slots_between_looks = math.ceil(1 / num_selected - 1e-9)
+    return max(WAIT_S, WAIT_LOOKS * slots_between_looks * interval_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

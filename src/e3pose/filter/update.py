@@ -63,16 +63,10 @@ def predict(belief: Belief, dt: float, model: Model) -> Belief:
     )
 
 
-def predict_positions(belief: Belief, dt: float, model: Model) -> tuple[Floats, Floats]:
-    """Return the joints and their covariances of `predict`, which takes four times as long."""
+def predict_positions(belief: Belief, dt: float) -> Floats:
+    """Return where `predict` places the joints, `(num_tracks, num_joints, 3)` metres."""
     moves = VELOCITY_LASTS_S * (1 - np.exp(-dt / VELOCITY_LASTS_S))
-    state, covariance = belief.state, belief.covariance
-    across = covariance[..., :3, 3:]
-    spread = covariance[..., :3, :3] + moves * (across + np.swapaxes(across, -1, -2))
-    spread = spread + moves**2 * covariance[..., 3:, 3:]
-    drift = model.tree.drift_m2ps4 * (ACCELERATION_LASTS_S * dt**3 / 3)
-    spread = spread + drift[:, None, None] * np.eye(3)
-    return state[..., :3] + moves * state[..., 3:], spread
+    return np.asarray(belief.state[..., :3] + moves * belief.state[..., 3:])
 
 
 def project(points_m: Floats, projections: Floats) -> tuple[Floats, Floats, Floats]:

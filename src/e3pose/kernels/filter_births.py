@@ -38,6 +38,7 @@ def give_birth(
     num_tracks: int,
     num_old: int,
     time_s: float,
+    wait_s: float,
     next_id: int,
     projections: Floats,
     scales: Floats,
@@ -52,7 +53,7 @@ def give_birth(
     The first `num_old` rows of `waiting` are of earlier slots. What still waits in the end is in
     the rows that `waiting.order` begins with.
     """
-    num_waiting = collect(num_old, time_s, views, waiting)
+    num_waiting = collect(num_old, time_s, wait_s, views, waiting)
     num_pairs = _pair(num_waiting, time_s, projections, scales, waiting, pairs)
     for index in range(num_waiting):
         pairs.taken[index] = False

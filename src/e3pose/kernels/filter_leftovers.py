@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.births import MAX_LEFTOVERS, MIN_JOINTS, SURE_SCORE, WAIT_S
+from e3pose.filter.births import MAX_LEFTOVERS, MIN_JOINTS, SURE_SCORE
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_memory import Views, Waiting
 
@@ -14,7 +14,7 @@ Integers = NDArray[np.int64]
 
 
 @kernel
-def collect(num_old: int, time_s: float, views: Views, waiting: Waiting) -> int:
+def collect(num_old: int, time_s: float, wait_s: float, views: Views, waiting: Waiting) -> int:
     """Add the leftovers of this slot and put all in order; return how many there are."""
     num_joints = views.weights.shape[1]
     _rank(views)
@@ -37,7 +37,7 @@ def collect(num_old: int, time_s: float, views: Views, waiting: Waiting) -> int:
             waiting.order[count] = row
             row, count = row + 1, count + 1
     for old in range(num_old):
-        if waiting.times_s[old] > time_s - WAIT_S and count < MAX_LEFTOVERS:
+        if waiting.times_s[old] > time_s - wait_s and count < MAX_LEFTOVERS:
             waiting.order[count] = old
             count += 1
     for index in range(count):

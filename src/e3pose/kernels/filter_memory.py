@@ -38,6 +38,7 @@ class Site(NamedTuple):
     drift_m2ps4: Floats  # (num_joints,)
     shared_m2ps4: Floats  # (num_joints,)
     corner_m: Floats  # (2,) of the cells of `Belief.sights`
+    wait_s: float  # how long a detection that no track explains waits for a second view
     lenses: Lenses
 
 
@@ -65,6 +66,7 @@ def make_site(model: Model) -> Site:
         np.ascontiguousarray(tree.drift_m2ps4),
         np.ascontiguousarray(tree.shared_m2ps4),
         np.ascontiguousarray(model.corner_m),
+        float(model.wait_s),
         make_lenses(model.rig),
     )
 

@@ -193,6 +193,7 @@ def step_slot(
         num_tracks,
         num_old,
         time_s,
+        site.wait_s,
         next_id,
         site.projections,
         site.scales,

@@ -1,11 +1,11 @@
 """The cameras that are expected to tell most about everybody, held to the energy budgets.
 
-    maximise  V * (information(S) + sum_{c in S} watch_c) - sum_{c in S} price_c
+    maximise  V * (information(S) + entrants(S) + sum_{c in S} watch_c) - sum_{c in S} price_c
 
-`information` grows with diminishing returns, prices and watches add up: a greedy choice of a given
-number of cameras, whose objective is shifted to be zero for no camera and to grow with every one,
-reaches 1 - 1/e of the best (Nemhauser, Wolsey and Fisher, 1978). Where there are few subsets all
-are tried. `docs/choice.md` has the method and what it was measured to be worth.
+`information` grows with diminishing returns, prices and watches add up: where nobody comes in, a
+greedy choice of a given number of cameras, whose objective is shifted to be zero for no camera and
+to grow with every one, reaches 1 - 1/e of the best (Nemhauser, Wolsey and Fisher, 1978). Where
+there are few subsets all are tried. `docs/choice.md` has the method and what it is worth.
 """
 
 from __future__ import annotations
@@ -27,7 +27,10 @@ Flags = NDArray[np.bool_]
 MOST_SUBSETS = 60  # that are all tried: any count of up to seven cameras, and 2 of 11
 WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
 WATCH_LIMIT_S = 5.0
-ENTRANT_NATS = 0.5  # of a second view of somebody new
+ENTRANT_NATS = 0.5  # of a person started
+UNMET_PEOPLE = (
+    0.5  # with a target, two cameras look while so many are expected to be started by none
+)
 LOOK_AGAIN_S = 0.2  # with a target, some camera looks at least this often, whoever is known
 BURST_S = 2.0  # with a target, how far ahead of its budget a camera may run
 NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
@@ -68,20 +71,20 @@ class Information:
         candidates = np.flatnonzero(np.roll(allowed, -self.phase))
         candidates = (candidates + self.phase) % len(allowed)
         count = min(count, len(candidates))
-        watch = self.quality_weight * watch_nats(situation, foresight)
+        watch = self.quality_weight * watch_nats(situation)
         worth = watch - situation.price
         if comb(len(candidates), count) <= MOST_SUBSETS:
             subsets = _subsets(len(candidates), count)
             selections = np.zeros((len(subsets), len(allowed)), dtype=bool)
             selections[:, candidates] = subsets
-            value = self.quality_weight * foresight.information(selections) + selections @ worth
+            value = self.quality_weight * worth_nats(foresight, selections) + selections @ worth
             return np.asarray(selections[int(np.argmax(self._rounded(value)))])
         selection = np.zeros(len(allowed), dtype=bool)
         for _ in range(count):
             free = candidates[~selection[candidates]]
             tried = np.repeat(selection[None], len(free), axis=0)
             tried[np.arange(len(free)), free] = True
-            value = self.quality_weight * foresight.information(tried) + worth[free]
+            value = self.quality_weight * worth_nats(foresight, tried) + worth[free]
             selection[free[int(np.argmax(self._rounded(value)))]] = True
         return selection
 
@@ -97,10 +100,9 @@ class Information:
         everyone = self._best(situation, foresight, allowed, int(allowed.sum()))
         all_error_m = foresight.expected_error_m(everyone[None])[0]
         enough_m = max(target_m, all_error_m * (1 + NO_BETTER))
-        entrants = foresight.entrants[allowed]
         stale = situation.unseen_slots[allowed].min(initial=10**9) * situation.interval_s
         least = 1 if stale >= LOOK_AGAIN_S or not foresight.confirmed.all() else 0
-        least = max(least, 2 if entrants.any() else 0)
+        least = max(least, 2 if foresight.entrants.weights.sum() > UNMET_PEOPLE else 0)
         for count in range(least, int(allowed.sum())):
             selection = self._best(situation, foresight, allowed, count)
             error_m = foresight.expected_error_m(selection[None])[0]
@@ -109,10 +111,15 @@ class Information:
         return everyone
 
 
-def watch_nats(situation: Situation, foresight: Foresight) -> Floats:
-    """Return `(num_cameras,)` what each camera may show of people who are not known yet."""
+def worth_nats(foresight: Foresight, subsets: Flags) -> Floats:
+    """Return `(num_subsets,)`: what sets of cameras tell of those known and of those to start."""
+    return foresight.information(subsets) + ENTRANT_NATS * foresight.entrants.starts(subsets)
+
+
+def watch_nats(situation: Situation) -> Floats:
+    """Return `(num_cameras,)` what each camera may show of people whom nobody has seen yet."""
     unseen_s = np.minimum(situation.unseen_slots * situation.interval_s, WATCH_LIMIT_S)
-    return np.asarray(WATCH_NATS_PER_S * unseen_s + ENTRANT_NATS * foresight.entrants)
+    return np.asarray(WATCH_NATS_PER_S * unseen_s)
 
 
 @lru_cache(maxsize=256)
