@@ -1,8 +1,11 @@
 """Where does adaptive choice pay? Policies on simulated scenes, paired over seeds.
 
 python benchmarks/adaptive_choice.py --seeds 20 --out adaptive.jsonl
+python benchmarks/adaptive_choice.py --seeds 20 --lead 4 --out adaptive.jsonl
 
-Every line of the file is one seed of one scene; a run that was stopped goes on where it was.
+A live site decides 2 to 6 slots ahead: `--lead` takes several, and tables have a column for it.
+Every line of the file is one seed of one scene at one lead; a run that was stopped goes on where
+it was.
 """
 
 from __future__ import annotations
@@ -36,24 +39,39 @@ RUNS = (
     (PAPER, 1),
 )
 SECONDS, FPS = 16.0, 12.5
+LEADS = (1, 2, 4, 6)
 FIRST_SEED = 1000  # none of these were looked at while scenes and policies were made
 ACTIVE_W, IDLE_W = 12.5, 6.25  # of the shipped profile of the Xavier NX
 
 
 def one(
-    scene: str, seed: int, runs: Sequence[tuple[str, float]], seconds: float, people: int | None
-) -> Row:
-    """Simulate one scene and replay it under every policy."""
+    scene: str,
+    seed: int,
+    runs: Sequence[tuple[str, float]],
+    seconds: float,
+    people: int | None,
+    leads: Sequence[int],
+) -> list[Row]:
+    """Simulate one scene and replay it under every policy and lead."""
     from e3pose.simulate import SCENES, SceneSettings, simulate
 
     fps = FPS if SCENES[scene].fps > FPS else None
     settings = SceneSettings(scene=scene, seconds=seconds, fps=fps, people=people)
     recording = simulate(settings, seed)
-    rows = [figures(recording, policy, count, seed) for policy, count in runs]
-    return {"scene": scene, "seed": seed, "people": people, "seconds": seconds, "runs": rows}
+    of_scene = {"scene": scene, "seed": seed, "people": people, "seconds": seconds}
+    return [
+        {
+            **of_scene,
+            "lead": lead,
+            "runs": [figures(recording, policy, count, seed, lead) for policy, count in runs],
+        }
+        for lead in leads
+    ]
 
 
-def figures(recording: Any, policy: str, count: float, seed: int, pipeline: str = "memory") -> Row:
+def figures(
+    recording: Any, policy: str, count: float, seed: int, lead: int, pipeline: str = "memory"
+) -> Row:
     """Replay once; the energy of batteries counts, and so does a lifetime of the recording."""
     from e3pose.evaluate.bad_days import BadDay
     from e3pose.evaluate.replay import ReplaySettings, replay
@@ -71,7 +89,7 @@ def figures(recording: Any, policy: str, count: float, seed: int, pipeline: str 
         day = BadDay(watts=((ACTIVE_W,) * num_cameras, (IDLE_W,) * num_cameras))
     settings = ReplaySettings(
         pipeline=pipeline, policy=policy, num_selected=count, seed=seed % 1000, phase=seed % 1000,
-        budget=budget, bad_day=day,
+        budget=budget, bad_day=day, lead_slots=lead,
     )  # fmt: skip
     records = list(replay(recording, settings))
     found = accuracy(recording, records)
@@ -96,28 +114,35 @@ def figures(recording: Any, policy: str, count: float, seed: int, pipeline: str 
 
 
 def measure(
-    out: Path, scenes: Sequence[str], seeds: int, seconds: float, people: int | None, jobs: int
+    out: Path,
+    scenes: Sequence[str],
+    seeds: int,
+    seconds: float,
+    people: int | None,
+    leads: Sequence[int],
+    jobs: int,
 ) -> list[Row]:
     """Do what is not in the file yet, and return all of it."""
     from joblib import Parallel, delayed
     from rich.progress import track
 
     done = read(out)
-    have = {(row["scene"], row["seed"], row["people"], row["seconds"]) for row in done}
-    todo = [
-        (scene, FIRST_SEED + i)
-        for i in range(seeds)
-        for scene in scenes
-        if (scene, FIRST_SEED + i, people, seconds) not in have
-    ]
+    have = {(r["scene"], r["seed"], r["people"], r["seconds"], r["lead"]) for r in done}
+    todo = []
+    for seed in range(FIRST_SEED, FIRST_SEED + seeds):
+        for scene in scenes:
+            left = [lead for lead in leads if (scene, seed, people, seconds, lead) not in have]
+            if left:
+                todo.append((scene, seed, left))
     results = Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)(
-        delayed(one)(scene, seed, RUNS, seconds, people) for scene, seed in todo
+        delayed(one)(scene, seed, RUNS, seconds, people, left) for scene, seed, left in todo
     )
     with out.open("a") as file:
-        for row in track(results, "replay", total=len(todo), disable=not sys.stderr.isatty()):
-            file.write(json.dumps(row) + "\n")
+        for rows in track(results, "replay", total=len(todo), disable=not sys.stderr.isatty()):
+            for row in rows:
+                file.write(json.dumps(row) + "\n")
             file.flush()
-            done.append(row)
+            done.extend(rows)
     return done
 
 
@@ -148,28 +173,58 @@ def errors(rows: Sequence[Row], policy: str, count: float) -> Floats:
     )
 
 
-def report(rows: Sequence[Row], scenes: Sequence[str]) -> Iterator[str]:
-    """Yield a table in Markdown: what adaptive choice is worth in every scene."""
+def report(rows: Sequence[Row], scenes: Sequence[str], leads: Sequence[int]) -> Iterator[str]:
+    """Yield tables in Markdown: what adaptive choice is worth in every scene, and at every lead."""
     yield (
-        "| scene | C | seeds | MPJPE mm spread / paper / adaptive | recall % | "
+        "| scene | C | lead | seeds | MPJPE mm spread / paper / adaptive | recall % | "
         "gain over spread % | counting misses % | gain over paper % | "
         "energy saved at equal error % |"
     )
-    yield "|---|---|---|---|---|---|---|---|---|"
+    yield "|---|---|---|---|---|---|---|---|---|---|"
     for scene in scenes:
-        mine = sorted((row for row in rows if row["scene"] == scene), key=lambda row: row["seed"])
-        for count in (1, 2) if mine else ():
-            yield _row(scene, count, mine)
-        for name in (SPREAD, ADAPTIVE) if mine else ():
-            false = np.mean(of(mine, name, 2, "false_percent"))
-            switches = np.mean(of(mine, name, 2, "switches_per_person_minute"))
-            yield (
-                f"| {scene} | 2 | | {name}: {false:.2f} % of the estimates are nobody, "
-                f"{switches:.2f} identity switches a person-minute | | | | | |"
-            )
+        for lead in leads:
+            mine = sorted(_at(rows, scene, lead), key=lambda row: int(row["seed"]))
+            for count in (1, 2) if mine else ():
+                yield _row(scene, count, lead, mine)
+            for name in (SPREAD, ADAPTIVE) if mine else ():
+                false = np.mean(of(mine, name, 2, "false_percent"))
+                switches = np.mean(of(mine, name, 2, "switches_per_person_minute"))
+                yield (
+                    f"| {scene} | 2 | {lead} | | {name}: {false:.2f} % of the estimates are "
+                    f"nobody, {switches:.2f} identity switches a person-minute | | | | | |"
+                )
+    yield ""
+    yield "Gain over spread turns, %, mean of the scenes; counting misses; and recall, difference:"
+    yield ""
+    yield "| C | " + " | ".join(f"lead {lead}" for lead in leads) + " |"
+    yield "|---|" + "---|" * len(leads)
+    for count in (1, 2):
+        cells = [_overall(rows, scenes, count, lead) for lead in leads]
+        yield f"| {count} | {' | '.join(cells)} |"
 
 
-def _row(scene: str, count: float, rows: Sequence[Row]) -> str:
+def _at(rows: Sequence[Row], scene: str, lead: int) -> list[Row]:
+    return [row for row in rows if (row["scene"], row["lead"]) == (scene, lead)]
+
+
+def _overall(rows: Sequence[Row], scenes: Sequence[str], count: float, lead: int) -> str:
+    gains, with_misses, recall = [], [], []
+    for scene in scenes:
+        mine = _at(rows, scene, lead)
+        if mine:
+            spread = np.array(of(mine, SPREAD, count, "mpjpe_mm"), dtype=np.float64)
+            adaptive = np.array(of(mine, ADAPTIVE, count, "mpjpe_mm"), dtype=np.float64)
+            gains.append(gain_percent(spread, adaptive).mean)
+            missed = errors(mine, SPREAD, count), errors(mine, ADAPTIVE, count)
+            with_misses.append(gain_percent(*missed).mean)
+            found = [np.mean(of(mine, name, count, "recall")) for name in (ADAPTIVE, SPREAD)]
+            recall.append(100 * (found[0] - found[1]))
+    if not gains:
+        return ""
+    return f"{np.mean(gains):+.1f}; {np.mean(with_misses):+.1f}; {np.mean(recall):+.2f}"
+
+
+def _row(scene: str, count: float, lead: int, rows: Sequence[Row]) -> str:
     names = [name for name in (SPREAD, PAPER, ADAPTIVE) if (name, count) in RUNS]
     error = {name: np.array(of(rows, name, count, "mpjpe_mm"), dtype=np.float64) for name in names}
     recall = {name: 100 * np.mean(of(rows, name, count, "recall")) for name in names}
@@ -183,6 +238,7 @@ def _row(scene: str, count: float, rows: Sequence[Row]) -> str:
     cells = [
         scene,
         str(count),
+        str(lead),
         str(len(rows)),
         " / ".join(f"{error[name].mean():.1f}" if name in error else "" for name in NAMES),
         " / ".join(f"{recall[name]:.1f}" if name in recall else "" for name in NAMES),
@@ -204,15 +260,16 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=SECONDS)
     parser.add_argument("--people", type=int)
+    parser.add_argument("--lead", default=",".join(map(str, LEADS)), help="slots ahead, several")
     parser.add_argument("--jobs", type=int, default=-1)
     parser.add_argument("--out", type=Path, default=Path("adaptive.jsonl"))
     options = parser.parse_args()
     scenes = options.scenes.split(",")
-    rows = measure(
-        options.out, scenes, options.seeds, options.seconds, options.people, options.jobs
-    )
-    wanted = [r for r in rows if (r["people"], r["seconds"]) == (options.people, options.seconds)]
-    for line in report(wanted, scenes):
+    leads = [int(lead) for lead in options.lead.split(",")]
+    asked = (options.seconds, options.people)
+    rows = measure(options.out, scenes, options.seeds, *asked, leads, options.jobs)
+    wanted = [row for row in rows if (row["seconds"], row["people"]) == asked]
+    for line in report(wanted, scenes, leads):
         print(line)
 
 

@@ -1,7 +1,7 @@
 """Draw the accuracy-energy frontier from what `e3pose evaluate` and `adaptive_choice.py` wrote.
 
 python benchmarks/frontier.py shelf docs/images/frontier-shelf.svg paper=a.json memory=b.json
-python benchmarks/frontier.py scenes docs/images/frontier-scenes.svg adaptive.jsonl
+python benchmarks/frontier.py scenes docs/images/frontier-scenes.svg adaptive.jsonl --lead 4
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ POLICY_LOOK = {
 COLUMNS = 3
 
 
-def shelf(out: Path, sources: Sequence[str]) -> None:
+def shelf(out: Path, sources: Sequence[str], lead: int) -> None:
     """PCP and MPJPE against the cameras on: one line per estimator and policy."""
     rows = [
         {**row, "pipeline": name}
         for name, path in (source.split("=", 1) for source in sources)
         for row in json.loads(Path(path).read_text())["rows"]
+        if row["lead"] == lead
     ]
     with picture(out, 7.4, 3.4) as figure:
         axes = figure.subplots(1, 2)
@@ -73,9 +74,10 @@ def _lines(
     return lines
 
 
-def scenes(out: Path, source: Path) -> None:
+def scenes(out: Path, source: Path, lead: int) -> None:
     """Error, misses counted, against the cameras on in every scene: 95 % intervals over seeds."""
-    rows = [json.loads(line) for line in source.read_text().splitlines()]
+    lines = map(json.loads, source.read_text().splitlines())
+    rows = [row for row in lines if row["lead"] == lead]
     names = list(dict.fromkeys(row["scene"] for row in rows))
     height = 1.9 * -(-len(names) // COLUMNS) + 0.6
     with picture(out, 7.4, height) as figure:
@@ -120,11 +122,12 @@ def main() -> None:
     parser.add_argument("what", choices=("shelf", "scenes"))
     parser.add_argument("out", type=Path)
     parser.add_argument("sources", nargs="+")
+    parser.add_argument("--lead", type=int, default=4, help="slots ahead that were decided")
     options = parser.parse_args()
     if options.what == "shelf":
-        shelf(options.out, options.sources)
+        shelf(options.out, options.sources, options.lead)
     else:
-        scenes(options.out, Path(options.sources[0]))
+        scenes(options.out, Path(options.sources[0]), options.lead)
 
 
 if __name__ == "__main__":
