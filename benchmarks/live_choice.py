@@ -32,6 +32,7 @@ from e3pose.site.example import STORE_FILE, write_recorded
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire.network import open_network
+from e3pose.wire.transport import Transport
 from relay import relay
 
 START_S, READY_S, SILENT_S = 240.0, 10.0, 30.0
@@ -91,7 +92,7 @@ def _play(path: Path, through: Any, recording: Recording) -> tuple[Heard, list[i
     link = viewer_link(path, load_site(path), None)
     transport = open_network(link)
     follower.listen(transport, heard.poses, lambda status: leads.append(status.lead))
-    tap = None
+    tap: Transport | None = None
     begun_s = newest_s = time.monotonic()
     newest = 0
 

@@ -27,10 +27,8 @@ Flags = NDArray[np.bool_]
 MOST_SUBSETS = 60  # that are all tried: any count of up to seven cameras, and 2 of 11
 WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
 WATCH_LIMIT_S = 5.0
-ENTRANT_NATS = 0.5  # of a person started
-UNMET_PEOPLE = (
-    0.5  # with a target, two cameras look while so many are expected to be started by none
-)
+ENTRANT_NATS = 1.0  # of a person started
+UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
 LOOK_AGAIN_S = 0.2  # with a target, some camera looks at least this often, whoever is known
 BURST_S = 2.0  # with a target, how far ahead of its budget a camera may run
 NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
