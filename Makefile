@@ -45,10 +45,11 @@ lint: $(VENV)/.dev  ## put formatting and simple findings right
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-bench: $(VENV)/.all  ## how long things take: fusing, filtering, predicting, keeping, a live site
+bench: $(VENV)/.all  ## how long things take: fusing, filtering, predicting, choosing, keeping, a live site
 	$(BIN)/python benchmarks/bench_fuse.py
 	$(BIN)/python benchmarks/bench_filter.py
 	$(BIN)/python benchmarks/bench_predict.py
+	$(BIN)/python benchmarks/bench_choose.py
 	$(BIN)/python benchmarks/bench_import.py
 	$(BIN)/python benchmarks/bench_store.py
 	$(BIN)/python benchmarks/bench_batteries.py
