@@ -7,7 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from e3pose.edge.lead import CALM_SLOTS, MAX_LEAD, MAX_SAMPLES, Lead, adapt, cautious, take_in_delay
+from e3pose.edge.lead import (
+    CALM_SLOTS,
+    MAX_DELAY_S,
+    MAX_SAMPLES,
+    MIN_SAMPLES,
+    Lead,
+    adapt,
+    cautious,
+    take_in_delay,
+)
 
 INTERVAL_S = 0.04
 
@@ -15,7 +24,7 @@ INTERVAL_S = 0.04
 def settled(delay_s: float, wake_s: float = 0.0, start: int = 1) -> Lead:
     lead = Lead(start)
     for _ in range(40):
-        lead = take_in_delay(lead, delay_s)
+        lead = take_in_delay(lead, 0, delay_s)
     for _ in range(CALM_SLOTS * (start + 2)):
         lead = adapt(lead, INTERVAL_S, wake_s)
     return lead
@@ -34,11 +43,11 @@ def test_order_arrives_just_before_its_slot_begins(delay_ms: float, slots: int) 
 def test_growing_is_immediate_and_shrinking_waits() -> None:
     lead = settled(0.001)
     for _ in range(500):
-        lead = take_in_delay(lead, 0.1)
+        lead = take_in_delay(lead, 0, 0.1)
     lead = adapt(lead, INTERVAL_S)
     assert lead.slots == 4
     for _ in range(500):
-        lead = take_in_delay(lead, 0.001)
+        lead = take_in_delay(lead, 0, 0.001)
     for _ in range(CALM_SLOTS - 1):
         lead = adapt(lead, INTERVAL_S)
         assert lead.slots == 4
@@ -47,11 +56,11 @@ def test_growing_is_immediate_and_shrinking_waits() -> None:
 
 def test_slow_air_counts_within_two_seconds() -> None:
     """Five cameras say their longest delay twice a second."""
-    lead = settled(0.01)
-    for _ in range(1000):
-        lead = take_in_delay(lead, 0.01)
-    for _ in range(5 * 2 * 2):
-        lead = take_in_delay(lead, 0.15)
+    lead = Lead()
+    for _ in range(200):
+        lead = told(lead, [0.01] * 5)
+    for _ in range(2 * 2):
+        lead = told(lead, [0.15] * 5)
     assert adapt(lead, INTERVAL_S).slots == 5
 
 
@@ -59,7 +68,7 @@ def test_delay_that_flutters_does_not_make_the_lead_flutter() -> None:
     rng = np.random.default_rng(1)
     lead, changes = Lead(1), 0
     for _ in range(5000):
-        lead = take_in_delay(lead, float(rng.choice([0.01, 0.018])))
+        lead = take_in_delay(lead, 0, float(rng.choice([0.01, 0.018])))
         before = lead.slots
         lead = adapt(lead, INTERVAL_S)
         changes += lead.slots != before
@@ -70,17 +79,57 @@ def test_cameras_that_sleep_are_given_time_to_wake() -> None:
     assert settled(0.001, wake_s=0.4).slots == 11
 
 
-@pytest.mark.parametrize("delay_s", [math.nan, math.inf, -1.0, 1e9])
+@pytest.mark.parametrize("delay_s", [math.nan, math.inf, -1.0])
 def test_delay_that_cannot_be_is_ignored(delay_s: float) -> None:
-    assert take_in_delay(Lead(), delay_s) == Lead()
+    assert take_in_delay(Lead(), 0, delay_s) == Lead()
+
+
+def told(lead: Lead, delays_s: list[float]) -> Lead:
+    """Every camera reports a delay."""
+    for camera, delay_s in enumerate(delays_s):
+        lead = take_in_delay(lead, camera, delay_s)
+    return lead
+
+
+def followed(*delays_s: float, online: list[bool] | None = None) -> Lead:
+    """The lead after cameras have reported these delays for a while."""
+    lead = Lead()
+    for _ in range(MIN_SAMPLES):
+        lead = told(lead, list(delays_s))
+    return adapt(lead, INTERVAL_S, online=online)
+
+
+@pytest.mark.parametrize("lie_s", [0.6, 1.9, 3.0, 3000.0])
+def test_a_camera_far_slower_than_the_others_is_left_behind(lie_s: float) -> None:
+    lead = followed(0.01, 0.02, lie_s, 0.015)
+    assert lead.slots == followed(0.01, 0.02, 0.015).slots
+    assert lead.left_behind == (2,)
+
+
+def test_a_camera_somewhat_slower_is_followed() -> None:
+    lead = followed(0.01, 0.02, 0.3, 0.015)
+    assert lead.left_behind == ()
+    assert lead.slots == 9
+
+
+def test_a_site_of_slow_links_is_followed() -> None:
+    lead = followed(0.02, 0.8, 0.9, 0.85)
+    assert lead.left_behind == ()
+    assert lead.slots == 24
+
+
+def test_cameras_that_are_away_do_not_count() -> None:
+    assert followed(0.01, 0.02, 0.3, online=[True, True, False]).slots == 2
+    assert followed(0.01, online=[False]) == followed(0.01, online=[False])
 
 
 def test_lead_is_bounded_and_so_is_its_memory() -> None:
-    lead = settled(3000.0)
-    assert lead.slots == MAX_LEAD
+    assert followed(3000.0).slots == 1  # nobody is worth following
+    assert followed(1.99, 1.99).slots <= round(MAX_DELAY_S / INTERVAL_S) + 2
+    lead = settled(0.01)
     for _ in range(2000):
-        lead = take_in_delay(lead, 0.01)
-    assert len(lead.delays_s) == MAX_SAMPLES
+        lead = take_in_delay(lead, 0, 0.01)
+    assert [len(delays_s) for delays_s in lead.delays_s] == [MAX_SAMPLES]
 
 
 def test_beginning_survives_slots_that_wait_for_their_deadline() -> None:

@@ -43,7 +43,7 @@ class Inbox:
         interval_s: seconds a slot.
         gather: where views go.
         clock: the edge's.
-        on_delay: told the delays of orders that cameras measured, in seconds.
+        on_delay: called with a camera's index and the delay of orders that it measured, seconds.
         on_beat: told every heartbeat.
         roster: what is known of the cameras; replaced whole, so that readers need no lock.
         strangers: messages of cameras that the rig does not have.
@@ -57,7 +57,7 @@ class Inbox:
     interval_s: float
     gather: Gather
     clock: Clock
-    on_delay: Callable[[float], None]
+    on_delay: Callable[[int, float], None]
     on_beat: Callable[[Heartbeat], None]
     roster: Roster = field(init=False)
     strangers: int = 0
@@ -188,7 +188,7 @@ class Inbox:
         now_ns = self.clock.now_ns()
         self._change(index, lambda life: take_beat(life, beat, now_ns))
         if beat.order_delay_ns > 0:
-            self.on_delay(beat.order_delay_ns / 1e9)
+            self.on_delay(index, beat.order_delay_ns / 1e9)
         self.on_beat(beat)
 
     def _presence(self, topic: str, there: bool) -> None:

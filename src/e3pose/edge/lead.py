@@ -1,18 +1,29 @@
-"""The smallest lead with which orders arrive in time, from measured delays."""
+"""The smallest lead with which orders arrive in time, from measured delays.
+
+Every camera reports its own delays. The lead follows the slowest camera, unless that one is far
+behind the others: then the site leaves it behind instead of slowing down for it.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 QUANTILE = 0.9  # of delays that are each the longest of half a second: 99 % of the orders, about
-MAX_SAMPLES = 100  # some seconds of a few cameras: slow air must count soon
-MIN_SAMPLES = 25
+MAX_SAMPLES = 20  # per camera, ten seconds: slow air must count soon
+MIN_SAMPLES = 5
 CALM_SLOTS = 250  # how long a smaller lead must have done before it is taken: hysteresis
 MARGIN_SHARE = 0.1  # of a slot, to spare
 MAX_LEAD = 60  # slots; the predictor sees no farther
+# Who would act on what people did two seconds ago does not follow them: nothing that a site does is
+# worth a longer delay, and a camera that reports one is not believed.
+MAX_DELAY_S = 2.0
+# A camera is left behind if its delay is so many times that of the next one, and so much longer.
+FAR_TIMES, FAR_S = 4.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,30 +32,36 @@ class Lead:
 
     Attributes:
         slots: the paper's tau, at least 1.
-        delays_s: the newest delays from the middle of the slot that was looked at until the orders
-            made from it had arrived, those of waking included; oldest first.
+        delays_s: by camera, the newest delays from the middle of the slot that was looked at until
+            the orders made from it had arrived; oldest first.
         calm: slots for which a smaller lead would have done.
+        left_behind: cameras whose orders come too late at this lead, as they are far slower than
+            the others.
     """
 
     slots: int = 1
-    delays_s: tuple[float, ...] = ()
+    delays_s: tuple[tuple[float, ...], ...] = ()
     calm: int = 0
+    left_behind: tuple[int, ...] = ()
 
 
-def take_in_delay(lead: Lead, delay_s: float) -> Lead:
-    """Return the lead with one more delay that was measured; one that cannot be is ignored."""
-    if not (math.isfinite(delay_s) and 0 <= delay_s < 3600):
+def take_in_delay(lead: Lead, camera: int, delay_s: float) -> Lead:
+    """Return the lead with one more delay that a camera measured; one that cannot be is ignored."""
+    if not (math.isfinite(delay_s) and delay_s >= 0):
         return lead
-    return replace(lead, delays_s=(*lead.delays_s, delay_s)[-MAX_SAMPLES:])
+    delays_s = [*lead.delays_s, *[()] * (camera + 1 - len(lead.delays_s))]
+    delays_s[camera] = (*delays_s[camera], delay_s)[-MAX_SAMPLES:]
+    return replace(lead, delays_s=tuple(delays_s))
 
 
 def cautious(deadline_s: float, interval_s: float) -> Lead:
     """Return the lead to begin with: enough even if every slot waits for its deadline."""
-    slots = math.ceil(deadline_s / interval_s + 0.5 + MARGIN_SHARE)
-    return Lead(min(max(slots, 1), MAX_LEAD))
+    return Lead(_needed(min(deadline_s, MAX_DELAY_S), interval_s))
 
 
-def adapt(lead: Lead, interval_s: float, wake_s: float = 0.0) -> Lead:
+def adapt(
+    lead: Lead, interval_s: float, wake_s: float = 0.0, online: Sequence[bool] | None = None
+) -> Lead:
     """Return the lead for the next slot.
 
     An order for slot t + lead, made from the views of slot t, must have arrived when slot t + lead
@@ -53,19 +70,47 @@ def adapt(lead: Lead, interval_s: float, wake_s: float = 0.0) -> Lead:
 
     Args:
         lead: of this slot.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         wake_s: how long the slowest camera takes to wake.
+        online: by camera, whether it can be selected; delays of others do not count.
 
     Returns:
         The lead with `slots` in 1..`MAX_LEAD`.
     """
-    if len(lead.delays_s) < MIN_SAMPLES:
+    known = {
+        camera: float(np.quantile(delays_s, QUANTILE))
+        for camera, delays_s in enumerate(lead.delays_s)
+        if len(delays_s) >= MIN_SAMPLES and (online is None or online[camera])
+    }
+    if not known:
         return lead
-    delay_s = float(np.quantile(lead.delays_s, QUANTILE)) + wake_s
-    needed = math.ceil(delay_s / interval_s + 0.5 + MARGIN_SHARE - 1e-9)
-    needed = min(max(needed, 1), MAX_LEAD)
+    far = _far_behind(np.array(list(known.values())))
+    lead = replace(lead, left_behind=tuple(c for c, late in zip(known, far, strict=True) if late))
+    followed = [delay_s for camera, delay_s in known.items() if camera not in lead.left_behind]
+    if not followed:
+        return lead
+    needed = _needed(max(followed) + wake_s, interval_s)
     if needed >= lead.slots:
         return replace(lead, slots=needed, calm=0)
     if lead.calm + 1 < CALM_SLOTS:
         return replace(lead, calm=lead.calm + 1)
     return replace(lead, slots=lead.slots - 1, calm=0)
+
+
+def _needed(delay_s: float, interval_s: float) -> int:
+    slots = math.ceil(delay_s / interval_s + 0.5 + MARGIN_SHARE - 1e-9)
+    return min(max(slots, 1), MAX_LEAD)
+
+
+def _far_behind(delays_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of the cameras are too slow to be followed.
+
+    Those above `MAX_DELAY_S`, and those above the widest gap if they are fewer than half.
+    """
+    ordered = np.sort(delays_s)
+    gaps = ordered[1:] > np.maximum(FAR_TIMES * ordered[:-1], ordered[:-1] + FAR_S)
+    limit_s = MAX_DELAY_S
+    for above in np.flatnonzero(gaps) + 1:
+        if len(ordered) - above < len(ordered) / 2:
+            limit_s = min(limit_s, float(ordered[above - 1]))
+    return np.asarray(delays_s > limit_s)

@@ -87,7 +87,7 @@ class EdgeServer:
         num_cameras = len(pipeline.rig)
         self.counts = Counts(num_cameras, interval_s)
         self.gather = Gather(num_cameras)
-        self._delays: deque[float] = deque(maxlen=512)
+        self._delays: deque[tuple[int, float]] = deque(maxlen=512)
         self.inbox = Inbox(
             settings.site,
             pipeline.rig,
@@ -95,7 +95,8 @@ class EdgeServer:
             interval_s,
             self.gather,
             clock,
-            self._delays.append,  # deques are safe to append to from any thread
+            # Deques are safe to append to from any thread.
+            lambda camera, delay_s: self._delays.append((camera, delay_s)),
             self._take_beat,
         )
         self._on_beat = on_beat
@@ -195,7 +196,14 @@ class EdgeServer:
     def oddities(self) -> list[str]:
         """Return, camera by camera, why one that can be chosen is of no use; empty where it is."""
         late_by_s, interval_s = self.gather.late_by_s(), self.pipeline.interval_s
-        return oddities(self.state.silence, late_by_s, interval_s)
+        found = oddities(self.state.silence, late_by_s, interval_s)
+        lead = self.lead  # a value: it stays while another thread replaces it
+        for camera in lead.left_behind:
+            delay_s = float(np.median(lead.delays_s[camera]))
+            found[camera] = (
+                f"left behind: orders take {delay_s:.1f} s to reach it, far longer than the others"
+            )
+        return found
 
     def status(self) -> Status:
         """Return how the site is."""
@@ -327,13 +335,14 @@ class EdgeServer:
         if not self.settings.adaptive_lead:
             return
         while self._delays:
-            self.lead = take_in_delay(self.lead, self._delays.popleft())
+            self.lead = take_in_delay(self.lead, *self._delays.popleft())
         before = self.lead.slots
         wake_s = slowest_wake_s(self.inbox.roster.lives, self.settings.idle_modes)
-        self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s)
+        online = self.inbox.online().tolist()
+        self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online)
         if self.lead.slots != before:
-            sooner = "earlier" if self.lead.slots > before else "later"
-            self.tell("lead", f"orders go out {sooner}: lead {self.lead.slots}, it was {before}")
+            changed = "raised" if self.lead.slots > before else "reduced"
+            self.tell("lead", f"lead {changed} from {before} to {self.lead.slots} slots")
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
             for ahead in range(before, self.lead.slots):  # slots that nobody was told of yet
