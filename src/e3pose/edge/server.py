@@ -28,6 +28,7 @@ from e3pose.edge.lateness import forgiven, oddities
 from e3pose.edge.lead import Lead, adapt, cautious, take_in_delay
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
+from e3pose.edge.overload import WORDS, Load, after_slot, thinned
 from e3pose.edge.partners import Learner, Sink
 from e3pose.edge.reports import changes, poses_message, site_status
 from e3pose.edge.roster import slowest_wake_s
@@ -116,6 +117,7 @@ class EdgeServer:
             self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
         else:
             self.lead = Lead(pipeline.lead_slots)
+        self.load = Load()
         self.events: deque[Event] = deque(maxlen=KEEP_EVENTS)
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
@@ -299,8 +301,9 @@ class EdgeServer:
             message = poses_message(slot, people, self.settings.joints, time_ns, now_ns)
             self.outbox.put(self._poses_topic, encode(message), slot)
 
-        self.state, record = step(self.pipeline, state, views, online, publish)
-        self.counts.stepping.add(self.clock.now_ns() - begun_ns)
+        self.state, record = step(thinned(self.pipeline, self.load), state, views, online, publish)
+        took_ns = self.clock.now_ns() - begun_ns
+        self.counts.stepping.add(took_ns)
         lead = self.pipeline.lead_slots
         self.orders.give(times, slot + lead, record.next_selection, lead)
         self.orders.forget_before(slot)
@@ -314,6 +317,7 @@ class EdgeServer:
             spent_j = None if self.ledger is None else self.ledger.spent_j(record.selected)
             self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
         self._improve(times, record)
+        self._cope(took_ns / 1e9, record)
         self._quiet.set()
 
     def _told(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
@@ -348,6 +352,16 @@ class EdgeServer:
             for ahead in range(before, self.lead.slots):  # slots that nobody was told of yet
                 decision = self.state.selections[ahead]
                 self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
+
+    def _cope(self, took_s: float, record: SlotRecord) -> None:
+        """Leave out work while the machine is too slow for it, and say so."""
+        before, interval_s = self.load.level, self.interval_ns / 1e9
+        self.load = after_slot(self.load, took_s, interval_s, int(record.selected.sum()))
+        if self.load.level != before:
+            busy = f"a slot takes {self.load.busy:.0%} of its time to compute"
+            overloaded = self.load.level > before
+            what = "overloaded" if overloaded else "less load"
+            self.tell("overload", f"{what}, {busy}: {WORDS[self.load.level]}")
 
     def _take_beat(self, beat: Heartbeat) -> None:
         if self.ledger is not None:

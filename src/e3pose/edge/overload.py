@@ -1,0 +1,103 @@
+"""What an edge leaves out when its machine is too slow for its slots, and when it does it again.
+
+Whoever computes longer than a slot lasts falls behind: views wait, orders take longer, the lead
+grows, and a longer lead costs more. Before that happens the edge thins its work, one level at a
+time, and takes it up again once there is room.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from e3pose.pipeline import Pipeline
+from e3pose.policies.base import Policy, Selection, Situation
+from e3pose.policies.fixed import RoundRobin
+from e3pose.turns import spread_order
+
+FULL, TURNS, HALF_RATE = 0, 1, 2
+WORDS = {
+    FULL: "nothing is left out",
+    TURNS: "cameras take turns instead of being chosen",
+    HALF_RATE: "cameras take turns, in every other slot",
+}
+AVERAGED_S = 1.0  # the load is a running mean over so long
+HIGH = 0.8  # of a slot: beyond it, the next slot begins late
+LOW = 0.5  # there is room, also for what was left out
+SETTLED_S = 2.0  # a level shows its effect after so long
+CALM_S, LONGEST_CALM_S = 20.0, 640.0  # of low load before a level less; doubled if that fails
+FAILED_S = 20.0  # a level that has to be taken again so soon was given up too early
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """How busy an edge is, and how it copes; a value.
+
+    Attributes:
+        busy: computing time per slot as a share of the slot, a running mean.
+        level: what is left out: `FULL`, `TURNS` or `HALF_RATE`.
+        since_s: how long the level has been so.
+        eased: whether the last change of the level was to leave out less.
+        calm_s: how long the load has been low.
+        wait_s: how long it must be low before the next level less.
+        awake: cameras per slot while nothing was left out, a running mean.
+    """
+
+    busy: float = 0.0
+    level: int = FULL
+    since_s: float = 0.0
+    eased: bool = False
+    calm_s: float = 0.0
+    wait_s: float = CALM_S
+    awake: float = 1.0
+
+
+def after_slot(load: Load, took_s: float, interval_s: float, awake: int) -> Load:
+    """Return the load after one more slot.
+
+    Args:
+        load: before it.
+        took_s: how long it was computed.
+        interval_s: how long a slot lasts.
+        awake: cameras that looked in it.
+    """
+    kept = float(np.exp(-interval_s / AVERAGED_S))
+    busy = kept * load.busy + (1 - kept) * took_s / interval_s
+    load = replace(
+        load,
+        busy=busy,
+        since_s=load.since_s + interval_s,
+        calm_s=load.calm_s + interval_s if busy < LOW else 0.0,
+        awake=kept * load.awake + (1 - kept) * awake if load.level == FULL else load.awake,
+    )
+    if busy > HIGH and load.level < HALF_RATE and load.since_s >= SETTLED_S:
+        too_early = load.eased and load.since_s < FAILED_S
+        wait_s = min(2 * load.wait_s, LONGEST_CALM_S) if too_early else CALM_S
+        level = load.level + 1
+        return replace(load, level=level, since_s=0.0, eased=False, calm_s=0.0, wait_s=wait_s)
+    if load.level > FULL and load.calm_s >= load.wait_s:
+        return replace(load, level=load.level - 1, since_s=0.0, eased=True, calm_s=0.0)
+    return load
+
+
+def thinned(pipeline: Pipeline, load: Load) -> Pipeline:
+    """Return the pipeline without what is left out at present."""
+    if load.level == FULL:
+        return pipeline
+    turns = RoundRobin(load.awake, order=spread_order(pipeline.rig))
+    policy: Policy = turns if load.level == TURNS else EveryOther(turns)
+    return replace(pipeline, policy=policy, foresees=False)
+
+
+@dataclass(frozen=True, slots=True)
+class EveryOther:
+    """Leave every other slot without a camera."""
+
+    policy: Policy
+
+    def select(self, situation: Situation) -> Selection:
+        """See `Policy.select`."""
+        if situation.slot % 2:
+            return np.zeros(len(situation.online), dtype=bool)
+        return self.policy.select(replace(situation, slot=situation.slot // 2))

@@ -1,0 +1,91 @@
+"""Under overload the edge leaves out work, says so, and takes it up again; it never flutters."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from e3pose.edge.overload import (
+    CALM_S,
+    FULL,
+    HALF_RATE,
+    HIGH,
+    LONGEST_CALM_S,
+    SETTLED_S,
+    TURNS,
+    EveryOther,
+    Load,
+    after_slot,
+    thinned,
+)
+from e3pose.evaluate.settings import ReplaySettings, make_pipeline
+from e3pose.pipeline import initial_state, step
+from e3pose.policies.fixed import RoundRobin
+from e3pose.pose import Poses2D
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.turns import spread_order
+
+INTERVAL_S = 0.04
+
+
+def run(took_s: dict[int, float], seconds: float, load: Load | None = None) -> list[Load]:
+    """Loads after each slot of a machine that takes `took_s` per slot, by level."""
+    loads = [load or Load()]
+    for _ in range(round(seconds / INTERVAL_S)):
+        loads.append(after_slot(loads[-1], took_s[loads[-1].level], INTERVAL_S, awake=2))
+    return loads
+
+
+def test_a_machine_that_is_fast_enough_leaves_nothing_out() -> None:
+    loads = run({FULL: 0.7 * INTERVAL_S}, 60)
+    assert {load.level for load in loads} == {FULL}
+    assert loads[-1].awake == pytest.approx(2)
+
+
+def test_one_slow_slot_changes_nothing() -> None:
+    load = after_slot(run({FULL: 0.1 * INTERVAL_S}, 10)[-1], 10 * INTERVAL_S, INTERVAL_S, 2)
+    assert load.level == FULL and load.busy < HIGH
+
+
+def test_the_cheaper_choice_comes_first_and_is_kept_while_it_is_needed() -> None:
+    loads = run({FULL: 1.2 * INTERVAL_S, TURNS: 0.6 * INTERVAL_S}, 120)
+    levels = [load.level for load in loads]
+    assert levels[-1] == TURNS and levels.count(FULL) * INTERVAL_S < 2 * SETTLED_S
+
+
+def test_where_that_is_not_enough_every_other_slot_goes() -> None:
+    slow = {FULL: 3 * INTERVAL_S, TURNS: 1.5 * INTERVAL_S, HALF_RATE: 0.7 * INTERVAL_S}
+    assert run(slow, 10)[-1].level == HALF_RATE
+
+
+def test_work_is_taken_up_again_once_there_is_room() -> None:
+    busy = run({FULL: 2 * INTERVAL_S, TURNS: 2 * INTERVAL_S, HALF_RATE: 0.7 * INTERVAL_S}, 10)[-1]
+    quick = dict.fromkeys((FULL, TURNS, HALF_RATE), 0.1 * INTERVAL_S)
+    assert run(quick, 2 * CALM_S + 5, busy)[-1].level == FULL
+
+
+def test_it_does_not_flutter_where_less_load_is_due_to_leaving_out() -> None:
+    loads = run({FULL: 1.2 * INTERVAL_S, TURNS: 0.2 * INTERVAL_S}, 3600)
+    changes = sum(a.level != b.level for a, b in pairwise(loads))
+    assert loads[-1].wait_s == LONGEST_CALM_S
+    assert changes < 30
+
+
+def test_thinned_takes_turns_without_a_foresight() -> None:
+    scene = simulate(SceneSettings("ring", people=1, seconds=1, cameras=4), seed=8)
+    pipeline = make_pipeline(scene, ReplaySettings(num_selected=2))
+    assert thinned(pipeline, Load()) is pipeline
+    cheap = thinned(pipeline, Load(level=TURNS, awake=2.0))
+    assert cheap.policy == RoundRobin(2.0, order=spread_order(scene.rig)) and not cheap.foresees
+    rare = thinned(pipeline, Load(level=HALF_RATE, awake=1.0))
+    state, online, woken = initial_state(rare), np.ones(4, dtype=bool), []
+    nobody = Poses2D(np.zeros((0, 17, 2)), np.zeros((0, 17)))
+    for _ in range(40):
+        state, record = step(rare, state, dict.fromkeys(range(4), nobody), online)
+        woken.append(np.flatnonzero(record.next_selection).tolist())
+    later = woken[12:]
+    assert sum(map(bool, later)) == len(later) / 2
+    assert {camera for cameras in later for camera in cameras} == {0, 1, 2, 3}
+    assert isinstance(rare.policy, EveryOther)
