@@ -31,7 +31,8 @@ class FusionSettings:
 
     Attributes:
         max_distance_m: mean distance between rays up to which poses are one person. Detector noise
-            of 5 to 10 px at 5 m and 1000 px focal length is 3 to 5 cm between rays; twice that.
+            of 5 to 10 px at 5 m and 1000 px focal length is 3 to 5 cm between rays; of wild
+            detections several times that. Chosen on simulated scenes, `docs/paper-comparison.md`.
         cap_m: the most that one joint may count in that mean. People who pass each other are
             seldom closer, so a larger distance carries no more information than this.
         duplicate_m: a pose nearer than this to a stronger one, as a mean over their joints, is
@@ -45,7 +46,7 @@ class FusionSettings:
         InputError: naming the setting that is out of range.
     """
 
-    max_distance_m: float = 0.10
+    max_distance_m: float = 0.15
     cap_m: float = 0.30
     duplicate_m: float = 0.25
     min_joints: int = 3

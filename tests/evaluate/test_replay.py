@@ -131,6 +131,48 @@ def test_impossible_settings_are_named(changes: dict[str, Any], named: str) -> N
         replay(RECORDING, replace(SETTINGS, **changes))
 
 
+def two_views_that_disagree(by_px: float) -> Recording:
+    """Return one person before two cameras, of which the second sees them `by_px` too low."""
+    series = []
+    for index in range(2):
+        views = [RECORDING.view(slot, index) for slot in range(NUM_SLOTS)]
+        there = [
+            Poses2D(view.keypoints_px[:1] + [0.0, index * by_px], view.scores[:1])
+            for view in views
+            if view
+        ]
+        times_s = (np.arange(NUM_SLOTS) / 25).tolist()
+        series.append(ViewSeries.from_views(there, range(NUM_SLOTS), times_s, 17))
+    rig = Rig(RECORDING.rig.cameras[:2])
+    return replace(RECORDING, rig=rig, views=tuple(series))
+
+
+@pytest.mark.parametrize(("distance_m", "people"), [(0.1, 0), (None, 1), (0.2, 1)])
+def test_views_that_disagree_match_up_to_the_distance(
+    distance_m: float | None, people: int
+) -> None:
+    source = two_views_that_disagree(27.0)  # 0.12 m at 4 m, 0.13 m with the prior of matching
+    settings = replace(SETTINGS, pipeline="paper", policy="all", match_distance_m=distance_m)
+    assert len(next(replay(source, settings)).poses) == people
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "distance_m", "told"),
+    [
+        ("default", 0.15, "match distance: the pipeline default .* expected paper"),
+        ("memory", 0.15, "match distance: the pipeline memory .* expected paper"),
+        ("paper", 0.0, "match distance: 0 mm"),
+        ("paper", 0.3, "match distance: 300 mm, expected .* less than 300 mm"),
+        ("paper", float("nan"), "match distance: nan mm"),
+    ],
+)
+def test_match_distance_is_the_papers_and_a_small_length(
+    pipeline: str, distance_m: float, told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        replay(RECORDING, replace(SETTINGS, pipeline=pipeline, match_distance_m=distance_m))
+
+
 def test_python_and_the_command_line_run_the_same_system_by_default() -> None:
     from e3pose.cli.options import LoopOptions
 

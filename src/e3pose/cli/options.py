@@ -101,6 +101,9 @@ class LoopOptions:
     noise: str | None = None
     """How far off keypoints are, by score: a detector's name, or a file made by
     `e3pose calibrate noise`; by default as the recording's detector is known to err."""
+    match_distance: str | None = None
+    """How far apart the rays of two views may pass, as a mean over the joints, to show one person:
+    100mm, 0.1m; 150mm by default. For the pipeline `paper` alone."""
     reject_outliers: bool = False
     """Leave out views that disagree with the others."""
     occlusion_limit: float = 0.1
@@ -123,6 +126,9 @@ class LoopOptions:
             "phase": self.phase,
             "predictor": self.predictor,
             "noise": self.noise,
+            "match_distance_m": None
+            if self.match_distance is None
+            else length_m("--match-distance", self.match_distance),
             "reject_outliers": self.reject_outliers,
             "occlusion_limit": self.occlusion_limit,
             "round_trip_s": self.round_trip_ms / 1000,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import numpy as np
@@ -52,6 +52,8 @@ class ReplaySettings:
         lead_slots: the paper's tau.
         warmup_slots: the paper's M, in which all cameras detect.
         predictor: a name of `PREDICTORS`; the policy's own by default.
+        match_distance_m: mean distance of rays up to which two views show one person, for the
+            pipeline `paper` alone; that of `FusionSettings` by default.
         reject_outliers: drop views that disagree with the others.
         seed: of random choices.
         phase: offset of turns and ties.
@@ -75,6 +77,7 @@ class ReplaySettings:
     lead_slots: int = 1
     warmup_slots: int = 10
     predictor: str | None = None
+    match_distance_m: float | None = None
     reject_outliers: bool = False
     seed: int = 0
     phase: int = 0
@@ -144,9 +147,7 @@ def make_pipeline(
             skeleton=place.skeleton,
             interval_s=place.interval_s,
             history_slots=settings.warmup_slots,
-            fusion=FusionSettings(
-                refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
-            ),
+            fusion=_fusion(settings),
             backend=settings.backend,
             noise=load_noise(settings.noise or detector_of(place.source)),
             num_selected=1.0 if settings.target_error_m is not None else settings.num_selected,
@@ -182,6 +183,27 @@ def make_pipeline(
         holds=row.holds,
         foresees=row.foresees or settings.foresees,
     )
+
+
+def _fusion(settings: ReplaySettings) -> FusionSettings:
+    """Return how the pipeline `paper` matches and places; raise `InputError` for another's."""
+    usual = FusionSettings(
+        refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
+    )
+    distance_m = settings.match_distance_m
+    if distance_m is None:
+        return usual
+    if pipeline_row(settings.pipeline)[0] != "paper":
+        raise InputError(
+            f"match distance: the pipeline {settings.pipeline} matches views to the people it "
+            "follows, expected paper"
+        )
+    if not 0 < distance_m < usual.cap_m:  # from the cap on, everybody is the same person
+        raise InputError(
+            f"match distance: {1000 * distance_m:g} mm, expected more than 0 and less than "
+            f"{1000 * usual.cap_m:g} mm"
+        )
+    return replace(usual, max_distance_m=distance_m)
 
 
 def _check(settings: ReplaySettings, row: PolicyRow, num_cameras: int) -> None:
