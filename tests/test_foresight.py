@@ -18,7 +18,6 @@ from e3pose.foresight import (
     Foresight,
     foresee,
     freshness,
-    with_predictions,
 )
 from e3pose.uncertainty import expected_distance_m
 
@@ -57,7 +56,6 @@ def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
         joints_m=joints_m,
         covariance=covariance,
         drift_m2ps3=np.zeros(joints_m.shape[:2]),
-        wander_m2ps=np.zeros(joints_m.shape[:2]),
         velocity_lasts_s=0.8,
         remembers=True,
         delivered=np.ones(shape),
@@ -246,24 +244,6 @@ def test_without_a_memory_views_in_flight_tell_nothing_of_a_later_slot() -> None
     every = np.ones((4, 4), dtype=bool)
     found = foresee(RIG, seen, SLOT_S, every)
     np.testing.assert_allclose(found.prior, foresee(RIG, seen, SLOT_S).prior)
-
-
-def test_a_predictor_that_states_its_error_replaces_the_estimators_prediction() -> None:
-    moving = outlook(np.stack([person(0, 0), person(1, 1)]), sigma_m=0.02)
-    moving.covariance[..., 3:, 3:] = np.eye(3)  # velocities are known to 1 m/s
-    joints, error = person(5, 5)[None], np.array([[0.05, 0.05, 0.05, np.nan]])
-    told = with_predictions(moving, np.array([11]), joints, error, 3 * SLOT_S)
-    np.testing.assert_allclose(told.joints_m[1, :3], person(5, 5)[:3])
-    np.testing.assert_allclose(told.joints_m[1, 3], person(1, 1)[3])  # no error stated
-    np.testing.assert_allclose(told.joints_m[0], person(0, 0))
-    nobody = np.zeros((2, 4), dtype=bool)
-    prior, own = (foresee(RIG, each, SLOT_S, nobody).prior[1] for each in (told, moving))
-    spread_m2 = 0.02**2 + (0.05 / 1.595769) ** 2
-    np.testing.assert_allclose(1 / prior[0, [0, 3, 5]], spread_m2, rtol=1e-5)
-    np.testing.assert_allclose(prior[3], own[3])
-    assert 1 / own[3, 0] > (2.5 * SLOT_S) ** 2
-    unstated = with_predictions(moving, np.array([11]), joints, np.full((1, 4), np.nan), SLOT_S)
-    assert unstated is moving
 
 
 def test_somebody_whom_no_camera_shows_does_not_decide() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,13 +11,16 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.camera import Camera, Rig
-from e3pose.estimators.base import People
+from e3pose.estimators.base import STEER_SLOTS, People
+from e3pose.estimators.filtered import Filtered
 from e3pose.estimators.per_slot import PerSlot
+from e3pose.filter import Model
 from e3pose.fuse import Fuser
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.policies import POLICIES, PolicySettings, Selection, Situation
 from e3pose.pose import Poses2D
 from e3pose.predictors import Prediction, make_predictor
+from e3pose.skeleton import COCO17
 
 Floats = NDArray[np.float64]
 
@@ -252,28 +255,59 @@ def test_reasons_are_given_for_the_slot_that_was_decided() -> None:
     assert all(record.reasons is None for record in run(make(), [scene(0)] * 3))
 
 
-def test_a_predictor_that_states_its_error_feeds_the_choice() -> None:
-    seen: dict[float, Situation] = {}
+@dataclass
+class Shifting:
+    """Foresees everybody aside in two slots and where they are in one; selects the same cameras.
 
-    @dataclass
-    class Keeper:
-        error_m: float
+    Attributes:
+        error_m: that it states.
+        shift_m: how far aside.
+        slots_asked: how far it was asked to look ahead.
+        situations: in which it selected.
+    """
 
-        def select(self, situation: Situation) -> Selection:
-            seen[self.error_m] = situation
-            return np.arange(NUM_CAMERAS) < 2
+    error_m: float
+    shift_m: float
+    slots_asked: list[int] = field(default_factory=list)
+    situations: list[Situation] = field(default_factory=list)
 
-        def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
-            joints = np.repeat(history_m[-1:], lead_slots, axis=0)
-            return Prediction(joints, np.full(joints.shape[:-1], self.error_m))
+    def select(self, situation: Situation) -> Selection:
+        self.situations.append(situation)
+        return np.arange(NUM_CAMERAS) < 2
 
-    for error_m in (0.01, 0.2, np.nan):
-        keeper = Keeper(error_m)
-        run(make(policy=keeper, predictor=keeper, foresees=True), [scene(s) for s in range(12)])
-    one = np.eye(NUM_CAMERAS, dtype=bool)[:1]
-    errors = []
-    for situation in seen.values():
-        assert situation.foresight is not None
-        errors.append(float(situation.foresight.expected_error_m(one)[0]))
-    assert errors[0] < errors[1]
-    assert len(set(errors)) == 3
+    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
+        self.slots_asked.append(lead_slots)
+        joints = np.repeat(history_m[-1:], lead_slots, axis=0)
+        joints[1:] += [self.shift_m, 0.0, 0.0]
+        return Prediction(joints, np.full(joints.shape[:-1], self.error_m))
+
+
+def run_shifting(
+    error_m: float, lead_slots: int, shift_m: float = 0.2
+) -> tuple[Shifting, list[SlotRecord]]:
+    both = Shifting(error_m, shift_m)
+    pipeline = make(
+        policy=both,
+        predictor=both,
+        foresees=True,
+        lead_slots=lead_slots,
+        estimator=Filtered(Model(RIG, COCO17), 5),
+    )
+    return both, run(pipeline, [scene(slot) for slot in range(12)])
+
+
+def test_a_predictor_that_states_its_error_steers_the_estimator_and_feeds_the_choice() -> None:
+    (stating, steered), (silent, plain) = (run_shifting(e, 3) for e in (0.05, np.nan))
+    assert [len(record.poses) for record in steered] == [len(record.poses) for record in plain]
+    aside = steered[-1].poses.joints_m[:, :, 0] - plain[-1].poses.joints_m[:, :, 0]
+    assert (aside > 0).mean() > 0.95  # towards what was foreseen, as far as views allow
+    told, untold = (each.situations[-1].foresight for each in (stating, silent))
+    assert told is not None and untold is not None
+    assert not np.allclose(told.views, untold.views, rtol=1e-3)
+
+
+def test_policies_see_the_slot_decided_although_the_estimator_needs_two_ahead() -> None:
+    (one, _), (two, _) = (run_shifting(np.nan, lead, shift_m=1000.0) for lead in (1, 2))
+    assert set(one.slots_asked) == set(two.slots_asked) == {STEER_SLOTS}
+    assert (one.situations[-1].visibility > 0.5).all()
+    assert (two.situations[-1].visibility == 0).all()

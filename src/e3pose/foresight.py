@@ -11,7 +11,7 @@ known, each at its own time. `docs/choice.md` has the method.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,7 +127,6 @@ def foresee(
     carry(
         outlook.covariance,
         outlook.drift_m2ps3,
-        outlook.wander_m2ps,
         outlook.velocity_lasts_s,
         interval_s,
         ordered if outlook.remembers else np.zeros_like(ordered),
@@ -151,45 +150,6 @@ def foresee(
             interval_s,
             ordered,
         ),
-    )
-
-
-def with_predictions(
-    outlook: Outlook,
-    track_ids: NDArray[np.int64],
-    joints_m: Floats,
-    error_m: Floats,
-    ahead_s: float,
-) -> Outlook:
-    """Put a predictor's joints in the place of the estimator's own, where it states their error.
-
-    What is not known of a joint now is not known of it later: the predictor's error comes on top,
-    evenly over the time until then, in place of what the joint's own velocity may do.
-
-    Args:
-        outlook: the estimator's own.
-        track_ids: `(num_predicted,)` whose joints were predicted.
-        joints_m: `(num_predicted, num_joints, 3)`.
-        error_m: `(num_predicted, num_joints)` expected distance; NaN where the predictor states
-            none, which leaves the estimator's own prediction.
-        ahead_s: seconds from the newest slot until the slot of the outlook.
-    """
-    _, rows, predicted = np.intersect1d(outlook.track_ids, track_ids, return_indices=True)
-    known = np.isfinite(error_m[predicted]) & np.isfinite(joints_m[predicted]).all(axis=-1)
-    if not known.any():
-        return outlook
-    three = np.array(3.0)
-    one_axis_m = np.where(known, error_m[predicted], 0.0) / mean_distance(three, three)
-    joints, covariance = outlook.joints_m.copy(), outlook.covariance.copy()
-    drift, wander = outlook.drift_m2ps3.copy(), outlook.wander_m2ps.copy()
-    joints[rows] = np.where(known[..., None], joints_m[predicted], joints[rows])
-    still = covariance[rows]
-    still[..., :, 3:] = still[..., 3:, :] = 0.0
-    covariance[rows] = np.where(known[..., None, None], still, covariance[rows])
-    drift[rows] = np.where(known, 0.0, drift[rows])
-    wander[rows] = np.where(known, one_axis_m**2 / ahead_s, wander[rows])
-    return replace(
-        outlook, joints_m=joints, covariance=covariance, drift_m2ps3=drift, wander_m2ps=wander
     )
 
 

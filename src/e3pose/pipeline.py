@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from e3pose.camera import Rig
 from e3pose.coverage import with_coverage
 from e3pose.energy import advance_deficit, price
-from e3pose.estimators.base import Estimator, People
-from e3pose.foresight import Foresight, foresee, with_predictions
+from e3pose.estimators.base import STEER_SLOTS, Estimator, People
+from e3pose.foresight import Foresight, foresee
 from e3pose.liveness import Silence, listen
 from e3pose.occlusion import expected_views
 from e3pose.policies.base import Policy, Selection, Situation
 from e3pose.pose import Poses2D
-from e3pose.predictors.base import Prediction, Predictor
+from e3pose.predictors.base import Predictor
 from e3pose.sight import Sight, look, own_occlusion
 from e3pose.slot_record import Reasons as Reasons
 from e3pose.slot_record import SlotRecord as SlotRecord
@@ -41,7 +41,7 @@ class Pipeline:
         num_joints: joints of the detectors' skeleton.
         interval_s: seconds a slot.
         estimator: says who is where, with or without a memory.
-        predictor: looks `lead_slots` ahead.
+        predictor: looks ahead; steers the estimator if it states its errors.
         policy: selects.
         budget: `(num_cameras,)` the paper's E_n.
         cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one; only its
@@ -136,9 +136,10 @@ def step(
     tell(shown)
     times = [clock()]
 
-    prediction = pipeline.predictor.predict(
-        people.history_m, pipeline.interval_s, pipeline.lead_slots
-    )
+    ahead = max(pipeline.lead_slots, STEER_SLOTS)
+    prediction = pipeline.predictor.predict(people.history_m, pipeline.interval_s, ahead)
+    memory = pipeline.estimator.steer(memory, prediction, pipeline.interval_s)
+    predicted_m = prediction.joints_m[pipeline.lead_slots - 1]
     times.append(clock())
 
     arrived = np.zeros(len(online), dtype=bool)
@@ -147,11 +148,11 @@ def step(
     state = replace(state, memory=memory, silence=silence)
     sights = _look(pipeline.rig, state.sights, views, slot)
     ordered = _in_flight(pipeline, state, online)
-    situation = _situation(pipeline, state, prediction.joints_m[-1], sights, online, ordered)
+    situation = _situation(pipeline, state, predicted_m, sights, online, ordered)
     times.append(clock())
 
     if pipeline.foresees:
-        foresight = _foresight(pipeline, state, people, prediction, ordered)
+        foresight = _foresight(pipeline, state, ordered)
         situation = replace(situation, foresight=foresight)
     if situation.slot < pipeline.warmup_slots:
         decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
@@ -225,20 +226,10 @@ def _last_looks(
     return np.asarray(np.maximum(looked, np.where(ordered, slots, -1).max(axis=0, initial=-1)))
 
 
-def _foresight(
-    pipeline: Pipeline,
-    state: SlotState,
-    people: People,
-    prediction: Prediction,
-    ordered: NDArray[np.bool_],
-) -> Foresight:
+def _foresight(pipeline: Pipeline, state: SlotState, ordered: NDArray[np.bool_]) -> Foresight:
     """Work out what each camera would tell of the slot that is decided now."""
     ahead_s = pipeline.lead_slots * pipeline.interval_s
     outlook = with_coverage(pipeline.estimator.outlook(state.memory, ahead_s))
-    if np.isfinite(prediction.error_m[-1]).any():
-        outlook = with_predictions(
-            outlook, people.history_ids, prediction.joints_m[-1], prediction.error_m[-1], ahead_s
-        )
     return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)
 
 

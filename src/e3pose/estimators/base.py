@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 
 from e3pose.filter import Outlook as Outlook
 from e3pose.pose import Poses2D, Poses3D
+from e3pose.predictors.base import Prediction
+
+STEER_SLOTS = 2  # how far ahead `Estimator.steer` needs a prediction
 
 Memory = TypeVar("Memory")
 
@@ -66,6 +69,16 @@ class Estimator(Protocol[Memory]):
 
         Returns:
             The memory to hand on and the people of this slot.
+        """
+        ...
+
+    def steer(self, memory: Memory, prediction: Prediction, interval_s: float) -> Memory:
+        """Return the memory that expects people to move as a predictor does, as far as it can.
+
+        Args:
+            memory: of the newest slot.
+            prediction: from the `People.history_m` of that slot, `STEER_SLOTS` slots or more.
+            interval_s: seconds a slot.
         """
         ...
 

@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimators.base import People
+from e3pose.estimators.base import STEER_SLOTS, People
 from e3pose.filter import Belief, Estimate, Model, Outlook, outlook, step
 from e3pose.filter.honesty import spread_factor
 from e3pose.filter.returning import Identities, identify
+from e3pose.filter.steer import steer
 from e3pose.pose import Poses2D, Poses3D
+from e3pose.predictors.base import Prediction
 
 HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
+LEAST_KNOWN_SLOTS = 4  # of a history before what is predicted from it counts
 LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
 
 
@@ -92,6 +95,19 @@ class Filtered:
             {"estimate": clock() - start},
         )
         return Remembered(belief, identities, estimate.track_ids, history), people
+
+    def steer(self, memory: Remembered, prediction: Prediction, interval_s: float) -> Remembered:
+        """See `Estimator.steer`; of a predictor that states its errors, which is a learned one."""
+        known = np.isfinite(memory.history_m).all(axis=-1).any(axis=-1).sum(axis=0)
+        joints_m = np.where(
+            np.isfinite(prediction.error_m[STEER_SLOTS - 1])[..., None]
+            & (known >= LEAST_KNOWN_SLOTS)[:, None, None],
+            prediction.joints_m[STEER_SLOTS - 1],
+            np.nan,
+        )
+        rows = np.flatnonzero(np.isin(memory.belief.track_ids, memory.track_ids))
+        belief = steer(memory.belief, rows, joints_m, STEER_SLOTS * interval_s)
+        return replace(memory, belief=belief)
 
     def leave_out_ids(self, memory: Remembered, count: int) -> Remembered:
         """See `Estimator.leave_out_ids`."""

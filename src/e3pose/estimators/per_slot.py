@@ -11,6 +11,7 @@ from e3pose.estimators.base import Outlook, People
 from e3pose.filter import OPENPOSE
 from e3pose.fuse import Fuser
 from e3pose.pose import Poses2D
+from e3pose.predictors.base import Prediction
 from e3pose.track import Tracks, update_tracks
 
 JOINT_SIGMA_M = 0.025  # an axis: its 90 % band holds 91 to 95 % of the joints on simulated scenes
@@ -57,6 +58,10 @@ class PerSlot:
             poses, track_ids, tracks.history_m, tracks.track_ids, spread, placed, stage_s
         )
 
+    def steer(self, memory: Tracks, prediction: Prediction, interval_s: float) -> Tracks:
+        """See `Estimator.steer`: what is estimated slot by slot expects no motion."""
+        return memory
+
     def leave_out_ids(self, memory: Tracks, count: int) -> Tracks:
         """See `Estimator.leave_out_ids`."""
         return replace(memory, next_id=memory.next_id + count)
@@ -81,7 +86,6 @@ class PerSlot:
             joints_m=np.where(known[..., None], joints_m, middle),
             covariance=covariance,
             drift_m2ps3=np.zeros(known.shape),
-            wander_m2ps=np.zeros(known.shape),
             velocity_lasts_s=1.0,
             remembers=False,
             delivered=np.ones(shape),

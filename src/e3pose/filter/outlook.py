@@ -25,7 +25,6 @@ class Outlook:
         covariance: `(num_tracks, num_joints, 6, 6)` of position and velocity in the newest slot,
             metres and metres per second.
         drift_m2ps3: `(num_tracks, num_joints)` power density of the acceleration along an axis.
-        wander_m2ps: `(num_tracks, num_joints)` power density of a velocity that is new at any time.
         velocity_lasts_s: until a velocity is down to 1/e.
         remembers: whether views of slots in between tell about the slot to come.
         delivered: `(num_tracks, num_cameras)` in [0, 1]: what a camera's views recently told about
@@ -46,7 +45,6 @@ class Outlook:
     joints_m: Floats
     covariance: Floats
     drift_m2ps3: Floats
-    wander_m2ps: Floats
     velocity_lasts_s: float
     remembers: bool
     delivered: Floats
@@ -73,7 +71,6 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         joints_m=joints_m,
         covariance=belief.covariance,
         drift_m2ps3=np.tile(model.tree.drift_m2ps4 * ACCELERATION_LASTS_S, (len(belief), 1)),
-        wander_m2ps=np.zeros(belief.unmeasured_s.shape),
         velocity_lasts_s=VELOCITY_LASTS_S,
         remembers=True,
         delivered=belief.delivered,

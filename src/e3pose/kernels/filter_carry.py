@@ -18,7 +18,6 @@ Flags = NDArray[np.bool_]
 def carry(
     covariance: Floats,
     drift_m2ps3: Floats,
-    wander_m2ps: Floats,
     velocity_lasts_s: float,
     interval_s: float,
     ordered: Flags,
@@ -36,7 +35,6 @@ def carry(
     Args:
         covariance: `(num_tracks, num_joints, 6, 6)` of the newest slot.
         drift_m2ps3: `(num_tracks, num_joints)` as in `Outlook`.
-        wander_m2ps: `(num_tracks, num_joints)` as in `Outlook`.
         velocity_lasts_s: as in `Outlook`.
         interval_s: seconds per slot.
         ordered: `(num_ordered, num_cameras)` cameras of the next slots; the slot after them is the
@@ -65,9 +63,9 @@ def carry(
                     A[a, b] = covariance[track, joint, a, b]
                     B[a, b] = covariance[track, joint, a, b + 3]
                     C[a, b] = covariance[track, joint, a + 3, b + 3]
-            drift, wander = drift_m2ps3[track, joint], wander_m2ps[track, joint]
+            drift = drift_m2ps3[track, joint]
             for slot in range(num_ordered + 1):
-                _move_on(A, B, C, fade, reach, drift, wander, interval_s)
+                _move_on(A, B, C, fade, reach, drift, interval_s)
                 if slot == num_ordered:
                     break
                 for entry in range(6):
@@ -87,20 +85,13 @@ def carry(
 
 @kernel
 def _move_on(
-    A: Floats,
-    B: Floats,
-    C: Floats,
-    fade: float,
-    reach: float,
-    drift: float,
-    wander: float,
-    dt: float,
+    A: Floats, B: Floats, C: Floats, fade: float, reach: float, drift: float, dt: float
 ) -> None:
     for a in range(3):
         for b in range(a, 3):
             A[a, b] += reach * (B[a, b] + B[b, a]) + reach * reach * C[a, b]
             if a == b:
-                A[a, b] += drift * dt**3 / 3 + wander * dt
+                A[a, b] += drift * dt**3 / 3
             A[b, a] = A[a, b]
     for a in range(3):
         for b in range(3):
