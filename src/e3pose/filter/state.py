@@ -181,6 +181,8 @@ class Belief:
         leftovers: detections that wait for a second view.
         sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who were
             there, by place, and how many of them showed the person (`blindness`).
+        doors: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
+            of them came or left there (`doors`).
         next_id: the id that the next new person gets.
     """
 
@@ -203,6 +205,7 @@ class Belief:
     bone_counts: Floats
     leftovers: Leftovers
     sights: Floats
+    doors: Floats
     next_id: int = 0
 
     def __len__(self) -> int:
@@ -237,6 +240,7 @@ class Belief:
                 np.zeros((0, joints)),
             ),
             sights=blindness.nothing_known(model.rig),
+            doors=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
         )
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
@@ -244,7 +248,7 @@ class Belief:
         return {
             item.name: getattr(self, item.name)
             for item in fields(self)
-            if item.name not in ("time_s", "leftovers", "sights", "next_id")
+            if item.name not in ("time_s", "leftovers", "sights", "doors", "next_id")
         }
 
 
@@ -255,6 +259,7 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
         "time_s": np.array(belief.time_s),
         "next_id": np.array(belief.next_id),
         "sights": belief.sights,
+        "doors": belief.doors,
         **belief.columns(),
         **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
     }
@@ -287,5 +292,6 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         next_id=int(np.asarray(arrays["next_id"], dtype=np.int64)),
         leftovers=Leftovers(*waiting),
         sights=np.array(arrays["sights"]),
+        doors=np.array(arrays["doors"]),
         **columns,
     )

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.filter import bias
+from e3pose.filter import bias, doors
 from e3pose.filter.associate import associate
 from e3pose.filter.births import give_birth
 from e3pose.filter.existence import attend, end
+from e3pose.filter.shown import shown
 from e3pose.filter.state import Belief, Flags, Floats, Ints, Leftovers, Model
 from e3pose.filter.update import MIN_SCORE, Sightings, learn_biases, predict, update
 from e3pose.match import MAX_PIXEL
 from e3pose.match import MIN_SCORE as MISSING_SCORE
 from e3pose.pose import Poses2D
 
-SHOWN_SPREAD_M = 0.2  # whose every joint is less certain is followed, but not shown
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
 MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
 
@@ -66,7 +66,8 @@ def step(
     now = time_s if first else max(time_s, belief.time_s)
     dt = 0.0 if first else now - belief.time_s
     if dt > LONGEST_S:
-        belief = replace(Belief.empty(model), next_id=belief.next_id, sights=belief.sights)
+        belief = forget_people(belief, model)
+    before = belief
     belief = predict(replace(belief, time_s=now), dt, model)
     cameras, keypoints, scores = _sorted(model, views)
     found = [
@@ -84,7 +85,15 @@ def step(
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
     belief = end(give_birth(belief, fresh, model))
-    return belief, estimate_of(belief)
+    belief = replace(belief, doors=doors.learn(before, belief, model))
+    return belief, estimate_of(belief, model)
+
+
+def forget_people(belief: Belief, model: Model) -> Belief:
+    """Return the belief after a pause in which everybody left: places are known as before."""
+    return replace(
+        Belief.empty(model), next_id=belief.next_id, sights=belief.sights, doors=belief.doors
+    )
 
 
 def check_slot(model: Model, views: Mapping[int, Poses2D], time_s: float) -> None:
@@ -166,15 +175,13 @@ def _unexplained(
     )
 
 
-def estimate_of(belief: Belief) -> Estimate:
-    """Return the people who are believed to exist."""
-    trace = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
-    certain = np.sqrt(trace.min(axis=-1)) < SHOWN_SPREAD_M
-    shown = np.flatnonzero(belief.confirmed & certain)
-    known = np.isfinite(belief.unmeasured_s[shown])
+def estimate_of(belief: Belief, model: Model) -> Estimate:
+    """Return the people who are believed to be there, and where."""
+    rows = np.flatnonzero(shown(belief, model))
+    known = np.isfinite(belief.unmeasured_s[rows])
     return Estimate(
-        belief.track_ids[shown],
-        np.where(known[..., None], belief.state[shown, :, :3], np.nan),
-        np.where(known[..., None, None], belief.covariance[shown, :, :3, :3], np.nan),
-        belief.unmeasured_s[shown] == 0,
+        belief.track_ids[rows],
+        np.where(known[..., None], belief.state[rows, :, :3], np.nan),
+        np.where(known[..., None, None], belief.covariance[rows, :, :3, :3], np.nan),
+        belief.unmeasured_s[rows] == 0,
     )

@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.filter import doors
 from e3pose.filter.associate import BIAS_PX
 from e3pose.filter.births import MAX_LEFTOVERS, MAX_TRACKS
 from e3pose.filter.state import Belief, Leftovers, Model
-from e3pose.filter.step import LONGEST_S, MAX_PEOPLE, Estimate, bounded, check_slot, estimate_of
+from e3pose.filter.step import (
+    LONGEST_S,
+    MAX_PEOPLE,
+    Estimate,
+    bounded,
+    check_slot,
+    estimate_of,
+    forget_people,
+)
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_associate import associate
 from e3pose.kernels.filter_bias import learn_bias
@@ -54,15 +64,14 @@ class StepKernel:
         first = math.isnan(belief.time_s)
         now = time_s if first else max(time_s, belief.time_s)
         dt = 0.0 if first else now - belief.time_s
-        waiting, num_tracks, num_old = belief.leftovers, len(belief), len(belief.leftovers)
-        if dt > LONGEST_S:
-            num_tracks = num_old = 0
+        before = forget_people(belief, model) if dt > LONGEST_S else belief
+        waiting, num_tracks, num_old = before.leftovers, len(before), len(before.leftovers)
         most = min(max((len(view) for view in views.values()), default=0), MAX_PEOPLE)
         memory = self._room_for(model, num_tracks + MAX_LEFTOVERS // 2, most, num_old)
         _pack(memory.views, views)
         if num_tracks:
             for name, column in zip(self._columns, memory.tracks, strict=True):
-                column[:num_tracks] = getattr(belief, name)
+                column[:num_tracks] = getattr(before, name)
         if num_old:
             memory.waiting.times_s[:num_old] = waiting.times_s
             memory.waiting.cameras[:num_old] = waiting.cameras
@@ -83,8 +92,16 @@ class StepKernel:
             name: column[:num_tracks].copy()
             for name, column in zip(self._columns, memory.tracks, strict=True)
         }
-        belief = Belief(time_s=now, leftovers=leftovers, sights=sights, next_id=next_id, **columns)
-        return belief, estimate_of(belief)
+        belief = Belief(
+            time_s=now,
+            leftovers=leftovers,
+            sights=sights,
+            doors=before.doors,
+            next_id=next_id,
+            **columns,
+        )
+        belief = replace(belief, doors=doors.learn(before, belief, model))
+        return belief, estimate_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Memory:
         """Return memory with room for so many tracks, people in a view and old leftovers."""

@@ -1,0 +1,104 @@
+"""Where people come and go: what a place says of somebody whom no camera shows any more.
+
+People leave through doors and over the borders of what the cameras see, seldom from the middle of
+a room. So it is counted, per place of the floor, for how long people were followed there and how
+many were first seen or lost for good there. Together they are a hazard: how many of those who are
+there leave in a second. Somebody who is found again after a loss was counted as one who left and
+one who came, but at a place where people are followed for minutes that hardly counts.
+
+With the hazard h of the place where somebody was last measured, t seconds ago, and looks since
+then that show people there with probabilities p, the odds that this person has left are
+
+    h t / prod (1 - p).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.filter import blindness
+from e3pose.filter.blindness import PLAIN, around
+from e3pose.filter.state import Belief, Model
+from e3pose.filter.update import VELOCITY_LASTS_S
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FOLLOWED, PASSED = 0, 1  # of the last axis: seconds, and people who came or left
+PRIOR_S, PRIOR_HZ = 1.0, 0.03  # what is thought of a place, and the seconds that this counts for
+MOST_S = 30.0  # per place that are remembered: doors get locked
+SETTLED_S = 4.0  # of people followed before who appears has come: at first everybody appears
+BESIDE_M = (
+    0.35  # a track that ends so near to another was a second one of that person, as in births
+)
+
+
+def hazard_hz(doors: Floats, places_m: Floats, corner: Floats) -> Floats:
+    """Return `(num_places,)` how many of the people at places leave in a second.
+
+    Args:
+        doors: `(NUM_CELLS, NUM_CELLS, 2)` seconds followed, and people who came or left.
+        places_m: `(num_places, 2)` on the floor.
+        corner: where the first cell begins, `blindness.corner_m`.
+    """
+    cells, weights = around(places_m - corner)
+    near = (doors[cells[..., 0], cells[..., 1]] * weights[..., None]).sum(axis=-2)
+    return np.asarray((near[:, PASSED] + PRIOR_HZ * PRIOR_S) / (near[:, FOLLOWED] + PRIOR_S))
+
+
+def left_odds(belief: Belief, model: Model) -> Floats:
+    """Return `(num_tracks,)`: the odds that each person has left since a view last showed them."""
+    unseen_s = belief.last_seen_s.min(axis=1, initial=np.inf)
+    hazard = hazard_hz(belief.doors, measured_m(belief, model), model.corner_m)
+    cameras = np.arange(len(model.rig))
+    places_m = belief.state[:, model.tree.levels[0][0], :2]
+    proof = blindness.proof(belief.sights, cameras, places_m, model.corner_m)
+    misses = (belief.missed * proof.T).sum(axis=1)  # as many as these in plain sight
+    return np.asarray(hazard * unseen_s * (1 - PLAIN) ** -misses)
+
+
+def measured_m(belief: Belief, model: Model) -> Floats:
+    """Return `(num_tracks, 2)`: where on the floor each person was when a view last showed them.
+
+    The way on since then, with a velocity that fades, is taken back.
+    """
+    root = belief.state[:, model.tree.levels[0][0]]
+    unseen_s = np.minimum(belief.last_seen_s.min(axis=1, initial=np.inf), 1.0)
+    way_s = VELOCITY_LASTS_S * (np.exp(unseen_s / VELOCITY_LASTS_S) - 1)
+    return np.asarray(root[:, :2] - way_s[:, None] * root[:, 3:5])
+
+
+def learn(before: Belief, belief: Belief, model: Model) -> Floats:
+    """Return the counts after a slot.
+
+    Args:
+        before: the belief of the slot before.
+        belief: of this slot, with the counts of the slot before.
+        model: the rig.
+    """
+    doors: Floats = belief.doors
+    seen = belief.confirmed & (belief.last_seen_s == 0).any(axis=1)
+    dt = 0.0 if np.isnan(before.time_s) else belief.time_s - before.time_s
+    came = belief.confirmed & ~np.isin(belief.track_ids, before.track_ids[before.confirmed])
+    came &= doors[..., FOLLOWED].sum() > SETTLED_S
+    left = before.confirmed & ~np.isin(before.track_ids, belief.track_ids)
+    ends_m = measured_m(before, model)[left]
+    if left.any():
+        others_m = belief.state[belief.confirmed, model.tree.levels[0][0], :2]
+        apart_m = np.linalg.norm(ends_m[:, None] - others_m, axis=-1)
+        ends_m = ends_m[apart_m.min(axis=1, initial=np.inf) >= BESIDE_M]
+    if not (seen.any() or came.any() or len(ends_m)):
+        return doors
+    roots_m = belief.state[:, model.tree.levels[0][0], :2]
+    places_m = np.concatenate([roots_m[seen], roots_m[came], ends_m])
+    told = np.zeros((len(places_m), 2))
+    told[: seen.sum(), FOLLOWED] = dt
+    told[seen.sum() :, PASSED] = 1.0
+    cells, weights = around(places_m - model.corner_m)
+    where = (cells[..., 0], cells[..., 1])
+    doors = doors.copy()
+    np.add.at(doors, where, weights[..., None] * told[:, None])
+    kept = np.minimum(MOST_S / np.maximum(doors[where][..., FOLLOWED], 1e-12), 1.0)
+    doors[where] = doors[where] * kept[..., None]
+    return doors
