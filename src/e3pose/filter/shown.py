@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from e3pose.filter import doors
-from e3pose.filter.state import Belief, Flags, Floats, Model
+from e3pose.filter.state import Belief, Flags, Model
 
 SHOWN_SPREAD_M = 0.2  # whose every joint is less certain is followed, but not shown
 MOST_LEFT_ODDS = 1.0  # who has more likely left than not is followed, but not shown
-WALK_MPS = 0.3  # who is slower stays where two cameras saw them
-MOST_DOUBT_S = 1.7
+ALONE_S, WALK_MPS = 1.2, 0.3  # and so is who walks, led for so long by one camera alone
 
 
 def shown(belief: Belief, model: Model) -> Flags:
@@ -18,17 +17,15 @@ def shown(belief: Belief, model: Model) -> Flags:
     trace = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
     certain = np.sqrt(trace.min(axis=-1)) < SHOWN_SPREAD_M
     there = doors.left_odds(belief, model) < MOST_LEFT_ODDS
-    return np.asarray(belief.confirmed & certain & there & (doubt_s(belief) < MOST_DOUBT_S))
+    return np.asarray(belief.confirmed & certain & there & ~_led_alone(belief))
 
 
-def doubt_s(belief: Belief) -> Floats:
-    """Return `(num_tracks,)`: for how long one camera alone has led a walking person.
+def _led_alone(belief: Belief) -> Flags:
+    """Return `(num_tracks,)`: who walks and has long been seen by one camera alone, or by none.
 
-    The filter knows the depth of a person along the rays of one camera from the lengths of bones
-    and from the velocity of before; who turns meanwhile is soon somewhere else. The time counts
-    for more where other cameras look and do not find the person (`Belief.existence`).
+    The depth along the rays of one camera follows from the lengths of bones and from the velocity
+    of before, and is surer than it should be: who turns meanwhile is soon half a metre off.
     """
-    since_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf)
+    second_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf)
     speed_mps = np.linalg.norm(belief.state[..., 3:].mean(axis=1), axis=-1)
-    existence = np.maximum(belief.existence, 1e-3)
-    return np.where(speed_mps > WALK_MPS, since_s / existence, 0.0)
+    return np.asarray((second_s > ALONE_S) & (speed_mps > WALK_MPS))
