@@ -104,7 +104,7 @@ def test_place_where_somebody_was_last_measured_is_found_back() -> None:
     place = belief.state[:, MODEL.tree.levels[0][0], :2]
     later, _ = run([{}] * 4, FPS, belief=belief)
     assert np.linalg.norm(later.state[0, MODEL.tree.levels[0][0], :2] - place) > 0.2
-    np.testing.assert_allclose(doors.measured_m(later, MODEL), place, atol=0.01)
+    np.testing.assert_allclose(doors.measured_m(later, np.array([0]), MODEL), place, atol=0.01)
 
 
 def test_doors_outlast_a_long_pause_and_are_the_same_compiled() -> None:

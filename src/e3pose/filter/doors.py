@@ -23,15 +23,15 @@ from e3pose.filter.state import Belief, Model
 from e3pose.filter.update import VELOCITY_LASTS_S
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 FOLLOWED, PASSED = 0, 1  # of the last axis: seconds, and people who came or left
 PRIOR_S, PRIOR_HZ = 1.0, 0.03  # what is thought of a place, and the seconds that this counts for
+MOST_UNSEEN_S = 1.0  # how far back the way of somebody unseen is taken
 MOST_S = 30.0  # per place that are remembered: doors get locked
 SETTLED_S = 4.0  # of people followed before who appears has come: at first everybody appears
-BESIDE_M = (
-    0.35  # a track that ends so near to another was a second one of that person, as in births
-)
+BESIDE_M = 0.35  # a track that ends so near to another was a second one, as in births
 
 
 def hazard_hz(doors: Floats, places_m: Floats, corner: Floats) -> Floats:
@@ -49,22 +49,27 @@ def hazard_hz(doors: Floats, places_m: Floats, corner: Floats) -> Floats:
 
 def left_odds(belief: Belief, model: Model) -> Floats:
     """Return `(num_tracks,)`: the odds that each person has left since a view last showed them."""
+    odds = np.zeros(len(belief))
     unseen_s = belief.last_seen_s.min(axis=1, initial=np.inf)
-    hazard = hazard_hz(belief.doors, measured_m(belief, model), model.corner_m)
+    lost = np.flatnonzero(unseen_s > 0)
+    if len(lost) == 0:
+        return odds
+    places_m = belief.state[lost, model.tree.levels[0][0], :2]
     cameras = np.arange(len(model.rig))
-    places_m = belief.state[:, model.tree.levels[0][0], :2]
     proof = blindness.proof(belief.sights, cameras, places_m, model.corner_m)
-    misses = (belief.missed * proof.T).sum(axis=1)  # as many as these in plain sight
-    return np.asarray(hazard * unseen_s * (1 - PLAIN) ** -misses)
+    misses = (belief.missed[lost] * proof.T).sum(axis=1)  # as many as these in plain sight
+    hazard = hazard_hz(belief.doors, measured_m(belief, lost, model), model.corner_m)
+    odds[lost] = hazard * unseen_s[lost] * (1 - PLAIN) ** -misses
+    return odds
 
 
-def measured_m(belief: Belief, model: Model) -> Floats:
-    """Return `(num_tracks, 2)`: where on the floor each person was when a view last showed them.
+def measured_m(belief: Belief, rows: Ints | Flags, model: Model) -> Floats:
+    """Return `(num_rows, 2)`: where on the floor the people at `rows` were when last shown.
 
     The way on since then, with a velocity that fades, is taken back.
     """
-    root = belief.state[:, model.tree.levels[0][0]]
-    unseen_s = np.minimum(belief.last_seen_s.min(axis=1, initial=np.inf), 1.0)
+    root = belief.state[rows, model.tree.levels[0][0]]
+    unseen_s = np.minimum(belief.last_seen_s[rows].min(axis=1, initial=np.inf), MOST_UNSEEN_S)
     way_s = VELOCITY_LASTS_S * (np.exp(unseen_s / VELOCITY_LASTS_S) - 1)
     return np.asarray(root[:, :2] - way_s[:, None] * root[:, 3:5])
 
@@ -78,23 +83,17 @@ def learn(before: Belief, belief: Belief, model: Model) -> Floats:
         model: the rig.
     """
     doors: Floats = belief.doors
-    seen = belief.confirmed & (belief.last_seen_s == 0).any(axis=1)
-    dt = 0.0 if np.isnan(before.time_s) else belief.time_s - before.time_s
-    came = belief.confirmed & ~np.isin(belief.track_ids, before.track_ids[before.confirmed])
-    came &= doors[..., FOLLOWED].sum() > SETTLED_S
-    left = before.confirmed & ~np.isin(before.track_ids, belief.track_ids)
-    ends_m = measured_m(before, model)[left]
-    if left.any():
-        others_m = belief.state[belief.confirmed, model.tree.levels[0][0], :2]
-        apart_m = np.linalg.norm(ends_m[:, None] - others_m, axis=-1)
-        ends_m = ends_m[apart_m.min(axis=1, initial=np.inf) >= BESIDE_M]
-    if not (seen.any() or came.any() or len(ends_m)):
-        return doors
-    roots_m = belief.state[:, model.tree.levels[0][0], :2]
-    places_m = np.concatenate([roots_m[seen], roots_m[came], ends_m])
+    root = model.tree.levels[0][0]
+    places_m = belief.state[(belief.last_seen_s == 0).any(axis=1) & belief.confirmed, root, :2]
     told = np.zeros((len(places_m), 2))
-    told[: seen.sum(), FOLLOWED] = dt
-    told[seen.sum() :, PASSED] = 1.0
+    told[:, FOLLOWED] = np.nan_to_num(belief.time_s - before.time_s)  # 0 in the first slot
+    known, shown = before.track_ids[before.confirmed], belief.track_ids[belief.confirmed]
+    if not np.array_equal(known, shown):
+        passed_m = _passed_m(before, belief, model)
+        places_m = np.concatenate([places_m, passed_m])
+        told = np.concatenate([told, np.tile([0.0, 1.0], (len(passed_m), 1))])
+    if len(places_m) == 0:
+        return doors
     cells, weights = around(places_m - model.corner_m)
     where = (cells[..., 0], cells[..., 1])
     doors = doors.copy()
@@ -102,3 +101,16 @@ def learn(before: Belief, belief: Belief, model: Model) -> Floats:
     kept = np.minimum(MOST_S / np.maximum(doors[where][..., FOLLOWED], 1e-12), 1.0)
     doors[where] = doors[where] * kept[..., None]
     return doors
+
+
+def _passed_m(before: Belief, belief: Belief, model: Model) -> Floats:
+    """Return `(num_people, 2)`: where people came and left in a slot."""
+    root = model.tree.levels[0][0]
+    came = belief.confirmed & ~np.isin(belief.track_ids, before.track_ids[before.confirmed])
+    came &= belief.doors[..., FOLLOWED].sum() > SETTLED_S
+    left = before.confirmed & ~np.isin(before.track_ids, belief.track_ids)
+    ends_m = measured_m(before, left, model)
+    others_m = belief.state[belief.confirmed, root, :2]
+    apart_m = np.linalg.norm(ends_m[:, None] - others_m, axis=-1)
+    alone = apart_m.min(axis=1, initial=np.inf) >= BESIDE_M
+    return np.concatenate([belief.state[came, root, :2], ends_m[alone]])
