@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.existence import DELIVERED_PRIOR
+from e3pose.filter.existence import DELIVERED_PRIOR, wide
 from e3pose.filter.state import Belief, Ints, Leftovers, Model
 from e3pose.filter.update import project
 from e3pose.triangulate import triangulate
@@ -103,7 +103,7 @@ def _pairs(
 
 def _human(joints_m: Floats, model: Model) -> bool:
     extent = (np.nanmax(joints_m, axis=0) - np.nanmin(joints_m, axis=0)).max()
-    return bool(MIN_EXTENT_M <= extent <= MAX_EXTENT_M)
+    return bool(MIN_EXTENT_M <= extent <= MAX_EXTENT_M) and not wide(joints_m, model)
 
 
 def _apart(belief: Belief, joints_m: Floats) -> bool:

@@ -27,6 +27,9 @@ SAME_M = 0.15  # median distance of joints at which two tracks are one person
 # them have odds of 0.7^15, half a percent.
 CHEST_M = 0.25
 MOST_ALONE = 15.0
+# Views of which one takes a front for a back meet in a body of twice the width. Shoulders and hips
+# of people are 0.4 to 0.75 m wide together.
+MOST_WIDE_M = 0.9
 
 
 def attend(
@@ -102,12 +105,24 @@ def attend(
     )
 
 
-def end(belief: Belief) -> Belief:
-    """Drop tracks that views no longer show, that could be anywhere, or that are someone else."""
+def end(belief: Belief, model: Model) -> Belief:
+    """Drop tracks that views no longer show, that could be anywhere, or that are no one person."""
     spread = np.sqrt(np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)).min(axis=-1)
     keep = (belief.existence > END_EXISTENCE) & (spread < END_SPREAD_M)
     keep &= (belief.unmeasured_s <= END_UNSEEN_S).any(axis=-1) & ~_doubles(belief)
+    keep &= ~wide(belief.state[..., :3], model)
     return replace(belief, **{n: c[keep] for n, c in belief.columns().items()})
+
+
+def wide(joints_m: Floats, model: Model) -> Flags:
+    """Return `(*batch)`: whose shoulders and hips are wider than anybody's.
+
+    Args:
+        joints_m: `(*batch, num_joints, 3)`; NaN where not known, of which nothing is said.
+        model: the skeleton.
+    """
+    across = joints_m[..., model.girdles[:, 0], :] - joints_m[..., model.girdles[:, 1], :]
+    return np.asarray(np.linalg.norm(across, axis=-1).sum(axis=-1) > MOST_WIDE_M)
 
 
 def _inside(belief: Belief, cameras: Ints, model: Model) -> Flags:

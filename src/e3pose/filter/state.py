@@ -22,6 +22,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 SIDES = ("left", "right")
+GIRDLES = ("shoulder", "hip")
 STIFF = (
     *BODY_LIMBS,
     ("left_shoulder", "right_hip"),
@@ -94,6 +95,14 @@ class Model:
     def slacks_m(self) -> Floats:
         """`(num_bones,)` how far the length of a bone strays, as a standard deviation."""
         return np.array([slack for _, slack in self._bones])
+
+    @cached_property
+    def girdles(self) -> Ints:
+        """`(num_girdles, 2)` left and right joint of the shoulders and of the hips."""
+        names = self.skeleton.joints
+        pairs = [[f"{side}_{girdle}" for side in SIDES] for girdle in GIRDLES]
+        found = [[names.index(name) for name in pair] for pair in pairs if set(pair) <= set(names)]
+        return np.array(found, dtype=np.int64).reshape(-1, 2)
 
     @cached_property
     def _bones(self) -> list[tuple[tuple[int, int], float]]:

@@ -84,7 +84,7 @@ def step(
     told = _information_share(seen, model, cameras)
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
-    belief = end(give_birth(belief, fresh, model))
+    belief = end(give_birth(belief, fresh, model), model)
     belief = replace(belief, doors=doors.learn(before, belief, model))
     return belief, estimate_of(belief, model)
 

@@ -25,6 +25,7 @@ from e3pose.filter.births import (
 )
 from e3pose.filter.existence import DELIVERED_PRIOR
 from e3pose.kernels.compile import kernel
+from e3pose.kernels.filter_existence import is_wide
 from e3pose.kernels.filter_leftovers import collect
 from e3pose.kernels.filter_memory import Pairs, Tracks, Views, Waiting
 from e3pose.kernels.place import triangulate_person
@@ -43,6 +44,7 @@ def give_birth(
     projections: Floats,
     scales: Floats,
     depths: Integers,
+    girdles: Integers,
     views: Views,
     tracks: Tracks,
     waiting: Waiting,
@@ -54,7 +56,7 @@ def give_birth(
     the rows that `waiting.order` begins with.
     """
     num_waiting = collect(num_old, time_s, wait_s, views, waiting)
-    num_pairs = _pair(num_waiting, time_s, projections, scales, waiting, pairs)
+    num_pairs = _pair(num_waiting, time_s, projections, scales, girdles, waiting, pairs)
     for index in range(num_waiting):
         pairs.taken[index] = False
     while num_tracks < MAX_TRACKS:
@@ -103,6 +105,7 @@ def _pair(
     time_s: float,
     projections: Floats,
     scales: Floats,
+    girdles: Integers,
     waiting: Waiting,
     pairs: Pairs,
 ) -> int:
@@ -131,7 +134,7 @@ def _pair(
                 joints_m,
             )
             fit = _fit(joints_m, projections, scales, pairs.cameras, pairs.px, pairs.sorted)
-            if fit < np.inf and _is_human(joints_m):
+            if fit < np.inf and _is_human(joints_m, girdles):
                 pairs.fits[num_pairs] = fit
                 pairs.ends[num_pairs, 0] = a
                 pairs.ends[num_pairs, 1] = b
@@ -202,7 +205,7 @@ def median_of(values: Floats, count: int) -> float:
 
 
 @kernel
-def _is_human(joints_m: Floats) -> bool:
+def _is_human(joints_m: Floats, girdles: Integers) -> bool:
     extent = 0.0
     for axis in range(3):
         lowest, highest = np.inf, -np.inf
@@ -212,7 +215,7 @@ def _is_human(joints_m: Floats) -> bool:
                 lowest = at if at < lowest else lowest
                 highest = at if at > highest else highest
         extent = highest - lowest if highest - lowest > extent else extent
-    return MIN_EXTENT_M <= extent <= MAX_EXTENT_M
+    return MIN_EXTENT_M <= extent <= MAX_EXTENT_M and not is_wide(joints_m, girdles)
 
 
 @kernel

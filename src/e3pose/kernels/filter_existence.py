@@ -20,6 +20,7 @@ from e3pose.filter.existence import (
     FASTEST_S,
     LEARN_RATE,
     MOST_ALONE,
+    MOST_WIDE_M,
     SAME_M,
 )
 from e3pose.filter.update import MIN_SCORE
@@ -28,6 +29,7 @@ from e3pose.kernels.filter_blindness import proof
 from e3pose.kernels.filter_memory import Matches, Tracks, Views
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
@@ -116,12 +118,12 @@ def _alone(
 
 
 @kernel
-def end(num_tracks: int, tracks: Tracks, ended: Flags) -> int:
+def end(num_tracks: int, girdles: Integers, tracks: Tracks, ended: Flags) -> int:
     """Drop tracks that are over; return how many are left, in the first rows."""
     for track in range(num_tracks):
         ended[track] = _is_over(
             tracks.existence[track], tracks.covariance[track], tracks.unmeasured_s[track]
-        )
+        ) or is_wide(tracks.state[track], girdles)
     for track in range(num_tracks):
         for other in range(track):
             younger = track if tracks.hits[track] <= tracks.hits[other] else other
@@ -182,6 +184,19 @@ def _is_over(existence: float, covariance: Floats, unmeasured_s: Floats) -> bool
         least = spread if spread < least else least
         seen |= unmeasured_s[joint] <= END_UNSEEN_S
     return not (seen and math.sqrt(least) < END_SPREAD_M)
+
+
+@kernel
+def is_wide(joints_m: Floats, girdles: Integers) -> bool:
+    """Return whether shoulders and hips are wider than anybody's; not where one is NaN."""
+    total = 0.0
+    for girdle in range(len(girdles)):
+        squares = 0.0
+        for axis in range(3):
+            first = joints_m[girdles[girdle, 0], axis]
+            squares += (first - joints_m[girdles[girdle, 1], axis]) ** 2
+        total += math.sqrt(squares)
+    return total > MOST_WIDE_M
 
 
 @kernel

@@ -32,6 +32,7 @@ class Site(NamedTuple):
     slacks_m: Floats  # (num_bones,)
     loose: Flags  # (num_bones,) not between a joint and its parent
     links: Integers  # (num_joints,) the bone to its parent, -1 for none
+    girdles: Integers  # (num_girdles, 2) left and right shoulder, left and right hip
     parents: Integers  # (num_joints,) -1 at the root
     order: Integers  # (num_joints,) the root first, each joint after its parent
     depths: Integers  # (num_joints,) steps from the root
@@ -60,6 +61,7 @@ def make_site(model: Model) -> Site:
         np.ascontiguousarray(model.slacks_m),
         loose,
         np.ascontiguousarray(model.links),
+        np.ascontiguousarray(model.girdles),
         np.ascontiguousarray(tree.parents),
         np.concatenate(tree.levels),
         depths,

@@ -215,12 +215,13 @@ def step_slot(
         site.projections,
         site.scales,
         site.depths,
+        site.girdles,
         views,
         tracks,
         memory.waiting,
         memory.pairs,
     )
-    num_tracks = end(num_tracks, tracks, memory.offers.flags[0])
+    num_tracks = end(num_tracks, site.girdles, tracks, memory.offers.flags[0])
     return num_tracks, num_waiting, next_id
 
 
