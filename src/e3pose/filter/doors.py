@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter import blindness
+from e3pose.filter.births import APART_M
 from e3pose.filter.blindness import PLAIN, around
 from e3pose.filter.state import Belief, Model
 from e3pose.filter.update import VELOCITY_LASTS_S
@@ -31,7 +32,6 @@ PRIOR_S, PRIOR_HZ = 1.0, 0.03  # what is thought of a place, and the seconds tha
 MOST_UNSEEN_S = 1.0  # how far back the way of somebody unseen is taken
 MOST_S = 30.0  # per place that are remembered: doors get locked
 SETTLED_S = 4.0  # of people followed before who appears has come: at first everybody appears
-BESIDE_M = 0.35  # a track that ends so near to another was a second one, as in births
 
 
 def hazard_hz(doors: Floats, places_m: Floats, corner: Floats) -> Floats:
@@ -112,5 +112,5 @@ def _passed_m(before: Belief, belief: Belief, model: Model) -> Floats:
     ends_m = measured_m(before, left, model)
     others_m = belief.state[belief.confirmed, root, :2]
     apart_m = np.linalg.norm(ends_m[:, None] - others_m, axis=-1)
-    alone = apart_m.min(axis=1, initial=np.inf) >= BESIDE_M
+    alone = apart_m.min(axis=1, initial=np.inf) >= APART_M  # others were second tracks
     return np.concatenate([belief.state[came, root, :2], ends_m[alone]])
