@@ -80,7 +80,12 @@ def test_detections_that_fit_badly_do_not_keep_a_track_alive() -> None:
     fits = {}
     for name, people in (("exact", exact), ("off", off)):
         rows, fit = associate(
-            belief, see(people, (0,))[0].keypoints_px, np.full((1, 17), 0.9), 0, MODEL
+            belief,
+            see(people, (0,))[0].keypoints_px,
+            np.full((1, 17), 0.9),
+            0,
+            MODEL,
+            MODEL.scales[0],
         )
         assert rows.tolist() == [0]
         fits[name] = fit[0]
@@ -96,10 +101,10 @@ def test_who_could_be_anywhere_takes_nobodys_detection() -> None:
     covariance[lost, :, :3, :3] += 0.25 * np.eye(3)
     belief = replace(belief, covariance=covariance)
     view = see(standing((0.48, 0.3)), (0,))[0]
-    rows, fits = associate(belief, view.keypoints_px, view.scores, 0, MODEL)
+    rows, fits = associate(belief, view.keypoints_px, view.scores, 0, MODEL, MODEL.scales[0])
     assert (rows[lost], rows[near]) == (-1, 0)
     swapped = replace(belief, state=belief.state[::-1])
-    rows, vague = associate(swapped, view.keypoints_px, view.scores, 0, MODEL)
+    rows, vague = associate(swapped, view.keypoints_px, view.scores, 0, MODEL, MODEL.scales[0])
     assert (rows[lost], rows[near]) == (0, -1)
     assert vague[lost] < 0.7 * fits[near]  # little proof that the lost one is there
 

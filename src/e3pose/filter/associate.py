@@ -22,7 +22,12 @@ NEVER = 1e3
 
 
 def associate(
-    belief: Belief, keypoints_px: Floats, scores: Floats, camera: int, model: Model
+    belief: Belief,
+    keypoints_px: Floats,
+    scores: Floats,
+    camera: int,
+    model: Model,
+    noise_scale: float,
 ) -> tuple[Ints, Floats]:
     """Assign the detections of one view to tracks, at most one each, by the least total cost.
 
@@ -37,6 +42,7 @@ def associate(
         scores: `(num_persons, num_joints)`, 0 where missing.
         camera: index of the camera.
         model: the rig and the noise.
+        noise_scale: factor on the noise: of the size of the image, and learned.
 
     Returns:
         `(num_tracks,)` the row of each track's detection, -1 for none; and `(num_tracks,)` how well
@@ -47,7 +53,7 @@ def associate(
     fits = np.zeros(len(belief))
     if len(belief) == 0 or len(scores) == 0:
         return rows, fits
-    cost, vagueness = costs(belief, keypoints_px, scores, camera, model)
+    cost, vagueness = costs(belief, keypoints_px, scores, camera, model, noise_scale)
     free = np.ones(len(scores), dtype=bool)
     for group in (belief.confirmed, ~belief.confirmed):
         tracks, people = np.flatnonzero(group), np.flatnonzero(free)
@@ -65,7 +71,12 @@ def associate(
 
 
 def costs(
-    belief: Belief, keypoints_px: Floats, scores: Floats, camera: int, model: Model
+    belief: Belief,
+    keypoints_px: Floats,
+    scores: Floats,
+    camera: int,
+    model: Model,
+    noise_scale: float,
 ) -> tuple[Floats, Floats]:
     """Return how far tracks and detections are apart, and how vague that is.
 
@@ -73,12 +84,12 @@ def costs(
         `(num_tracks, num_persons)` mean distance in standard deviations, inf if unknown; and the
         mean logarithm of how much wider these are than those of a track that is known exactly.
     """
-    scale = model.scales[camera]
     pixels, depth, jacobian = project(
         belief.state[..., :3], model.rig.projections[camera : camera + 1]
     )
     spread = pixel_variance(jacobian, belief.covariance[..., :3, :3])[0]
-    variance = model.noise.of(scores, scale)[None] ** 2 + (BIAS_PX * scale) ** 2
+    variance = model.noise.of(scores, noise_scale)[None] ** 2
+    variance = variance + (BIAS_PX * model.scales[camera]) ** 2
     vague = 0.5 * np.log1p(spread[:, None] / variance)
     variance = variance + spread[:, None]  # (num_tracks, num_persons, num_joints)
     shown = (scores > MIN_SCORE)[None] & (depth[0] > MIN_DEPTH_M)[:, None]

@@ -11,6 +11,10 @@ from e3pose.errors import InputError
 
 Floats = NDArray[np.float64]
 
+# One keypoint that no other resembles has a standard error of 0.7 in the logarithm of sigma, but
+# the errors of joints and slots resemble each other: 100 stand for about ten of these.
+KNOWN_WEIGHT, ASSUMED_WEIGHT = 100.0, 20.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
@@ -21,6 +25,7 @@ class Noise:
         sigma_px: `(num_knots,)` standard deviation of either coordinate at those scores, in pixels
             of an image `image_px` wide or high, whichever is more; between knots it is linear.
         image_px: the size of the images that `sigma_px` was measured on.
+        weight: keypoints that this counts for against what the filter learns of its detectors.
 
     Raises:
         InputError: when the knots do not rise or a sigma is not positive.
@@ -29,6 +34,7 @@ class Noise:
     scores: Floats
     sigma_px: Floats
     image_px: float
+    weight: float = KNOWN_WEIGHT
 
     def __post_init__(self) -> None:
         scores = np.asarray(self.scores, dtype=np.float64)
@@ -42,6 +48,8 @@ class Noise:
             raise InputError("noise: expected rising scores and positive sigma_px")
         if not (np.isfinite(self.image_px) and self.image_px > 0):
             raise InputError(f"noise: image_px: found {self.image_px}, expected pixels")
+        if not (np.isfinite(self.weight) and self.weight > 0):
+            raise InputError(f"noise: weight: found {self.weight}, expected keypoints")
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "sigma_px", sigma)
 

@@ -192,6 +192,8 @@ class Belief:
             there, by place, and how many of them showed the person (`blindness`).
         doors: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
             of them came or left there (`doors`).
+        noise: `(num_cameras, 2)` logarithm of the factor on the noise file's sigma that each
+            camera's keypoints showed, and how many taught it (`learned_noise`).
         next_id: the id that the next new person gets.
     """
 
@@ -215,6 +217,7 @@ class Belief:
     leftovers: Leftovers
     sights: Floats
     doors: Floats
+    noise: Floats
     next_id: int = 0
 
     def __len__(self) -> int:
@@ -250,6 +253,7 @@ class Belief:
             ),
             sights=blindness.nothing_known(model.rig),
             doors=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
+            noise=np.zeros((len(model.rig), 2)),
         )
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
@@ -257,7 +261,7 @@ class Belief:
         return {
             item.name: getattr(self, item.name)
             for item in fields(self)
-            if item.name not in ("time_s", "leftovers", "sights", "doors", "next_id")
+            if item.name not in ("time_s", "leftovers", "sights", "doors", "noise", "next_id")
         }
 
 
@@ -269,6 +273,7 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
         "next_id": np.array(belief.next_id),
         "sights": belief.sights,
         "doors": belief.doors,
+        "noise": belief.noise,
         **belief.columns(),
         **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
     }
@@ -302,5 +307,6 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         leftovers=Leftovers(*waiting),
         sights=np.array(arrays["sights"]),
         doors=np.array(arrays["doors"]),
+        noise=np.array(arrays["noise"]),
         **columns,
     )

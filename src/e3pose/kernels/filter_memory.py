@@ -28,6 +28,7 @@ class Site(NamedTuple):
     scales: Floats  # (num_cameras,)
     noise_scores: Floats  # (num_knots,)
     noise_px: Floats  # (num_knots,)
+    noise_weight: float
     bones: Integers  # (num_bones, 2)
     slacks_m: Floats  # (num_bones,)
     loose: Flags  # (num_bones,) not between a joint and its parent
@@ -57,6 +58,7 @@ def make_site(model: Model) -> Site:
         np.ascontiguousarray(model.scales),
         np.array(model.noise.scores),
         np.array(model.noise.sigma_px),
+        float(model.noise.weight),
         np.ascontiguousarray(model.bones),
         np.ascontiguousarray(model.slacks_m),
         loose,
@@ -133,6 +135,15 @@ class Matches(NamedTuple):
     taught: Flags  # (num_tracks,) somebody of whom it is learned what cameras show
 
 
+class Detectors(NamedTuple):
+    """How noisy the cameras' keypoints are, and what a slot adds to that."""
+
+    logs: Floats  # (num_cameras,) logarithm of the factor on the noise file
+    scales: Floats  # (num_cameras,) `Site.scales` times that factor
+    fresh: Floats  # (num_cameras,) keypoints that teach
+    steps: Floats  # (num_cameras,) how much they are beyond their median
+
+
 class Offers(NamedTuple):
     """Room for assigning the detections of one view."""
 
@@ -185,6 +196,7 @@ class Memory(NamedTuple):
     tracks: Tracks
     waiting: Waiting
     matches: Matches
+    detectors: Detectors
     offers: Offers
     passes: Passes
     pairs: Pairs
@@ -234,6 +246,7 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             places_m=np.zeros((num_tracks, 2)),
             taught=np.zeros(num_tracks, bool),
         ),
+        Detectors(*np.zeros((4, cameras))),
         Offers(
             sight=np.zeros((4, joints)),
             cost=np.zeros((num_tracks, num_people)),

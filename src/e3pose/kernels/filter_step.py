@@ -29,6 +29,7 @@ from e3pose.kernels.filter_bias import learn_bias
 from e3pose.kernels.filter_births import give_birth
 from e3pose.kernels.filter_blindness import learn_sights
 from e3pose.kernels.filter_existence import attend, end
+from e3pose.kernels.filter_learned_noise import compare_noise, learn_noise, recall_noise
 from e3pose.kernels.filter_memory import Memory, Site, Views, make_memory, make_site
 from e3pose.kernels.filter_predict import predict
 from e3pose.kernels.filter_update import learn_bones, update
@@ -77,9 +78,9 @@ class StepKernel:
             memory.waiting.cameras[:num_old] = waiting.cameras
             memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
             memory.waiting.scores[:num_old] = waiting.scores
-        sights = np.array(belief.sights, order="C")
+        sights, noise = np.array(belief.sights, order="C"), np.array(belief.noise, order="C")
         num_tracks, num_waiting, next_id = self._call(
-            num_tracks, num_old, now, dt, belief.next_id, self._site, sights, memory
+            num_tracks, num_old, now, dt, belief.next_id, self._site, sights, noise, memory
         )
         rows = memory.waiting.order[:num_waiting]
         leftovers = Leftovers(
@@ -97,6 +98,7 @@ class StepKernel:
             leftovers=leftovers,
             sights=sights,
             doors=before.doors,
+            noise=noise,
             next_id=next_id,
             **columns,
         )
@@ -142,6 +144,7 @@ def step_slot(
     next_id: int,
     site: Site,
     sights: Floats,
+    noise: Floats,
     memory: Memory,
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
@@ -150,7 +153,8 @@ def step_slot(
     for track in range(num_tracks):
         for axis in range(2):
             memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
-    _prepare(site, views)
+    recall_noise(noise, site, memory.detectors)
+    _prepare(site, memory.detectors.scales, views)
     num_views = 0
     for camera in range(len(views.counts)):
         if views.arrived[camera]:
@@ -171,6 +175,7 @@ def step_slot(
     for track in range(num_tracks):
         if num_views:
             update(track, dt, site, views, memory.matches.assigned, tracks, passes)
+            compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
         for camera in range(len(views.counts)):
             person = memory.matches.assigned[camera, track]
             if views.arrived[camera] and person >= 0:
@@ -194,10 +199,11 @@ def step_slot(
             tracks.bone_counts[track],
             passes.measured,
         )
+    learn_noise(noise, memory.detectors)
     attend(
         num_tracks,
         dt,
-        site.scales,
+        memory.detectors.scales,
         site.noise_px,
         views,
         memory.matches,
@@ -226,7 +232,7 @@ def step_slot(
 
 
 @kernel
-def _prepare(site: Site, views: Views) -> None:
+def _prepare(site: Site, noise_scales: Floats, views: Views) -> None:
     """Take the lenses out and look up the noise; nobody is explained yet."""
     undistort_slot(
         views.keypoints_px,
@@ -251,7 +257,7 @@ def _prepare(site: Site, views: Views) -> None:
                     score = 0.0
                     views.pixels[row, joint, 0] = views.pixels[row, joint, 1] = np.nan
                 views.weights[row, joint] = score
-                sigma = _noise_px(score, site.noise_scores, site.noise_px) * site.scales[camera]
+                sigma = _noise_px(score, site.noise_scores, site.noise_px) * noise_scales[camera]
                 views.variances[row, joint] = sigma * sigma
             row += 1
 

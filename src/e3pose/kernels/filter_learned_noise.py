@@ -1,0 +1,150 @@
+"""The noise that is learned: the loops of `filter.learned_noise`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.filter.bias import LASTS_S
+from e3pose.filter.blindness import PROOF_CAMERAS, PROOF_S
+from e3pose.filter.learned_noise import (
+    ALIKE,
+    COUNT,
+    KNOWN,
+    LEAST_SHARE,
+    LOG,
+    MEDIAN,
+    MEMORY,
+    MOST,
+    MOST_LEVERAGE,
+    SLOPE,
+)
+from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE, OUTLIER_SIGMAS
+from e3pose.kernels.compile import kernel
+from e3pose.kernels.filter_bias import inflation
+from e3pose.kernels.filter_memory import Detectors, Matches, Site, Tracks, Views
+from e3pose.kernels.filter_sight import shown_at
+
+Floats = NDArray[np.float64]
+
+FURTHEST = math.log(MOST)
+ROBUST = 1.0 / OUTLIER_SIGMAS**2
+
+
+@kernel
+def recall_noise(noise: Floats, site: Site, detectors: Detectors) -> None:
+    """Begin a slot: work out the factors and the scales of all cameras; nothing is learned yet."""
+    total, mean = site.noise_weight, 0.0
+    for camera in range(len(noise)):
+        count = noise[camera, COUNT]
+        own = count * ALIKE / (count + ALIKE)
+        mean += own * noise[camera, LOG]
+        total += own
+    mean /= total
+    for camera in range(len(noise)):
+        count = noise[camera, COUNT]
+        log = (count * noise[camera, LOG] + ALIKE * mean) / (count + ALIKE)
+        detectors.logs[camera] = log
+        detectors.scales[camera] = site.scales[camera] * math.exp(log)
+        detectors.fresh[camera] = 0.0
+        detectors.steps[camera] = 0.0
+
+
+@kernel
+def compare_noise(
+    track: int,
+    dt: float,
+    site: Site,
+    views: Views,
+    matches: Matches,
+    tracks: Tracks,
+    detectors: Detectors,
+) -> None:
+    """Compare the keypoints of a track that was just updated with what the others say."""
+    recent = 0
+    for camera in range(len(views.counts)):
+        shown = views.arrived[camera] and matches.assigned[camera, track] >= 0
+        recent += shown or tracks.last_seen_s[track, camera] + dt < PROOF_S
+    if not (tracks.confirmed[track] and recent >= PROOF_CAMERAS):
+        return
+    for camera in range(len(views.counts)):
+        person = matches.assigned[camera, track]
+        if views.arrived[camera] and person >= 0:
+            since_s = tracks.last_seen_s[track, camera] + dt
+            fresh, steps = _compare(
+                views.starts[camera] + person,
+                1.0 - KNOWN * math.exp(-2.0 * since_s / LASTS_S),
+                inflation(since_s),
+                tracks.state[track],
+                tracks.covariance[track],
+                site.projections[camera],
+                views,
+                tracks.bias_px[track, camera],
+            )
+            detectors.fresh[camera] += fresh
+            detectors.steps[camera] += steps / SLOPE
+
+
+@kernel
+def _compare(
+    row: int,
+    left_over: float,
+    factor: float,
+    state: Floats,
+    covariance: Floats,
+    projection: Floats,
+    views: Views,
+    bias_px: Floats,
+) -> tuple[float, float]:
+    """Return the evidence of one detection, and how much of it lies beyond the median.
+
+    `left_over` is the share of its variances beside the learned bias, `factor` that of the update.
+    """
+    fresh = steps = 0.0
+    for joint in range(len(state)):
+        if not views.weights[row, joint] > MIN_SCORE:
+            continue
+        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
+        if not depth > MIN_DEPTH_M:
+            continue
+        doubt = (
+            covariance[joint, 0, 0] * (ux * ux + vx * vx)
+            + covariance[joint, 1, 1] * (uy * uy + vy * vy)
+            + covariance[joint, 2, 2] * (uz * uz + vz * vz)
+        ) / 2
+        doubt += (
+            covariance[joint, 0, 1] * (ux * uy + vx * vy)
+            + covariance[joint, 0, 2] * (ux * uz + vx * vz)
+            + covariance[joint, 1, 2] * (uy * uz + vy * vz)
+        )
+        du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
+        dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
+        squares = du * du + dv * dv
+        variance = views.variances[row, joint] * factor
+        leverage = doubt / (variance * (1.0 + squares / variance * ROBUST))
+        left = 1.0 - (leverage if leverage < MOST_LEVERAGE else MOST_LEVERAGE)
+        own = views.variances[row, joint] * left_over
+        total = own + doubt / left
+        share = own / total
+        if share > LEAST_SHARE:
+            fresh += share * share
+            steps += share * (0.5 if squares / (left * left) > MEDIAN * total else -0.5)
+    return fresh, steps
+
+
+@kernel
+def learn_noise(noise: Floats, detectors: Detectors) -> None:
+    """Add what was found in a slot to `noise`, which is `Belief.noise`."""
+    for camera in range(len(noise)):
+        fresh = detectors.fresh[camera]
+        if not fresh > 0.0:
+            continue
+        count = noise[camera, COUNT]
+        log = noise[camera, LOG] * count + detectors.logs[camera] * fresh + detectors.steps[camera]
+        log /= count + fresh
+        log = -FURTHEST if log < -FURTHEST else FURTHEST if log > FURTHEST else log
+        noise[camera, LOG] = log
+        noise[camera, COUNT] = count + fresh if count + fresh < MEMORY else MEMORY
