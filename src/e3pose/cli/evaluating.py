@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from e3pose.cli.bad_days import BadDayOptions
-from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs, choice
+from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs, choice, warn
 
 LOOP, ENERGY, BAD_DAY = LoopOptions(), EnergyOptions(), BadDayOptions()
 
@@ -72,6 +72,7 @@ def evaluate(
     from e3pose.evaluate.lead_picture import draw_leads
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.evaluate.report import print_comparison
+    from e3pose.evaluate.settings import noise_warning
     from e3pose.policies import policy_row
     from e3pose.recording import load_recording
 
@@ -104,6 +105,7 @@ def evaluate(
     ]
     for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
         make_pipeline(source, each)
+    warn(noise_warning(source, settings[0]))
     summaries = compare(
         source,
         settings,

@@ -61,6 +61,13 @@ def _print_json(description: Description, problems: list[Problem]) -> None:
     sys.stdout.write(text.decode() + "\n")
 
 
+def _noise_line(source: str) -> str:
+    from e3pose.noises import DEFAULT, detector_of
+
+    name = detector_of(source)
+    return f"{name}: OpenPose's and half of it, then learned" if name == DEFAULT else name
+
+
 def _print_tables(console: Console, description: Description, problems: list[Problem]) -> None:
     from rich.table import Table
     from rich.text import Text
@@ -75,6 +82,7 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
         f"{description.duration_s:.2f} s",
         "scored slots": scored,
         "skeleton": description.skeleton,
+        "noise file": _noise_line(description.source),
         "truth": _truth_line(description),
     }
     for label, value in rows.items():

@@ -50,6 +50,7 @@ def edge(
     _look_after_parent(end_with_parent)
     check_seconds("--for", for_s)
     from e3pose.clock import WallClock
+    from e3pose.evaluate.settings import noise_warning
     from e3pose.site.config import open_site
     from e3pose.site.edge_program import Admission, edge_link, make_edge, place_of
     from e3pose.site.logs import open_log
@@ -64,6 +65,8 @@ def edge(
     place = place_of(site, table, rig)
     link, roll = edge_link(site, table)
     log = open_log("edge", json_logs, site=table.name)
+    if warning := noise_warning(place, settings):
+        log.warning(warning)
     clock = WallClock()
     with ExitStack() as stack:
         transport = open_network(link, *_people(roll))

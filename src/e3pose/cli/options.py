@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +45,12 @@ def as_typed(error: InputError, names: Mapping[str, str], found_in: str = "") ->
     if word is None or word[1] not in names:
         return error
     return InputError(f"{names[word[1]]}{text[word.end() :]}")
+
+
+def warn(text: str) -> None:
+    """Print a line on standard error for the person who typed the command; nothing if empty."""
+    if text:
+        print(f"e3pose: warning: {text}", file=sys.stderr)
 
 
 def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:

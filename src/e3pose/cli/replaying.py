@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from e3pose.cli.bad_days import BadDayOptions
-from e3pose.cli.options import EnergyOptions, LoopOptions, check_outputs, choice
+from e3pose.cli.options import EnergyOptions, LoopOptions, check_outputs, choice, warn
 from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
 
@@ -64,6 +64,7 @@ def replay(
     from e3pose.evaluate.replay import ReplaySettings
     from e3pose.evaluate.replay import replay as run_replay
     from e3pose.evaluate.report import print_summary
+    from e3pose.evaluate.settings import noise_warning
     from e3pose.evaluate.summary import summarise
     from e3pose.recording import load_recording
 
@@ -85,6 +86,7 @@ def replay(
         bad_day=day,
         **{**asked, **choice(cameras, asked, plan, len(source.rig))},
     )
+    warn(noise_warning(source, settings))
     slots = stored(
         run_replay(source, settings),
         store,

@@ -16,7 +16,7 @@ from e3pose.errors import InputError
 from e3pose.estimators import EstimatorSettings, make_estimator
 from e3pose.evaluate.bad_days import NO_BAD_DAY, BadDay
 from e3pose.fuse import FusionSettings
-from e3pose.noises import detector_of, load_noise
+from e3pose.noises import DEFAULT, detector_of, load_noise
 from e3pose.pipeline import Pipeline
 from e3pose.policies import POLICIES, PolicyRow, PolicySettings, policy_row
 from e3pose.predictors import make_predictor, make_predictor_or_fallback
@@ -204,6 +204,17 @@ def _fusion(settings: ReplaySettings) -> FusionSettings:
             f"{1000 * usual.cap_m:g} mm"
         )
     return replace(usual, max_distance_m=distance_m)
+
+
+def noise_warning(place: Place, settings: ReplaySettings) -> str:
+    """Return what to say where no noise file is known for the detector; empty if one is."""
+    known = settings.noise or detector_of(place.source) != DEFAULT
+    if known or pipeline_row(settings.pipeline)[0] == "paper":
+        return ""
+    return (
+        "no noise file is known for this detector: OpenPose's, half as large again, is assumed "
+        "at first, and what each camera's keypoints are like is learned; --noise names a file"
+    )
 
 
 def _check(settings: ReplaySettings, row: PolicyRow, num_cameras: int) -> None:

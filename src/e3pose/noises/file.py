@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.filter.noise import Noise
+from e3pose.filter.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT, Noise
 from e3pose.misfit import misfit
 
 FORMAT = "e3pose-noise"
@@ -77,7 +77,8 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     def noise(self) -> Noise:
         """Return what the filter needs of it."""
-        return Noise(np.array(self.scores), np.array(self.sigma_px), self.image_px)
+        weight = ASSUMED_WEIGHT if self.basis == "assumed" else KNOWN_WEIGHT
+        return Noise(np.array(self.scores), np.array(self.sigma_px), self.image_px, weight)
 
 
 def encode_noise(file: NoiseFile) -> str:

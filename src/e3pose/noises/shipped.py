@@ -8,7 +8,7 @@ from e3pose.filter.noise import Noise
 from e3pose.noises.file import NoiseFile, decode_noise
 from e3pose.shipped import read_shipped
 
-DEFAULT = "openpose"  # of a recording that does not say what detected it
+DEFAULT = "unknown"  # of a recording that does not say what detected it
 # By detector, and the words by which the source of a recording names it, the longest first.
 SHIPPED = {
     "simulated": ("simulated by e3pose",),
@@ -18,6 +18,7 @@ SHIPPED = {
     "trt-pose": ("trt-pose", "trt_pose"),
     "rtmlib": ("rtmlib", "rtmpose", "rtmo"),
     "openpose": ("openpose",),
+    DEFAULT: (),
 }
 MAX_BYTES = 1_000_000
 
