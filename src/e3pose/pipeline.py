@@ -176,6 +176,7 @@ def step(
         measured=shown.measured,
         reasons=_reasons(situation, decision),
         stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
+        noise_factors=people.noise_factors,
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
     return SlotState(slot + 1, selections, deficit, silence, memory, sights, shown), record

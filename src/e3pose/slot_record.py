@@ -51,6 +51,8 @@ class SlotRecord:
         measured: `(num_persons, num_joints)` whether a view of this slot measured the joint.
         reasons: for `next_selection`; None unless the pipeline foresees.
         stage_s: seconds spent in the estimator's stages, predict, occlusion, select.
+        noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
+            states; NaN where too little is seen, None of an estimator that does not learn it.
     """
 
     slot: int
@@ -66,6 +68,7 @@ class SlotRecord:
     measured: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     reasons: Reasons | None = None
     stage_s: Mapping[str, float] = field(default_factory=dict)
+    noise_factors: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = self.poses.scores.shape

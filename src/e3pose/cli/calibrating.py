@@ -95,7 +95,8 @@ def noise(
     console = Console()
     if not console.is_terminal:  # a file or a pipe has no width to fit
         console = Console(width=160)
-    print_noise(file, correlations, console)
+    learned = dict(zip(source.rig.camera_ids, calibrated.learned.tolist(), strict=True))
+    print_noise(file, correlations, console, learned, shipped.detector)
 
 
 @contextmanager

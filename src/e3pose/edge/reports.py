@@ -42,6 +42,7 @@ def camera_status(
     late: int,
     lost: int,
     now_ns: int,
+    noise_factor: float = np.nan,
 ) -> CameraStatus:
     """Return what the edge knows of a camera.
 
@@ -54,6 +55,7 @@ def camera_status(
         late: views that came too late.
         lost: views that were ordered and never came.
         now_ns: the time.
+        noise_factor: sigma of its keypoints over what the noise file states; NaN if unknown.
     """
     beat, capacity_wh = life.beat, life.hello.battery_wh if life.hello else None
     charge = beat.battery_j if beat else None
@@ -76,12 +78,16 @@ def camera_status(
         lost=lost,
         clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
         gauge=bool(beat and beat.gauge),
+        noise_factor=float(noise_factor) if np.isfinite(noise_factor) else None,
     )
 
 
 def site_status(edge: EdgeServer) -> Status:
     """Return how a site is."""
     now_ns, record, counts = edge.clock.now_ns(), edge.newest, edge.counts
+    factors = record.noise_factors if record else None
+    if factors is None:
+        factors = np.full(len(edge.inbox.roster.lives), np.nan)
     duty, troubles, oddities = counts.duty(), edge.inbox.troubles(), edge.oddities()
     cameras = tuple(
         camera_status(
@@ -93,6 +99,7 @@ def site_status(edge: EdgeServer) -> Status:
             int(edge.gather.late[index]),
             max(int(counts.missed[index] - edge.gather.late[index]), 0),
             now_ns,
+            factors[index],
         )
         for index, life in enumerate(edge.inbox.roster.lives)
     )

@@ -34,6 +34,8 @@ class People:
         measured: `(num_persons, num_joints)` whether a view of this slot measured the joint; the
             others are carried on from earlier slots, or missing.
         stage_s: seconds spent in each stage of the estimator.
+        noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
+            states; NaN where too little is seen, None of an estimator that does not learn it.
     """
 
     poses: Poses3D
@@ -43,6 +45,7 @@ class People:
     covariance_m2: NDArray[np.float64]
     measured: NDArray[np.bool_]
     stage_s: Mapping[str, float]
+    noise_factors: NDArray[np.float64] | None = None
 
 
 class Estimator(Protocol[Memory]):

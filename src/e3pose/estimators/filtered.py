@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from e3pose.estimators.base import STEER_SLOTS, People
 from e3pose.filter import Belief, Estimate, Model, Outlook, outlook, step
 from e3pose.filter.honesty import spread_factor
+from e3pose.filter.learned_noise import found
 from e3pose.filter.returning import Identities, identify
 from e3pose.filter.steer import steer
 from e3pose.pose import Poses2D, Poses3D
@@ -93,6 +94,7 @@ class Filtered:
             estimate.covariance_m2 * factor[..., None, None] ** 2,
             estimate.measured,
             {"estimate": clock() - start},
+            found(belief.noise, self.model.noise.weight),
         )
         return Remembered(belief, identities, estimate.track_ids, history), people
 

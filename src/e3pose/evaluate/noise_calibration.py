@@ -50,6 +50,8 @@ class Calibrated:
         shifts_px: `(num_cameras, 2)` what was taken out of every keypoint of a camera.
         people: tracks that were compared.
         slots: of the recording.
+        learned: `(num_cameras,)` what the estimator found while it ran, over the noise file of the
+            detector that the recording names; NaN where it saw too little.
     """
 
     noise: Noise
@@ -57,6 +59,7 @@ class Calibrated:
     shifts_px: Floats
     people: int
     slots: int
+    learned: Floats
 
 
 def calibrate_noise(
@@ -91,7 +94,7 @@ def calibrate_noise(
             "a view is compared with what two others say"
         )
     num_slots = min(recording.num_slots, max(1, round(seconds / recording.interval_s)))
-    tracks = all_camera_tracks(recording, num_slots, replayed)
+    tracks, learned = all_camera_tracks(recording, num_slots, replayed)
     people = list(sight(recording, tracks, num_slots))
     image_px = float(max(max(camera.image_size) for camera in rig.cameras))
     noise = _resized(start, image_px)
@@ -124,13 +127,18 @@ def calibrate_noise(
         ratio = np.clip(back / corrected.of(measured.scores), *BELIEVABLE)
         sigma = falling(measured.sigma_px / ratio, measured.counts)
         corrected = _noise(measured.scores, sigma, image_px)
-    return Calibrated(corrected, measured, shifts, len(people), num_slots)
+    return Calibrated(corrected, measured, shifts, len(people), num_slots, learned)
 
 
 def all_camera_tracks(
     recording: Recording, num_slots: int, replayed: Replayed = iter
-) -> list[tuple[Ints, Floats]]:
-    """Return who the estimator with a memory finds with all cameras on: slots and joints."""
+) -> tuple[list[tuple[Ints, Floats]], Floats]:
+    """Return what the estimator with a memory finds with all cameras on.
+
+    Returns:
+        The slots and joints of everybody who stays, and `(num_cameras,)` the noise that it learned,
+        over that of the noise file.
+    """
     from e3pose.evaluate.replay import ReplaySettings, replay
 
     part = replace(recording, truth=None, num_slots=num_slots, views=_cut(recording, num_slots))
@@ -140,12 +148,15 @@ def all_camera_tracks(
     )
     slots: dict[int, list[int]] = {}
     poses: dict[int, list[Floats]] = {}
+    learned = np.full(len(recording.rig), np.nan)
     for record in replayed(replay(part, settings)):
+        if record.noise_factors is not None:
+            learned = record.noise_factors
         for track, joints_m in zip(record.track_ids.tolist(), record.poses.joints_m, strict=True):
             slots.setdefault(track, []).append(record.slot)
             poses.setdefault(track, []).append(joints_m)
     long = [track for track, there in slots.items() if len(there) >= MIN_SLOTS]
-    return [(np.array(slots[track]), np.stack(poses[track])) for track in long]
+    return [(np.array(slots[track]), np.stack(poses[track])) for track in long], learned
 
 
 def _made_up(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,8 +64,22 @@ def as_file(calibrated: Calibrated, rig: Rig, detector: str, source: str) -> Noi
     )
 
 
-def print_noise(file: NoiseFile, correlations: dict[float, float], console: Console) -> None:
-    """Print sigma and gross errors by score, the memory of errors, and every camera."""
+def print_noise(
+    file: NoiseFile,
+    correlations: dict[float, float],
+    console: Console,
+    learned: Mapping[str, float],
+    shipped: str,
+) -> None:
+    """Print sigma and gross errors by score, the memory of errors, and every camera.
+
+    Args:
+        file: what was measured.
+        correlations: by lag in seconds.
+        console: where to.
+        learned: by camera, what the estimator found while it ran, over the shipped noise.
+        shipped: the name of that noise.
+    """
     from rich.table import Table
     from rich.text import Text
 
@@ -82,7 +96,7 @@ def print_noise(file: NoiseFile, correlations: dict[float, float], console: Cons
     lags.add_row("correlation", *(f"{value:.2f}" for value in correlations.values()))
     _print(lags, "errors of a joint in a view, later ones with earlier ones", console)
     views = Table(
-        "camera", "keypoints", "sigma, px", "bias of a joint, px", "shift, px", "gross, %"
+        "camera", "keypoints", "sigma, px", "bias of a joint, px", "shift, px", "gross, %", "live"
     )
     for name, view in file.views.items():
         right, down = view.shift_px
@@ -93,12 +107,14 @@ def print_noise(file: NoiseFile, correlations: dict[float, float], console: Cons
             f"{view.bias_px:.2f}",
             f"{right:+.1f} right, {down:+.1f} down",
             f"{100 * view.gross_share:.1f}",
+            f"{learned[name]:.1f}x {shipped}" if learned[name] > 0 else "",
         )
     _print(views, "by camera, measured, all scores", console)
     console.print(
         Text(
             "sigma: of either coordinate, corrected for the error of the reference; gross: beyond "
-            "40 px of 1032; bias: mean over time"
+            "40 px of 1032; bias: mean over time; "
+            "live: what the estimator learned while it ran, times the noise it began with"
         )
     )
 

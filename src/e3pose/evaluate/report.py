@@ -32,6 +32,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("saving %", ("energy", "saving_percent"), 1),
     ("ms a slot", ("stage_ms", "slot", "median"), 2),
 )
+TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
 PREDICT = ("predict ms", ("stage_ms", "predict", "median"), 3)  # beside leads, which it grows with
 FIGURE_NAMES = {
     "cameras on": "cameras on, mean a slot",
@@ -122,6 +123,8 @@ def print_summary(summary: Mapping[str, Any], console: Console | None = None) ->
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
     _print(figures, console)
+    for line in noise_lines(summary):
+        _print(line, console)
     duty = summary["selection"].get("duty", {})
     if not duty:
         return
@@ -145,7 +148,17 @@ def print_summary(summary: Mapping[str, Any], console: Console | None = None) ->
     _print(cameras, console)
 
 
-def _print(table: Table, console: Console | None) -> None:
+def noise_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return a line for each camera whose keypoints are clearly other than the noise file says."""
+    noise = summary["noise"]
+    return [
+        f"{camera_id}: keypoint noise {factor:.1f}x what {noise['file']} states"
+        for camera_id, factor in noise.get("factors", {}).items()
+        if not 1 / TELLING <= factor <= TELLING
+    ]
+
+
+def _print(table: Table | str, console: Console | None) -> None:
     from rich.console import Console
 
     if console is None:

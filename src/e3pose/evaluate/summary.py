@@ -14,6 +14,7 @@ from e3pose.evaluate import metrics
 from e3pose.evaluate.energy_figures import energy_figures
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
+from e3pose.noises import detector_of
 from e3pose.profiles import DeviceProfile, Mode
 from e3pose.recording import Recording
 from e3pose.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
@@ -62,6 +63,7 @@ def summarise(
         "deficits": _deficits(recording, records),
         "energy": energy_figures(recording, records, profile, idle_mode, battery_wh),
         "stage_ms": _stage_ms(records),
+        "noise": _noise(recording, settings, records),
     }
 
 
@@ -160,6 +162,20 @@ def _stage_ms(records: Sequence[SlotRecord]) -> dict[str, dict[str, float]]:
     return {
         stage: {"median": float(np.median(times)), "p99": float(np.percentile(times, 99))}
         for stage, times in stages.items()
+    }
+
+
+def _noise(
+    recording: Recording, settings: ReplaySettings, records: Sequence[SlotRecord]
+) -> dict[str, Any]:
+    """Return the noise file that was used, and what was learned of each camera by the last slot."""
+    factors = records[-1].noise_factors if records else None
+    if factors is None:
+        return {}
+    learned = _by_camera(recording, factors)
+    return {
+        "file": settings.noise or detector_of(recording.source),
+        "factors": {camera: round(factor, 3) for camera, factor in learned.items() if factor > 0},
     }
 
 

@@ -45,6 +45,11 @@ class EdgeCollector:
             ("camera_deficit", "its energy deficit queue", [c.deficit for c in status.cameras]),
             ("camera_late_views", "views too late", [c.late for c in status.cameras]),
             ("camera_lost_views", "views never come", [c.lost for c in status.cameras]),
+            (
+                "camera_noise_factor",
+                "sigma of its keypoints over what the noise file states",
+                [c.noise_factor for c in status.cameras],
+            ),
             ("camera_watts", "what it draws", [c.power_w for c in status.cameras]),
             ("camera_battery", "share of its charge left", [c.battery for c in status.cameras]),
             ("camera_ordered_views", "views asked for in time", counts.ordered.tolist()),

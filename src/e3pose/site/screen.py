@@ -76,6 +76,7 @@ def _cameras(status: Status) -> Table:
         "late",
         "lost",
         "ms off",
+        "noise",
     ):
         left = name in ("camera", "mode")
         table.add_column(name, justify="left" if left else "right", no_wrap=True)
@@ -113,6 +114,7 @@ def _row(camera: CameraStatus) -> list[Text]:
         Text(str(camera.late), style="yellow" if camera.late else ""),
         Text(str(camera.lost), style="yellow" if camera.lost else ""),
         Text("" if camera.last_seen_s is None else f"{camera.clock_offset_ms:+.1f}"),
+        Text("" if camera.noise_factor is None else f"{camera.noise_factor:.1f}x"),
         Text(camera.why, style="red"),
     ]
 

@@ -246,6 +246,8 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         lost: views that were ordered and never came.
         clock_offset_ms: edge time minus camera time.
         gauge: whether the battery's gauge says what is left; otherwise a model does.
+        noise_factor: sigma of its keypoints over what the noise file states, as the edge learned
+            it; None if unknown.
     """
 
     camera_id: str
@@ -262,6 +264,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     lost: int = 0
     clock_offset_ms: float = 0.0
     gauge: bool = False
+    noise_factor: float | None = None
 
 
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
