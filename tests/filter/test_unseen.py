@@ -20,7 +20,10 @@ from e3pose.filter import (
     step,
 )
 from e3pose.filter.associate import associate
+from e3pose.filter.learned_noise import knots_px, nothing_known
 from e3pose.pose import Poses2D
+
+KNOTS_PX = knots_px(MODEL, nothing_known(len(MODEL.rig)))[0]
 
 
 def test_uncertainty_grows_unseen_and_shrinks_seen() -> None:
@@ -85,7 +88,7 @@ def test_detections_that_fit_badly_do_not_keep_a_track_alive() -> None:
             np.full((1, 17), 0.9),
             0,
             MODEL,
-            MODEL.scales[0],
+            KNOTS_PX,
         )
         assert rows.tolist() == [0]
         fits[name] = fit[0]
@@ -101,10 +104,10 @@ def test_who_could_be_anywhere_takes_nobodys_detection() -> None:
     covariance[lost, :, :3, :3] += 0.25 * np.eye(3)
     belief = replace(belief, covariance=covariance)
     view = see(standing((0.48, 0.3)), (0,))[0]
-    rows, fits = associate(belief, view.keypoints_px, view.scores, 0, MODEL, MODEL.scales[0])
+    rows, fits = associate(belief, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
     assert (rows[lost], rows[near]) == (-1, 0)
     swapped = replace(belief, state=belief.state[::-1])
-    rows, vague = associate(swapped, view.keypoints_px, view.scores, 0, MODEL, MODEL.scales[0])
+    rows, vague = associate(swapped, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
     assert (rows[lost], rows[near]) == (0, -1)
     assert vague[lost] < 0.7 * fits[near]  # little proof that the lost one is there
 

@@ -27,7 +27,7 @@ def associate(
     scores: Floats,
     camera: int,
     model: Model,
-    noise_scale: float,
+    knots_px: Floats,
 ) -> tuple[Ints, Floats]:
     """Assign the detections of one view to tracks, at most one each, by the least total cost.
 
@@ -42,7 +42,7 @@ def associate(
         scores: `(num_persons, num_joints)`, 0 where missing.
         camera: index of the camera.
         model: the rig and the noise.
-        noise_scale: factor on the noise: of the size of the image, and learned.
+        knots_px: `(num_knots,)` sigma of the camera at the scores of the noise, as learned.
 
     Returns:
         `(num_tracks,)` the row of each track's detection, -1 for none; and `(num_tracks,)` how well
@@ -53,7 +53,7 @@ def associate(
     fits = np.zeros(len(belief))
     if len(belief) == 0 or len(scores) == 0:
         return rows, fits
-    cost, vagueness = costs(belief, keypoints_px, scores, camera, model, noise_scale)
+    cost, vagueness = costs(belief, keypoints_px, scores, camera, model, knots_px)
     free = np.ones(len(scores), dtype=bool)
     for group in (belief.confirmed, ~belief.confirmed):
         tracks, people = np.flatnonzero(group), np.flatnonzero(free)
@@ -76,7 +76,7 @@ def costs(
     scores: Floats,
     camera: int,
     model: Model,
-    noise_scale: float,
+    knots_px: Floats,
 ) -> tuple[Floats, Floats]:
     """Return how far tracks and detections are apart, and how vague that is.
 
@@ -88,7 +88,7 @@ def costs(
         belief.state[..., :3], model.rig.projections[camera : camera + 1]
     )
     spread = pixel_variance(jacobian, belief.covariance[..., :3, :3])[0]
-    variance = model.noise.of(scores, noise_scale)[None] ** 2
+    variance = np.interp(scores, model.noise.scores, knots_px)[None] ** 2
     variance = variance + (BIAS_PX * model.scales[camera]) ** 2
     vague = 0.5 * np.log1p(spread[:, None] / variance)
     variance = variance + spread[:, None]  # (num_tracks, num_persons, num_joints)

@@ -7,7 +7,9 @@ share that is its own, and not at all where the joint is the vaguer of the two: 
 noise would be learned. The median is what is compared, so that wild joints count as one each.
 
 A camera's factor is drawn to the mean of all cameras, and that to the noise file: most sites run
-one detector, and a camera that seldom looks knows little by itself.
+one detector, and a camera that seldom looks knows little by itself. What a score is worth is of
+the detector: one tilt for all cameras makes certain keypoints better and uncertain ones worse than
+the file states, or the other way round.
 """
 
 from __future__ import annotations
@@ -41,12 +43,14 @@ CAUTION = 4 / 3
 NORMAL = 2 * np.log(2)  # median squared length of two standard normal coordinates
 MEDIAN = 0.8 * NORMAL / CAUTION**2  # of squared residuals where the factor is right
 SLOPE = np.log(2)  # of the share of residuals beyond their median, by the logarithm of sigma
+MIDDLE_SCORE, SCORE_REACH = 0.7, 0.25  # where the tilt does nothing, and how far it reaches
+STEEPEST = 3.0  # the tilt at its ends, and its inverse
 LEAST_KNOWN = 50.0  # keypoints from which on a camera's factor is worth telling
 
 
 def nothing_known(num_cameras: int) -> Floats:
-    """Return `(num_cameras, 2)` before the first slot: logarithm of the factor, keypoints."""
-    return np.zeros((num_cameras, 2))
+    """Return `(num_cameras + 1, 2)` before the first slot, as in `Belief.noise`."""
+    return np.zeros((num_cameras + 1, 2))
 
 
 def factors(noise: Floats, weight: float) -> Floats:
@@ -56,10 +60,28 @@ def factors(noise: Floats, weight: float) -> Floats:
         noise: `Belief.noise`.
         weight: keypoints that the file counts for.
     """
-    logs, counts = noise[:, LOG], noise[:, COUNT]
+    logs, counts = noise[:-1].T
     own = counts * ALIKE / (counts + ALIKE)
     mean = (own * logs).sum() / (own.sum() + weight)
     return np.asarray(np.exp((counts * logs + ALIKE * mean) / (counts + ALIKE)))
+
+
+def tilt(noise: Floats, weight: float) -> float:
+    """Return the logarithm of the factor on sigma at the highest scores; arguments as above."""
+    log, count = noise[-1]
+    return float(log * count / (count + weight))
+
+
+def leaning(scores: Floats) -> Floats:
+    """Return how much of the tilt keypoints of these scores have, in [-1, 1]."""
+    return np.asarray(np.clip((scores - MIDDLE_SCORE) / SCORE_REACH, -1, 1))
+
+
+def knots_px(model: Model, noise: Floats) -> Floats:
+    """Return `(num_cameras, num_knots)`: sigma of each camera at the scores of the noise file."""
+    stated, weight = model.noise, model.noise.weight
+    leant = stated.sigma_px * np.exp(tilt(noise, weight) * leaning(stated.scores))
+    return np.asarray((model.scales * factors(noise, weight))[:, None] * leant)
 
 
 def found(noise: Floats, weight: float) -> Floats:
@@ -67,7 +89,7 @@ def found(noise: Floats, weight: float) -> Floats:
 
     Arguments are those of `factors`.
     """
-    return np.where(noise[:, COUNT] >= LEAST_KNOWN, factors(noise, weight) / CAUTION, np.nan)
+    return np.where(noise[:-1, COUNT] >= LEAST_KNOWN, factors(noise, weight) / CAUTION, np.nan)
 
 
 def own_share(since_s: Floats) -> Floats:
@@ -106,16 +128,19 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
     share = own / total
     share = np.where(usable & (share > LEAST_SHARE), share, 0.0)
     beyond = squares / left**2 > MEDIAN * total
-    fresh = (share**2).sum(axis=(1, 2))
-    steps = (share * (beyond - 0.5)).sum(axis=(1, 2)) / SLOPE
-    now = np.log(factors(belief.noise, model.noise.weight))[cameras]
-    noise = belief.noise.copy()
-    logs, counts = noise[cameras].T
+    surprise = share * (beyond - 0.5) / SLOPE
+    lean = leaning(seen.scores)
+    logs, counts = belief.noise.T
+    now = np.append(np.log(factors(belief.noise, model.noise.weight)), 0.0)
+    now[-1] = tilt(belief.noise, model.noise.weight)
+    fresh, steps = np.zeros_like(now), np.zeros_like(now)
+    fresh[cameras], steps[cameras] = (share**2).sum(axis=(1, 2)), surprise.sum(axis=(1, 2))
+    fresh[-1], steps[-1] = ((share * lean) ** 2).sum(), (surprise * lean).sum()
     total_count = counts + fresh
     mean = (logs * counts + now * fresh + steps) / np.maximum(total_count, 1e-9)
-    noise[cameras, LOG] = np.where(fresh > 0, np.clip(mean, -np.log(MOST), np.log(MOST)), logs)
-    noise[cameras, COUNT] = np.minimum(total_count, MEMORY)
-    return replace(belief, noise=noise)
+    most = np.log(np.append(np.full(len(now) - 1, MOST), STEEPEST))
+    noise = np.stack([np.clip(mean, -most, most), np.minimum(total_count, MEMORY)], axis=-1)
+    return replace(belief, noise=np.where(fresh[:, None] > 0, noise, belief.noise))
 
 
 def _proved(belief: Belief, seen: Sightings, cameras: Ints, since_s: Floats) -> Flags:

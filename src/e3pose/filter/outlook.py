@@ -63,7 +63,6 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
     """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen."""
     joints_m = predict_positions(belief, ahead_s)
     places_m = joints_m[:, model.tree.levels[0][0], :2]
-    factors = learned_noise.factors(belief.noise, model.noise.weight)
     chance = blindness.chance(belief.sights, np.arange(len(model.rig)), places_m, model.corner_m)
     unexplained, times_s = _newest(belief.leftovers, len(model.rig))
     return Outlook(
@@ -77,7 +76,7 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         delivered=belief.delivered,
         shows=np.minimum(chance.T / blindness.PLAIN, 1.0),
         last_seen_s=belief.last_seen_s,
-        sigma_px=model.noise.sigma_px.min() * model.scales * factors,
+        sigma_px=learned_noise.knots_px(model, belief.noise).min(axis=-1),
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,
         wait_s=model.wait_s,

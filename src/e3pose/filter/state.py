@@ -192,8 +192,9 @@ class Belief:
             there, by place, and how many of them showed the person (`blindness`).
         doors: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
             of them came or left there (`doors`).
-        noise: `(num_cameras, 2)` logarithm of the factor on the noise file's sigma that each
-            camera's keypoints showed, and how many taught it (`learned_noise`).
+        noise: `(num_cameras + 1, 2)` logarithm of the factor on the noise file's sigma that each
+            camera's keypoints showed, and how many taught it; last the same of the tilt by score
+            (`learned_noise`).
         next_id: the id that the next new person gets.
     """
 
@@ -253,7 +254,7 @@ class Belief:
             ),
             sights=blindness.nothing_known(model.rig),
             doors=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
-            noise=np.zeros((len(model.rig), 2)),
+            noise=np.zeros((len(model.rig) + 1, 2)),
         )
 
     def columns(self) -> dict[str, NDArray[np.generic]]:

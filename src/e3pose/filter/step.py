@@ -70,20 +70,20 @@ def step(
     before = belief
     belief = predict(replace(belief, time_s=now), dt, model)
     cameras, keypoints, scores = _sorted(model, views)
-    scales = model.scales * learned_noise.factors(belief.noise, model.noise.weight)
+    knots_px = learned_noise.knots_px(model, belief.noise)
     found = [
-        associate(belief, k, s, camera, model, scales[camera])
+        associate(belief, k, s, camera, model, knots_px[camera])
         for camera, k, s in zip(cameras, keypoints, scores, strict=True)
     ]
     shape = (len(cameras), len(belief))
     assigned = np.array([rows for rows, _ in found], dtype=np.int64).reshape(shape)
     fits = np.array([fit for _, fit in found]).reshape(shape)
     predicted = belief
-    seen = _sightings(belief, cameras, keypoints, scores, assigned, dt, model, scales)
+    seen = _sightings(belief, cameras, keypoints, scores, assigned, dt, model, knots_px)
     belief = update(belief, seen, model)
     belief = learned_noise.learn(belief, seen, cameras, dt, model)
     belief = learn_biases(belief, seen, cameras, dt)
-    told = _information_share(seen, model, scales[cameras])
+    told = _information_share(seen, knots_px[cameras])
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
     belief = end(give_birth(belief, fresh, model), model)
@@ -147,7 +147,7 @@ def _sightings(
     assigned: Ints,
     dt: float,
     model: Model,
-    scales: Floats,
+    knots_px: Floats,
 ) -> Sightings:
     shape = (*assigned.shape, len(model.skeleton))
     all_keypoints, all_scores = np.full((*shape, 2), np.nan), np.zeros(shape)
@@ -155,15 +155,17 @@ def _sightings(
         seen = row >= 0
         all_keypoints[view, seen] = keypoints[view][row[seen]]
         all_scores[view, seen] = scores[view][row[seen]]
-    sigma = model.noise.of(all_scores, scales[cameras].reshape(-1, 1, 1))
+    sigma = np.zeros(shape)
+    for view, camera in enumerate(cameras.tolist()):
+        sigma[view] = np.interp(all_scores[view], model.noise.scores, knots_px[camera])
     all_keypoints -= np.swapaxes(belief.bias_px[:, cameras], 0, 1)
     look = np.sqrt(bias.inflation(belief.last_seen_s[:, cameras].T + dt))[..., None]
     return Sightings(model.rig.projections[cameras], all_keypoints, all_scores, sigma, look)
 
 
-def _information_share(seen: Sightings, model: Model, scales: Floats) -> Floats:
+def _information_share(seen: Sightings, knots_px: Floats) -> Floats:
     """Return `(num_views, num_tracks)`: the views' information, as a share of a perfect one's."""
-    best = model.noise.sigma_px.min() * scales.reshape(-1, 1, 1)
+    best = knots_px.min(axis=-1).reshape(-1, 1, 1)
     share = np.where(seen.scores > MIN_SCORE, (best / seen.sigma_px) ** 2, 0.0)
     return np.asarray(share.mean(axis=-1))
 

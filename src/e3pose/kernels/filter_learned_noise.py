@@ -17,9 +17,12 @@ from e3pose.filter.learned_noise import (
     LOG,
     MEDIAN,
     MEMORY,
+    MIDDLE_SCORE,
     MOST,
     MOST_LEVERAGE,
+    SCORE_REACH,
     SLOPE,
+    STEEPEST,
 )
 from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE, OUTLIER_SIGMAS
 from e3pose.kernels.compile import kernel
@@ -36,20 +39,34 @@ ROBUST = 1.0 / OUTLIER_SIGMAS**2
 @kernel
 def recall_noise(noise: Floats, site: Site, detectors: Detectors) -> None:
     """Begin a slot: work out the factors and the scales of all cameras; nothing is learned yet."""
+    num_cameras = len(noise) - 1
     total, mean = site.noise_weight, 0.0
-    for camera in range(len(noise)):
+    for camera in range(num_cameras):
         count = noise[camera, COUNT]
         own = count * ALIKE / (count + ALIKE)
         mean += own * noise[camera, LOG]
         total += own
     mean /= total
-    for camera in range(len(noise)):
+    for camera in range(num_cameras):
         count = noise[camera, COUNT]
         log = (count * noise[camera, LOG] + ALIKE * mean) / (count + ALIKE)
         detectors.logs[camera] = log
         detectors.scales[camera] = site.scales[camera] * math.exp(log)
-        detectors.fresh[camera] = 0.0
-        detectors.steps[camera] = 0.0
+    count = noise[num_cameras, COUNT]
+    tilt = noise[num_cameras, LOG] * count / (count + site.noise_weight)
+    detectors.logs[num_cameras] = tilt
+    for knot in range(len(site.noise_px)):
+        lean = _leaning(site.noise_scores[knot])
+        detectors.noise_px[knot] = site.noise_px[knot] * math.exp(tilt * lean)
+    for row in range(num_cameras + 1):
+        detectors.fresh[row] = 0.0
+        detectors.steps[row] = 0.0
+
+
+@kernel
+def _leaning(score: float) -> float:
+    lean = (score - MIDDLE_SCORE) / SCORE_REACH
+    return -1.0 if lean < -1.0 else 1.0 if lean > 1.0 else lean
 
 
 @kernel
@@ -73,7 +90,8 @@ def compare_noise(
         person = matches.assigned[camera, track]
         if views.arrived[camera] and person >= 0:
             since_s = tracks.last_seen_s[track, camera] + dt
-            fresh, steps = _compare(
+            _compare(
+                camera,
                 views.starts[camera] + person,
                 1.0 - KNOWN * math.exp(-2.0 * since_s / LASTS_S),
                 inflation(since_s),
@@ -82,13 +100,13 @@ def compare_noise(
                 site.projections[camera],
                 views,
                 tracks.bias_px[track, camera],
+                detectors,
             )
-            detectors.fresh[camera] += fresh
-            detectors.steps[camera] += steps / SLOPE
 
 
 @kernel
 def _compare(
+    camera: int,
     row: int,
     left_over: float,
     factor: float,
@@ -97,12 +115,13 @@ def _compare(
     projection: Floats,
     views: Views,
     bias_px: Floats,
-) -> tuple[float, float]:
-    """Return the evidence of one detection, and how much of it lies beyond the median.
+    detectors: Detectors,
+) -> None:
+    """Add the evidence of one detection, and how much of it lies beyond the median.
 
     `left_over` is the share of its variances beside the learned bias, `factor` that of the update.
     """
-    fresh = steps = 0.0
+    tilt = len(detectors.logs) - 1
     for joint in range(len(state)):
         if not views.weights[row, joint] > MIN_SCORE:
             continue
@@ -130,21 +149,26 @@ def _compare(
         total = own + doubt / left
         share = own / total
         if share > LEAST_SHARE:
-            fresh += share * share
-            steps += share * (0.5 if squares / (left * left) > MEDIAN * total else -0.5)
-    return fresh, steps
+            lean = _leaning(views.weights[row, joint])
+            beyond = squares / (left * left) > MEDIAN * total
+            surprise = share * (0.5 if beyond else -0.5) / SLOPE
+            detectors.fresh[camera] += share * share
+            detectors.steps[camera] += surprise
+            detectors.fresh[tilt] += (share * lean) ** 2
+            detectors.steps[tilt] += surprise * lean
 
 
 @kernel
 def learn_noise(noise: Floats, detectors: Detectors) -> None:
     """Add what was found in a slot to `noise`, which is `Belief.noise`."""
-    for camera in range(len(noise)):
+    for camera in range(len(noise)):  # and the tilt, which comes last
         fresh = detectors.fresh[camera]
         if not fresh > 0.0:
             continue
         count = noise[camera, COUNT]
         log = noise[camera, LOG] * count + detectors.logs[camera] * fresh + detectors.steps[camera]
         log /= count + fresh
-        log = -FURTHEST if log < -FURTHEST else FURTHEST if log > FURTHEST else log
+        most = FURTHEST if camera < len(noise) - 1 else math.log(STEEPEST)
+        log = -most if log < -most else most if log > most else log
         noise[camera, LOG] = log
         noise[camera, COUNT] = count + fresh if count + fresh < MEMORY else MEMORY

@@ -138,10 +138,11 @@ class Matches(NamedTuple):
 class Detectors(NamedTuple):
     """How noisy the cameras' keypoints are, and what a slot adds to that."""
 
-    logs: Floats  # (num_cameras,) logarithm of the factor on the noise file
+    noise_px: Floats  # (num_knots,) of the noise file, with the tilt by score
+    logs: Floats  # (num_cameras + 1,) logarithm of the factor on the noise file; the tilt
     scales: Floats  # (num_cameras,) `Site.scales` times that factor
-    fresh: Floats  # (num_cameras,) keypoints that teach
-    steps: Floats  # (num_cameras,) how much they are beyond their median
+    fresh: Floats  # (num_cameras + 1,) keypoints that teach
+    steps: Floats  # (num_cameras + 1,) how much they are beyond their median
 
 
 class Offers(NamedTuple):
@@ -246,7 +247,13 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             places_m=np.zeros((num_tracks, 2)),
             taught=np.zeros(num_tracks, bool),
         ),
-        Detectors(*np.zeros((4, cameras))),
+        Detectors(
+            noise_px=np.zeros(len(model.noise.scores)),
+            logs=np.zeros(cameras + 1),
+            scales=np.zeros(cameras),
+            fresh=np.zeros(cameras + 1),
+            steps=np.zeros(cameras + 1),
+        ),
         Offers(
             sight=np.zeros((4, joints)),
             cost=np.zeros((num_tracks, num_people)),

@@ -30,7 +30,7 @@ from e3pose.kernels.filter_births import give_birth
 from e3pose.kernels.filter_blindness import learn_sights
 from e3pose.kernels.filter_existence import attend, end
 from e3pose.kernels.filter_learned_noise import compare_noise, learn_noise, recall_noise
-from e3pose.kernels.filter_memory import Memory, Site, Views, make_memory, make_site
+from e3pose.kernels.filter_memory import Detectors, Memory, Site, Views, make_memory, make_site
 from e3pose.kernels.filter_predict import predict
 from e3pose.kernels.filter_update import learn_bones, update
 from e3pose.kernels.undistort import undistort_slot
@@ -154,7 +154,7 @@ def step_slot(
         for axis in range(2):
             memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
     recall_noise(noise, site, memory.detectors)
-    _prepare(site, memory.detectors.scales, views)
+    _prepare(site, memory.detectors, views)
     num_views = 0
     for camera in range(len(views.counts)):
         if views.arrived[camera]:
@@ -204,7 +204,7 @@ def step_slot(
         num_tracks,
         dt,
         memory.detectors.scales,
-        site.noise_px,
+        memory.detectors.noise_px,
         views,
         memory.matches,
         sights,
@@ -232,7 +232,7 @@ def step_slot(
 
 
 @kernel
-def _prepare(site: Site, noise_scales: Floats, views: Views) -> None:
+def _prepare(site: Site, detectors: Detectors, views: Views) -> None:
     """Take the lenses out and look up the noise; nobody is explained yet."""
     undistort_slot(
         views.keypoints_px,
@@ -257,7 +257,8 @@ def _prepare(site: Site, noise_scales: Floats, views: Views) -> None:
                     score = 0.0
                     views.pixels[row, joint, 0] = views.pixels[row, joint, 1] = np.nan
                 views.weights[row, joint] = score
-                sigma = _noise_px(score, site.noise_scores, site.noise_px) * noise_scales[camera]
+                sigma = _noise_px(score, site.noise_scores, detectors.noise_px)
+                sigma *= detectors.scales[camera]
                 views.variances[row, joint] = sigma * sigma
             row += 1
 

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.filter.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT, Noise
+from e3pose.filter.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT, OPENPOSE, Noise
 from e3pose.misfit import misfit
 
 FORMAT = "e3pose-noise"
@@ -76,9 +76,10 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     views: dict[str, ViewFigures] = {}
 
     def noise(self) -> Noise:
-        """Return what the filter needs of it."""
+        """Return what the filter needs of it, in pixels of the images that its limits are told in."""
         weight = ASSUMED_WEIGHT if self.basis == "assumed" else KNOWN_WEIGHT
-        return Noise(np.array(self.scores), np.array(self.sigma_px), self.image_px, weight)
+        sigma_px = np.array(self.sigma_px) * (OPENPOSE.image_px / self.image_px)
+        return Noise(np.array(self.scores), sigma_px, OPENPOSE.image_px, weight)
 
 
 def encode_noise(file: NoiseFile) -> str:
