@@ -76,7 +76,7 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     views: dict[str, ViewFigures] = {}
 
     def noise(self) -> Noise:
-        """Return what the filter needs of it, in pixels of the images that its limits are told in."""
+        """Return what the filter needs of it, in pixels of the images of its limits."""
         weight = ASSUMED_WEIGHT if self.basis == "assumed" else KNOWN_WEIGHT
         sigma_px = np.array(self.sigma_px) * (OPENPOSE.image_px / self.image_px)
         return Noise(np.array(self.scores), sigma_px, OPENPOSE.image_px, weight)
