@@ -86,7 +86,6 @@ def replay(
         bad_day=day,
         **{**asked, **choice(cameras, asked, plan, len(source.rig))},
     )
-    warn(noise_warning(source, settings))
     slots = stored(
         run_replay(source, settings),
         store,
@@ -95,6 +94,7 @@ def replay(
         plan.profiles,
         plan.idle_mode,
     )
+    warn(noise_warning(source, settings))  # after a wrong option was told, which is one line
     records = list(track_progress(slots, source.num_slots, "replay"))
     summary = summarise(
         source,
