@@ -25,7 +25,7 @@ from e3pose.bounded import read_bytes
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotState, initial_state
 
-VERSION = 4  # 1 did not know its run, 2 not what links lose, 3 not how noisy cameras are
+VERSION = 4  # 1 lacks the run, 2 what links lose, 3 doors and how noisy cameras are
 MAX_BYTES = 256 * 2**20
 ABOUT = "about"
 FORGOTTEN = {"shown"}  # of the slot before, which is history when the edge is back
