@@ -1,0 +1,173 @@
+"""How far a few cameras are off what all of them say: for recordings without truth.
+
+    python benchmarks/clip_error.py RECORDING --policies round-robin --cameras 1,2 --leads 4
+
+The reference is the offline smoother over every view of every camera (`e3pose.evaluate.smoother`).
+Compared are the joints that at least two cameras saw within 0.12 s, after the warm-up. Each row is
+over several phases of the turns. `lag ms` is the shift in time at which the estimate fits the
+reference best, and `at lag` the mean error there.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from e3pose.evaluate.bad_days import thinned
+from e3pose.evaluate.metrics import mean_errors_m
+from e3pose.evaluate.noise_calibration import all_camera_tracks
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.evaluate.residuals import MIN_SCORE, SUPPORT_S, SUPPORT_VIEWS, sight
+from e3pose.evaluate.smoother import smooth
+from e3pose.filter import Noise
+from e3pose.noises import detector_of, load_noise
+from e3pose.pipeline import SlotRecord
+from e3pose.recording import Recording, load_recording
+from e3pose.uncertainty import distance_within_m
+
+Floats = NDArray[np.float64]
+
+LAGS_S = np.arange(-0.04, 0.1201, 0.005)
+SAME_M = 0.5  # an estimate farther than this from everybody is of nobody
+WORST = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """One person as all cameras saw them.
+
+    Attributes:
+        first_slot: of the person.
+        joints_m: `(num_slots, num_joints, 3)` metres, NaN where too few cameras saw the joint.
+    """
+
+    first_slot: int
+    joints_m: Floats
+
+    def at(self, slot: float) -> Floats:
+        """Return `(num_joints, 3)` between slots; NaN outside the person's time."""
+        place = slot - self.first_slot
+        if not 0 <= place <= len(self.joints_m) - 1:
+            return np.full(self.joints_m.shape[1:], np.nan)
+        low = min(int(place), len(self.joints_m) - 2) if len(self.joints_m) > 1 else 0
+        share = place - low
+        if share == 0:
+            return np.asarray(self.joints_m[low])
+        return np.asarray((1 - share) * self.joints_m[low] + share * self.joints_m[low + 1])
+
+
+def references(recording: Recording, noise: Noise) -> list[Reference]:
+    """Return everybody as the smoother over all views sees them."""
+    tracks = all_camera_tracks(recording, recording.num_slots)
+    scales = np.array([max(c.image_size) for c in recording.rig.cameras]) / noise.image_px
+    reach = 2 * max(1, round(SUPPORT_S / recording.interval_s)) + 1
+    found = []
+    for person in sight(recording, tracks, recording.num_slots):
+        seen = person.scores > MIN_SCORE
+        sigma = np.where(seen, noise.of(person.scores, scales[:, None]), np.inf)
+        path = smooth(
+            person.keypoints_px,
+            sigma,
+            recording.rig.projections,
+            person.joints_m,
+            recording.interval_s,
+        )
+        near = maximum_filter1d(seen.astype(np.int8), reach, axis=0, mode="constant").sum(axis=1)
+        found.append(
+            Reference(person.first_slot, np.where((near >= SUPPORT_VIEWS)[..., None], path, np.nan))
+        )
+    return found
+
+
+@dataclass(slots=True)
+class Errors:
+    """What was compared, over slots and replays."""
+
+    joints: list[Floats] = field(default_factory=list)  # metres
+    inside: list[NDArray[np.bool_]] = field(default_factory=list)  # the stated 90 % distance
+    lagged: list[Floats] = field(default_factory=list)  # mean by lag, metres
+    cameras: list[int] = field(default_factory=list)
+    worst: list[tuple[float, int, int, int]] = field(default_factory=list)
+
+    def add(self, record: SlotRecord, people: Sequence[Reference], interval_s: float) -> None:
+        """Compare the people of a slot with the references nearest to them."""
+        self.cameras.append(int(record.selected.sum()))
+        truth = np.array([person.at(record.slot) for person in people])
+        apart = mean_errors_m(record.poses.joints_m, truth)
+        for person in np.flatnonzero(apart.min(axis=1, initial=np.inf) < SAME_M):
+            nearest = int(apart[person].argmin())
+            joints_m = record.poses.joints_m[person]
+            off = np.linalg.norm(joints_m - truth[nearest], axis=-1)
+            known = np.isfinite(off)
+            within = distance_within_m(record.covariance_m2[person][known], 0.9)
+            self.joints.append(off[known])
+            self.inside.append(off[known] <= within)
+            shifted = np.array([people[nearest].at(record.slot - s / interval_s) for s in LAGS_S])
+            lags = np.linalg.norm(joints_m - shifted, axis=-1)
+            if np.isfinite(lags[:, known]).all():
+                self.lagged.append(lags[:, known].mean(axis=1))
+            self.worst += [(off[j], record.slot, nearest, int(j)) for j in np.flatnonzero(known)]
+
+    def line(self) -> str:
+        """Return the figures."""
+        off = 1000 * np.concatenate(self.joints)
+        lagged = 1000 * np.mean(self.lagged, axis=0)
+        best = int(lagged.argmin())
+        return (
+            f"{np.mean(self.cameras):7.2f} {off.mean():6.1f} {np.quantile(off, 0.95):6.0f} "
+            f"{np.quantile(off, 0.99):6.0f} {off.max():6.0f} "
+            f"{100 * np.concatenate(self.inside).mean():6.1f} "
+            f"{1000 * LAGS_S[best]:7.0f} {lagged[best]:7.1f}"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("recording", type=Path)
+    parser.add_argument("--policies", default="round-robin,information")
+    parser.add_argument("--cameras", default="2")
+    parser.add_argument("--leads", default="4")
+    parser.add_argument("--phases", type=int, default=4, help="replays a row")
+    parser.add_argument("--warmup", type=int, default=10, help="slots with all cameras, left out")
+    parser.add_argument("--fps", type=float, help="leave slots out")
+    parser.add_argument("--backend", default="numba", choices=("numba", "reference"))
+    parser.add_argument("--worst", action="store_true", help="list the worst joints of each row")
+    options = parser.parse_args()
+    recording = load_recording(options.recording)
+    if options.fps:
+        recording = thinned(recording, options.fps)
+    noise = load_noise(detector_of(recording.source))
+    people = references(recording, noise)
+    print(f"{recording.name}: {recording.num_slots} slots, {len(people)} people")
+    print("policy       C lead cameras   mean   95 %   99 %    max  in 90  lag ms  at lag")
+    for policy in options.policies.split(","):
+        for count in (float(c) for c in options.cameras.split(",")):
+            for lead in (int(lead) for lead in options.leads.split(",")):
+                errors = Errors()
+                settings = ReplaySettings(
+                    pipeline="memory",
+                    policy=policy,
+                    num_selected=count,
+                    lead_slots=lead,
+                    warmup_slots=options.warmup,
+                    backend=options.backend,
+                )
+                for phase in range(options.phases):
+                    for record in replay(recording, replace(settings, phase=phase, seed=phase)):
+                        if record.slot >= options.warmup + lead - 1:
+                            errors.add(record, people, recording.interval_s)
+                print(f"{policy:11} {count:3g} {lead:3d} {errors.line()}", flush=True)
+                if options.worst:
+                    for off, slot, person, joint in sorted(errors.worst)[: -WORST - 1 : -1]:
+                        name = recording.skeleton.joints[joint]
+                        print(f"    {1000 * off:5.0f} mm  slot {slot} person {person} {name}")
+
+
+if __name__ == "__main__":
+    main()
