@@ -12,6 +12,7 @@ from e3pose.evaluate.metrics import (
     candidates,
     id_switches,
     joint_coverage,
+    joint_quantile_mm,
     mean_errors_m,
     mpjpe_mm,
     precision_500mm,
@@ -115,6 +116,16 @@ def test_missing_joints_are_left_out_of_the_error_and_told() -> None:
     result = candidates([predicted], [np.array([0.9, 0.8])], people(0, 10)[None])
     assert mpjpe_mm(result) == pytest.approx(10.0)  # of 20 mm and 0 mm
     assert joint_coverage(result) == pytest.approx(0.75)  # of 1/2 and 1
+
+
+def test_quantiles_are_over_the_joints_of_matched_people() -> None:
+    predicted = np.stack([person(0.02), person(10.0), person(17.0)])  # the last is of nobody
+    predicted[1, 1, 2] += 0.1
+    result = candidates([predicted], [np.array([0.9, 0.8, 0.7])], people(0, 10)[None])
+    assert mpjpe_mm(result) == pytest.approx((20 + 50) / 2)
+    assert joint_quantile_mm(result, 1.0) == pytest.approx(100.0)
+    assert joint_quantile_mm(result, 0.5) == pytest.approx(20.0)  # of 0, 20, 20 and 100 mm
+    assert joint_quantile_mm(found([[]], [[0]]), 0.99) is None
 
 
 def test_unannotated_joints_are_left_out_too() -> None:

@@ -27,12 +27,15 @@ class Candidates:
         errors_m: `(num_predictions,)` mean joint error to that truth; inf if there was none.
         actors: `(num_predictions,)` which labelled actor of which slot, one number; -1 if none.
         coverage: `(num_predictions,)` share of that truth's joints which the prediction has.
+        joint_errors_m: `(num_predictions, num_joints)` distance of each joint; NaN where either
+            lacks it.
         num_truths: labelled actors over all slots.
     """
 
     errors_m: Floats
     actors: Ints
     coverage: Floats
+    joint_errors_m: Floats
     num_truths: int
 
 
@@ -68,6 +71,7 @@ def candidates(predicted: Sequence[Floats], scores: Sequence[Floats], truth: Flo
     errors: list[float] = []
     actors: list[int] = []
     coverage: list[float] = []
+    joint_errors: list[Floats] = [np.zeros((0, truth.shape[2]))]
     for people, actors_m, wanted, numbers in zip(predicted, truth, annotated, number, strict=True):
         distance = mean_errors_m(people, actors_m)
         for person, nearest in enumerate(distance.argmin(axis=1)):
@@ -76,12 +80,15 @@ def candidates(predicted: Sequence[Floats], scores: Sequence[Floats], truth: Flo
             has = np.isfinite(people[person]).all(axis=-1) & wanted[nearest]
             errors.append(error)
             actors.append(int(numbers[nearest]) if matched else -1)
+            apart = np.linalg.norm(people[person] - actors_m[nearest], axis=-1)
+            joint_errors.append(apart[None])
             coverage.append(float(has.sum() / wanted[nearest].sum()) if matched else 0.0)
     order = np.argsort(-np.concatenate([*scores, np.zeros(0)]), kind="stable")
     return Candidates(
         np.array(errors, dtype=np.float64)[order],
         np.array(actors, dtype=np.int64)[order],
         np.array(coverage, dtype=np.float64)[order],
+        np.concatenate(joint_errors)[order],
         int(labelled.sum()),
     )
 
@@ -118,6 +125,18 @@ def mpjpe_mm(found: Candidates) -> float | None:
     """Return the mean error in mm of first matches below 500 mm, or None if there is none."""
     first = first_matches(found, MATCH_LIMIT_M)
     return float(1000 * found.errors_m[first].mean()) if first.any() else None
+
+
+def joint_quantile_mm(found: Candidates, share: float) -> float | None:
+    """Return the error in mm that so many joints of first matches stay below, or None without any.
+
+    Args:
+        found: from `candidates`.
+        share: of the joints, [0, 1].
+    """
+    errors_m = found.joint_errors_m[first_matches(found, MATCH_LIMIT_M)]
+    known = errors_m[np.isfinite(errors_m)]
+    return float(1000 * np.quantile(known, share)) if len(known) else None
 
 
 def recall_500mm(found: Candidates) -> float | None:

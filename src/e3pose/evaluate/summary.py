@@ -94,6 +94,8 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, A
     people = [joints[:, kept] for joints in predicted]
     found = metrics.candidates(people, scores, rooted)
     figures["mpjpe_mm"] = metrics.mpjpe_mm(found)
+    figures["p95_mm"] = metrics.joint_quantile_mm(found, 0.95)
+    figures["p99_mm"] = metrics.joint_quantile_mm(found, 0.99)
     figures["recall_500mm"] = metrics.recall_500mm(found)
     figures["joint_coverage"] = metrics.joint_coverage(found)
     if found.num_truths:
