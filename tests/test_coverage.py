@@ -24,7 +24,7 @@ def people(delivered: list[float], shows: list[float]) -> Outlook:
         joints_m=np.zeros((1, 17, 3)),
         covariance=np.broadcast_to(1e-4 * np.eye(6), (1, 17, 6, 6)),
         drift_m2ps3=np.zeros((1, 17)),
-        velocity_lasts_s=0.8,
+        velocity_lasts_s=np.full(17, 0.8),
         remembers=True,
         delivered=np.array([delivered]),
         shows=np.array([shows]),

@@ -56,7 +56,7 @@ def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
         joints_m=joints_m,
         covariance=covariance,
         drift_m2ps3=np.zeros(joints_m.shape[:2]),
-        velocity_lasts_s=0.8,
+        velocity_lasts_s=np.full(joints_m.shape[1], 0.8),
         remembers=True,
         delivered=np.ones(shape),
         shows=np.ones(shape),
@@ -221,7 +221,9 @@ def test_what_is_known_is_carried_as_a_kalman_filter_would(num_ordered: int) -> 
     jacobian = project(seen.joints_m, RIG.projections)[2]
     fade = np.exp(-SLOT_S / 0.8)
     F = np.kron([[1, 0.8 * (1 - fade)], [0, fade]], np.eye(3))
-    Q = np.kron([[SLOT_S**3 / 3, SLOT_S**2 / 2], [SLOT_S**2 / 2, SLOT_S]], np.eye(3))
+    middle = 0.8**2 * (1 - fade) ** 2 / 2
+    far = 0.8**2 * (SLOT_S - 1.6 * (1 - fade) + 0.4 * (1 - fade**2))
+    Q = np.kron([[far, middle], [middle, 0.4 * (1 - fade**2)]], np.eye(3))
     covariance = np.tile(seen.covariance[0, 0], (4, 1, 1))
     since_s = np.full(4, np.inf)
     for cameras in [*ordered, np.zeros(4, dtype=bool)]:

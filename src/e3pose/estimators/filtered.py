@@ -108,7 +108,7 @@ class Filtered:
             np.nan,
         )
         rows = np.flatnonzero(np.isin(memory.belief.track_ids, memory.track_ids))
-        belief = steer(memory.belief, rows, joints_m, STEER_SLOTS * interval_s)
+        belief = steer(self.model.tree, memory.belief, rows, joints_m, STEER_SLOTS * interval_s)
         return replace(memory, belief=belief)
 
     def leave_out_ids(self, memory: Remembered, count: int) -> Remembered:

@@ -86,7 +86,7 @@ class PerSlot:
             joints_m=np.where(known[..., None], joints_m, middle),
             covariance=covariance,
             drift_m2ps3=np.zeros(known.shape),
-            velocity_lasts_s=1.0,
+            velocity_lasts_s=np.ones(known.shape[1]),
             remembers=False,
             delivered=np.ones(shape),
             shows=np.ones(shape),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# As the filter's: white acceleration of 7 m/s2, drawn anew every 1/25 s (`filter/update.py`).
+# As the filter's: white acceleration of 7 m/s2, drawn anew every 1/25 s (`filter/motion.py`).
 DENSITY_M2_PER_S3 = 7.0**2 / 25
 OUTLIER_SIGMAS = 2.5
 PASSES = 5

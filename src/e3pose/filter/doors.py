@@ -21,7 +21,7 @@ from e3pose.filter import blindness
 from e3pose.filter.births import APART_M
 from e3pose.filter.blindness import PLAIN, around
 from e3pose.filter.state import Belief, Model
-from e3pose.filter.update import VELOCITY_LASTS_S
+from e3pose.filter.tree import TRUNK
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -70,7 +70,7 @@ def measured_m(belief: Belief, rows: Ints | Flags, model: Model) -> Floats:
     """
     root = belief.state[rows, model.tree.levels[0][0]]
     unseen_s = np.minimum(belief.last_seen_s[rows].min(axis=1, initial=np.inf), MOST_UNSEEN_S)
-    way_s = VELOCITY_LASTS_S * (np.exp(unseen_s / VELOCITY_LASTS_S) - 1)
+    way_s = TRUNK.lasts_s * (np.exp(unseen_s / TRUNK.lasts_s) - 1)
     return np.asarray(root[:, :2] - way_s[:, None] * root[:, 3:5])
 
 

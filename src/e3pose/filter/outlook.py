@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter import blindness, learned_noise
+from e3pose.filter.motion import places
 from e3pose.filter.state import Belief, Leftovers, Model
-from e3pose.filter.update import ACCELERATION_LASTS_S, VELOCITY_LASTS_S, predict_positions
 
 Floats = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ class Outlook:
         covariance: `(num_tracks, num_joints, 6, 6)` of position and velocity in the newest slot,
             metres and metres per second.
         drift_m2ps3: `(num_tracks, num_joints)` power density of the acceleration along an axis.
-        velocity_lasts_s: until a velocity is down to 1/e.
+        velocity_lasts_s: `(num_joints,)` until a velocity is down to 1/e.
         remembers: whether views of slots in between tell about the slot to come.
         delivered: `(num_tracks, num_cameras)` in [0, 1]: what a camera's views recently told about
             the person, as a share of a view with every joint in plain sight.
@@ -45,7 +45,7 @@ class Outlook:
     joints_m: Floats
     covariance: Floats
     drift_m2ps3: Floats
-    velocity_lasts_s: float
+    velocity_lasts_s: Floats
     remembers: bool
     delivered: Floats
     shows: Floats
@@ -61,7 +61,8 @@ class Outlook:
 
 def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
     """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen."""
-    joints_m = predict_positions(belief, ahead_s)
+    joints_m = places(model.tree, belief.state, ahead_s)[..., :3]
+    drift, lasts_s = model.alone
     places_m = joints_m[:, model.tree.levels[0][0], :2]
     chance = blindness.chance(belief.sights, np.arange(len(model.rig)), places_m, model.corner_m)
     unexplained, times_s = _newest(belief.leftovers, len(model.rig))
@@ -70,8 +71,8 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         confirmed=belief.confirmed,
         joints_m=joints_m,
         covariance=belief.covariance,
-        drift_m2ps3=np.tile(model.tree.drift_m2ps4 * ACCELERATION_LASTS_S, (len(belief), 1)),
-        velocity_lasts_s=VELOCITY_LASTS_S,
+        drift_m2ps3=np.tile(drift, (len(belief), 1)),
+        velocity_lasts_s=lasts_s,
         remembers=True,
         delivered=belief.delivered,
         shows=np.minimum(chance.T / blindness.PLAIN, 1.0),

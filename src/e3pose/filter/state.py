@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from e3pose.camera import Rig
 from e3pose.errors import InputError
 from e3pose.filter import blindness
+from e3pose.filter.motion import alone
 from e3pose.filter.noise import OPENPOSE, Noise
 from e3pose.filter.tree import Tree, grow
 from e3pose.skeleton import BODY_LIMBS, FACE_LIMBS, Skeleton
@@ -77,6 +78,11 @@ class Model:
     def tree(self) -> Tree:
         """How the joints hang together."""
         return grow(self.skeleton)
+
+    @cached_property
+    def alone(self) -> tuple[Floats, Floats]:
+        """Noise and life of velocity of joints that are looked at one by one (`motion.alone`)."""
+        return alone(self.tree)
 
     @cached_property
     def links(self) -> Ints:

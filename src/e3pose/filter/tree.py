@@ -13,6 +13,7 @@ time the marginals and the C_j are carried: of all trees the one nearest to the 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +23,28 @@ from e3pose.skeleton import Skeleton
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# Each joint's parent, the first one that the skeleton has, and how strongly it accelerates beside
-# it (m/s2, a root: in the world), as white noise drawn anew every 1/25 s.
-TRUNK, SPINE, GIRDLE, HEAD, FACE, MIDDLE, END = 4.3, 2.6, 2.1, 2.6, 1.4, 5.2, 6.9
-PARENTS: dict[str, tuple[tuple[str, ...], float]] = {
+
+class Habit(NamedTuple):
+    """How a kind of joint moves beside its parent; a root: in the world.
+
+    Attributes:
+        acceleration_mps2: how strongly it accelerates, as white noise drawn anew every 1/25 s.
+        lasts_s: until a velocity that nobody sees again is down to 1/e.
+        swing_per_s2: how strongly it is drawn below its parent while the person walks.
+    """
+
+    acceleration_mps2: float
+    lasts_s: float
+    swing_per_s2: float = 0.0
+
+
+TRUNK, SPINE, GIRDLE = Habit(4.3, 0.78), Habit(3.0, 0.4), Habit(2.4, 0.4)
+HEAD, FACE = Habit(2.9, 0.4), Habit(1.6, 0.4)
+ELBOW, WRIST = Habit(6.2, 0.25, 6.0), Habit(8.2, 0.2, 12.0)
+KNEE, ANKLE = Habit(6.2, 0.25, 12.0), Habit(8.2, 0.2, 12.0)
+OTHER = Habit(8.2, 0.2)  # a joint of no name known here
+# Each joint's parent, the first one that the skeleton has, and how it moves beside it.
+PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
     "mid_hip": ((), TRUNK),
     "left_hip": (("mid_hip",), GIRDLE),
     "right_hip": (("mid_hip", "left_hip"), GIRDLE),
@@ -35,10 +54,10 @@ PARENTS: dict[str, tuple[tuple[str, ...], float]] = {
     "nose": (("neck", "left_shoulder"), HEAD),
     **{f"{s}_eye": (("nose",), FACE) for s in ("left", "right")},
     **{f"{s}_ear": ((f"{s}_eye", "nose"), FACE) for s in ("left", "right")},
-    **{f"{s}_elbow": ((f"{s}_shoulder",), MIDDLE) for s in ("left", "right")},
-    **{f"{s}_wrist": ((f"{s}_elbow",), END) for s in ("left", "right")},
-    **{f"{s}_knee": ((f"{s}_hip",), MIDDLE) for s in ("left", "right")},
-    **{f"{s}_ankle": ((f"{s}_knee",), END) for s in ("left", "right")},
+    **{f"{s}_elbow": ((f"{s}_shoulder",), ELBOW) for s in ("left", "right")},
+    **{f"{s}_wrist": ((f"{s}_elbow",), WRIST) for s in ("left", "right")},
+    **{f"{s}_knee": ((f"{s}_hip",), KNEE) for s in ("left", "right")},
+    **{f"{s}_ankle": ((f"{s}_knee",), ANKLE) for s in ("left", "right")},
 }
 
 
@@ -49,20 +68,22 @@ class Tree:
     Attributes:
         parents: `(num_joints,)` index of each joint's parent, -1 at the root.
         levels: joints by their distance from the root, the root first.
-        drift_m2ps4: `(num_joints,)` variance of a joint's acceleration in the world.
-        shared_m2ps4: `(num_joints,)` of its parent's, which it takes part in; 0 at the root.
+        drift_m2ps4: `(num_joints,)` variance of a joint's acceleration beside its parent.
+        lasts_s: `(num_joints,)` life of its velocity beside its parent.
+        swing_per_s2: `(num_joints,)` how strongly it swings below its parent.
     """
 
     parents: Ints
     levels: tuple[Ints, ...]
     drift_m2ps4: Floats
-    shared_m2ps4: Floats
+    lasts_s: Floats
+    swing_per_s2: Floats
 
 
 def grow(skeleton: Skeleton) -> Tree:
     """Return the tree of a skeleton; joints without a parent in it hang on the first such one."""
     names = skeleton.joints
-    own = {name: PARENTS.get(name, ((), END)) for name in names}
+    own = {name: PARENTS.get(name, ((), OTHER)) for name in names}
     above = {name: next((p for p in own[name][0] if p in names), "") for name in names}
     ranks = {name: rank for rank, name in enumerate(PARENTS)}
     root = min((n for n in names if not above[n]), key=lambda n: ranks.get(n, len(ranks)))
@@ -71,15 +92,11 @@ def grow(skeleton: Skeleton) -> Tree:
     for joint in order:
         order.extend(child for child, parent in enumerate(parents) if parent == joint)
     depth = np.zeros(len(names), dtype=np.int64)
-    drift, shared = np.zeros(len(names)), np.zeros(len(names))
-    drift[order[0]] = TRUNK**2
     for joint in order[1:]:
-        parent = parents[joint]
-        depth[joint] = depth[parent] + 1
-        shared[joint] = drift[parent]
-        drift[joint] = drift[parent] + own[names[joint]][1] ** 2
+        depth[joint] = depth[parents[joint]] + 1
     levels = tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
-    return Tree(np.array(parents, dtype=np.int64), levels, drift, shared)
+    habits = np.array([TRUNK if n == root else own[n][1] for n in names])
+    return Tree(np.array(parents, dtype=np.int64), levels, habits[:, 0] ** 2, *habits[:, 1:].T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

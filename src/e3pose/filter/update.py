@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter import bias
+from e3pose.filter.motion import places, spread
 from e3pose.filter.state import Belief, Ints, Model
 from e3pose.filter.tree import Links, conditionals, solve
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-ACCELERATION_LASTS_S = 1 / 25
-VELOCITY_LASTS_S = 0.78  # a velocity that is not seen again is down to 1/e: 5 % lost in 1/25 s
 MIN_SCORE = 0.05  # keypoints below this are not used
 MIN_DEPTH_M = 0.1
 OUTLIER_SIGMAS = 2.0  # where the weight of a keypoint is halved
@@ -46,27 +45,15 @@ class Sightings:
 
 def predict(belief: Belief, dt: float, model: Model) -> Belief:
     """Return the belief `dt` seconds later, before anything is seen."""
-    decay = np.exp(-dt / VELOCITY_LASTS_S)
-    transition = np.eye(6)
-    transition[:3, 3:] = VELOCITY_LASTS_S * (1 - decay) * np.eye(3)
-    transition[3:, 3:] = decay * np.eye(3)
-    drift = np.kron([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]], np.eye(3)) * ACCELERATION_LASTS_S
-    tree = model.tree
+    covariance, shared = spread(model.tree, belief.covariance, belief.shared, dt)
     return replace(
         belief,
-        state=belief.state @ transition.T,
-        covariance=transition @ belief.covariance @ transition.T
-        + tree.drift_m2ps4[:, None, None] * drift,
-        shared=transition @ belief.shared @ transition.T + tree.shared_m2ps4[:, None, None] * drift,
+        state=places(model.tree, belief.state, dt),
+        covariance=covariance,
+        shared=shared,
         unmeasured_s=belief.unmeasured_s + dt,
         bias_px=bias.fade(belief.bias_px, dt),
     )
-
-
-def predict_positions(belief: Belief, dt: float) -> Floats:
-    """Return where `predict` places the joints, `(num_tracks, num_joints, 3)` metres."""
-    moves = VELOCITY_LASTS_S * (1 - np.exp(-dt / VELOCITY_LASTS_S))
-    return np.asarray(belief.state[..., :3] + moves * belief.state[..., 3:])
 
 
 def project(points_m: Floats, projections: Floats) -> tuple[Floats, Floats, Floats]:

@@ -38,12 +38,12 @@ def sources_stamp(sources: tuple[Path, ...] = SOURCES, constants: str = "") -> s
 
 def filter_constants() -> str:
     """Return the constants that the filter's kernels take over, with their names."""
-    from e3pose.filter import associate, bias, births, blindness, existence, step, update
+    from e3pose.filter import associate, bias, births, blindness, existence, motion, step, update
 
     return repr(
         [
             (module.__name__, name, value)
-            for module in (associate, bias, births, blindness, existence, step, update)
+            for module in (associate, bias, births, blindness, existence, motion, step, update)
             for name, value in sorted(vars(module).items())
             if name.isupper() and isinstance(value, int | float | tuple)
         ]

@@ -18,14 +18,14 @@ Flags = NDArray[np.bool_]
 def carry(
     covariance: Floats,
     drift_m2ps3: Floats,
-    velocity_lasts_s: float,
+    velocity_lasts_s: Floats,
     interval_s: float,
     ordered: Flags,
     views: Floats,
     since_s: Floats,
     prior: Floats,
 ) -> None:
-    """Predict and expect views, slot by slot; the process is that of `filter.update.predict`.
+    """Predict and expect views, slot by slot; the process is that of `filter.motion.alone`.
 
     Every joint is by itself: with A, B and C the blocks of its covariance (position, position with
     velocity, velocity) and J the information of the views of a slot,
@@ -45,8 +45,6 @@ def carry(
         prior: `(num_tracks, num_joints, 6)` filled with the information before that slot.
     """
     num_ordered, num_cameras = ordered.shape
-    fade = math.exp(-interval_s / velocity_lasts_s)
-    reach = velocity_lasts_s * (1.0 - fade)
     shares = np.zeros((num_ordered, num_cameras))
     A, B, C, told = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
     room = np.empty((3, 3, 3))
@@ -63,9 +61,10 @@ def carry(
                     A[a, b] = covariance[track, joint, a, b]
                     B[a, b] = covariance[track, joint, a, b + 3]
                     C[a, b] = covariance[track, joint, a + 3, b + 3]
+            lasts_s = velocity_lasts_s[joint]
             drift = drift_m2ps3[track, joint]
             for slot in range(num_ordered + 1):
-                _move_on(A, B, C, fade, reach, drift, interval_s)
+                _move_on(A, B, C, lasts_s, drift, interval_s)
                 if slot == num_ordered:
                     break
                 for entry in range(6):
@@ -84,20 +83,21 @@ def carry(
 
 
 @kernel
-def _move_on(
-    A: Floats, B: Floats, C: Floats, fade: float, reach: float, drift: float, dt: float
-) -> None:
+def _move_on(A: Floats, B: Floats, C: Floats, lasts_s: float, drift: float, dt: float) -> None:
+    fade = math.exp(-dt / lasts_s)
+    reach = lasts_s * (1.0 - fade)
+    turned = lasts_s * (1.0 - fade * fade) / 2
     for a in range(3):
         for b in range(a, 3):
             A[a, b] += reach * (B[a, b] + B[b, a]) + reach * reach * C[a, b]
             if a == b:
-                A[a, b] += drift * dt**3 / 3
+                A[a, b] += drift * lasts_s**2 * (dt - 2 * reach + turned)
             A[b, a] = A[a, b]
     for a in range(3):
         for b in range(3):
             own = drift if a == b else 0.0
-            B[a, b] = fade * (B[a, b] + reach * C[a, b]) + own * dt**2 / 2
-            C[a, b] = fade * fade * C[a, b] + own * dt
+            B[a, b] = fade * (B[a, b] + reach * C[a, b]) + own * reach**2 / 2
+            C[a, b] = fade * fade * C[a, b] + own * turned
 
 
 @kernel

@@ -38,7 +38,8 @@ class Site(NamedTuple):
     order: Integers  # (num_joints,) the root first, each joint after its parent
     depths: Integers  # (num_joints,) steps from the root
     drift_m2ps4: Floats  # (num_joints,)
-    shared_m2ps4: Floats  # (num_joints,)
+    lasts_s: Floats  # (num_joints,)
+    swing_per_s2: Floats  # (num_joints,)
     corner_m: Floats  # (2,) of the cells of `Belief.sights`
     wait_s: float  # how long a detection that no track explains waits for a second view
     lenses: Lenses
@@ -68,7 +69,8 @@ def make_site(model: Model) -> Site:
         np.concatenate(tree.levels),
         depths,
         np.ascontiguousarray(tree.drift_m2ps4),
-        np.ascontiguousarray(tree.shared_m2ps4),
+        np.ascontiguousarray(tree.lasts_s),
+        np.ascontiguousarray(tree.swing_per_s2),
         np.ascontiguousarray(model.corner_m),
         float(model.wait_s),
         make_lenses(model.rig),

@@ -149,7 +149,7 @@ def step_slot(
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
     views, tracks, passes = memory.views, memory.tracks, memory.passes
-    predict(num_tracks, dt, site.drift_m2ps4, site.shared_m2ps4, tracks)
+    predict(num_tracks, dt, site, tracks, passes)
     for track in range(num_tracks):
         for axis in range(2):
             memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]

@@ -49,7 +49,7 @@ def prepare(
             factors[joint, entry] = covariance[joint, entry]
             own[joint, entry] = 0.0
             across[joint, entry] = 0.0
-        _factor(factors[joint])
+        decompose(factors[joint])
         parent = parents[joint]
         if parent < 0:
             _invert(factors[joint], room[0])
@@ -59,23 +59,23 @@ def prepare(
         for a in range(6):
             for b in range(6):
                 room[0, 6 * a + b] = shared[joint, 6 * b + a]
-        _forward(factors[parent], room[0])
-        _backward(factors[parent], room[0])
+        forward(factors[parent], room[0])
+        backward(factors[parent], room[0])
         for a in range(6):
             for b in range(a + 1):
                 total = covariance[joint, 6 * a + b]
                 for k in range(6):
                     total -= room[0, 6 * k + a] * shared[joint, 6 * b + k]
                 room[1, 6 * a + b] = total
-        _factor(room[1])
+        decompose(room[1])
         _invert(room[1], room[2])
         _add_square(room[2], own[joint])
         for a in range(6):
             for b in range(6):
                 across[joint, 6 * a + b] = -room[0, 6 * b + a]
-        _forward(room[1], across[joint])
+        forward(room[1], across[joint])
         _add_square(across[joint], own[parent])
-        _backward(room[1], across[joint])
+        backward(room[1], across[joint])
 
 
 @kernel
@@ -90,7 +90,7 @@ def eliminate(
     for place in range(len(order) - 1, -1, -1):
         joint = order[place]
         parent = parents[joint]
-        _factor(own[joint])
+        decompose(own[joint])
         for a in range(6):
             total = pull[joint, a]
             for k in range(a):
@@ -98,7 +98,7 @@ def eliminate(
             pull[joint, a] = total * own[joint, 7 * a]
         if parent < 0:
             break
-        _forward(own[joint], across[joint])
+        forward(own[joint], across[joint])
         for k in range(6):
             for a in range(6):
                 factor = across[joint, 6 * k + a]
@@ -137,7 +137,7 @@ def spread_out(
             room[1, entry] = 0.0
         _add_square(room[0], room[1])
         if parent >= 0:
-            _backward(own[joint], across[joint])
+            backward(own[joint], across[joint])
             for a in range(6):
                 for b in range(6):
                     total = 0.0
@@ -157,7 +157,7 @@ def spread_out(
 
 
 @kernel
-def _factor(block: Floats) -> None:
+def decompose(block: Floats) -> None:
     """Replace the lower half of a block by its Cholesky factor."""
     for a in range(6):
         for b in range(a):
@@ -172,7 +172,7 @@ def _factor(block: Floats) -> None:
 
 
 @kernel
-def _forward(factor: Floats, block: Floats) -> None:
+def forward(factor: Floats, block: Floats) -> None:
     """Multiply a block by L^-1 from the left."""
     for a in range(6):
         for k in range(a):
@@ -183,7 +183,7 @@ def _forward(factor: Floats, block: Floats) -> None:
 
 
 @kernel
-def _backward(factor: Floats, block: Floats) -> None:
+def backward(factor: Floats, block: Floats) -> None:
     """Multiply a block by the transpose of L^-1 from the left."""
     for a in range(5, -1, -1):
         for k in range(a + 1, 6):
@@ -199,7 +199,7 @@ def _invert(factor: Floats, block: Floats) -> None:
     for a in range(6):
         for b in range(6):
             block[6 * a + b] = 1.0 if a == b else 0.0
-    _forward(factor, block)
+    forward(factor, block)
 
 
 @kernel
