@@ -283,17 +283,27 @@ class Shifting:
 
 
 def run_shifting(
-    error_m: float, lead_slots: int, shift_m: float = 0.2
+    error_m: float, lead_slots: int, shift_m: float = 0.2, steers: bool = True
 ) -> tuple[Shifting, list[SlotRecord]]:
     both = Shifting(error_m, shift_m)
     pipeline = make(
         policy=both,
         predictor=both,
         foresees=True,
+        steers=steers,
         lead_slots=lead_slots,
         estimator=Filtered(Model(RIG, COCO17), 5),
     )
     return both, run(pipeline, [scene(slot) for slot in range(12)])
+
+
+def test_a_predictor_that_nobody_asked_for_by_name_does_not_steer() -> None:
+    (_, unsteered), (_, plain) = (
+        run_shifting(0.05, 3, steers=False),
+        run_shifting(np.nan, 3),
+    )
+    for one, other in zip(unsteered, plain, strict=True):
+        np.testing.assert_array_equal(one.poses.joints_m, other.poses.joints_m)
 
 
 def test_a_predictor_that_states_its_error_steers_the_estimator_and_feeds_the_choice() -> None:

@@ -41,7 +41,7 @@ class Pipeline:
         num_joints: joints of the detectors' skeleton.
         interval_s: seconds a slot.
         estimator: says who is where, with or without a memory.
-        predictor: looks ahead; steers the estimator if it states its errors.
+        predictor: looks ahead.
         policy: selects.
         budget: `(num_cameras,)` the paper's E_n.
         cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one; only its
@@ -50,6 +50,7 @@ class Pipeline:
         warmup_slots: the paper's M, the slots at the start in which every camera detects.
         holds: show the poses of the slot before in slots for which no camera was selected.
         foresees: work out what each camera is expected to tell.
+        steers: let a predictor that states its errors steer the estimator.
         clock: seconds, for stage times only.
     """
 
@@ -66,6 +67,7 @@ class Pipeline:
     warmup_slots: int = 10
     holds: bool = False
     foresees: bool = False
+    steers: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,9 +138,10 @@ def step(
     tell(shown)
     times = [clock()]
 
-    ahead = max(pipeline.lead_slots, STEER_SLOTS)
+    ahead = max(pipeline.lead_slots, STEER_SLOTS * pipeline.steers)
     prediction = pipeline.predictor.predict(people.history_m, pipeline.interval_s, ahead)
-    memory = pipeline.estimator.steer(memory, prediction, pipeline.interval_s)
+    if pipeline.steers:
+        memory = pipeline.estimator.steer(memory, prediction, pipeline.interval_s)
     predicted_m = prediction.joints_m[pipeline.lead_slots - 1]
     times.append(clock())
 

@@ -104,8 +104,8 @@ class LoopOptions:
     """Which camera comes first in turns and ties."""
     predictor: str | None = None
     """What foresees the poses: attention-lstm, constant-velocity, damped-velocity, zero-velocity;
-    by default the policy's own. One that states its errors, as attention-lstm does, also steers
-    the filter of the pipeline `memory`."""
+    by default the policy's own. One that is named here and states its errors, as attention-lstm
+    does, also steers the filter of the pipeline `memory`, which lowers its error."""
     noise: str | None = None
     """How far off keypoints are, by score: a detector's name, or a file made by
     `e3pose calibrate noise`; by default as the recording's detector is known to err."""

@@ -51,7 +51,8 @@ class ReplaySettings:
         quality_weight: the paper's V; the policy's own by default.
         lead_slots: the paper's tau.
         warmup_slots: the paper's M, in which all cameras detect.
-        predictor: a name of `PREDICTORS`; the policy's own by default.
+        predictor: a name of `PREDICTORS`; the policy's own by default. One that is named and states
+            its errors also steers the estimator with a memory.
         match_distance_m: mean distance of rays up to which two views show one person, for the
             pipeline `paper` alone; that of `FusionSettings` by default.
         reject_outliers: drop views that disagree with the others.
@@ -182,6 +183,8 @@ def make_pipeline(
         warmup_slots=settings.warmup_slots,
         holds=row.holds,
         foresees=row.foresees or settings.foresees,
+        # All policies are compared with one estimator, unless somebody asks for a better one.
+        steers=settings.predictor is not None,
     )
 
 
