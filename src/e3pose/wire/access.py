@@ -15,6 +15,12 @@ LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too l
 # Zenoh lets 2 messages wait for its own sending thread and drops the next after a millisecond: a
 # busy machine loses whole poses. 16 is the most it takes: 1 MB a connection, where it is needed.
 WAITING_MESSAGES = 16
+# Of a link, before anybody looks at who says what: Zenoh holds up to 1 GB of an unfinished message
+# otherwise, also of a certificate that may say nothing. Larger than any view or the poses of 256
+# people; a session has two such messages at most, because there is one priority.
+MESSAGE_BYTES = 2**20
+MAX_SESSIONS = 256  # programs of a site that may be connected
+JOIN_MS = 5000  # who has shown a certificate and says nothing more is given up after it
 WORD_BYTES = 2**15  # hello and heartbeat: some hundred bytes, and the names of many joints
 VIEW_BYTES = 2**19  # 256 people with 133 keypoints
 SPEAK = ["put", "delete", "liveliness_token", "query", "reply"]
@@ -138,13 +144,20 @@ def zenoh_config(
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
         "transport": {
+            "unicast": {
+                "max_sessions": MAX_SESSIONS,
+                "max_links": 1,
+                "accept_timeout": JOIN_MS,
+                "qos": {"enabled": False},
+            },
             "link": {
+                "rx": {"max_message_size": MESSAGE_BYTES},
                 "tx": {
                     "lease": LEASE_MS,
                     "keep_alive": 3,
                     "queue": {"size": {"data": WAITING_MESSAGES}},
-                }
-            }
+                },
+            },
         },
     }
     connect = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
@@ -10,8 +11,10 @@ from typing import Any
 import zenoh
 
 from e3pose.errors import InputError
-from e3pose.wire.access import Link, zenoh_config
+from e3pose.wire.access import Link, routes, zenoh_config
 from e3pose.wire.transport import Answer, Presence, Receive
+
+OPEN_FILES = 65_536  # connections among them; the usual 1024 are used up by who only connects
 
 
 class NetworkTransport:
@@ -104,9 +107,18 @@ def open_network(
     """
     zenoh.init_log_from_env_or("off")
     config = zenoh_config(link, cameras, viewers, routers)
+    if routes(link):
+        _allow_open_files()
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
         reason = " ".join(str(error).split())[:300]
         raise InputError(f"endpoint {link.endpoint}: cannot be used: {reason}") from None
     return NetworkTransport(session)
+
+
+def _allow_open_files() -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    allowed = OPEN_FILES if hard == resource.RLIM_INFINITY else min(OPEN_FILES, hard)
+    if soft != resource.RLIM_INFINITY and soft < allowed:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
