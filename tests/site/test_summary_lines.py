@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import io
+import math
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
 
 from e3pose.counted import counted
 from e3pose.node.live import Counted
 from e3pose.site.screen import screen
 from e3pose.site.summary import camera_summary, edge_summary
+from e3pose.wire.codec import MAX_FIGURE
 from e3pose.wire.messages import CameraStatus, Status
+
+NUMBERS = st.floats() | st.sampled_from(
+    [0.0, -0.0, 1.0, -1.0, MAX_FIGURE, -MAX_FIGURE, math.inf, -math.inf, math.nan]
+)
 
 
 def test_one_is_one_and_large_numbers_are_whole() -> None:
@@ -98,3 +109,33 @@ def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
         camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)
         found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))
         assert found[-1].level == "problem" and told in found[-1].advice
+
+
+@settings(max_examples=300, deadline=None)
+@given(*[NUMBERS] * 10)
+def test_screen_draws_whatever_numbers_a_status_has(
+    battery: float, duty: float, seen_s: float, power_w: float, deficit: float, offset_ms: float,
+    uptime_s: float, fps: float, error_mm: float, step_ms: float,
+) -> None:  # fmt: skip
+    camera = CameraStatus(
+        "cam0", True, "", "active", seen_s, duty, power_w, True, battery, deficit,
+        clock_offset_ms=offset_ms,
+    )  # fmt: skip
+    status = Status(
+        "lab", 1, fps, 1, 2, (camera,), (step_ms, step_ms), (step_ms, step_ms), uptime_s,
+        expected_error_mm=error_mm,
+    )  # fmt: skip
+    console = Console(file=io.StringIO(), width=120)
+    console.print(screen(status, 0.0))
+
+
+def test_screen_draws_a_battery_and_a_time_within_their_ends() -> None:
+    def drawn(battery: float, uptime_s: float) -> str:
+        camera = CameraStatus("cam0", True, last_seen_s=0.1, battery=battery, gauge=True)
+        console = Console(file=io.StringIO(), width=120)
+        console.print(screen(Status("lab", 1, 0.0, 1, 0, (camera,), uptime_s=uptime_s), 0.0))
+        assert isinstance(console.file, io.StringIO)
+        return console.file.getvalue()
+
+    assert "||||||||||  100%" in drawn(math.inf, 61.0) and "up 0:01:01" in drawn(0.5, 61.0)
+    assert "..........    0%" in drawn(-math.inf, math.nan) and "up 0:00:00" in drawn(0, -math.inf)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -17,6 +19,7 @@ MODES = {
 BAR = 10
 LOW_BATTERY = 0.2
 EVENTS = 8
+LONGEST_S = 3.2e9  # a century: what a clock that was set may say is drawn as no more
 
 
 def screen(status: Status | None, stale_s: float) -> RenderableType:
@@ -97,16 +100,19 @@ def _row(camera: CameraStatus) -> list[Text]:
         watts = f"~{watts}"  # a model says so
     battery = Text("")
     if camera.battery is not None:
-        full = round(camera.battery * BAR)
-        style = "red" if camera.battery < LOW_BATTERY else "green"
+        charge = _within(camera.battery, 1.0)
+        full = round(charge * BAR)
+        style = "red" if charge < LOW_BATTERY else "green"
         battery = Text("|" * full + "." * (BAR - full), style=style)
-        share = f"{camera.battery:.0%}" if camera.gauge else f"~{camera.battery:.0%}"
+        share = f"{charge:.0%}" if camera.gauge else f"~{charge:.0%}"
         battery.append(f" {share:>5}", style="")
-    seen = "never" if camera.last_seen_s is None else f"{camera.last_seen_s:.1f} s"
+    seen = "never"
+    if camera.last_seen_s is not None:
+        seen = f"{_within(camera.last_seen_s, LONGEST_S):.1f} s"
     return [
         Text(camera.camera_id, style="bold"),
         mode,
-        Text(f"{camera.duty:.0%}"),
+        Text(f"{_within(camera.duty, 1.0):.0%}"),
         Text(watts),
         battery,
         Text(f"{camera.deficit:.1f}"),
@@ -120,6 +126,11 @@ def _row(camera: CameraStatus) -> list[Text]:
 
 
 def _duration(seconds: float) -> str:
-    minutes, left = divmod(int(seconds), 60)
+    minutes, left = divmod(int(_within(seconds, LONGEST_S)), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02}:{left:02}"
+
+
+def _within(value: float, most: float) -> float:
+    """Return a value from 0 to `most`, 0 for what is no number."""
+    return 0.0 if math.isnan(value) else min(max(value, 0.0), most)

@@ -15,6 +15,7 @@ from e3pose.pose import Poses2D
 from e3pose.wire.messages import (
     VERSION,
     Array,
+    CameraStatus,
     ClockAnswer,
     ClockQuestion,
     Heartbeat,
@@ -32,6 +33,9 @@ MAX_JOINTS = 512
 MAX_SLOT = 2**53
 MAX_TIME_NS = 2**62
 MAX_PIXEL = 1e6
+MAX_FIGURE = 1e15  # of a status: watts, milliseconds, millimetres; clocks that were set go far
+MAX_CAMERAS = 1000
+MAX_EVENTS = 1000
 
 _encoder = msgspec.msgpack.Encoder()
 _envelope = msgspec.msgpack.Decoder(tuple[int, msgspec.Raw])
@@ -255,11 +259,43 @@ def _check_poses(poses: Poses, where: str) -> None:
 
 
 def _check_status(status: Status, where: str) -> None:
-    _check_whole(where, slot=status.slot)
+    _check_whole(
+        where,
+        slot=status.slot,
+        lead=status.lead,
+        people=status.people,
+        slots_lost=status.slots_lost,
+    )
+    for name, found, most in (
+        ("cameras", len(status.cameras), MAX_CAMERAS),
+        ("events", len(status.events), MAX_EVENTS),
+    ):
+        if found > most:
+            raise InputError(f"{where}: {name}: found {found}, expected at most {most}")
     _check_text(where, status.site, *status.events)
+    _check_numbers(where, 0, MAX_FIGURE, fps=status.fps, error=status.expected_error_mm)
+    # Below zero where a clock was set back meanwhile.
+    for name, durations in (("step_ms", status.step_ms), ("latency_ms", status.latency_ms)):
+        for value in durations:
+            _check_numbers(where, -MAX_FIGURE, MAX_FIGURE, **{name: value})
+    _check_numbers(where, -MAX_FIGURE, MAX_FIGURE, uptime_s=status.uptime_s)
     for camera in status.cameras:
-        check_camera_id(camera.camera_id)
-        _check_text(where, camera.why)
+        _check_camera_status(camera, f"{where}: camera {check_camera_id(camera.camera_id)}")
+
+
+def _check_camera_status(camera: CameraStatus, where: str) -> None:
+    _check_text(where, camera.why)
+    _check_whole(where, late=camera.late, lost=camera.lost)
+    _check_numbers(where, 0, 1, duty=camera.duty, battery=camera.battery)
+    _check_numbers(where, 0, MAX_FIGURE, power_w=camera.power_w)
+    _check_numbers(
+        where,
+        -MAX_FIGURE,
+        MAX_FIGURE,
+        last_seen_s=camera.last_seen_s,
+        deficit=camera.deficit,
+        clock_offset_ms=camera.clock_offset_ms,
+    )
 
 
 _CHECKS: dict[type[Any], Any] = {
