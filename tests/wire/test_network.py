@@ -15,7 +15,7 @@ from tests.waiting import eventually
 
 from e3pose.errors import InputError
 from e3pose.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
-from e3pose.wire.access import Link, check_link
+from e3pose.wire.access import Certificates, Link, check_link
 from e3pose.wire.network import NetworkTransport, open_network
 
 SILENCE_S = 0.4  # how long to wait for what must not come
@@ -241,13 +241,31 @@ def test_what_is_said_at_once_arrives_whole() -> None:
     edge.close()
 
 
-def test_port_that_is_taken_is_told() -> None:
+def test_port_that_is_taken_is_told_with_what_to_do() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        with pytest.raises(InputError, match="cannot be used"):
-            open_network(Link("edge", "lab", endpoint))
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError) as told:
+            open_network(Link("edge", "lab", f"tcp/127.0.0.1:{port}"))
+    assert str(told.value) == (
+        f"endpoint tcp/127.0.0.1:{port}: port {port} is in use, expected a free one: end the "
+        f"program that has it (`ss -ltnp 'sport = :{port}'` names it), or choose another port"
+    )
+
+
+def test_what_is_wrong_with_an_endpoint_names_no_foreign_source(tmp_path: Path) -> None:
+    for name in "abc":
+        (tmp_path / name).write_text("no certificate")
+    files = Certificates(tmp_path / "a", tmp_path / "b", tmp_path / "c")
+    for link, reason in (
+        (Link("edge", "lab", "tcp/192.0.2.1:0", insecure=True), "192.0.2.1 is no address of this"),
+        (Link("edge", "lab", "tcp/host.invalid:7447", insecure=True), "cannot be used: "),
+        (Link("edge", "lab", "tls/127.0.0.1:0", files), "No private key found"),
+    ):
+        with pytest.raises(InputError, match=reason) as told:
+            open_network(link)
+        assert ".rs" not in str(told.value) and "cargo" not in str(told.value)
 
 
 @pytest.mark.parametrize(

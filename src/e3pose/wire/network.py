@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 from collections.abc import Mapping
 from contextlib import suppress
@@ -11,7 +12,7 @@ from typing import Any
 import zenoh
 
 from e3pose.errors import InputError
-from e3pose.wire.access import Link, routes, zenoh_config
+from e3pose.wire.access import Link, routes, split_endpoint, zenoh_config
 from e3pose.wire.transport import Answer, Presence, Receive
 
 OPEN_FILES = 65_536  # connections among them; the usual 1024 are used up by who only connects
@@ -112,8 +113,7 @@ def open_network(
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
-        reason = " ".join(str(error).split())[:300]
-        raise InputError(f"endpoint {link.endpoint}: cannot be used: {reason}") from None
+        raise InputError(f"endpoint {link.endpoint}: {_reason(link, str(error))}") from None
     return NetworkTransport(session)
 
 
@@ -122,3 +122,18 @@ def _allow_open_files() -> None:
     allowed = OPEN_FILES if hard == resource.RLIM_INFINITY else min(OPEN_FILES, hard)
     if soft != resource.RLIM_INFINITY and soft < allowed:
         resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
+
+
+def _reason(link: Link, said: str) -> str:
+    """Return why an endpoint cannot be used, and what to do, from what Zenoh says."""
+    _, host, port = split_endpoint(link.endpoint)
+    if "os error 98" in said:
+        return (
+            f"port {port} is in use, expected a free one: end the program that has it "
+            f"(`ss -ltnp 'sport = :{port}'` names it), or choose another port"
+        )
+    if "os error 99" in said:
+        return f"{host} is no address of this machine, expected one of its own or 0.0.0.0"
+    # Zenoh names the places in its source where it failed.
+    plain = re.sub(r"\s*(?:\[|\]|at /\S+\.rs:\d+\.?)\s*", " ", " ".join(said.split()))
+    return f"cannot be used: {plain.strip()[:300]}"
