@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import run
 
+from e3pose.keys.authority import LEAF_DAYS
 from e3pose.keys.folder import add_keys, init_keys
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import write_recorded
@@ -67,6 +68,51 @@ def test_certificates_are_told_with_the_command_that_mends_them(
         assert f"-> e3pose keys add {camera_id} --again --keys lab/keys, then carry" in out
         assert run("keys", "add", camera_id, "--again", "--keys", site / "keys") == 0
     assert checked(site, capsys)[0] == 0, "what was advised helps"
+
+
+@pytest.mark.parametrize("days", [20, -3])
+def test_certificates_of_everybody_are_told_a_month_before_their_end(
+    site: Path, capsys: pytest.CaptureFixture[str], days: int
+) -> None:
+    made = NOW + datetime.timedelta(days=days - LEAF_DAYS)
+    for name, kind in (("cam0", "camera"), ("wall", "viewer"), ("hall", "router")):
+        add_keys(site / "keys", name, made, kind=kind, again=True)  # type: ignore[arg-type]
+    level, told = ("warning", "expires on 2") if days > 0 else ("problem", "expired on 2")
+    code, out, _ = checked(site, capsys)
+    assert code == (0 if days > 0 else 1)
+    for name, option in (("cam0", ""), ("wall", " --viewer"), ("hall", " --router")):
+        line = out[out.index(f"{level} certificate {name} ") :]
+        assert told in line[:200]
+        assert f"-> e3pose keys add {name}{option} --again --keys lab/keys, then carry" in line
+        words = ["keys", "add", name, *option.split(), "--again", "--keys", site / "keys"]
+        assert run(*words) == 0
+    assert f"{level} certificate" not in checked(site, capsys)[1], "what was advised helps"
+
+
+@pytest.mark.parametrize("days", [20, -3])
+def test_the_edges_own_certificate_is_told_too(
+    site: Path, capsys: pytest.CaptureFixture[str], days: int
+) -> None:
+    shutil.rmtree(site / "keys")
+    made = NOW + datetime.timedelta(days=days - LEAF_DAYS)
+    init_keys(site / "keys", "lab", [], made)
+    for camera_id in ("cam0", "cam1"):
+        add_keys(site / "keys", camera_id, NOW)
+    code, out, _ = checked(site, capsys)
+    if days > 0:
+        assert code == 0
+        assert "warning certificate edge expires on 2" in out
+        assert "-> e3pose keys init lab --out lab/keys-new, and carry all its folders" in out
+    else:
+        assert code == 1 and "edge.pem: certificate expired on 2" in out
+
+
+def test_certificate_of_tomorrow_is_a_problem(
+    site: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    add_keys(site / "keys", "cam0", NOW + datetime.timedelta(days=5), again=True)
+    code, out, _ = checked(site, capsys)
+    assert code == 1 and "camera.pem: certificate is valid from 2" in out
 
 
 def test_missing_keys_are_told_with_the_command_that_makes_them(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from e3pose.camera import Rig
 from e3pose.counted import counted
 from e3pose.errors import InputError
-from e3pose.keys.folder import certificates_in, check_certificates
+from e3pose.keys.folder import Roll, certificates_in, check_certificates
 from e3pose.policies.base import Floats
 from e3pose.site.config import SiteTable, beside, cameras_of
 from e3pose.site.edge_program import edge_link
@@ -138,6 +138,7 @@ def check_link_of(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
         )
     folder = beside(path, site.link.keys or "keys")
     now = datetime.datetime.now(datetime.timezone.utc)
+    yield from _lasting(folder, site.name, roll, now)
     for camera_id in rig.camera_ids:
         if roll is None or camera_id not in roll.cameras:
             yield Finding(
@@ -150,15 +151,42 @@ def check_link_of(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
         yield _certificate(folder / "cameras" / camera_id, camera_id, now)
 
 
-def _certificate(folder: Path, camera_id: str, now: datetime.datetime) -> Finding:
+def _lasting(
+    folder: Path, name: str, roll: Roll | None, now: datetime.datetime
+) -> Iterator[Finding]:
+    """Look at the certificates of the edge, its authority, viewers and routers."""
     from e3pose.keys.authority import expires
 
-    what = f"certificate {camera_id}"
+    anew = f"e3pose keys init {name} --out {folder}-new, and carry all its folders in time"
+    for what, file in (("authority", "authority.pem"), ("edge", "edge.pem")):
+        until = expires((folder / file).read_bytes())  # that they are valid now was looked at
+        if until - now < datetime.timedelta(days=SOON_DAYS):
+            yield Finding("warning", f"certificate {what}", f"expires on {until:%Y-%m-%d}", anew)
+    kinds: dict[Literal["viewer", "router"], Mapping[str, str]] = {}
+    if roll is not None:
+        kinds = {"viewer": roll.viewers, "router": roll.routers}
+    for kind, names in kinds.items():
+        for one in names:
+            place = folder / f"{kind}s" / one
+            if place.is_dir():  # it may have been moved to its machine, not copied
+                yield _certificate(place, one, now, kind)
+
+
+def _certificate(
+    folder: Path,
+    name: str,
+    now: datetime.datetime,
+    kind: Literal["camera", "viewer", "router"] = "camera",
+) -> Finding:
+    from e3pose.keys.authority import expires
+
+    what = f"certificate {name}"
+    option = "" if kind == "camera" else f" --{kind}"
     again = (
-        f"e3pose keys add {camera_id} --again --keys {folder.parent.parent}, then carry {folder}"
+        f"e3pose keys add {name}{option} --again --keys {folder.parent.parent}, then carry {folder}"
     )
     try:
-        files = certificates_in(folder, "camera")
+        files = certificates_in(folder, kind)
         check_certificates(files, now)
     except InputError as error:
         return Finding("problem", what, str(error), again)
