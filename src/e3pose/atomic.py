@@ -83,6 +83,18 @@ def check_file_free(path: Path) -> None:
     _check_above(path)
 
 
+def check_output(path: Path) -> None:
+    """Raise `InputError` if a file that a person named cannot be written at `path`.
+
+    Its folder must be there: one that is made for a slip of the pen is found by nobody.
+    """
+    check_file_free(path)
+    if not path.parent.is_dir():
+        raise InputError(
+            f"{path}: found no folder {path.parent}, expected one (mkdir -p {path.parent})"
+        )
+
+
 def check_free(
     path: Path, overwrite: bool = False, ours: tuple[str, ...] = ("recording.toml",)
 ) -> None:

@@ -6,7 +6,9 @@ import os
 import re
 import shutil
 import signal
+import sqlite3
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -120,6 +122,15 @@ def instead(name: str, make: Callable[[Path], object]) -> Break:
     return change
 
 
+def nested(name: str) -> Break:
+    def change(folder: Path) -> None:
+        with closing(sqlite3.connect(folder / name)) as store:
+            store.execute("UPDATE runs SET joints = ?", ("[" * 100_000,))
+            store.commit()
+
+    return change
+
+
 FPS, ID, PATH, CAMERAS = "fps = 10.0", 'id = "cam0"', 'path = "live.db"', "cameras = 2"
 HERE = "tcp/127.0.0.1"
 # What is wrong with a site -> the verb that must say so (check, up and edge look at all of it, top
@@ -163,6 +174,12 @@ SITES: list[tuple[str, Break, str]] = [
     ("up", new(SITE, PATH, 'path = "recording"'), "found a folder, expected a file"),
     ("check", new(SITE, PATH, 'path = "no/such.db"'), "found no folder"),
     ("edge", new(SITE, PATH, 'path = "foo://bar"'), "foo://bar: cannot be opened"),
+    (
+        "edge",
+        new(SITE, PATH, 'path = "postgresql://u:s3cret@h:x/y"'),
+        r"//\*\*\*@h:x/y: expected a",
+    ),
+    ("check", new(SITE, PATH, 'path = "sqlite://h:x/y"'), "sqlite://h:x/y: expected a path"),
     ("check", new(SITE, PATH, f'{PATH}\nkeep = "30 moons"'), "age: found '30 moons'"),
     ("check", new(SITE, PATH, f'{PATH}\nmax_size = "9{400 * "9"}GB"'), "size: found"),
     ("edge", new(SITE, CAMERAS, "cameras = 9"), "cameras: asked for 9"),
@@ -232,6 +249,7 @@ FILES: list[tuple[str, Break, str]] = [
     ("query s.db", whole("s.db", b"SQLite format 3\0" + 5000 * b"\xff"), "s.db: (damaged|cannot)"),
     ("query s.db", whole("s.db", ""), "no tables"),
     ("query s.db", instead("s.db", os.mkfifo), "s.db: found"),
+    ("query s.db", nested("s.db"), "s.db: runs: run 1: joints and cameras are no lists"),
 ]  # fmt: skip
 
 
@@ -285,6 +303,9 @@ WORDS: list[tuple[str, str]] = [
     ("query rec", "found a folder"),
     ("query foo://bar", "cannot be opened"),
     ("query postgresql://u:secret@127.0.0.1:1/x", r"^e3pose: postgresql://u:\*\*\*@"),
+    ("query postgresql://u:s3cret@h:port/x", r"^e3pose: postgresql://\*\*\*@h:port/x: expected"),
+    ("query s.db --csv nodir/a.csv", r"nodir/a.csv: found no folder nodir, expected one \(mkdir"),
+    ("query s.db --json /nonexistent/a.json", "found no folder /nonexistent"),
     (f"query s.db --from {ESCAPE}", "--from, --to: found"),
     (f"query s.db --from {50 * '9'}", "--from, --to: found"),
     ("query s.db --from now --to -10min", "the earlier one first"),
@@ -322,6 +343,12 @@ WORDS: list[tuple[str, str]] = [
     (f"replay rec --kill-camera cam0@{HUGE}", "--kill-camera: found"),
     ("replay rec --loss nan", "--loss: found nan"),
     ("replay rec --fps inf", "--fps: found inf"),
+    ("replay rec --fps 1e-300 --store new.db", "--fps: found 1e-300, expected 0.001 at least"),
+    ("replay rec --store postgresql://h:x/y", "postgresql://h:x/y: expected a path"),
+    ("replay rec --poses nodir/x.csv", "nodir/x.csv: found no folder nodir, expected one"),
+    ("replay rec --report nodir/sub/x.html", "found no folder nodir/sub"),
+    ("evaluate rec --json nodir/x.json", "found no folder nodir"),
+    ("calibrate noise rec --out nodir/x.toml", "found no folder nodir"),
     ("replay rec --keep 30d", "found no --store"),
     (f"replay rec --store new.db --max-size {400 * '9'}GB", "size: found"),
     ("replay rec --store s.db --json s.db", "found the file of --store"),

@@ -60,13 +60,13 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
         source: the recording, whose own files must stay.
         outputs: option to the file it names.
     """
-    from e3pose.atomic import check_file_free
+    from e3pose.atomic import check_output
 
     taken: dict[Path, str] = {}
     for option, path in outputs.items():
         if path is None:
             continue
-        check_file_free(path)
+        check_output(path)
         place = path.resolve()
         if place in taken:
             raise InputError(

@@ -71,7 +71,7 @@ def query(
     json_file
         Write the rows here as a JSON list.
     """
-    from e3pose.atomic import check_file_free
+    from e3pose.atomic import check_output
     from e3pose.store import Store
     from e3pose.store.database import database_path, database_url
 
@@ -80,7 +80,7 @@ def query(
     outputs = {form: path for form, path in files.items() if path is not None}
     database = database_path(database_url(store))
     for form, path in outputs.items():
-        check_file_free(path)
+        check_output(path)
         if database is not None and path.resolve() in _files_of(database.resolve()):
             raise InputError(f"--{form}: found the store itself, expected another file: {path}")
     if len({path.resolve() for path in outputs.values()}) < len(outputs):

@@ -11,7 +11,7 @@ from e3pose.errors import InputError
 from e3pose.pose import Poses2D
 from e3pose.recording import ViewSeries
 from e3pose.recording.lines import PIXEL_LIMIT
-from e3pose.recording.record import MAX_PEOPLE
+from e3pose.recording.record import MAX_FPS, MAX_PEOPLE, MIN_FPS
 
 MAX_SLOTS = 10_000_000
 # OpenPose and AlphaPose exceed 1 by a few percent; beyond this it is not a score at all.
@@ -74,8 +74,8 @@ def series_from_frames(
 
 def check_fps(fps: float) -> float:
     """Return `fps` if it is a frame rate; raise `InputError` if not."""
-    if not 0 < fps <= 1000:
-        raise InputError(f"--fps: found {fps:g}, expected a rate in (0, 1000]")
+    if not MIN_FPS <= fps <= MAX_FPS:
+        raise InputError(f"--fps: found {fps:g}, expected a rate from {MIN_FPS:g} to {MAX_FPS:g}")
     return fps
 
 

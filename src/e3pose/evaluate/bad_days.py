@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.recording import Recording, ViewSeries
+from e3pose.recording.record import MIN_FPS
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -120,11 +121,11 @@ def thinned(recording: Recording, fps: float) -> Recording:
     they were, hence irregular where `fps` is no whole part of the recording's.
 
     Raises:
-        InputError: when `fps` is above the recording's, or not above 0.
+        InputError: when `fps` is above the recording's, or that of no recording.
     """
-    if not 0 < fps <= recording.fps:
+    if not MIN_FPS <= fps <= recording.fps:
         raise InputError(
-            f"--fps: found {fps:g}, expected more than 0 and at most the recording's "
+            f"--fps: found {fps:g}, expected {MIN_FPS:g} at least and at most the recording's "
             f"{recording.fps:g}"
         )
     if fps == recording.fps:

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Literal
 
 from e3pose.errors import InputError
+from e3pose.recording.record import MAX_FPS, MIN_FPS
 
 MAX_SLOTS = 100_000_000
 
@@ -36,8 +37,10 @@ class DetectSettings:
     overwrite: bool = False
 
     def __post_init__(self) -> None:
-        if self.fps is not None and not 0 < self.fps <= 1000:
-            raise InputError(f"fps: found {self.fps}, expected a rate in (0, 1000]")
+        if self.fps is not None and not MIN_FPS <= self.fps <= MAX_FPS:
+            raise InputError(
+                f"fps: found {self.fps}, expected a rate from {MIN_FPS:g} to {MAX_FPS:g}"
+            )
         if not 1 <= self.every <= 100_000:
             raise InputError(f"every: found {self.every}, expected 1 to 100000")
         if not (isfinite(self.start_s) and 0 <= self.start_s <= 1e7):

@@ -16,6 +16,8 @@ from e3pose.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
 
+MIN_FPS = 0.001  # slower is nothing that people do, and its times overflow
+MAX_FPS = 1000.0
 MAX_NAME = 200
 MAX_SOURCE = 10_000
 MAX_PEOPLE = 1000
@@ -131,8 +133,10 @@ class Recording:
     dies_at_s: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.fps) and 0 < self.fps <= 1000):
-            raise InputError(f"recording: fps is {self.fps}, expected a rate in (0, 1000]")
+        if not MIN_FPS <= self.fps <= MAX_FPS:  # NaN fails too
+            raise InputError(
+                f"recording: fps is {self.fps}, expected a rate from {MIN_FPS:g} to {MAX_FPS:g}"
+            )
         if not 0 <= self.num_slots <= 100_000_000:
             raise InputError(f"recording: num_slots is {self.num_slots}, expected 0 to 100 million")
         if len(self.views) != len(self.rig):

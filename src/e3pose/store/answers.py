@@ -59,7 +59,7 @@ def stored_run(row: Any, where: str) -> StoredRun:
     """Return a run from its row; raise `InputError` if it is not what a writer writes."""
     try:
         joints, cameras = (tuple(map(str, json.loads(text))) for text in (row.joints, row.cameras))
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         raise InputError(
             f"{where}: runs: run {row.run_id}: joints and cameras are no lists"
         ) from None

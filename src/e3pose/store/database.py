@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -41,8 +42,11 @@ def database_path(url: str) -> Path | None:
     """
     try:
         parts = make_url(url)
-    except ArgumentError:
-        raise InputError(f"{url[:200]}: expected a path or the URL of a database") from None
+    except (ArgumentError, ValueError):  # the second for a port that is no number
+        told = re.sub(r"//[^@/]*@", "//***@", url)[:200]  # not the password
+        raise InputError(
+            f"{told}: expected a path, or the URL of a database: KIND://USER@HOST:PORT/NAME"
+        ) from None
     if parts.get_backend_name() != "sqlite":
         return None
     if not parts.database or parts.database == ":memory:":
