@@ -204,7 +204,7 @@ def test_interrupt_exits_130_and_says_how_to_go_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.shared
-@pytest.mark.skipif("E3POSE_SHARED" not in os.environ, reason="E3POSE_SHARED is not set")
+@pytest.mark.skipif(not os.environ.get("E3POSE_SHARED"), reason="E3POSE_SHARED is not set")
 def test_network_file_is_recognised(tmp_path: Path) -> None:
     folder = Path(os.environ["E3POSE_SHARED"]) / "models"
     one, *rest = site(tmp_path, ["cam1"])

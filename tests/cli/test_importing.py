@@ -15,7 +15,7 @@ from e3pose.datasets import IMPORTERS
 from e3pose.recording import load_recording
 
 SHARED = os.environ.get("E3POSE_SHARED")
-needs_shared = pytest.mark.skipif(SHARED is None, reason="E3POSE_SHARED is not set")
+needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 
 
 def _run(*tokens: object) -> int:

@@ -15,7 +15,7 @@ from e3pose.recording import load_recording
 from e3pose.skeleton import CMU31
 
 SHARED = os.environ.get("E3POSE_SHARED")
-needs_shared = pytest.mark.skipif(SHARED is None, reason="E3POSE_SHARED is not set")
+needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 
 
 def _body(num_slots: int) -> NDArray[np.float64]:

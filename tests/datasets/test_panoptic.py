@@ -14,7 +14,7 @@ from e3pose.recording import Recording
 from e3pose.recording.problems import find_problems
 
 SHARED = os.environ.get("E3POSE_SHARED")
-needs_shared = pytest.mark.skipif(SHARED is None, reason="E3POSE_SHARED is not set")
+needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 
 # A camera 3 m from the middle, 1.5 m high, that looks along world y: in Panoptic's axes (x right, y
 # down, z away) it needs no rotation, only the shift of its centre (0, -150, -300) cm.

@@ -14,7 +14,7 @@ from e3pose.recording.problems import find_problems
 from e3pose.skeleton import BODY25, COCO17
 
 SHARED = os.environ.get("E3POSE_SHARED")
-needs_shared = pytest.mark.skipif(SHARED is None, reason="E3POSE_SHARED is not set")
+needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 
 
 def _arrays() -> dict[str, Any]:

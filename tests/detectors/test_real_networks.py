@@ -41,7 +41,7 @@ pytestmark = [pytest.mark.network, pytest.mark.shared]
 def shared_model(folder: str, sha256: str) -> Path:
     shared = os.environ.get("E3POSE_SHARED")
     if not shared:
-        pytest.skip("E3POSE_SHARED is unset")
+        pytest.skip("E3POSE_SHARED is not set")
     for path in (Path(shared) / "models" / folder).glob("*.onnx"):
         if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
             return path

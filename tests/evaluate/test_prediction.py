@@ -256,7 +256,7 @@ def test_latency_is_the_time_of_calls_alone() -> None:
     assert {lead: round(each["median"], 6) for lead, each in times.items()} == {"1": 1.0, "5": 1.0}
 
 
-@pytest.mark.skipif(SHARED is None, reason="E3POSE_SHARED is not set")
+@pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
 @pytest.mark.shared
 @pytest.mark.parity
 def test_baselines_on_motion_capture_match_reference_figures() -> None:

@@ -22,7 +22,7 @@ SHARED = os.environ.get("E3POSE_SHARED")
 pytestmark = [
     pytest.mark.shared,
     pytest.mark.parity,
-    pytest.mark.skipif(SHARED is None, reason="E3POSE_SHARED is not set"),
+    pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set"),
 ]
 
 HELD_OUT = ("01_06", "01_14", "02_02", "02_07")  # the clips that the model card names

@@ -1,0 +1,32 @@
+"""Tests of real recordings and networks skip where there are none."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.mark.parametrize("value", ["", None])
+def test_without_real_recordings_their_tests_skip(value: str | None, tmp_path: Path) -> None:
+    environment = {k: v for k, v in os.environ.items() if k != "E3POSE_SHARED"}
+    if value is not None:
+        environment["E3POSE_SHARED"] = value
+    command = [sys.executable, "-m", "pytest", "-q", "-m", "shared", "-p", "no:cacheprovider"]
+    done = subprocess.run(
+        [*command, f"--basetemp={tmp_path / 'base'}"],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-3000:]
+    last = done.stdout.strip().splitlines()[-1]
+    assert "skipped" in last and "passed" not in last and "failed" not in last, last
+    assert "E3POSE_SHARED is not set" in done.stdout
