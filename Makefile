@@ -8,7 +8,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test check lint bench soak test-all clean
+.PHONY: help demo test check lint bench soak attack test-all clean
 help:  ## say what there is
 	@echo 'make WHAT, each from a bare Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -58,6 +58,9 @@ bench: $(VENV)/.all  ## how long things take: fusing, filtering, predicting, cho
 
 soak: $(VENV)/.all  ## a live site for half an hour: does anything grow?
 	$(BIN)/python benchmarks/soak.py --minutes 30
+
+attack: $(VENV)/.all  ## fuzzed decoders, damaged files and a live site under attack, on loopback (ATTACK_SECONDS=300)
+	$(BIN)/python benchmarks/attack.py
 
 test-all: $(VENV)/.dev  ## the tests under every supported Python (3.10 to 3.13)
 	$(BIN)/nox

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from e3pose.errors import InputError
+from e3pose.wire.codec import MAX_BYTES
 from e3pose.wire.topics import ANY, of_camera, of_order, of_site
 
 LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too long
@@ -16,9 +17,9 @@ LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too l
 # busy machine loses whole poses. 16 is the most it takes: 1 MB a connection, where it is needed.
 WAITING_MESSAGES = 16
 # Of a link, before anybody looks at who says what: Zenoh holds up to 1 GB of an unfinished message
-# otherwise, also of a certificate that may say nothing. Larger than any view or the poses of 256
-# people; a session has two such messages at most, because there is one priority.
-MESSAGE_BYTES = 2**20
+# otherwise, also of a certificate that may say nothing. With one priority in place of eight, a
+# session holds two such messages at most.
+MESSAGE_BYTES = MAX_BYTES + 2**12  # with its topic
 MAX_SESSIONS = 256  # programs of a site that may be connected
 JOIN_MS = 5000  # who has shown a certificate and says nothing more is given up after it
 WORD_BYTES = 2**15  # hello and heartbeat: some hundred bytes, and the names of many joints

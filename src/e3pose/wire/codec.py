@@ -27,7 +27,7 @@ from e3pose.wire.messages import (
     View,
 )
 
-MAX_BYTES = 4 * 2**20
+MAX_BYTES = 2**20  # 256 people with 133 joints take 0.6 MB
 MAX_PERSONS = 256
 MAX_JOINTS = 512
 MAX_SLOT = 2**53
