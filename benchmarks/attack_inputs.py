@@ -39,7 +39,7 @@ from e3pose.wire.messages import (
 
 GROWTH_MB = 100.0  # more than this, and something was kept
 BATCH = 1000  # decodes between two looks at the clock
-NUMBERS = (
+NUMBERS: tuple[Any, ...] = (
     0, -1, 1, 2**31, 2**53, 2**62, -(2**63), 2**64 - 1, 1e-300, 1e300, float("inf"),
     float("-inf"), float("nan"), "", "\x1b[2J", "x" * 600, "../x", b"", None, True, [], {},
     [[]], [0] * 50,
