@@ -176,15 +176,3 @@ def test_session_beyond_the_limit_waits_outside(
     revoked.close()
     assert eventually(lambda: says("cam2"))
     edge.close()
-
-
-def test_connections_do_not_take_the_files_of_the_edge() -> None:
-    told = (
-        "import resource as r; from e3pose.wire.access import Link;"
-        "from e3pose.wire.network import open_network;"
-        "r.setrlimit(r.RLIMIT_NOFILE, (256, r.getrlimit(r.RLIMIT_NOFILE)[1]));"
-        "edge = open_network(Link('edge', 'lab', 'tcp/127.0.0.1:0'));"
-        "soft, hard = r.getrlimit(r.RLIMIT_NOFILE); print(soft == min(hard, 65536)); edge.close()"
-    )
-    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
-    assert done.stdout == "True\n"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import resource
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
@@ -12,10 +11,8 @@ from typing import Any
 import zenoh
 
 from e3pose.errors import InputError
-from e3pose.wire.access import Link, routes, split_endpoint, zenoh_config
+from e3pose.wire.access import Link, split_endpoint, zenoh_config
 from e3pose.wire.transport import Answer, Presence, Receive
-
-OPEN_FILES = 65_536  # connections among them; the usual 1024 are used up by who only connects
 
 
 class NetworkTransport:
@@ -108,20 +105,11 @@ def open_network(
     """
     zenoh.init_log_from_env_or("off")
     config = zenoh_config(link, cameras, viewers, routers)
-    if routes(link):
-        _allow_open_files()
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
         raise InputError(f"endpoint {link.endpoint}: {_reason(link, str(error))}") from None
     return NetworkTransport(session)
-
-
-def _allow_open_files() -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    allowed = OPEN_FILES if hard == resource.RLIM_INFINITY else min(OPEN_FILES, hard)
-    if soft != resource.RLIM_INFINITY and soft < allowed:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (allowed, hard))
 
 
 def _reason(link: Link, said: str) -> str:
