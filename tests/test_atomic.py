@@ -101,3 +101,64 @@ def test_a_file_stays_as_it_was_when_the_block_fails(tmp_path: Path) -> None:
         temporary.write_text("new")
     assert path.read_text() == "new"
     assert [entry.name for entry in tmp_path.iterdir()] == ["x.json"]
+
+
+@pytest.fixture
+def synced(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str]]:
+    """What was put on the disk and what was renamed, in order."""
+    done: list[tuple[str, str]] = []
+    fsync, replace = os.fsync, os.replace
+
+    def note_sync(handle: int) -> None:
+        done.append(("sync", Path(os.readlink(f"/proc/self/fd/{handle}")).name))
+        fsync(handle)
+
+    def note_replace(source: Any, target: Any) -> None:
+        done.append(("replace", Path(target).name))
+        replace(source, target)
+
+    monkeypatch.setattr("e3pose.atomic.os.fsync", note_sync)
+    monkeypatch.setattr("e3pose.atomic.os.replace", note_replace)
+    return done
+
+
+def test_a_file_is_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, synced: list[tuple[str, str]]
+) -> None:
+    with atomic_file(tmp_path / "state.npz") as temporary:
+        temporary.write_bytes(b"1")
+    assert synced == [
+        ("sync", temporary.name),
+        ("replace", "state.npz"),
+        ("sync", tmp_path.name),
+    ]
+
+
+def test_a_folder_is_on_the_disk_before_it_has_its_name(
+    tmp_path: Path, synced: list[tuple[str, str]]
+) -> None:
+    with atomic_folder(tmp_path / "a") as folder:
+        (folder / "b").mkdir()
+        (folder / "b" / "x").write_text("1")
+        (folder / "b" / "elsewhere").symlink_to("/dev/zero")
+    renamed = synced.index(("replace", "a"))
+    assert {name for _, name in synced[:renamed]} == {"x", "b", folder.name}
+    assert synced[renamed + 1 :] == [("sync", tmp_path.name)]
+
+
+def test_private_files_are_for_their_owner_or_the_group_of_their_folder(tmp_path: Path) -> None:
+    old = os.umask(0)
+    try:
+        for above, file, folder in ((0o777, 0o600, 0o700), (0o2777, 0o640, 0o2750)):
+            place = tmp_path / f"{above:o}"
+            place.mkdir()
+            place.chmod(above)
+            with atomic_file(place / "new" / "state.npz", private=True) as temporary:
+                temporary.write_bytes(b"1")
+            with atomic_folder(place / "site", private=True):
+                pass
+            found = [place / "new" / "state.npz", place / "new", place / "site"]
+            modes = [path.stat().st_mode & 0o7777 for path in found]
+            assert modes == [file, folder, folder]
+    finally:
+        os.umask(old)

@@ -6,22 +6,30 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from e3pose.errors import InputError
+from e3pose.lock import hold
+from e3pose.private import file_mode, folder_mode, make_folder
 
 
 @contextmanager
-def atomic_file(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path, private: bool = False) -> Iterator[Path]:
     """Yield a temporary path beside `path` that becomes `path` if the block ends without error.
+
+    It is on the disk before it has its name: a power cut leaves the old file or the new one.
+
+    Args:
+        path: the file to write; its folder is made if need be.
+        private: whether it is for its owner alone, as `private.file_mode` says.
 
     Raises:
         InputError: when something other than a file stands at `path`, or none can be made there.
     """
     check_file_free(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _make_above(path, private)
         handle, name = tempfile.mkstemp(
             prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent
         )
@@ -31,8 +39,10 @@ def atomic_file(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_umask())
+        temporary.chmod(file_mode(path.parent) if private else 0o666 & ~_umask())
+        _sync(temporary)
         os.replace(temporary, path)
+        _sync(path.parent)
     except OSError as error:
         raise _told(path, error) from None
     finally:
@@ -41,37 +51,49 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(
-    path: Path, overwrite: bool = False, ours: tuple[str, ...] = ("recording.toml",)
+    path: Path,
+    overwrite: bool = False,
+    ours: tuple[str, ...] = ("recording.toml",),
+    private: bool = False,
+    held: bool = False,
 ) -> Iterator[Path]:
     """Yield a temporary folder beside `path` that becomes `path` if the block ends without error.
 
     What stood at `path` is moved aside, and deleted only once the new folder is in its place; if
-    that fails it is moved back.
+    that fails it is moved back. All of it is on the disk before the folder has its name.
 
     Args:
         path: the folder to make.
         overwrite: whether a folder of ours may be replaced, with all that is in it.
         ours: file names, any of which marks a folder as one that this program wrote.
+        private: whether it is for its owner alone, as `private.folder_mode` says.
+        held: whether the caller holds the lock of `path`.
 
     Raises:
         InputError: when `path` is neither free nor an empty folder, unless `overwrite` and the
-            folder is ours; a symbolic link is never replaced.
+            folder is ours, or another program writes it; a symbolic link is never replaced.
     """
     check_free(path, overwrite, ours)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        _make_above(path, private)
     except OSError as error:
         raise _unwritable(path, error) from None
-    try:
-        yield temporary
-        temporary.chmod(0o777 & ~_umask())
-        check_free(path, overwrite, ours)  # hours may have passed since the first look
-        _replace(temporary, path)
-    except OSError as error:
-        raise _told(path, error) from None
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+    with nullcontext() if held else hold(path):
+        try:
+            temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        except OSError as error:
+            raise _unwritable(path, error) from None
+        try:
+            yield temporary
+            temporary.chmod(folder_mode(path.parent) if private else 0o777 & ~_umask())
+            check_free(path, overwrite, ours)  # hours may have passed since the first look
+            _sync_all(temporary)
+            _replace(temporary, path)
+            _sync(path.parent)
+        except OSError as error:
+            raise _told(path, error) from None
+        finally:
+            shutil.rmtree(temporary, ignore_errors=True)
 
 
 def check_file_free(path: Path) -> None:
@@ -116,6 +138,33 @@ def check_free(
     elif path.exists():
         raise InputError(f"{path}: a file stands where a folder is to be written")
     _check_above(path)
+
+
+def _make_above(path: Path, private: bool) -> None:
+    if private:
+        make_folder(path.parent)
+    else:
+        path.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """Have a file's content, or a folder's names, on the disk when this returns."""
+    folder = path.is_dir()
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        # Some network file systems cannot do it for folders: what they promise is theirs.
+        with suppress(OSError) if folder else nullcontext():
+            os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _sync_all(folder: Path) -> None:
+    for above, _, names in os.walk(folder):
+        for name in names:
+            if not (part := Path(above, name)).is_symlink():
+                _sync(part)
+        _sync(Path(above))
 
 
 def _check_above(path: Path) -> None:

@@ -1,0 +1,62 @@
+"""Who may read what tells where people were: the owner alone, or the group of a shared folder.
+
+A folder is shared with its group by its setgid bit (`chmod g+s`), which also makes the system give
+all that is made in it to that group.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+from typing import IO
+
+
+def shared(folder: Path) -> bool:
+    """Return whether the group of a folder may read what is made in it."""
+    try:
+        return bool(folder.stat().st_mode & stat.S_ISGID)
+    except OSError:
+        return False
+
+
+def file_mode(folder: Path) -> int:
+    """Return the mode of a new file in a folder."""
+    return 0o640 if shared(folder) else 0o600
+
+
+def folder_mode(folder: Path) -> int:
+    """Return the mode of a new folder in a folder."""
+    return 0o2750 if shared(folder) else 0o700
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder and those above it that are missing; one that is there stays as it is."""
+    if path.is_dir():
+        return
+    make_folder(path.parent)
+    try:
+        path.mkdir(0o700)
+    except FileExistsError:
+        if not path.is_dir():
+            raise
+        return
+    path.chmod(folder_mode(path.parent))
+
+
+def make_file(path: Path) -> None:
+    """Make an empty file; one that is there stays as it is."""
+    try:
+        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        return
+    try:
+        os.fchmod(handle, file_mode(path.parent))
+    finally:
+        os.close(handle)
+
+
+def append_to(path: Path) -> IO[bytes]:
+    """Open a file for appending bytes, made if it is missing."""
+    make_file(path)
+    return path.open("ab")
