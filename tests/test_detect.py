@@ -12,8 +12,8 @@ import pytest
 from e3pose.camera import Camera, Rig
 from e3pose.detect import DetectSettings, detect_videos, partial_folder
 from e3pose.errors import InputError
+from e3pose.lock import hold
 from e3pose.node.provenance import load_video_starts
-from e3pose.node.unfinished import locked
 from e3pose.pose import Poses2D
 from e3pose.recording import load_recording
 from e3pose.skeleton import COCO17
@@ -194,7 +194,7 @@ def test_damaged_video_keeps_what_is_readable_and_says_so(tmp_path: Path) -> Non
 
 def test_second_run_at_the_same_time_is_refused(tmp_path: Path) -> None:
     dest = tmp_path / "out"
-    with locked(partial_folder(dest)), pytest.raises(InputError, match="another run is writing"):
+    with hold(dest), pytest.raises(InputError, match=r"out: process [0-9]+ .*writes there"):
         detect_videos(videos(tmp_path), rig(), Brightness(), dest)
 
 

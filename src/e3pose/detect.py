@@ -13,13 +13,14 @@ from e3pose.atomic import atomic_folder, check_free
 from e3pose.camera import Rig
 from e3pose.detectors import Detector
 from e3pose.errors import InputError
+from e3pose.lock import hold
 from e3pose.node.pairing import pair_videos
 from e3pose.node.provenance import save_provenance
 from e3pose.node.settings import MAX_SLOTS
 from e3pose.node.settings import DetectSettings as DetectSettings
 from e3pose.node.slots import SlotGrid, frames_in_slots
 from e3pose.node.source import VideoSource, open_video
-from e3pose.node.unfinished import Unfinished, locked
+from e3pose.node.unfinished import Unfinished
 from e3pose.recording import Recording, ViewSeries, encode_view, read_series, save_recording
 from e3pose.skeleton import Skeleton
 
@@ -109,7 +110,8 @@ def detect_videos(
     grid = _grid(settings, sources)
     _check_any_slot(settings, sources, grid)
     folder = partial_folder(dest)
-    with locked(folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    with hold(dest):
         identity = _identity(settings, seen_rig, sources, grid, detector, detector_name)
         work = Unfinished(folder, identity, restart=settings.overwrite)
         run = _Run(work, grid, settings, detector, sources, progress)
@@ -294,7 +296,7 @@ def _finish(
     identity: Mapping[str, str],
 ) -> None:
     starts_s = {name: settings.start_s - settings.offsets_s.get(name, 0.0) for name in sources}
-    with atomic_folder(dest, settings.overwrite) as folder:
+    with atomic_folder(dest, settings.overwrite, held=True) as folder:
         if settings.keep_videos == "refer":
             save_recording(recording, folder)
             save_provenance(folder, identity, starts_s)

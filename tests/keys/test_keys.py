@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import stat
+import threading
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from e3pose.keys.folder import (
     read_roll,
     revoke_keys,
 )
+from e3pose.lock import hold
 
 NOW = datetime.datetime(2026, 6, 1, tzinfo=datetime.timezone.utc)
 
@@ -41,6 +43,26 @@ def test_private_keys_are_private(folder: Path) -> None:
     for key in folder.rglob("*.key"):
         assert stat.S_IMODE(key.stat().st_mode) == 0o600
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+def test_certificates_made_at_the_same_time_are_all_listed(folder: Path) -> None:
+    names = [f"cam{number}" for number in range(8)]
+    threads = [threading.Thread(target=add_keys, args=(folder, name, NOW)) for name in names]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(read_roll(folder).cameras) == names
+
+
+def test_list_that_another_program_changes_is_told_of(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("e3pose.keys.folder.WAIT_S", 0.1)
+    with hold(folder / "keys.toml"):
+        for change in (lambda: add_keys(folder, "cam1", NOW), lambda: revoke_keys(folder, "cam1")):
+            with pytest.raises(InputError, match=r"keys\.toml: process [0-9]+ .* writes there"):
+                change()
 
 
 def test_revoked_name_is_never_given_again(folder: Path) -> None:

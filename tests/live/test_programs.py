@@ -111,6 +111,45 @@ def test_port_that_is_taken_is_one_line(tmp_path: Path, recording: Path) -> None
     assert err.splitlines()[-1].startswith("e3pose: ") and "Traceback" not in err, err
 
 
+def test_second_edge_of_a_site_is_told_of_the_first(tmp_path: Path, recording: Path) -> None:
+    """Also that nobody but the owner may read what they write."""
+    path = write_site(tmp_path, recording)
+    store = '\n[store]\npath = "live.db"\n'
+    path.write_text(path.read_text() + store)
+    other = tmp_path / "other.toml"
+    other.write_text(path.read_text().replace(str(load_port(path)), str(free_port())))
+    alone = tmp_path / "alone.toml"
+    alone.write_text(other.read_text().replace("fps", 'state = ""\nfps'))
+    old = os.umask(0o022)
+    try:
+        program = subprocess.Popen(
+            e3pose("up", str(path), "--quiet"), stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+    finally:
+        os.umask(old)
+    try:
+        written = [tmp_path / name for name in ("state.npz", "live.db", "live.db-wal")]
+        assert eventually(lambda: all(file.exists() for file in written), COMPILE_S)
+        for file in (*written, tmp_path / "live.db-shm", *(tmp_path / "logs").glob("*")):
+            assert file.stat().st_mode & 0o777 == 0o600, file
+        assert (tmp_path / "logs").stat().st_mode & 0o777 == 0o700
+        for site, what in ((other, "state.npz"), (alone, "live.db")):
+            code, _, error = run("edge", str(site), seconds=60)
+            assert code == 2
+            assert f"{what}: process " in error and "(e3pose edge" in error
+            assert "writes there already" in error
+        program.send_signal(signal.SIGINT)
+        program.communicate(timeout=60)
+    finally:
+        program.kill()
+        program.wait()
+    assert not list(tmp_path.glob(".*.lock"))
+
+
+def load_port(path: Path) -> str:
+    return load_site(path).link.endpoint.rpartition(":")[2]
+
+
 def test_top_of_a_site_that_does_not_run(tmp_path: Path, recording: Path) -> None:
     path = write_site(tmp_path, recording)
     code, _, err = run("top", str(path), "--once", "--timeout", "0.5")

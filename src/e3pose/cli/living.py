@@ -275,6 +275,7 @@ def up(
     from rich.console import Console
     from rich.live import Live
 
+    from e3pose.private import make_folder
     from e3pose.site.config import open_site
     from e3pose.site.edge_program import edge_link
     from e3pose.site.example import make_example
@@ -296,7 +297,7 @@ def up(
         Program(i, camera_command(site, table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
     ]
     transport = open_network(viewer_link(site, table, None))
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     follower = Follower(table.name)
     follower.listen(transport)
     console = Console(quiet=quiet)

@@ -68,7 +68,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint, pipeline: Pipeline) -> N
     }
     arrays = take_apart(checkpoint.state)
     arrays[ABOUT] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
-    with atomic_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_file(path, private=True) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 

@@ -16,7 +16,6 @@ no more than a line in this list.
 from __future__ import annotations
 
 import datetime
-import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,10 +28,14 @@ from e3pose.atomic import atomic_file, atomic_folder, check_free
 from e3pose.bounded import read_bytes, read_toml
 from e3pose.camera import check_camera_id
 from e3pose.errors import InputError
+from e3pose.lock import hold
+from e3pose.private import make_folder
 from e3pose.wire.access import Certificates, edge_name
 from e3pose.wire.topics import check_site
 
 FORMAT = "e3pose-keys"
+LIST = "keys.toml"
+WAIT_S = 5.0  # for another program that changes the list
 MAX_LIST_BYTES = 2**20
 MAX_PEM_BYTES = 2**16
 HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
@@ -86,7 +89,7 @@ def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datet
     names = list(dict.fromkeys(["localhost", "127.0.0.1", *hosts]))
     edge, edge_key = make_certificate(authority, authority_key, edge_name(site), names, now)
     roll = Roll(site)
-    with atomic_folder(folder) as temporary:
+    with atomic_folder(folder, private=True) as temporary:
         for name, content in (
             ("authority.pem", authority),
             ("authority.key", authority_key),
@@ -121,12 +124,24 @@ def add_keys(
         The folder to carry to that machine.
 
     Raises:
-        InputError: when the name is taken, unless `again`.
+        InputError: when the name is taken, unless `again`, or another program changes the list.
     """
-    from e3pose.keys.authority import UNREADABLE, make_certificate
-
     check_camera_id(name)
     _check_hosts(hosts)
+    with hold(folder / LIST, wait_s=WAIT_S):
+        return _add(folder, name, now, kind, again, hosts)
+
+
+def _add(
+    folder: Path,
+    name: str,
+    now: datetime.datetime,
+    kind: Kind,
+    again: bool,
+    hosts: Sequence[str],
+) -> Path:
+    from e3pose.keys.authority import UNREADABLE, make_certificate
+
     roll = read_roll(folder)
     known = dict({"camera": roll.cameras, "viewer": roll.viewers, "router": roll.routers}[kind])
     if name in known and not again:
@@ -153,7 +168,7 @@ def add_keys(
     place = folder / f"{kind}s" / name
     if place.is_symlink() or place.parent.is_symlink():
         raise InputError(f"{place}: found a symbolic link, expected a folder")
-    place.mkdir(parents=True, exist_ok=True)
+    make_folder(place)
     _write(place / "authority.pem", authority)
     _write(place / f"{kind}.pem", certificate)
     _write(place / f"{kind}.key", private)
@@ -170,6 +185,11 @@ def revoke_keys(folder: Path, name: str) -> Roll:
         InputError: when there is none of that name.
     """
     check_camera_id(name)
+    with hold(folder / LIST, wait_s=WAIT_S):
+        return _revoke(folder, name)
+
+
+def _revoke(folder: Path, name: str) -> Roll:
     roll = read_roll(folder)
     everybody = (roll.cameras, roll.viewers, roll.routers)
     lost = [people[name] for people in everybody if name in people]
@@ -193,7 +213,7 @@ def read_roll(folder: Path) -> Roll:
     Raises:
         InputError: when it is missing or not what it should be.
     """
-    path = folder / "keys.toml"
+    path = folder / LIST
     table = read_toml(path, MAX_LIST_BYTES)
     if table.get("format") != FORMAT or table.get("version") != 1:
         raise InputError(f"{path}: expected format {FORMAT!r}, version 1")
@@ -278,15 +298,13 @@ def _write_roll(folder: Path, roll: Roll) -> None:
         "routers": dict(roll.routers),
     }
     written = tomli_w.dumps(table).encode()
-    _write(folder / "keys.toml", written)
+    _write(folder / LIST, written)
     for name in roll.routers:  # to carry there: a router keeps the rules that the edge keeps
         place = folder / "routers" / name
         if place.is_dir() and not place.is_symlink():
-            _write(place / "keys.toml", written)
+            _write(place / LIST, written)
 
 
 def _write(path: Path, content: bytes) -> None:
-    with atomic_file(path) as temporary:
+    with atomic_file(path, private=path.suffix == ".key") as temporary:
         temporary.write_bytes(content)
-    if path.suffix == ".key":
-        os.chmod(path, 0o600)

@@ -7,13 +7,13 @@ slow disk nor a dying trainer costs a slot.
 
 from __future__ import annotations
 
-import fcntl
 import logging
 import os
 import queue
 import threading
 from collections import deque
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ from e3pose.learning.process import TRAINER, TrainerProcess
 from e3pose.learning.ring import Gathering, Ring, slots_in
 from e3pose.learning.settings import LearningSettings
 from e3pose.learning.versions import SHIPPED_NUMBER, Manifest, Version, VersionStore
+from e3pose.lock import hold
 from e3pose.pipeline import SlotRecord
 from e3pose.predictors.attention_lstm import AttentionLstm
 from e3pose.predictors.base import Predictor
@@ -67,14 +68,10 @@ class OnlineTrainer:
         try:
             self.ring = Ring(folder / "poses", skeleton, settings.ring_bytes)
             self.store = VersionStore(folder / "versions", settings.keep_versions)
-            self._lock = (folder / "lock").open("a")
         except OSError as error:
             raise InputError(f"{folder}: cannot be used to learn in: {error.strerror}") from None
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._lock.close()
-            raise InputError(f"{folder}: another process learns there") from None
+        self._lock = ExitStack()
+        self._lock.enter_context(hold(folder / "poses"))
         self._events: deque[str] = deque(maxlen=MAX_EVENTS)
         self._gathering = Gathering(clock.now_ns())
         self._waiting: queue.Queue[Gathering] = queue.Queue(MAX_WAITING)

@@ -13,6 +13,7 @@ from e3pose.atomic import atomic_file
 from e3pose.datasets.arrays import load_arrays
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
+from e3pose.private import make_folder
 from e3pose.skeleton import Skeleton
 
 FORMAT_VERSION = 1
@@ -83,7 +84,7 @@ class Ring:
     """The files of a folder, oldest first; their numbers rise for ever."""
 
     def __init__(self, folder: Path, skeleton: Skeleton, max_bytes: int) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self.folder, self.skeleton, self.max_bytes = folder, skeleton, max_bytes
         numbers = [int(path.stem) for path in self.files()]
         self.next = max(numbers, default=0) + 1
@@ -99,7 +100,7 @@ class Ring:
     def write(self, chunk: Chunk) -> Path:
         """Write a file, and drop the oldest ones beyond the bound."""
         path = self.folder / f"{self.next:08d}.npz"
-        with atomic_file(path) as temporary, temporary.open("wb") as file:
+        with atomic_file(path, private=True) as temporary, temporary.open("wb") as file:
             np.savez(
                 file,
                 version=np.array([FORMAT_VERSION]),

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import msgspec
@@ -14,12 +12,15 @@ import msgspec
 from e3pose.atomic import atomic_file
 from e3pose.bounded import read_bytes
 from e3pose.errors import InputError
+from e3pose.lock import hold
 from e3pose.misfit import misfit
 from e3pose.predictors.attention_lstm import MAX_WEIGHTS_BYTES
+from e3pose.private import make_folder
 
 MANIFEST = "versions.json"
 FORMAT = "e3pose predictor versions"
 MAX_MANIFEST_BYTES = 2**20
+WAIT_S = 10.0  # for another process that changes the versions
 SHIPPED_NUMBER = 0  # the weights to begin with, which are never stored here
 
 
@@ -99,7 +100,7 @@ class VersionStore:
     """A folder of versions. Processes that change it at the same time wait for each other."""
 
     def __init__(self, folder: Path, keep: int = 5) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self.folder, self.keep = folder, keep
 
     def read(self) -> Manifest:
@@ -206,8 +207,5 @@ class VersionStore:
                 path.unlink(missing_ok=True)
                 path.with_suffix(".md").unlink(missing_ok=True)
 
-    @contextmanager
-    def _lock(self) -> Iterator[None]:
-        with (self.folder / "lock").open("a") as file:
-            fcntl.flock(file, fcntl.LOCK_EX)
-            yield
+    def _lock(self) -> AbstractContextManager[None]:
+        return hold(self.folder / MANIFEST, wait_s=WAIT_S)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +16,7 @@ from e3pose.errors import InputError
 from e3pose.recording import decode_view
 
 STATE = "unfinished.json"
-LOCK = "lock"
+LOCK = "lock"  # of earlier versions
 MAX_STATE_BYTES = 2**20
 TAIL_BYTES = 2**16
 
@@ -111,25 +109,6 @@ class Unfinished:
     def _save(self) -> None:
         with atomic_file(self.folder / STATE) as temporary:
             temporary.write_bytes(msgspec.json.format(msgspec.json.encode(self._state), indent=2))
-
-
-@contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Make `folder` if need be and keep every other run out of it.
-
-    Raises:
-        InputError: when another process has it.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(f"{folder}: another run is writing there, wait for its end") from None
-        yield
-    finally:
-        os.close(handle)
 
 
 def _whole(path: Path) -> int:

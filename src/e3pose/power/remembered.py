@@ -58,7 +58,7 @@ def save_charge(path: Path, camera_id: str, capacity_wh: float, left_j: float) -
         "left_j": round(left_j, 1),
         "made": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
     }
-    with atomic_file(path) as temporary:
+    with atomic_file(path, private=True) as temporary:
         temporary.write_text(json.dumps(table, indent=1) + "\n")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,8 @@ from e3pose.edge.settings import EdgeSettings
 from e3pose.errors import InputError
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.keys.folder import Roll, certificates_in, check_certificates, read_roll
+from e3pose.lock import hold
+from e3pose.private import make_folder
 from e3pose.site.config import SiteTable, beside, cameras_of, store_place
 from e3pose.skeleton import Skeleton, skeleton_by_name
 from e3pose.store.rows import Event, Run
@@ -83,6 +85,10 @@ def make_edge(
     """
     cameras = cameras_of(path, site, place.rig)
     checkpoint = beside(path, site.state) if site.state else None
+    if checkpoint is not None:
+        with suppress(OSError):  # told when the state is kept
+            make_folder(checkpoint.parent)
+        stack.enter_context(hold(checkpoint))
     edge_settings = EdgeSettings(
         site=site.name,
         joints=place.skeleton.joints,
@@ -95,6 +101,7 @@ def make_edge(
     edge = EdgeServer(make_pipeline(place, settings), transport, edge_settings, clock, tell=tell)
     if site.store is not None:
         from e3pose.store import Retention, StoreWriter, WriterSettings, parse_age, parse_size
+        from e3pose.store.database import database_path, database_url
 
         run = Run(
             site=site.name,
@@ -111,6 +118,8 @@ def make_edge(
             max_bytes=None if site.store.max_size is None else parse_size(site.store.max_size),
         )
         store = store_place(path, site.store)
+        if (file := database_path(database_url(store))) is not None:
+            stack.enter_context(hold(file, site.name))  # other sites may share it
         edge.sink = stack.enter_context(
             StoreWriter(store, run, WriterSettings(retention=retention), tell=tell)
         )

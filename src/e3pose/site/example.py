@@ -114,7 +114,7 @@ def make_example(folder: Path) -> Path:
             f"{folder}: is there already, expected a new folder; `e3pose up {folder}` runs a site "
             "that is there"
         )
-    with atomic_folder(folder) as made:
+    with atomic_folder(folder, private=True) as made:
         recording = simulate(SCENE, 0)
         write_recorded(made, recording)
     return folder / SITE_FILE

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from e3pose.camera import Rig
 from e3pose.errors import InputError
+from e3pose.private import append_to
 from e3pose.site.config import SiteTable, beside, cameras_of
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
@@ -96,7 +97,7 @@ class Program:
     def start(self) -> None:
         """Start it; its output is appended to its log."""
         self.let_go()
-        with self.log.open("ab") as output:
+        with append_to(self.log) as output:
             # Its own group: a Ctrl-C on the terminal is for us, who end everybody in order.
             self.process = subprocess.Popen(
                 self.command,

@@ -17,6 +17,7 @@ from sqlalchemy.exc import ArgumentError, DBAPIError
 from sqlalchemy.pool import NullPool
 
 from e3pose.errors import InputError
+from e3pose.private import make_file
 from e3pose.store import schema
 
 MAGIC = b"SQLite format 3\0"
@@ -62,7 +63,12 @@ def shown(url: str) -> str:
 def writing_engine(url: str) -> Engine:
     """Return an engine whose connections are set for writing; connects when it is used."""
     engine = _engine(url)
-    if engine.dialect.name == "sqlite":
+    path = database_path(url)
+    if path is not None:
+
+        @event.listens_for(engine, "do_connect")
+        def _make(*_: Any) -> None:
+            make_file(path)  # its log and the index of that take over who may read it
 
         @event.listens_for(engine, "connect")
         def _set(connection: Any, _record: Any) -> None:

@@ -80,7 +80,7 @@ def write_tables(chunks: Iterable[Columns], path: Path, form: str) -> int:
     """
     count = 0
     sinks = {"csv": _csv, "parquet": _parquet, "json": _json}
-    with atomic_file(path) as temporary, sinks[form](temporary) as sink:
+    with atomic_file(path, private=True) as temporary, sinks[form](temporary) as sink:
         for columns in chunks:
             count += len(next(iter(columns.values()), ()))
             sink.write(columns)
