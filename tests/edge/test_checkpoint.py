@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import tracemalloc
+import zipfile
+from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.lib import format as npy
 
 from e3pose.clock import SlotTimes
 from e3pose.edge.amend import skip_to, still_true, with_lead
 from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, take_apart
+from e3pose.edge.state_file import StateFile
 from e3pose.errors import InputError
 from e3pose.evaluate.settings import ReplaySettings, make_pipeline
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
@@ -151,7 +159,162 @@ def test_slots_left_out_save_energy_and_wake_everybody(recording: Recording) -> 
 def test_slots_move_only_with_a_clock_that_went_back() -> None:
     times = SlotTimes(1000 * 10**9, 40_000_000)
     now_ns = times.middle_ns(500)
-    assert still_true(times, 501, now_ns, 2) == times
-    assert still_true(times, 100, now_ns, 2) == times  # away for a while
-    moved = still_true(times, 90_000, now_ns, 2)
+    assert still_true(times, 501, now_ns, 2) == (times, "")
+    assert still_true(times, 100, now_ns, 2) == (times, "")  # away for a while
+    moved, why = still_true(times, 90_000, now_ns, 2)
     assert moved.slot_at(now_ns) == 90_000 - 3  # the orders can still be in time
+    assert why == "this machine's clock went back by 60 min"
+
+
+@pytest.mark.parametrize(
+    ("away_s", "why"),
+    [(130.0, "130.0 s"), (3600.0, "60 min"), (3650 * 86400.0, "10.0 years")],
+)
+def test_slot_numbers_do_not_jump_by_a_clock(away_s: float, why: str) -> None:
+    times = SlotTimes(1000 * 10**9, 40_000_000)
+    now_ns = times.middle_ns(500) + round(away_s * 1e9)
+    moved, told = still_true(times, 500, now_ns, 2)
+    assert moved.slot_at(now_ns) == 500 - 3
+    assert told == f"by this machine's clock {why} have passed"
+
+
+@pytest.mark.parametrize("name", ["paper", "memory"])
+def test_forgotten_people_leave_what_was_learned_of_the_site(
+    name: str, recording: Recording
+) -> None:
+    pipeline = made(recording, name)
+    state, records = run(recording, pipeline, initial_state(pipeline), CUT)
+    assert len(records[-1].track_ids)
+    memory = pipeline.estimator.forget_people(state.memory)
+    kept, was = take_apart(memory), take_apart(state.memory)
+    assert kept.keys() == was.keys()
+    for part, array in kept.items():
+        if part.endswith(("next_id", "sights", "doors", "noise", "time_s")):
+            np.testing.assert_array_equal(array, was[part])
+        else:
+            assert array.size == 0, part
+    state, (record,) = run(recording, pipeline, replace(state, memory=memory), CUT + 1)
+    assert not set(record.track_ids.tolist()) & set(records[-1].track_ids.tolist())
+
+
+def change_file(path: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """Rewrite the arrays of a checkpoint."""
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    change(arrays)
+    np.savez(path, **arrays)
+
+
+def header(**values: int) -> Callable[[dict[str, Any]], None]:
+    def change(arrays: dict[str, Any]) -> None:
+        about = json.loads(arrays["about"].tobytes()) | values
+        arrays["about"] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
+
+    return change
+
+
+def every_integer(value: int) -> Callable[[dict[str, Any]], None]:
+    def change(arrays: dict[str, Any]) -> None:
+        for name, array in arrays.items():
+            if array.dtype.kind == "i":
+                arrays[name] = np.full_like(array, value)
+
+    return change
+
+
+def value(part: str, to: float) -> Callable[[dict[str, Any]], None]:
+    def change(arrays: dict[str, Any]) -> None:
+        name = f"state.{part}"
+        arrays[name] = np.full_like(arrays[name], to)
+
+    return change
+
+
+HOSTILE = {
+    "slot 2^62": value("slot", 2**62),
+    "slot of a wrong clock": value("slot", 275_467_036_077),
+    "slot -1": value("slot", -1),
+    "run 10^30": header(run_ns=10**30),
+    "run -1": header(run_ns=-1),
+    "made 10^30": header(made_ns=10**30),
+    "origin -10^300": header(origin_ns=-(10**300)),
+    "every integer -1": every_integer(-1),
+    "every integer 2^40": every_integer(2**40),
+    "a camera there is none": value("memory.belief.leftovers.cameras", 3),
+    "a track with an id to come": value("memory.belief.track_ids", 1000),
+    "never tried again": value("silence.retry_slot", 2**40),
+    "looked in the future": value("sights.0.slot", 2**40),
+    "missed more than there were slots": value("silence.failures", 2**40),
+    "queue of NaN": value("deficit", np.nan),
+    "far beyond the universe": value("memory.belief.state", 1e200),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_values_that_make_no_sense_begin_afresh(
+    name: str, recording: Recording, tmp_path: Path
+) -> None:
+    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
+    state, _ = run(recording, pipeline, initial_state(pipeline), 20)
+    leftovers = replace(
+        state.memory.belief.leftovers,
+        times_s=np.zeros(1),
+        cameras=np.zeros(1, dtype=np.int64),
+        keypoints_px=np.full((1, 17, 2), 100.0),
+        scores=np.ones((1, 17)),
+    )
+    belief = replace(state.memory.belief, leftovers=leftovers)
+    state = replace(state, memory=replace(state.memory, belief=belief))
+    save_checkpoint(path, Checkpoint(state, 1, 3, 2), pipeline)
+    told: list[str] = []
+    file = StateFile(path, lambda kind, message: told.append(message))
+    assert file.take_up(pipeline) is not None and not told
+    change_file(path, HOSTILE[name])
+    assert file.take_up(pipeline) is None
+    assert len(told) == 1 and "begun afresh" in told[0]
+    assert not path.exists()
+
+
+def test_state_that_the_loop_fails_on_begins_afresh(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
+    save_checkpoint(path, Checkpoint(initial_state(pipeline), 1, 3, 2), pipeline)
+
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("one of many")
+
+    monkeypatch.setattr("e3pose.edge.state_file.step", fail)
+    told: list[str] = []
+    assert StateFile(path, lambda kind, message: told.append(message)).take_up(pipeline) is None
+    assert "the loop fails on" in told[0] and "one of many" in told[0]
+
+
+def test_zip_bomb_is_refused_before_it_is_unpacked(recording: Recording, tmp_path: Path) -> None:
+    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
+    save_checkpoint(path, Checkpoint(initial_state(pipeline), 1, 3, 2), pipeline)
+    with (
+        zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("state.more.npy", "w", force_zip64=True) as member,
+    ):
+        head = {"descr": "<f8", "fortran_order": False, "shape": (2**25,)}
+        npy.write_array_header_1_0(member, head)
+        for _ in range(256):
+            member.write(bytes(2**20))
+    tracemalloc.start()
+    with pytest.raises(InputError, match=r"state\.npz: found no checkpoint \(found packed"):
+        load_checkpoint(path, pipeline)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 16 * 2**20
+
+
+def test_arrays_that_share_their_bytes_are_refused(recording: Recording, tmp_path: Path) -> None:
+    pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.npy", bytes(10_000))
+        for number in range(1000):
+            archive.filelist.append(copy(archive.filelist[0]))
+            archive.filelist[-1].filename = f"{number}.npy"
+    with pytest.raises(InputError, match="1001 arrays larger than the file"):
+        load_checkpoint(path, pipeline)

@@ -192,6 +192,21 @@ def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
     assert eventually(lambda: len(site.online()) == 3)
 
 
+def test_edge_whose_clock_went_ahead_goes_on_with_the_next_slot(site: Site) -> None:
+    assert site.edge is not None
+    edge = site.edge
+    assert eventually(lambda: edge.newest is not None and len(edge.newest.track_ids) > 0)
+    edge.stop()
+    slot = edge.state.slot
+    site.clock = WallClock(site.clock.origin_ns + 3600 * 10**9)
+    again = site.start_edge()
+    assert eventually(lambda: again.counts.views > 10)
+    assert slot < again.state.slot < slot + 400
+    told = [event.message for event in site.events if event.kind == "clock"]
+    assert "60 min have passed: slots go on with the next number" in told[-1]
+    assert eventually(lambda: len(site.online()) == 3)
+
+
 def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
     edge = site.edge
     assert edge is not None

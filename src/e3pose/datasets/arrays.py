@@ -69,7 +69,7 @@ def load_arrays(path: Path, shapes: Mapping[str, Shape]) -> dict[str, NDArray[np
                 raise InputError(f"{path}: array {name!r} is missing, found {found[:300]!r}")
             try:
                 with archive.open(entry) as member:
-                    array = _read(member, entry.file_size)
+                    array = read_array(member, entry.file_size)
             except BROKEN as error:
                 reason = " ".join(str(error).split())[:200] or type(error).__name__
                 raise InputError(f"{path}: array {name!r}: {reason}") from None
@@ -99,8 +99,17 @@ def integers(path: Path, name: str, array: NDArray[np.generic], below: int) -> N
     return values
 
 
-def _read(member: IO[bytes], size: int) -> NDArray[np.generic]:
-    """Read one .npy whose header may lie about its size."""
+def read_array(member: IO[bytes], size: int, kinds: str = "fiuU") -> NDArray[np.generic]:
+    """Read one .npy whose header may lie about its size.
+
+    Args:
+        member: where it begins.
+        size: bytes that it may have.
+        kinds: of its values, as numpy writes them: numbers and text by default.
+
+    Raises:
+        ValueError: or another of `BROKEN`, where it is none.
+    """
     version = npy.read_magic(member)
     if version == (1, 0):
         shape, fortran, dtype = npy.read_array_header_1_0(member)
@@ -108,8 +117,8 @@ def _read(member: IO[bytes], size: int) -> NDArray[np.generic]:
         shape, fortran, dtype = npy.read_array_header_2_0(member)
     else:
         raise ValueError(f"found .npy version {version}, expected 1.0 or 2.0")
-    if dtype.hasobject or dtype.kind not in "fiuU":
-        raise ValueError(f"found {dtype}, expected numbers or text")
+    if dtype.hasobject or dtype.kind not in kinds:
+        raise ValueError(f"found {dtype}, expected numbers{' or text' if 'U' in kinds else ''}")
     count = 1
     for length in shape:
         count *= length

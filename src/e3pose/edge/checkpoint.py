@@ -10,30 +10,31 @@ from __future__ import annotations
 import json
 import struct
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
-from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.atomic import atomic_file
-from e3pose.bounded import read_bytes
+from e3pose.bounded import open_regular
+from e3pose.datasets.arrays import BROKEN, read_array
 from e3pose.errors import InputError
+from e3pose.liveness import RETRY_LIMIT_S
 from e3pose.pipeline import Pipeline, SlotState, initial_state
 
 VERSION = 4  # 1 lacks the run, 2 what links lose, 3 doors and how noisy cameras are
-MAX_BYTES = 256 * 2**20
+MAX_BYTES = 64 * 2**20  # 28 cameras and 20 people take about one
+MAX_ARRAYS = 10_000
+MAX_S = 100 * 365.25 * 86400  # of slots
+MAX_NS = 2**62  # the year 2116: what is added to it still fits 64 bits
+MAX_ID = 2**53
+MAX_VALUE = 1e15  # in whatever unit
 ABOUT = "about"
 FORGOTTEN = {"shown"}  # of the slot before, which is history when the edge is back
-# What numpy and zipfile raise for archives that are none, or no longer.
-DAMAGE = (
-    ValueError, KeyError, TypeError, OSError, EOFError, RuntimeError, MemoryError,
-    zipfile.BadZipFile, zlib.error, struct.error,
-)  # fmt: skip
+DAMAGE = (*BROKEN, struct.error)  # what archives raise that are none, or no longer
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -78,14 +79,15 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
     Raises:
         InputError: when it is damaged, of another version, or of other cameras or joints.
     """
-    content = read_bytes(path, MAX_BYTES)
     try:
-        with np.load(BytesIO(content), allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
+        with open_regular(path, MAX_BYTES) as file:
+            arrays = _unpacked(file, path.stat().st_size)
         about = json.loads(arrays.pop(ABOUT).tobytes())
         lead, origin, made, run = (
             int(about[key]) for key in ("lead_slots", "origin_ns", "made_ns", "run_ns")
         )
+    except InputError:
+        raise
     except DAMAGE as error:
         reason = " ".join(str(error).split())[:120]
         raise InputError(f"{path}: found no checkpoint ({reason})") from None
@@ -93,10 +95,18 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
         raise InputError(f"{path}: found version {about.get('version')}, expected {VERSION}")
     if about.get("site") != _fingerprint(pipeline):
         raise InputError(f"{path}: found a checkpoint of other cameras, joints or estimator")
-    if not 1 <= lead <= 1000:
-        raise InputError(f"{path}: lead_slots: found {lead}, expected 1 to 1000")
+    for name, value, low, high in (
+        ("lead_slots", lead, 1, 1000),
+        ("origin_ns", origin, -MAX_NS, MAX_NS),
+        ("made_ns", made, 0, MAX_NS),
+        ("run_ns", run, 0, MAX_NS),
+    ):
+        if not low <= value <= high:
+            raise InputError(f"{path}: {name}: found {str(value)[:40]}, expected {low} to {high}")
     pattern = initial_state(replace(pipeline, lead_slots=lead))
-    return Checkpoint(put_together(pattern, arrays, str(path)), origin, lead, made, run)
+    state = put_together(pattern, arrays, str(path))
+    _check_values(take_apart(state), len(pipeline.rig), pipeline.interval_s, str(path))
+    return Checkpoint(state, origin, lead, made, run)
 
 
 def take_apart(value: Any, name: str = "state") -> Arrays:
@@ -123,6 +133,49 @@ def put_together(pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str) -
         InputError: naming the array that is missing or does not fit.
     """
     return _fill(pattern, arrays, where, "state")
+
+
+def _unpacked(file: BinaryIO, size: int) -> Arrays:
+    """Return the arrays of an .npz that was not packed: they take no more than its size."""
+    with zipfile.ZipFile(file) as archive:
+        entries = archive.infolist()
+        if any(entry.compress_type != zipfile.ZIP_STORED for entry in entries):
+            raise ValueError("found packed arrays, expected plain ones")
+        if len(entries) > MAX_ARRAYS or sum(e.file_size for e in entries) > size:
+            raise ValueError(f"found {len(entries)} arrays larger than the file")
+        arrays: Arrays = {}
+        for entry in entries:
+            with archive.open(entry) as member:
+                array = read_array(member, entry.file_size, "biufU")
+                arrays[entry.filename.removesuffix(".npy")] = array
+    return arrays
+
+
+def _check_values(arrays: Arrays, num_cameras: int, interval_s: float, where: str) -> None:
+    """Raise `InputError` for values that no loop leaves behind, on which it might end or hang."""
+    slot = int(arrays["state.slot"])
+    last_id = max(int(a) for name, a in arrays.items() if name.endswith("next_id")) - 1
+    bounds = {  # by the last word of the name; of anything else there is one a slot and camera
+        "cameras": (0, num_cameras - 1),
+        "next_id": (0, MAX_ID),
+        "retry_slot": (0, slot + round(RETRY_LIMIT_S / interval_s) + 1),
+        "track_ids": (0, last_id),
+        "tracks": (0, last_id),
+        "slot": (-1, slot - 1),  # of a camera's sight
+        "counts": (0, (slot + 1) * num_cameras + 2),
+    }
+    for name, array in arrays.items():
+        low, high = bounds.get(name.rpartition(".")[2], bounds["counts"])
+        if name == "state.slot":
+            low, high = 0, round(MAX_S / interval_s)
+        if array.dtype.kind == "f":
+            low, high = -round(MAX_VALUE), round(MAX_VALUE)
+            array = array[np.isfinite(array)]  # NaN is missing, and inf never
+        wrong = array[(array < low) | (array > high)] if array.dtype.kind != "b" else array[:0]
+        if wrong.size:
+            raise InputError(f"{where}: {name}: found {wrong.flat[0]}, expected {low} to {high}")
+    if not np.isfinite(arrays["state.deficit"]).all():
+        raise InputError(f"{where}: state.deficit: found NaN, expected finite numbers")
 
 
 def _fill(pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str, name: str) -> Any:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.clock import Clock, SlotTimes
-from e3pose.edge.amend import skip_to, still_true, with_lead
+from e3pose.edge.amend import lasting, skip_to, still_true, with_lead
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
@@ -242,9 +242,11 @@ class EdgeServer:
             ahead = (1 + self.lead.slots) * self.interval_ns
             times = SlotTimes(now_ns + ahead, self.interval_ns)
         else:
-            times = still_true(self.times, self.state.slot, now_ns, self.lead.slots)
-            if times != self.times:
-                self.tell("clock", "this machine's clock went back: slots moved with it")
+            times, moved = still_true(self.times, self.state.slot, now_ns, self.lead.slots)
+            if moved:
+                self.tell("clock", f"{moved}: slots go on with the next number and nobody in them")
+                memory = self.pipeline.estimator.forget_people(self.state.memory)
+                self.state = replace(self.state, memory=memory)
             self._skip(max(self.state.slot, times.slot_at(now_ns) + 1))
         for ahead, decision in enumerate(self.state.selections):
             self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
@@ -408,7 +410,8 @@ class EdgeServer:
         memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
         away_s = (self.clock.now_ns() - found.made_ns) / 1e9
-        self.tell("resumed", f"goes on after slot {self.state.slot - 1}, {away_s:.1f} s later")
+        when = f"{lasting(abs(away_s))} {'later' if away_s >= 0 else 'before it was kept'}"
+        self.tell("resumed", f"goes on after slot {self.state.slot - 1}, {when}")
 
     def _guarded(self, body: Callable[[], Any]) -> None:
         try:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from e3pose.edge.reports import one_line
 from e3pose.errors import InputError
-from e3pose.pipeline import Pipeline
+from e3pose.pipeline import Pipeline, step
 
 
 @dataclass(slots=True, eq=False)
@@ -46,10 +48,21 @@ class StateFile:
         if self.path is None or not self.path.exists():
             return None
         try:
-            return load_checkpoint(self.path, pipeline)
+            found = load_checkpoint(self.path, pipeline)
+            self._try(self.path, found, pipeline)
+            return found
         except InputError as error:
             self._set_aside(self.path, error)
             return None
+
+    def _try(self, path: Path, found: Checkpoint, pipeline: Pipeline) -> None:
+        """Raise `InputError` if the loop fails on a state, as it would at every start from now."""
+        everybody = np.ones(len(pipeline.rig), dtype=bool)
+        try:
+            step(replace(pipeline, lead_slots=found.lead_slots), found.state, {}, everybody)
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"[:120]
+            raise InputError(f"{path}: found a state that the loop fails on ({reason})") from None
 
     def _set_aside(self, path: Path, error: InputError) -> None:
         aside = path.with_name(path.name + ".unusable")

@@ -89,6 +89,10 @@ class Estimator(Protocol[Memory]):
         """Return the memory in which the next `count` identities are never given to anybody."""
         ...
 
+    def forget_people(self, memory: Memory) -> Memory:
+        """Return the memory with nobody in it: what was learned of the site and ids stay."""
+        ...
+
     def outlook(self, memory: Memory, ahead_s: float) -> Outlook:
         """Return what is expected `ahead_s` seconds after the newest slot, if nothing is seen."""
         ...

@@ -116,6 +116,10 @@ class Filtered:
         belief = replace(memory.belief, next_id=memory.belief.next_id + count)
         return replace(memory, belief=belief)
 
+    def forget_people(self, memory: Remembered) -> Remembered:
+        """See `Estimator.forget_people`."""
+        return replace(self.begin(), belief=memory.belief.without_people())
+
     def outlook(self, memory: Remembered, ahead_s: float) -> Outlook:
         """See `Estimator.outlook`.
 

@@ -66,6 +66,10 @@ class PerSlot:
         """See `Estimator.leave_out_ids`."""
         return replace(memory, next_id=memory.next_id + count)
 
+    def forget_people(self, memory: Tracks) -> Tracks:
+        """See `Estimator.forget_people`."""
+        return replace(self.begin(), next_id=memory.next_id)
+
     def outlook(self, memory: Tracks, ahead_s: float) -> Outlook:
         """See `Estimator.outlook`.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -262,6 +262,12 @@ class Belief:
             doors=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
             noise=np.zeros((len(model.rig) + 1, 2)),
         )
+
+    def without_people(self) -> Belief:
+        """Return the belief of the same site with nobody in it."""
+        nobody = {name: array[:0] for name, array in self.columns().items()}
+        leftovers = self.leftovers.take(np.zeros(0, dtype=np.int64))
+        return replace(self, leftovers=leftovers, **nobody)  # type: ignore[arg-type]
 
     def columns(self) -> dict[str, NDArray[np.generic]]:
         """Return the arrays that have one row per track."""
