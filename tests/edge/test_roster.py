@@ -9,6 +9,7 @@ from e3pose.edge.roster import (
     FLOOD_RATE,
     FROZEN_S,
     QUARANTINE_S,
+    RIVAL_S,
     SILENT_S,
     WRONG_LIMIT,
     CameraLife,
@@ -60,6 +61,40 @@ def test_camera_says_that_its_orders_come_late_until_they_do_not() -> None:
     for late_orders, expected in ((0, False), (2, True), (2, False), (3, True), (0, False)):
         life = take_beat(life, structs.replace(BEAT, late_orders=late_orders), NOW)
         assert life.orders_late is expected
+
+
+def speak(life: CameraLife, session: int, at_ns: int) -> CameraLife:
+    life = greet(life, structs.replace(HELLO, session=session), at_ns)
+    return take_beat(life, structs.replace(BEAT, session=session, captured=at_ns), at_ns)
+
+
+def test_two_programs_that_speak_as_one_camera_are_told_apart() -> None:
+    life, at_ns = well(), NOW
+    for _ in range(4):
+        for session in (5, 9):
+            at_ns += SECOND // 4
+            life = speak(life, session, at_ns)
+    told = "two programs speak as cam1: sessions 5 and 9, expected one with its name"
+    assert told in why(life, at_ns)
+    for later_s, expected in ((1, told), (RIVAL_S / 2, told), (RIVAL_S, "")):  # one of them ended
+        later_ns = at_ns + round(later_s * SECOND)
+        life = speak(life, 9, later_ns)
+        assert expected in why(life, later_ns) and bool(expected) == bool(why(life, later_ns))
+
+
+def test_restarts_are_no_second_program() -> None:
+    life, at_ns = well(), NOW
+    for session in range(6, 30):  # again and again, as of a program that crashes
+        for _ in range(2):
+            at_ns += SECOND // 4
+            life = speak(life, session, at_ns)
+            assert why(life, at_ns) == ""
+        assert len(life.sessions) <= 4 and not life.returns
+
+
+def test_last_word_of_a_program_that_ended_may_come_late() -> None:
+    life = speak(speak(speak(well(), 9, NOW), 5, NOW), 9, NOW)
+    assert why(life) == ""
 
 
 def test_silence_is_noticed_within_two_seconds() -> None:

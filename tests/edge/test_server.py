@@ -112,6 +112,18 @@ def test_lossy_network_loses_views_but_no_slot(site: Site) -> None:
     assert eventually(lambda: len(site.online()) == 3)
 
 
+def test_two_programs_with_one_name_are_told_apart(site: Site) -> None:
+    first = site.nodes["cam1"]
+    second = site.start_camera("cam1")
+    sessions = sorted((first.session, second.session))
+    told = f"two programs speak as cam1: sessions {sessions[0]} and {sessions[1]}"
+    assert eventually(lambda: told in site.camera("cam1").why)
+    assert site.online() == {"cam0", "cam2"}
+    assert eventually(lambda: any(told in event.message for event in site.events))
+    first.stop()
+    assert eventually(lambda: len(site.online()) == 3)
+
+
 def test_restarted_camera_comes_back_by_itself(site: Site) -> None:
     site.nodes["cam0"].stop()
     assert eventually(lambda: "cam0" not in site.online())

@@ -15,6 +15,9 @@ FLOOD_RATE = 4.0  # times the messages that a camera needs, beyond which the res
 # What a camera knows of the error of its clock is half the quickest round trip: a bound, and the
 # truth is far within it. Beyond this it cannot be trusted to say which slot it saw.
 CLOCK_ERROR_NS = 250_000_000
+RIVAL_RETURNS = 3  # of a session after another one spoke: a restart has none, a slow link one
+RIVAL_S = 10.0  # within which they come, and after which it is over
+SESSIONS = 4  # of one camera, to remember
 FROZEN_S = 5.0  # active all that time, but no new frame taken
 
 
@@ -36,6 +39,8 @@ class CameraLife:
         frame_ns: when its count of frames last grew.
         restarts: how often its program was started anew.
         orders_late: whether its newest heartbeat told of more orders that came too late.
+        sessions: of the programs that spoke in its name of late, who spoke last being the last.
+        returns: when one of them spoke again after another one, newest last.
     """
 
     camera_id: str
@@ -51,6 +56,8 @@ class CameraLife:
     frame_ns: int = 0
     restarts: int = 0
     orders_late: bool = False
+    sessions: tuple[int, ...] = ()
+    returns: tuple[int, ...] = ()
 
 
 def come_or_go(life: CameraLife, there: bool, now_ns: int) -> CameraLife:
@@ -62,7 +69,7 @@ def greet(life: CameraLife, hello: Hello, now_ns: int) -> CameraLife:
     """Return the life of a camera that said what it is."""
     again = life.hello is not None and life.hello.session != hello.session
     return replace(
-        life,
+        _speak(life, hello.session, now_ns),
         present=True,
         hello=hello,
         heard_ns=now_ns,
@@ -76,13 +83,30 @@ def take_beat(life: CameraLife, beat: Heartbeat, now_ns: int) -> CameraLife:
     """Return the life of a camera that said how it is."""
     moved = life.beat is None or beat.captured != life.beat.captured
     return replace(
-        life,
+        _speak(life, beat.session, now_ns),
         present=True,
         beat=beat,
         heard_ns=now_ns,
         frame_ns=now_ns if moved or beat.mode == "aggressive-power-saving" else life.frame_ns,
         orders_late=life.beat is not None and beat.late_orders > life.beat.late_orders,
     )
+
+
+def _speak(life: CameraLife, session: int, now_ns: int) -> CameraLife:
+    """Return the life of a camera in whose name a program spoke."""
+    if life.sessions[-1:] == (session,):
+        return life
+    recent = tuple(at for at in life.returns if now_ns - at < RIVAL_S * 1e9)[-RIVAL_RETURNS:]
+    if session in life.sessions:
+        recent = (*recent, now_ns)
+    others = tuple(other for other in life.sessions if other != session)
+    return replace(life, sessions=(*others, session)[-SESSIONS:], returns=recent)
+
+
+def rivals(life: CameraLife, now_ns: int) -> tuple[int, ...]:
+    """Return the sessions of the programs that speak as this camera; empty if there is only one."""
+    recent = [at for at in life.returns if now_ns - at < RIVAL_S * 1e9]
+    return tuple(sorted(life.sessions[-2:])) if len(recent) >= RIVAL_RETURNS else ()
 
 
 def hear(life: CameraLife, now_ns: int) -> CameraLife:
@@ -129,6 +153,11 @@ def trouble(
         return "not connected"
     if now_ns - life.heard_ns > SILENT_S * 1e9:
         return f"silent for {(now_ns - life.heard_ns) / 1e9:.0f} s"
+    if speakers := rivals(life, now_ns):
+        return (
+            f"two programs speak as {life.camera_id}: sessions "
+            f"{' and '.join(map(str, speakers))}, expected one with its name and certificate"
+        )
     if now_ns < life.quarantined_until_ns:
         return f"sends messages that make no sense ({life.misfit})"
     if life.hello is None:  # without a frame it cannot know, and may say why
