@@ -5,15 +5,31 @@ from __future__ import annotations
 import socket
 import urllib.request
 from pathlib import Path
+from typing import Any
 
 import pytest
 from tests.edge.one_process import site_at_work
 from tests.waiting import eventually
 
 from e3pose.errors import InputError
+from e3pose.pipeline import SlotRecord
 from e3pose.site.metrics import serve_metrics
+from e3pose.store import Event, WriterStatus
 
 pytest.importorskip("prometheus_client")
+
+
+class Kept:
+    """A store with troubles."""
+
+    def append(self, record: SlotRecord, **_: Any) -> bool:
+        return True
+
+    def event(self, event: Event) -> bool:
+        return True
+
+    def status(self) -> WriterStatus:
+        return WriterStatus(7, 0, spooled=4, shed=5, trouble="disk full", corrupt=2)
 
 
 def free_port() -> int:
@@ -38,6 +54,7 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
         for _ in range(3):
             liar.publish("e3pose/lab/camera/cam1/view", b"garbage")
             liar.publish("e3pose/lab/camera/nobody/view", b"garbage")
+        edge.sink = Kept()
         server = serve_metrics(edge, port)
         try:
             with pytest.raises(InputError, match=f"metrics_port: {port}: .*expected a free port"):
@@ -52,6 +69,10 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
         assert found["e3pose_unknown_messages_total"] == 3
         assert found["e3pose_unread_messages_total"] == 0
         assert found["e3pose_lead_slots"] >= 1
+        assert found["e3pose_store_corrupt_total"] == 2
+        assert found["e3pose_store_shed_total"] == 5
+        assert found["e3pose_store_spooled_rows"] == 4
+        assert found["e3pose_store_trouble"] == 1
         for camera in site.nodes:
             of = {
                 name.split("{")[0].removeprefix("e3pose_camera_"): value

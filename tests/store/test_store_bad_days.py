@@ -19,6 +19,7 @@ from tests.waiting import eventually
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
 from e3pose.store import Event, Run, Store, StoreWriter, WriterSettings, database
+from e3pose.store.integrity import Watch, problem_of
 from e3pose.store.spool import spools_of
 
 Records = Callable[..., SlotRecord]
@@ -318,10 +319,10 @@ def test_damaged_database_is_set_aside_and_kept(
     told: list[Event] = []
     with StoreWriter(path, run(), QUICK, tell=told.append) as writer:
         writer.append(record(5))
-    (aside,) = tmp_path.glob("live.db.damaged-*Z")
+    (aside,) = tmp_path.glob("live.db.corrupt-*Z")
     assert aside.read_bytes() == bytes(content)
     assert stored_slots(path) == [5]
-    (event,) = [event for event in told if event.kind == "store-damaged"]
+    (event,) = [event for event in told if event.kind == "store-corrupt"]
     assert aside.name in event.message
     assert "a new one takes its place" in event.message
 
@@ -344,9 +345,90 @@ def test_damage_while_running_starts_a_new_database(
             time.sleep(0.01)
         wait_for(lambda: writer.status().trouble is None and writer.status().spooled == 0)
         assert writer.flush()
-    assert list(tmp_path.glob("live.db.damaged-*"))
+    assert list(tmp_path.glob("live.db.corrupt-*"))
     assert stored_slots(path)[-1] == 329
-    assert any(event.kind == "store-damaged" for event in told)
+    assert any(event.kind == "store-corrupt" for event in told)
+
+
+def scribble(path: Path) -> None:
+    with path.open("r+b") as file:
+        file.seek(path.stat().st_size // 2)
+        file.write(os.urandom(40_000))
+
+
+def cut_off(path: Path) -> None:
+    os.truncate(path, path.stat().st_size // 2 + 7)
+
+
+def write_over(path: Path) -> None:
+    path.write_bytes(b"dear all, " * 1000)
+
+
+def put_in_its_place(path: Path) -> None:
+    (path.parent / "letter").write_bytes(b"dear all, " * 1000)
+    os.replace(path.parent / "letter", path)
+
+
+@pytest.mark.parametrize(
+    ("harm", "check_s"),
+    [(scribble, 0.1), (cut_off, 1000.0), (write_over, 1000.0), (put_in_its_place, 1000.0)],
+)
+def test_damage_that_no_commit_meets_is_found(
+    tmp_path: Path, record: Records, run: Runs, harm: Callable[[Path], None], check_s: float
+) -> None:
+    path = tmp_path / "live.db"
+    told: list[Event] = []
+    settings = WriterSettings(commit_s=0.02, check_s=check_s)
+    with StoreWriter(path, run(), settings, tell=told.append) as writer:
+        for slot in range(600):
+            writer.append(record(slot), wait=True)
+        assert writer.flush()
+        with sqlite3.connect(path) as connection:  # all of it is in the file
+            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        connection.close()
+        wait_for(lambda: writer._watch is not None and writer._watch._thread is None)
+        assert writer.status().corrupt == 0 and not told
+        harm(path)
+        slot = 600
+        while writer.status().corrupt == 0:
+            writer.append(record(slot))
+            slot += 1
+            time.sleep(0.01)
+            assert slot < 3000, "nobody noticed"
+        writer.append(record(slot))
+        wait_for(lambda: writer.status().trouble is None and writer.status().spooled == 0)
+        assert writer.flush()
+    assert stored_slots(path)[-1] == slot
+    assert len([event for event in told if event.kind == "store-corrupt"]) == 1
+    (aside,) = (p for p in tmp_path.glob("live.db.corrupt-*") if p.name.endswith("Z"))
+    assert problem_of(aside) and not problem_of(path)
+
+
+def test_damage_is_not_held_against_the_file_that_took_its_place(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    path = tmp_path / "live.db"
+    path.write_bytes(b"dear all, " * 1000)
+    for replaced in (False, True):
+        watch = Watch(path, every_s=1000.0)
+        assert watch.look() == ""
+        assert watch._thread is not None
+        watch._thread.join()
+        if replaced:
+            path.rename(tmp_path / "aside")
+            with StoreWriter(path, run()) as writer:
+                writer.append(record(0))
+        assert watch.look() == ("" if replaced else "file is not a database")
+
+
+def test_look_at_a_file_ends_in_time(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "live.db"
+    with StoreWriter(path, run()) as writer:
+        writer.append(record(0))
+    path.write_bytes(b"dear all, " * 1000)
+    assert problem_of(path) == "file is not a database"
+    assert problem_of(path, limit_s=0.0) in ("", "file is not a database")
+    assert problem_of(tmp_path / "nothing.db") == ""
 
 
 def test_file_that_is_moved_away_is_begun_again(tmp_path: Path, record: Records, run: Runs) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from e3pose.pipeline import SlotRecord
 from e3pose.predictors.base import Predictor
 from e3pose.store.rows import Event
+
+if TYPE_CHECKING:
+    from e3pose.store.writer import WriterStatus
 
 
 class Sink(Protocol):
@@ -28,6 +31,10 @@ class Sink(Protocol):
 
     def event(self, event: Event) -> bool:
         """Keep an event."""
+        ...
+
+    def status(self) -> WriterStatus:
+        """Return how the keeping goes."""
         ...
 
 

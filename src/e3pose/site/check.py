@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import datetime
+import glob
 import shutil
+import stat
 import subprocess
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -27,6 +29,7 @@ SOON_DAYS = 30
 APART_M = 0.1  # cameras nearer to each other than this see the same
 CLOCK_MS = 5.0
 FREE_BYTES = 10**9
+STORE_LOOK_S = 5.0  # at its database
 
 Level = Literal["ok", "warning", "problem"]
 
@@ -216,8 +219,39 @@ def check_places(path: Path, site: SiteTable) -> Iterator[Finding]:
             )
         else:
             yield Finding("ok", what, f"{free / 1e9:.0f} GB free in {folder}")
+        yield from _readers(what, beside(path, name))
     if site.store is None:
         yield Finding("warning", "store", "none: nothing is kept", "[store] path = 'poses.db'")
+    elif "://" not in site.store.path:
+        yield from check_store(beside(path, site.store.path))
+
+
+def _readers(what: str, file: Path) -> Iterator[Finding]:
+    try:
+        everybody = file.stat().st_mode & stat.S_IROTH
+    except OSError:
+        return
+    if everybody:
+        found = f"everybody on this machine may read where people were: {file}"
+        yield Finding("warning", what, found, f"chmod o-rwx {file}*")
+
+
+def check_store(file: Path) -> Iterator[Finding]:
+    """Look whether the database is whole, for some seconds, and for those that were not."""
+    from e3pose.store.integrity import problem_of
+
+    if file.is_file() and (problem := problem_of(file, STORE_LOOK_S)):
+        advice = "a running edge sets it aside within minutes, another one when it starts"
+        yield Finding("problem", "store-corrupt", f"{file}: damaged ({problem})", advice)
+    aside = [
+        other
+        for other in sorted(file.parent.glob(f"{glob.escape(file.name)}.corrupt-*"))
+        if not other.name.endswith(("-wal", "-shm"))
+    ]
+    if aside:
+        found = f"{counted(len(aside), 'damaged database')} set aside, the last is {aside[-1]}"
+        advice = f"`sqlite3 {aside[-1]} .recover` reads what can be read; then remove it"
+        yield Finding("warning", "store-corrupt", found, advice)
 
 
 def check_models(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:

@@ -120,8 +120,13 @@ def make_edge(
         store = store_place(path, site.store)
         if (file := database_path(database_url(store))) is not None:
             stack.enter_context(hold(file, site.name))  # other sites may share it
+
+        def tell_of_store(event: Event) -> None:
+            edge.events.append(event)  # the writer keeps it itself
+            tell(event)
+
         edge.sink = stack.enter_context(
-            StoreWriter(store, run, WriterSettings(retention=retention), tell=tell)
+            StoreWriter(store, run, WriterSettings(retention=retention), tell=tell_of_store)
         )
     if site.learn is not None:
         from e3pose.learning import LearningSettings, OnlineTrainer

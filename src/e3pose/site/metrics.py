@@ -39,6 +39,7 @@ class EdgeCollector:
             ("latency_seconds_p99", "99th percentile of it", status.latency_ms[1] / 1e3),
         ):
             yield GaugeMetricFamily(f"e3pose_{name}", text, value=level)
+        yield from _store(self._edge)
         for name, text, values in (
             ("camera_online", "whether a camera can be chosen", [c.online for c in status.cameras]),
             ("camera_duty", "share of slots in which it looked", [c.duty for c in status.cameras]),
@@ -72,6 +73,24 @@ class EdgeCollector:
                 if found is not None:
                     family.add_metric([camera.camera_id], float(found))
             yield family
+
+
+def _store(edge: EdgeServer) -> Iterator[Any]:
+    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+
+    if edge.sink is None:
+        return
+    kept = edge.sink.status()
+    for name, text, count in (
+        ("store_corrupt", "databases set aside because their content was wrong", kept.corrupt),
+        ("store_shed", "records given up", kept.shed),
+    ):
+        yield CounterMetricFamily(f"e3pose_{name}", text, value=count)
+    for name, text, level in (
+        ("store_trouble", "whether the store takes nothing", kept.trouble is not None),
+        ("store_spooled_rows", "rows that wait for the store", kept.spooled),
+    ):
+        yield GaugeMetricFamily(f"e3pose_{name}", text, value=level)
 
 
 def serve_metrics(edge: EdgeServer, port: int) -> Any:

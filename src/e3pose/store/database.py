@@ -162,11 +162,11 @@ def open_checked(url: str) -> str | None:
 def set_aside(path: Path, reason: str) -> str:
     """Rename a damaged database and its log, so that somebody can look at it; say where it is."""
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    new = path.with_name(f"{path.name}.damaged-{stamp}")
+    new = path.with_name(f"{path.name}.corrupt-{stamp}")
     number = 1
     while new.exists():
         number += 1
-        new = path.with_name(f"{path.name}.damaged-{stamp}-{number}")
+        new = path.with_name(f"{path.name}.corrupt-{stamp}-{number}")
     for ending in ("-wal", "-shm", ""):
         part = Path(f"{path}{ending}")
         if part.exists():
@@ -183,12 +183,13 @@ def reason_of(error: Exception) -> str:
 
 def is_damage(error: Exception) -> bool:
     """Tell a file whose content is wrong from a disk or a lock that does not let us write."""
-    if not isinstance(error, DBAPIError):
-        return isinstance(error, UnicodeDecodeError)
-    code = getattr(error.orig, "sqlite_errorcode", None)  # Python 3.11 and later
+    said = error.orig if isinstance(error, DBAPIError) else error
+    if isinstance(said, UnicodeDecodeError):
+        return True
+    code = getattr(said, "sqlite_errorcode", None)  # Python 3.11 and later
     if code is not None:
         return code & 0xFF in (CORRUPT, NOT_A_DATABASE)
-    return any(word in str(error.orig) for word in DAMAGE)
+    return isinstance(said, sqlite3.Error) and any(word in str(said) for word in DAMAGE)
 
 
 def _engine(url: str) -> Engine:
@@ -199,11 +200,27 @@ def _engine(url: str) -> Engine:
         raise InputError(f"{shown(url)}: cannot be opened ({reason})") from None
 
 
-def _reading_url(path: Path) -> str:
+def reading_uri(path: Path) -> str:
+    """Return the SQLite URI by which a file is read and never written."""
     quoted = str(path.absolute()).replace("%", "%25").replace("?", "%3f").replace("#", "%23")
     # A folder that may not be written has no place for the index of the log: read without one.
     alone = not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists()
-    return f"sqlite:///file:{quoted}?mode=ro{'&immutable=1' if alone else ''}&uri=true"
+    return f"file:{quoted}?mode=ro{'&immutable=1' if alone else ''}"
+
+
+def identity(path: Path | None) -> tuple[int, int] | None:
+    """Return what tells a file from another one in its place; None of other databases."""
+    if path is None:
+        return None
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return (0, 0)
+    return status.st_dev, status.st_ino
+
+
+def _reading_url(path: Path) -> str:
+    return f"sqlite:///{reading_uri(path)}&uri=true"
 
 
 def _prepare(url: str, path: Path | None) -> None:
@@ -214,7 +231,7 @@ def _prepare(url: str, path: Path | None) -> None:
             if path.stat().st_size <= CHECKED_BYTES:
                 found = connection.execute(text("PRAGMA quick_check(1)")).scalar()
                 if found != "ok":
-                    raise _damage(str(found))
+                    raise damage(str(found))
     with _connected(writing_engine(url)) as connection, connection.begin():
         schema.prepare(connection, shown(url))
 
@@ -228,7 +245,8 @@ def _connected(engine: Engine) -> Iterator[Connection]:
         engine.dispose()
 
 
-def _damage(reason: str) -> DBAPIError:
+def damage(reason: str) -> DBAPIError:
+    """Return the error of a file of which a check found something wrong."""
     error = sqlite3.DatabaseError(f"malformed: {' '.join(reason.split())}")
     return DBAPIError("PRAGMA quick_check", None, error)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Insert, Table, bindparam, insert, select, update
@@ -13,7 +12,7 @@ from sqlalchemy.exc import DBAPIError, OperationalError
 from e3pose.counted import counted
 from e3pose.errors import InputError
 from e3pose.store import schema
-from e3pose.store.database import database_path, is_damage, shown, writing_engine
+from e3pose.store.database import database_path, identity, is_damage, shown, writing_engine
 from e3pose.store.retention import Retention, give_back, trim
 from e3pose.store.rows import Row, Run, track_rows
 from e3pose.store.spool import left_behind, spools_of
@@ -104,13 +103,13 @@ class Delivery:
         self._engine.dispose()
 
     def _connected(self) -> Connection:
-        if self._connection is not None and self._file != _identity(self._path):
+        if self._connection is not None and self._file != identity(self._path):
             self.close()  # somebody moved the file away: what we hold has no name any more
         if self._connection is None:
             self._connection = self._engine.connect()
             with self._connection.begin():
                 schema.prepare(self._connection, self._where)
-            self._file = _identity(self._path)
+            self._file = identity(self._path)
         return self._connection
 
     def _insert(self, rows: Sequence[Row], run: Run) -> None:
@@ -136,16 +135,6 @@ def known(rows: Sequence[Row]) -> list[Row]:
         for name, table in schema.ROWS.items()
     }
     return [(name, row) for name, row in rows if columns.get(name) == set(row)]
-
-
-def _identity(path: Path | None) -> tuple[int, int] | None:
-    if path is None:
-        return None
-    try:
-        status = path.stat()
-    except FileNotFoundError:
-        return (0, 0)
-    return status.st_dev, status.st_ino
 
 
 def _run_id(connection: Connection, run: Run) -> int:

@@ -20,6 +20,7 @@ from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
 from e3pose.store.database import (
     REFUSALS,
+    damage,
     database_path,
     database_url,
     is_damage,
@@ -28,6 +29,7 @@ from e3pose.store.database import (
     set_aside,
 )
 from e3pose.store.delivery import Delivery
+from e3pose.store.integrity import Watch
 from e3pose.store.retention import Retention
 from e3pose.store.rows import (
     NS,
@@ -55,6 +57,7 @@ class WriterSettings:
         commit_slots: commit earlier when this many wait.
         queue_slots: records kept while the thread is busy; more are shed, and counted.
         spool_bytes: room for what the database cannot take.
+        check_s: how often to look whether the file is whole.
         retention: what to keep.
     """
 
@@ -62,6 +65,7 @@ class WriterSettings:
     commit_slots: int = 256
     queue_slots: int = 2000
     spool_bytes: int = DEFAULT_BYTES
+    check_s: float = 60.0
     retention: Retention = field(default_factory=Retention)
 
 
@@ -76,6 +80,7 @@ class WriterStatus:
         spooled: rows waiting for room in the database.
         shed: records and rows given up.
         trouble: what keeps the database from taking more, or None.
+        corrupt: files that were set aside because their content was wrong.
     """
 
     acknowledged_slot: int
@@ -83,6 +88,7 @@ class WriterStatus:
     spooled: int
     shed: int
     trouble: str | None
+    corrupt: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,12 +138,13 @@ class StoreWriter:
         self._items: deque[_Item] = deque()
         self._wake = threading.Event()
         self._stop = threading.Event()
-        self._shed = self._told_shed = self._events = 0
+        self._shed = self._told_shed = self._events = self._corrupt = 0
         self._acknowledged = NO_SLOT
         self._trouble: str | None = None
         self._next_try_s = 0.0
         self._notes: list[Event] = []
         self._delivery = Delivery(self._url)
+        self._watch = None if self._path is None else Watch(self._path, self.settings.check_s)
         unable: Exception | None = None
         try:
             self._open()
@@ -188,6 +195,7 @@ class StoreWriter:
             spooled=len(self._spool),
             shed=self._shed + self._spool.lost_rows,
             trouble=self._trouble,
+            corrupt=self._corrupt,
         )
 
     def flush(self, timeout_s: float = 10.0) -> bool:
@@ -243,6 +251,8 @@ class StoreWriter:
                 self._say("store-error", f"{type(error).__name__}: {error}")
             for done in waiting:
                 done.set()
+        if self._watch is not None:
+            self._watch.close()
         self._delivery.close()
         self._spool.close(keep=len(self._spool) > 0)
 
@@ -323,23 +333,23 @@ class StoreWriter:
         self._delivery.close()
         self._next_try_s = time.monotonic() + RETRY_S
         reason = reason_of(error)
+        known, self._trouble = self._trouble is not None, reason
         if self._path is not None and is_damage(error):
             try:
-                self._say("store-damaged", set_aside(self._path, reason))
+                self._say_corrupt(set_aside(self._path, reason))
                 self._delivery.opened = False
             except OSError as refused:
-                if self._trouble is None:
-                    self._say("store-trouble", f"damaged ({reason}), not to be moved ({refused})")
-        elif self._trouble is None:
+                if not known:
+                    self._say("store-corrupt", f"damaged ({reason}), not to be moved ({refused})")
+        elif not known:
             where = "file" if self._spool.in_file else "memory"
             kind = "store-full" if "full" in reason or "space" in reason else "store-trouble"
             self._say(kind, f"the store takes nothing ({reason}): kept in a {where} meanwhile")
-        self._trouble = reason
 
     def _open(self) -> None:
         told = open_checked(self._url)
         if told:
-            self._say("store-damaged", told)
+            self._say_corrupt(told)
         self._delivery.opened = True
 
     def _keep_house(self) -> None:
@@ -350,8 +360,14 @@ class StoreWriter:
             for told in self._delivery.adopt():
                 self._say("store-adopted", told)
             self._delivery.trim(self.settings.retention, self._wall_ns())
+            if self._watch is not None and (wrong := self._watch.look()):
+                raise damage(wrong)
         except (*REFUSALS, OSError) as error:
             self._in_trouble(error)
+
+    def _say_corrupt(self, message: str) -> None:
+        self._corrupt += 1
+        self._say("store-corrupt", message)
 
     def _say(self, kind: str, message: str) -> None:
         event = Event(self._wall_ns(), kind, message)
