@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -41,7 +42,9 @@ def make_folder(path: Path) -> None:
         if not path.is_dir():
             raise
         return
-    path.chmod(folder_mode(path.parent))
+    if shared(path.parent):
+        with suppress(PermissionError):  # a service that may not set such bits keeps it to itself
+            path.chmod(folder_mode(path.parent))
 
 
 def make_file(path: Path) -> None:

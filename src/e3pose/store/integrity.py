@@ -10,7 +10,7 @@ from pathlib import Path
 
 from e3pose.store.database import identity, is_damage, reading_uri
 
-LIMIT_S = 30.0  # of one look; of a larger database the first part is looked at, some 20 GB
+LIMIT_S = 30.0  # of one look: some 10 GB; of a larger database the first part is looked at
 SHARE = 0.02  # of a core, at most
 SHRUNK_S = 5.0  # between looks at a file that keeps getting smaller
 
