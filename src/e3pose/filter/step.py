@@ -66,7 +66,7 @@ def step(
     now = time_s if first else max(time_s, belief.time_s)
     dt = 0.0 if first else now - belief.time_s
     if dt > LONGEST_S:
-        belief = forget_people(belief, model)
+        belief = belief.without_people()  # places are known as before
     before = belief
     belief = predict(replace(belief, time_s=now), dt, model)
     cameras, keypoints, scores = _sorted(model, views)
@@ -89,17 +89,6 @@ def step(
     belief = end(give_birth(belief, fresh, model), model)
     belief = replace(belief, doors=doors.learn(before, belief, model))
     return belief, estimate_of(belief, model)
-
-
-def forget_people(belief: Belief, model: Model) -> Belief:
-    """Return the belief after a pause in which everybody left: places are known as before."""
-    return replace(
-        Belief.empty(model),
-        next_id=belief.next_id,
-        sights=belief.sights,
-        doors=belief.doors,
-        noise=belief.noise,
-    )
 
 
 def check_slot(model: Model, views: Mapping[int, Poses2D], time_s: float) -> None:

@@ -21,7 +21,6 @@ from e3pose.filter.step import (
     bounded,
     check_slot,
     estimate_of,
-    forget_people,
 )
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_associate import associate
@@ -65,7 +64,7 @@ class StepKernel:
         first = math.isnan(belief.time_s)
         now = time_s if first else max(time_s, belief.time_s)
         dt = 0.0 if first else now - belief.time_s
-        before = forget_people(belief, model) if dt > LONGEST_S else belief
+        before = belief.without_people() if dt > LONGEST_S else belief
         waiting, num_tracks, num_old = before.leftovers, len(before), len(before.leftovers)
         most = min(max((len(view) for view in views.values()), default=0), MAX_PEOPLE)
         memory = self._room_for(model, num_tracks + MAX_LEFTOVERS // 2, most, num_old)
