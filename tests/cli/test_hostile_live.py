@@ -305,7 +305,7 @@ WORDS: list[tuple[str, str]] = [
     ("query postgresql://u:secret@127.0.0.1:1/x", r"^e3pose: postgresql://u:\*\*\*@"),
     ("query postgresql://u:s3cret@h:port/x", r"^e3pose: postgresql://\*\*\*@h:port/x: expected"),
     ("query s.db --csv nodir/a.csv", r"nodir/a.csv: found no folder nodir, expected one \(mkdir"),
-    ("query s.db --json /nonexistent/a.json", "found no folder /nonexistent"),
+    ("query s.db --json nodir/sub/a.json", "found no folder nodir/sub"),
     (f"query s.db --from {ESCAPE}", "--from, --to: found"),
     (f"query s.db --from {50 * '9'}", "--from, --to: found"),
     ("query s.db --from now --to -10min", "the earlier one first"),

@@ -46,7 +46,7 @@ def database_path(url: str) -> Path | None:
     except (ArgumentError, ValueError):  # the second for a port that is no number
         told = re.sub(r"//[^@/]*@", "//***@", url)[:200]  # not the password
         raise InputError(
-            f"{told}: expected a path, or the URL of a database: KIND://USER@HOST:PORT/NAME"
+            f"{told}: expected a path or the URL of a database, KIND://USER@HOST:PORT/NAME"
         ) from None
     if parts.get_backend_name() != "sqlite":
         return None
