@@ -94,8 +94,8 @@ def replay(
         plan.profiles,
         plan.idle_mode,
     )
-    warn(noise_warning(source, settings))  # after a wrong option was told, which is one line
     records = list(track_progress(slots, source.num_slots, "replay"))
+    warn(noise_warning(source, settings))  # beside the figures; an error before them is one line
     summary = summarise(
         source,
         settings,
