@@ -37,6 +37,7 @@ from relay import relay
 
 START_S, READY_S, SILENT_S = 240.0, 10.0, 30.0
 LEARN_SLOTS = 75  # at the start, in which the edge still finds its lead; not counted
+LAST_S = 1.0  # of the scene, in which the site is being ended; not counted either
 SEED = 77  # nothing was chosen on it
 
 
@@ -68,7 +69,9 @@ def run(recording: Recording, policy: str, count: float, round_trip_s: float) ->
             path.parent / STORE_FILE, recording.interval_s, film, 10 * recording.num_slots
         )
         first = next(i for i, t in enumerate(times) if t > begin_ns) + LEARN_SLOTS
-        records, times = records[first:], times[first:]
+        last_ns = begin_ns + round((film.length_s - LAST_S) * 1e9)
+        stop = next((i for i, t in enumerate(times) if t > last_ns), len(times))
+        records, times = records[first:stop], times[first:stop]
         moments = film.moments(heard, records, times)
         shown = as_recording(recording, heard, moments)
         return Live(heard, leads, _figures(shown, records))
@@ -128,7 +131,8 @@ def replayed(recording: Recording, policy: str, count: float, lead: int) -> dict
     """Return the same figures of a replay at a lead, of the same part of the scene."""
     settings = ReplaySettings(policy=policy, num_selected=count, lead_slots=lead)
     records = list(replay(recording, settings))
-    scored = replace(recording, scored_slots=(LEARN_SLOTS, recording.num_slots))
+    last = recording.num_slots - round(LAST_S / recording.interval_s)
+    scored = replace(recording, scored_slots=(LEARN_SLOTS, last))
     found = accuracy(scored, records)
     return {"error_mm": found["mpjpe_mm"], "recall": found["recall_500mm"]}
 
