@@ -34,6 +34,7 @@ class Lead:
         slots: the paper's tau, at least 1.
         delays_s: by camera, the newest delays from the middle of the slot that was looked at until
             the orders made from it had arrived; oldest first.
+        longest_s: by camera, the `QUANTILE` of these; NaN while they are too few.
         calm: slots for which a smaller lead would have done.
         left_behind: cameras whose orders come too late at this lead, as they are far slower than
             the others.
@@ -41,6 +42,7 @@ class Lead:
 
     slots: int = 1
     delays_s: tuple[tuple[float, ...], ...] = ()
+    longest_s: tuple[float, ...] = ()
     calm: int = 0
     left_behind: tuple[int, ...] = ()
 
@@ -49,9 +51,13 @@ def take_in_delay(lead: Lead, camera: int, delay_s: float) -> Lead:
     """Return the lead with one more delay that a camera measured; one that cannot be is ignored."""
     if not (math.isfinite(delay_s) and delay_s >= 0):
         return lead
-    delays_s = [*lead.delays_s, *[()] * (camera + 1 - len(lead.delays_s))]
+    new = camera + 1 - len(lead.delays_s)
+    delays_s = [*lead.delays_s, *[()] * new]
+    longest_s = [*lead.longest_s, *[math.nan] * new]
     delays_s[camera] = (*delays_s[camera], delay_s)[-MAX_SAMPLES:]
-    return replace(lead, delays_s=tuple(delays_s))
+    if len(delays_s[camera]) >= MIN_SAMPLES:
+        longest_s[camera] = float(np.quantile(delays_s[camera], QUANTILE))
+    return replace(lead, delays_s=tuple(delays_s), longest_s=tuple(longest_s))
 
 
 def cautious(deadline_s: float, interval_s: float) -> Lead:
@@ -78,9 +84,9 @@ def adapt(
         The lead with `slots` in 1..`MAX_LEAD`.
     """
     known = {
-        camera: float(np.quantile(delays_s, QUANTILE))
-        for camera, delays_s in enumerate(lead.delays_s)
-        if len(delays_s) >= MIN_SAMPLES and (online is None or online[camera])
+        camera: delay_s
+        for camera, delay_s in enumerate(lead.longest_s)
+        if not math.isnan(delay_s) and (online is None or online[camera])
     }
     if not known:
         return lead
@@ -95,6 +101,15 @@ def adapt(
     if lead.calm + 1 < CALM_SLOTS:
         return replace(lead, calm=lead.calm + 1)
     return replace(lead, slots=lead.slots - 1, calm=0)
+
+
+def lagging(lead: Lead) -> dict[int, str]:
+    """Return why each camera that is left behind is of no use."""
+    delays_s = {camera: float(np.median(lead.delays_s[camera])) for camera in lead.left_behind}
+    return {
+        camera: f"left behind: orders take {delay_s:.1f} s to reach it, far longer than the others"
+        for camera, delay_s in delays_s.items()
+    }
 
 
 def _needed(delay_s: float, interval_s: float) -> int:

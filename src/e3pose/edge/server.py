@@ -25,7 +25,7 @@ from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lateness import forgiven, oddities
-from e3pose.edge.lead import Lead, adapt, cautious, take_in_delay
+from e3pose.edge.lead import Lead, adapt, cautious, lagging, take_in_delay
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.overload import WORDS, Load, after_slot, thinned
@@ -199,12 +199,8 @@ class EdgeServer:
         """Return, camera by camera, why one that can be chosen is of no use; empty where it is."""
         late_by_s, interval_s = self.gather.late_by_s(), self.pipeline.interval_s
         found = oddities(self.state.silence, late_by_s, interval_s)
-        lead = self.lead  # a value: it stays while another thread replaces it
-        for camera in lead.left_behind:
-            delay_s = float(np.median(lead.delays_s[camera]))
-            found[camera] = (
-                f"left behind: orders take {delay_s:.1f} s to reach it, far longer than the others"
-            )
+        for camera, why in lagging(self.lead).items():
+            found[camera] = why
         return found
 
     def status(self) -> Status:
