@@ -5,29 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.rigs import looking
 
-from e3pose.camera import Camera, Rig
 from e3pose.entrants import FIRST_LOOK, Entrants, expected_entrants, overlap
 
 WAIT_S, SLOT_S = 0.14, 0.08
 EACH = np.eye(3, dtype=bool)
 
 
-def facing(*places: tuple[float, float], away: bool = False) -> Rig:
-    """Cameras 1 m high at these places, looking at the middle, or away from it."""
-    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
-    cameras = []
-    for index, place in enumerate(places):
-        centre = np.array([*place, 1.0])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward) * (-1 if away else 1)
-        right = np.cross(forward, [0, 0, 1.0])
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
-    return Rig(tuple(cameras))
-
-
-RIG = facing((4, 0), (0, 4), (3, 3))
+RIG = looking((4, 0), (0, 4), (3, 3))
 
 
 def entrants(*ordered: list[int], people: int = 1, age_s: float = 0.0) -> Entrants:
@@ -48,10 +34,10 @@ def sets(*cameras: list[int]) -> NDArray[np.bool_]:
 
 
 def test_cameras_overlook_what_others_see_as_far_as_they_face_it() -> None:
-    shares = overlap(facing((4, 0), (3, 3), (-30, 0)))
+    shares = overlap(looking((4, 0), (3, 3), (-30, 0)))
     assert shares[0, 1] > 0.3
     assert (np.diag(shares) == 0).all()
-    assert (overlap(facing((4, 0), (-4, 0), away=True)) == 0).all()
+    assert (overlap(looking((4, 0), (-4, 0), away=True)) == 0).all()
 
 
 def test_nobody_to_start_is_normal() -> None:

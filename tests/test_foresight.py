@@ -8,8 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.rigs import looking
 
-from e3pose.camera import Camera, Rig
+from e3pose.camera import Rig
 from e3pose.filter import Outlook
 from e3pose.filter.bias import inflation
 from e3pose.filter.update import project
@@ -22,20 +23,6 @@ from e3pose.foresight import (
 from e3pose.uncertainty import expected_distance_m
 
 Floats = NDArray[np.float64]
-
-
-def looking(*places: tuple[float, float], away: bool = False) -> Rig:
-    """Cameras 1 m high at these places, looking at the middle, or away from it."""
-    K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
-    cameras = []
-    for index, place in enumerate(places):
-        centre = np.array([*place, 1.0])
-        forward = np.array([0, 0, 1.0]) - centre
-        forward /= np.linalg.norm(forward) * (-1 if away else 1)
-        right = np.cross(forward, [0, 0, 1.0])
-        R = np.stack([right, np.cross(forward, right), forward])
-        cameras.append(Camera.from_world_to_camera(f"c{index}", (1000, 800), K, R, -R @ centre))
-    return Rig(tuple(cameras))
 
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))

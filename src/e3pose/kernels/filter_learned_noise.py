@@ -28,7 +28,7 @@ from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE, OUTLIER_SIGMAS
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_bias import inflation
 from e3pose.kernels.filter_memory import Detectors, Matches, Site, Tracks, Views
-from e3pose.kernels.filter_sight import shown_at
+from e3pose.kernels.filter_sight import doubt_px2, shown_at
 
 Floats = NDArray[np.float64]
 
@@ -129,16 +129,7 @@ def _compare(
         depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
         if not depth > MIN_DEPTH_M:
             continue
-        doubt = (
-            covariance[joint, 0, 0] * (ux * ux + vx * vx)
-            + covariance[joint, 1, 1] * (uy * uy + vy * vy)
-            + covariance[joint, 2, 2] * (uz * uz + vz * vz)
-        ) / 2
-        doubt += (
-            covariance[joint, 0, 1] * (ux * uy + vx * vy)
-            + covariance[joint, 0, 2] * (ux * uz + vx * vz)
-            + covariance[joint, 1, 2] * (uy * uz + vy * vz)
-        )
+        doubt = doubt_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
         du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
         dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
         squares = du * du + dv * dv

@@ -45,3 +45,31 @@ def shown_at(
         (projection[1, 1] - v * projection[2, 1]) * inverse,
         (projection[1, 2] - v * projection[2, 2]) * inverse,
     )
+
+
+@kernel
+def doubt_px2(
+    covariance: Floats, ux: float, uy: float, uz: float, vx: float, vy: float, vz: float
+) -> float:
+    """Return the mean variance of a shown point's two coordinates, from the gradients of both.
+
+    Args:
+        covariance: `(6, 6)` of the point's position and velocity.
+        ux: gradient of the first coordinate, pixels per metre, as `uy` and `uz`.
+        uy: see `ux`.
+        uz: see `ux`.
+        vx: of the second coordinate, as `vy` and `vz`.
+        vy: see `vx`.
+        vz: see `vx`.
+    """
+    doubt = (
+        covariance[0, 0] * (ux * ux + vx * vx)
+        + covariance[1, 1] * (uy * uy + vy * vy)
+        + covariance[2, 2] * (uz * uz + vz * vz)
+    ) / 2
+    doubt += (
+        covariance[0, 1] * (ux * uy + vx * vy)
+        + covariance[0, 2] * (ux * uz + vx * vz)
+        + covariance[1, 2] * (uy * uz + vy * vz)
+    )
+    return float(doubt)
