@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.evaluate.paired import errors_with_misses, gain_percent, saving_percent
+from paired import errors_with_misses, gain_percent, saving_percent
 
 Floats = NDArray[np.float64]
 Row = dict[str, Any]

@@ -7,7 +7,7 @@ from math import pi, sin
 
 import numpy as np
 
-from e3pose.power.depletion import BatteryCamera, deplete
+from depletion import BatteryCamera, deplete
 from e3pose.profiles import load_profile
 
 PROFILES = {name: load_profile(name) for name in ("xavier-nx", "tx2", "generic")}

@@ -13,7 +13,6 @@ import time
 from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +21,7 @@ from scipy.optimize import linear_sum_assignment
 from e3pose.camera import Camera, Rig
 from e3pose.fuse import Fuser, FusionSettings
 from e3pose.pose import Poses3D
+from reference import ReferenceFuser
 
 Floats = NDArray[np.float64]
 
@@ -132,10 +132,10 @@ def distort(bench: Workload) -> Workload:
 def run(
     bench: Workload,
     settings: FusionSettings,
-    backend: Literal["numba", "reference"] = "numba",
+    make: type[Fuser] = Fuser,
     num_slots: int | None = None,
 ) -> list[Poses3D]:
-    fuser = Fuser(bench.rig, bench.scores.shape[-1], settings, backend)
+    fuser = make(bench.rig, bench.scores.shape[-1], settings)
     slots = zip(
         bench.keypoints_px[:num_slots],
         bench.scores[:num_slots],
@@ -180,7 +180,7 @@ def measure(bench: Workload, settings: FusionSettings, seconds: float) -> dict[s
             start = time.perf_counter()
             fuser.fuse_arrays(*slot)
             times.append(time.perf_counter() - start)
-    reference = Fuser(bench.rig, num_joints, settings, backend="reference")
+    reference = ReferenceFuser(bench.rig, num_joints, settings)
     reference_times: list[float] = []
     worst = 0.0
     for slot in slots[:REFERENCE_SLOTS]:

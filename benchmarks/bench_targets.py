@@ -15,6 +15,7 @@ from e3pose.estimators.filtered import Filtered
 from e3pose.evaluate.motion import body_joints
 from e3pose.filter import Model
 from e3pose.fuse import Fuser, FusionSettings
+from e3pose.kernels.filter_step import StepKernel
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.track import Tracks, update_tracks
@@ -23,7 +24,7 @@ from e3pose.train.smooth import smooth
 
 Floats = NDArray[np.float64]
 
-REFERENCE = EstimateSettings(backend="reference")
+REFERENCE = EstimateSettings()
 SECONDS = 20.0
 SCENES = (("ring", 11), ("crossing", 12), ("meeting", 13))
 SOMEBODY_ELSE_M = 0.5
@@ -44,7 +45,7 @@ def slot_by_slot(recording: Recording) -> list[Followed]:
 
 def with_memory(recording: Recording) -> list[Followed]:
     """Return everybody as the filter with a memory sees them from all cameras."""
-    estimator = Filtered(Model(recording.rig, recording.skeleton), 2)
+    estimator = Filtered(Model(recording.rig, recording.skeleton), StepKernel(), 2)
     memory = estimator.begin()
     seen: dict[int, list[tuple[int, Floats]]] = {}
     for slot in range(recording.num_slots):

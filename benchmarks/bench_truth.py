@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.estimators import filter_step
 from e3pose.filter import Belief, Estimate, Model
+from e3pose.kernels.filter_step import StepKernel
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
@@ -103,7 +103,7 @@ def spread_order(number: int) -> list[int]:
 def run(recording: Recording, cameras: int) -> Score:
     """Run the estimator over a recording, so many cameras a slot, taking turns."""
     model = Model(recording.rig, recording.skeleton)
-    step, belief, score = filter_step("numba", model), Belief.empty(model), Score()
+    step, belief, score = StepKernel(), Belief.empty(model), Score()
     order = spread_order(len(recording.rig))
     for slot in range(recording.num_slots):
         turns = [order[(slot * cameras + turn) % len(order)] for turn in range(cameras)]

@@ -136,7 +136,6 @@ def main() -> None:
     parser.add_argument("--phases", type=int, default=4, help="replays a row")
     parser.add_argument("--warmup", type=int, default=10, help="slots with all cameras, left out")
     parser.add_argument("--fps", type=float, help="leave slots out")
-    parser.add_argument("--backend", default="numba", choices=("numba", "reference"))
     parser.add_argument("--worst", action="store_true", help="list the worst joints of each row")
     options = parser.parse_args()
     recording = load_recording(options.recording)
@@ -156,7 +155,6 @@ def main() -> None:
                     num_selected=count,
                     lead_slots=lead,
                     warmup_slots=options.warmup,
-                    backend=options.backend,
                 )
                 for phase in range(options.phases):
                     for record in replay(recording, replace(settings, phase=phase, seed=phase)):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from e3pose.evaluate.drawing import COLOURS, INK, MARKERS, PALE, picture
-from e3pose.evaluate.paired import errors_with_misses, mean_interval
+from paired import errors_with_misses, mean_interval
 
 Row = Mapping[str, Any]
 

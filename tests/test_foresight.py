@@ -13,13 +13,13 @@ from tests.rigs import looking
 from e3pose.camera import Rig
 from e3pose.filter import Outlook
 from e3pose.filter.bias import inflation
-from e3pose.filter.update import project
 from e3pose.foresight import (
     BEHIND_SHARE,
     Foresight,
     foresee,
     freshness,
 )
+from e3pose.projection import project
 from e3pose.uncertainty import expected_distance_m
 
 Floats = NDArray[np.float64]

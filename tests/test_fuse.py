@@ -1,4 +1,4 @@
-"""Whole slots against known people, on both backends."""
+"""Whole slots against known people, compiled and in plain numpy."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.reference.fuse import ReferenceFuser
 
 from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
@@ -20,8 +20,8 @@ from e3pose.fuse import MAX_POSES, Fuser, Fusion, FusionSettings
 from e3pose.pose import Poses2D
 
 Floats = NDArray[np.float64]
-Backend = Literal["numba", "reference"]
-BACKENDS: tuple[Backend, ...] = ("numba", "reference")
+Make = type[Fuser]
+FUSERS: tuple[Make, ...] = (Fuser, ReferenceFuser)
 
 NUM_JOINTS = 17
 BODY = np.random.default_rng(7).uniform((-0.25, -0.25, 0.1), (0.25, 0.25, 1.7), (NUM_JOINTS, 3))
@@ -65,7 +65,7 @@ def errors_m(fusion: Fusion, joints_m: Floats) -> Floats:
     return np.asarray(distance.mean(axis=-1).min(axis=0))
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("make", FUSERS)
 @pytest.mark.parametrize(
     ("distortion", "fisheye"),
     [
@@ -76,10 +76,10 @@ def errors_m(fusion: Fusion, joints_m: Floats) -> Floats:
     ],
 )
 def test_people_seen_without_noise_are_found_where_they_are(
-    backend: Backend, distortion: tuple[float, ...], fisheye: bool
+    make: Make, distortion: tuple[float, ...], fisheye: bool
 ) -> None:
     rig, truth = ring(4, distortion, fisheye), people(3)
-    fusion = Fuser(rig, NUM_JOINTS, backend=backend).fuse(views_of(rig, truth))
+    fusion = make(rig, NUM_JOINTS).fuse(views_of(rig, truth))
     assert len(fusion.poses) == 3
     assert errors_m(fusion, truth).max() < 1e-6
     assert np.allclose(fusion.poses.scores, 0.8)
@@ -88,53 +88,53 @@ def test_people_seen_without_noise_are_found_where_they_are(
     assert (fusion.members == fusion.members[:, :1]).all()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("make", FUSERS)
 @pytest.mark.parametrize("num_views", [0, 1])
-def test_fewer_than_two_views_give_nobody(backend: Backend, num_views: int) -> None:
+def test_fewer_than_two_views_give_nobody(make: Make, num_views: int) -> None:
     rig = ring(3)
     views = views_of(rig, people(2))
-    fusion = Fuser(rig, NUM_JOINTS, backend=backend).fuse({i: views[i] for i in range(num_views)})
+    fusion = make(rig, NUM_JOINTS).fuse({i: views[i] for i in range(num_views)})
     assert fusion.poses.joints_m.shape == (0, NUM_JOINTS, 3)
     assert fusion.members.shape == (0, 3)
     assert fusion.reprojection_error_px.shape == (0, NUM_JOINTS)
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_views_of_nobody_are_normal(backend: Backend) -> None:
+@pytest.mark.parametrize("make", FUSERS)
+def test_views_of_nobody_are_normal(make: Make) -> None:
     rig = ring(3)
     empty = {i: Poses2D.empty(NUM_JOINTS) for i in range(3)}
-    assert len(Fuser(rig, NUM_JOINTS, backend=backend).fuse(empty).poses) == 0
+    assert len(make(rig, NUM_JOINTS).fuse(empty).poses) == 0
     views = views_of(rig, people(1)) | {1: Poses2D.empty(NUM_JOINTS)}
-    fusion = Fuser(rig, NUM_JOINTS, backend=backend).fuse(views)
+    fusion = make(rig, NUM_JOINTS).fuse(views)
     assert fusion.members.tolist() == [[0, -1, 0]]
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_person_in_one_view_only_gives_no_3d_person(backend: Backend) -> None:
+@pytest.mark.parametrize("make", FUSERS)
+def test_person_in_one_view_only_gives_no_3d_person(make: Make) -> None:
     rig, truth = ring(3), people(2)
     views = views_of(rig, truth[:1])
     views[2] = views_of(rig, truth)[2]
-    fusion = Fuser(rig, NUM_JOINTS, backend=backend).fuse(views)
+    fusion = make(rig, NUM_JOINTS).fuse(views)
     assert fusion.members.tolist() == [[0, 0, 0]]
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_joint_seen_once_is_nan_with_score_0(backend: Backend) -> None:
+@pytest.mark.parametrize("make", FUSERS)
+def test_joint_seen_once_is_nan_with_score_0(make: Make) -> None:
     rig, truth = ring(3), people(1)
     views = views_of(rig, truth)
     keypoints = [views[i].keypoints_px.copy() for i in range(3)]
     keypoints[0][0, 4] = keypoints[1][0, 4] = np.nan
     keypoints[0][0, 5] = np.nan
     views = {i: Poses2D(keypoints[i], views[i].scores) for i in range(3)}
-    fusion = Fuser(rig, NUM_JOINTS, backend=backend).fuse(views)
+    fusion = make(rig, NUM_JOINTS).fuse(views)
     assert np.isnan(fusion.poses.joints_m[0, 4]).all()
     assert fusion.poses.scores[0, 4] == 0
     assert np.isnan(fusion.reprojection_error_px[0, 4])
     assert np.linalg.norm(fusion.poses.joints_m[0, 5] - truth[0, 5]) < 1e-6
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_bad_numbers_count_as_missing(backend: Backend) -> None:
+@pytest.mark.parametrize("make", FUSERS)
+def test_bad_numbers_count_as_missing(make: Make) -> None:
     rig, truth = ring(3), people(1)
     keypoints = rig.project(truth)
     scores = np.full((3, 1, NUM_JOINTS), 0.5)
@@ -143,17 +143,17 @@ def test_bad_numbers_count_as_missing(backend: Backend) -> None:
     scores[0, 0, 5] = np.nan
     scores[0, 0, 6] = -1
     scores[1, 0, 7] = 2.0
-    fusion = Fuser(rig, NUM_JOINTS, backend=backend).fuse_arrays(keypoints, scores, np.ones(3, int))
+    fusion = make(rig, NUM_JOINTS).fuse_arrays(keypoints, scores, np.ones(3, int))
     assert errors_m(fusion, truth).max() < 1e-6
     assert np.isclose(fusion.poses.scores[0, 7], 2 / 3)
     assert fusion.poses.scores.max() <= 1
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_rows_beyond_the_count_are_ignored(backend: Backend) -> None:
+@pytest.mark.parametrize("make", FUSERS)
+def test_rows_beyond_the_count_are_ignored(make: Make) -> None:
     rig, truth = ring(3), people(2)
     keypoints, scores = rig.project(truth), np.ones((3, 2, NUM_JOINTS))
-    fuser = Fuser(rig, NUM_JOINTS, backend=backend)
+    fuser = make(rig, NUM_JOINTS)
     assert len(fuser.fuse_arrays(keypoints, scores, np.array([2, 2, 2])).poses) == 2
     # The second slot must not see what the first left in memory.
     fusion = fuser.fuse_arrays(keypoints, scores, np.array([2, 1, 1]))
@@ -161,8 +161,8 @@ def test_rows_beyond_the_count_are_ignored(backend: Backend) -> None:
 
 
 @settings(max_examples=15, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), backend=st.sampled_from(BACKENDS))
-def test_order_of_cameras_and_people_changes_nothing(seed: int, backend: Backend) -> None:
+@given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(FUSERS))
+def test_order_of_cameras_and_people_changes_nothing(seed: int, make: Make) -> None:
     rng = np.random.default_rng(seed)
     rig = ring(5)
     truth = people(3)
@@ -177,8 +177,8 @@ def test_order_of_cameras_and_people_changes_nothing(seed: int, backend: Backend
     for new, old in enumerate(cameras):
         view, row = views[int(old)], rows[new]
         mixed[new] = Poses2D(view.keypoints_px[row], view.scores[row])
-    first = Fuser(rig, NUM_JOINTS, backend=backend).fuse(views)
-    second = Fuser(rig.subset(cameras.tolist()), NUM_JOINTS, backend=backend).fuse(mixed)
+    first = make(rig, NUM_JOINTS).fuse(views)
+    second = make(rig.subset(cameras.tolist()), NUM_JOINTS).fuse(mixed)
     assert np.allclose(first.poses.joints_m, second.poses.joints_m, atol=1e-8, equal_nan=True)
     assert np.allclose(first.poses.scores, second.poses.scores)
     for new, old in enumerate(cameras):
@@ -187,8 +187,8 @@ def test_order_of_cameras_and_people_changes_nothing(seed: int, backend: Backend
         assert (named == first.members[:, old]).all()
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_person_split_in_one_view_is_found_once(backend: Backend) -> None:
+@pytest.mark.parametrize("make", FUSERS)
+def test_person_split_in_one_view_is_found_once(make: Make) -> None:
     rig, truth = ring(4), people(1)
     views = views_of(rig, truth)
     upper, lower = np.full((2, NUM_JOINTS), 0.8)
@@ -196,22 +196,20 @@ def test_person_split_in_one_view_is_found_once(backend: Backend) -> None:
     for camera in (0, 1):
         keypoints = np.repeat(views[camera].keypoints_px, 2, axis=0)
         views[camera] = Poses2D(keypoints, np.stack([upper, lower]))
-    fusion = Fuser(rig, NUM_JOINTS, backend=backend).fuse(views)
+    fusion = make(rig, NUM_JOINTS).fuse(views)
     assert len(fusion.poses) == 1
     assert errors_m(fusion, truth).max() < 1e-6
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
-def test_view_that_lies_is_outvoted_only_when_asked(backend: Backend) -> None:
+@pytest.mark.parametrize("make", FUSERS)
+def test_view_that_lies_is_outvoted_only_when_asked(make: Make) -> None:
     rig, truth = ring(5), people(1)
     views = views_of(rig, truth)
     keypoints = views[3].keypoints_px.copy()
     keypoints[0, 2] += [60, 40]
     views[3] = Poses2D(keypoints, views[3].scores)
-    plain = Fuser(rig, NUM_JOINTS, backend=backend).fuse(views)
-    robust = Fuser(
-        rig, NUM_JOINTS, FusionSettings(refine_steps=8, reject_outliers=True), backend=backend
-    ).fuse(views)
+    plain = make(rig, NUM_JOINTS).fuse(views)
+    robust = make(rig, NUM_JOINTS, FusionSettings(refine_steps=8, reject_outliers=True)).fuse(views)
     error, robust_error = (
         np.linalg.norm(f.poses.joints_m[0, 2] - truth[0, 2]) for f in (plain, robust)
     )
@@ -235,14 +233,14 @@ def test_view_that_lies_is_outvoted_only_when_asked(backend: Backend) -> None:
 def test_wrong_arrays_get_one_line(
     keypoints: tuple[int, ...], scores: tuple[int, ...], counts: list[int], named: str
 ) -> None:
-    fuser = Fuser(ring(3), 17, backend="reference")
+    fuser = ReferenceFuser(ring(3), 17)
     with pytest.raises(InputError, match=named) as caught:
         fuser.fuse_arrays(np.zeros(keypoints), np.zeros(scores), np.array(counts))
     assert "\n" not in str(caught.value)
 
 
 def test_wrong_views_get_one_line_naming_the_camera() -> None:
-    fuser = Fuser(ring(3), 17, backend="reference")
+    fuser = ReferenceFuser(ring(3), 17)
     with pytest.raises(InputError, match="camera 3"):
         fuser.fuse({3: Poses2D.empty(17)})
     with pytest.raises(InputError, match="c1"):
@@ -264,11 +262,10 @@ def test_wrong_settings_are_named(name: str, value: float) -> None:
         FusionSettings(**{name: value})  # type: ignore[arg-type]
 
 
-def test_importing_and_the_reference_load_no_numba() -> None:
+def test_importing_loads_no_numba_until_something_is_fused() -> None:
     code = (
         "import sys, e3pose.fuse as f, e3pose.camera as c, numpy as np\n"
         "rig = c.Rig((c.Camera('a', (10, 10), np.diag([9., 9., 1.]), np.eye(4)),))\n"
-        "f.Fuser(rig, 17, backend='reference').warm_up()\n"
         "print('numba' in sys.modules)\n"
         "f.Fuser(rig, 17)\n"
         "print('numba' in sys.modules)\n"

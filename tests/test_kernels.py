@@ -12,13 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.reference.fuse import ReferenceFuser
+from tests.reference.triangulate import noise_px
 
 from e3pose.camera import Camera, Rig
 from e3pose.fuse import Fuser, Fusion, FusionSettings
 from e3pose.kernels import compile as compiling
 from e3pose.kernels import place, slot
 from e3pose.kernels.nullspace import null_vector
-from e3pose.triangulate import noise_px
 
 Floats = NDArray[np.float64]
 Slot = tuple[Floats, Floats, NDArray[np.int64]]
@@ -99,7 +100,7 @@ def test_kernels_equal_the_reference_on_random_rigs(kind: str) -> None:
         )
         arrays = random_slot(rng, rig, num_joints)
         fast = Fuser(rig, num_joints, options).fuse_arrays(*arrays)
-        plain = Fuser(rig, num_joints, options, backend="reference").fuse_arrays(*arrays)
+        plain = ReferenceFuser(rig, num_joints, options).fuse_arrays(*arrays)
         assert_agree(fast, plain)
         present = np.isfinite(fast.poses.joints_m).all(axis=-1)
         assert np.array_equal(present, fast.poses.scores > 0)
@@ -143,7 +144,7 @@ def test_crowds_are_not_split(num_cameras: int, num_persons: int) -> None:
     assert len(fast.poses) == num_persons
     assert (np.sort(fast.members, axis=0) == np.arange(num_persons)[:, None]).all()
     assert (fast.members == fast.members[:, :1]).all()
-    assert_agree(fast, Fuser(rig, 17, backend="reference").fuse_arrays(*arrays))
+    assert_agree(fast, ReferenceFuser(rig, 17).fuse_arrays(*arrays))
 
 
 @settings(max_examples=200, deadline=None)
@@ -205,7 +206,7 @@ def test_fusers_of_several_threads_do_not_disturb_each_other() -> None:
 def test_kernel_on_disk_is_stamped_with_all_sources() -> None:
     names = {path.name for path in compiling.SOURCES}
     assert {"slot.py", "pairs.py", "place.py", "undistort.py"} <= names
-    assert {"match.py", "triangulate.py", "distortion.py"} <= names
+    assert {"pose.py", "distortion.py"} <= names
     assert all(path.exists() for path in compiling.SOURCES)
     cache_file = slot.fuse_slot._cache._cache_file  # type: ignore[attr-defined]
     assert cache_file._source_stamp == compiling.sources_stamp()

@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-
-from e3pose.match import match, ray_distances
+from tests.reference.match import match, ray_distances
 
 Floats = NDArray[np.float64]
 

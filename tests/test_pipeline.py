@@ -16,6 +16,7 @@ from e3pose.estimators.filtered import Filtered
 from e3pose.estimators.per_slot import PerSlot
 from e3pose.filter import Model
 from e3pose.fuse import Fuser
+from e3pose.kernels.filter_step import StepKernel
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.policies import POLICIES, PolicySettings, Selection, Situation
 from e3pose.pose import Poses2D
@@ -60,7 +61,7 @@ def make(name: str = "e3pose", **changes: object) -> Pipeline:
         rig=RIG,
         num_joints=NUM_JOINTS,
         interval_s=0.04,
-        estimator=PerSlot(Fuser(RIG, NUM_JOINTS, backend="reference"), NUM_JOINTS, 0.04, 4),
+        estimator=PerSlot(Fuser(RIG, NUM_JOINTS), NUM_JOINTS, 0.04, 4),
         predictor=make_predictor("constant-velocity"),
         policy=POLICIES[name].make(PolicySettings(num_selected=2)),
         budget=np.full(NUM_CAMERAS, 0.6),
@@ -292,7 +293,7 @@ def run_shifting(
         foresees=True,
         steers=steers,
         lead_slots=lead_slots,
-        estimator=Filtered(Model(RIG, COCO17), 5),
+        estimator=Filtered(Model(RIG, COCO17), StepKernel(), 5),
     )
     return both, run(pipeline, [scene(slot) for slot in range(12)])
 

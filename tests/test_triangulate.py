@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from tests.reference.triangulate import noise_px, refine, reprojection_error, triangulate
 
 from e3pose.camera import Camera, Rig
-from e3pose.triangulate import noise_px, refine, reprojection_error, triangulate
 
 Floats = NDArray[np.float64]
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.reference.fuse import ReferenceFuser
 
 from e3pose.camera import Camera, Rig
 from e3pose.distortion import TOLERANCE, WIDEST_ANGLE
 from e3pose.fuse import Fuser
 from e3pose.kernels.pairs import LANES
 from e3pose.kernels.undistort import make_lenses, undistort_slot
-from e3pose.match import MAX_PIXEL
+from e3pose.pose import MAX_PIXEL
 
 Floats = NDArray[np.float64]
 
@@ -194,7 +193,7 @@ def mixed_rig(lenses: list[str]) -> Rig:
     return Rig(tuple(cameras))
 
 
-@pytest.mark.parametrize("backend", ["numba", "reference"])
+@pytest.mark.parametrize("make", [Fuser, ReferenceFuser])
 @pytest.mark.parametrize(
     "lenses",
     [
@@ -205,7 +204,7 @@ def mixed_rig(lenses: list[str]) -> Rig:
     ],
 )
 def test_people_seen_by_fisheyes_and_others_are_found_where_they_are(
-    lenses: list[str], backend: Literal["numba", "reference"]
+    lenses: list[str], make: type[Fuser]
 ) -> None:
     rng = np.random.default_rng(5)
     spots = np.array([(-0.8, 0.1, 0), (0.7, 0.6, 0), (0.2, -0.9, 0)])
@@ -213,7 +212,7 @@ def test_people_seen_by_fisheyes_and_others_are_found_where_they_are(
     rig = mixed_rig(lenses)
     keypoints = rig.project(truth)
     assert np.isfinite(keypoints).all()
-    fuser = Fuser(rig, NUM_JOINTS, backend=backend)
+    fuser = make(rig, NUM_JOINTS)
     counts = np.full(len(rig), len(truth))
     fusion = fuser.fuse_arrays(keypoints, np.full(keypoints.shape[:3], 0.9), counts)
     assert len(fusion.poses) == len(truth)

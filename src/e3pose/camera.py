@@ -333,6 +333,11 @@ class Rig:
         """`(num_cameras, 3)` optical centres in the world."""
         return np.stack([camera.center_m for camera in self.cameras])
 
+    @cached_property
+    def ray_matrices(self) -> Floats:
+        """`(num_cameras, 3, 3)` undistorted homogeneous pixels to world directions."""
+        return np.stack([camera.R.T @ np.linalg.inv(camera.K) for camera in self.cameras])
+
     def project(self, points_m: ArrayLike) -> Floats:
         """Project `(*batch, 3)` points into every camera: `(num_cameras, *batch, 2)` pixels."""
         return np.stack([camera.project(points_m) for camera in self.cameras])

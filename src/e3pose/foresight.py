@@ -20,7 +20,7 @@ from e3pose.camera import Rig
 from e3pose.entrants import Entrants, expected_entrants
 from e3pose.filter.bias import inflation
 from e3pose.filter.outlook import Outlook
-from e3pose.filter.update import MIN_DEPTH_M, project
+from e3pose.projection import MIN_DEPTH_M, project
 from e3pose.uncertainty import mean_distance
 
 Floats = NDArray[np.float64]

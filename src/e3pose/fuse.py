@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
 from e3pose.errors import InputError
-from e3pose.match import MAX_PIXEL, MIN_SCORE, match, ray_matrices
 from e3pose.pose import Poses2D, Poses3D
-from e3pose.triangulate import MIN_VIEWS, refine, reprojection_error, triangulate
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -94,9 +91,8 @@ class Fuser:
         rig: the calibrated cameras.
         num_joints: joints of every pose.
         settings: thresholds.
-        backend: `numba` is compiled and fast, `reference` plain numpy; they agree to 1e-6 m.
 
-    A numba fuser reuses its working memory, so it must not be shared between threads.
+    A fuser reuses its working memory, so it must not be shared between threads.
     """
 
     def __init__(
@@ -104,22 +100,18 @@ class Fuser:
         rig: Rig,
         num_joints: int,
         settings: FusionSettings | None = None,
-        backend: Literal["numba", "reference"] = "numba",
     ) -> None:
         if num_joints < 1:
             raise InputError(f"fusion: num_joints: found {num_joints}, expected 1 or more")
         self.rig = rig
         self.num_joints = num_joints
         self.settings = settings or FusionSettings()
-        self._run: Callable[[Floats, Floats, Integers], Fused]
-        if backend == "numba":
-            from e3pose.kernels.slot import SlotKernel
+        self._run: Callable[[Floats, Floats, Integers], Fused] = self._compiled()
 
-            self._run = SlotKernel(rig, num_joints, self.settings)
-        elif backend == "reference":
-            self._run = self._reference
-        else:
-            raise InputError(f"fusion: backend: found {backend!r}, expected numba or reference")
+    def _compiled(self) -> Callable[[Floats, Floats, Integers], Fused]:
+        from e3pose.kernels.slot import SlotKernel
+
+        return SlotKernel(self.rig, self.num_joints, self.settings)
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""
@@ -171,7 +163,7 @@ class Fuser:
         Args:
             keypoints_px: `(num_cameras, max_persons, num_joints, 2)` pixels in the real images.
             scores: `(num_cameras, max_persons, num_joints)` in [0, 1]. A keypoint counts as missing
-                where its score is NaN or below `match.MIN_SCORE`, or its pixels are not finite; a
+                where its score is NaN or below `pose.MIN_SCORE`, or its pixels are not finite; a
                 score above 1 is 1.
             counts: `(num_cameras,)` people in each view; rows from there on are ignored.
 
@@ -201,80 +193,6 @@ class Fuser:
         joints, joint_scores, members, error = self._run(keypoints, joint_scores, people)
         return Fusion(_trusted(joints, joint_scores), members, error)
 
-    def _undistort(self, keypoints: Floats, counts: Integers) -> Floats:
-        keypoints = keypoints.copy()
-        for index, camera in enumerate(self.rig.cameras):
-            rows = keypoints[index, : counts[index]]
-            with np.errstate(invalid="ignore"):
-                usable = (np.abs(rows) <= MAX_PIXEL).all(axis=-1)
-            rows[usable] = camera.undistort(rows[usable])
-        return keypoints
-
-    def _reference(self, keypoints: Floats, scores: Floats, counts: Integers) -> Fused:
-        present = np.arange(keypoints.shape[1]) < counts[:, None]
-        cameras, rows = np.nonzero(present)
-        keypoints = self._undistort(keypoints, counts)
-        keypoints, scores = keypoints[present], scores[present]  # (num_poses, num_joints, ...)
-        with np.errstate(invalid="ignore"):
-            seen = (np.abs(keypoints) <= MAX_PIXEL).all(axis=-1) & (scores >= MIN_SCORE)
-        keypoints = np.where(seen[..., None], keypoints, np.nan)
-        scores = np.where(seen, np.minimum(scores, 1.0), 0.0)
-        settings = self.settings
-        groups = match(
-            self._rays(keypoints, cameras),
-            self.rig.centers_m[cameras],
-            scores,
-            cameras,
-            settings.max_distance_m,
-            settings.cap_m,
-        )
-        fused: list[Fused] = []
-        for group in groups:
-            if len(group) < MIN_VIEWS:
-                continue
-            # A sum must not depend on the order in which the group came together.
-            poses = sorted(group, key=lambda pose: int(cameras[pose]))
-            joints, joint_scores, error = self._place(
-                keypoints[poses], scores[poses], self.rig.projections[cameras[poses]]
-            )
-            enough = min(settings.min_joints, self.num_joints)
-            if np.isfinite(joints[:, 0]).sum() < enough or any(
-                _mean_distance(joints, other[0]) < settings.duplicate_m for other in fused
-            ):
-                continue
-            members = np.full(len(self.rig), -1, np.int64)
-            members[cameras[poses]] = rows[poses]
-            fused.append((joints, joint_scores, members, error))
-        if not fused:
-            none = np.zeros((0, self.num_joints))
-            members = np.zeros((0, len(self.rig)), np.int64)
-            return np.zeros((0, self.num_joints, 3)), none, members, none
-        joints, joint_scores, members, error = (np.stack(part) for part in zip(*fused, strict=True))
-        return joints, joint_scores, members, error
-
-    def _rays(self, keypoints: Floats, cameras: Integers) -> Floats:
-        homogeneous = np.concatenate([keypoints, np.ones_like(keypoints[..., :1])], axis=-1)
-        rays = np.einsum("pab,pjb->pja", ray_matrices(self.rig)[cameras], homogeneous)
-        return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
-
-    def _place(
-        self, keypoints: Floats, scores: Floats, projections: Floats
-    ) -> tuple[Floats, Floats, Floats]:
-        """Triangulate one person: joints, their scores and reprojection errors."""
-        joints = triangulate(keypoints, scores, projections)
-        joints, belief = refine(
-            joints,
-            keypoints,
-            scores,
-            projections,
-            self.settings.steps,
-            self.settings.reject_outliers,
-        )
-        found = np.isfinite(joints).all(axis=-1)
-        count = np.maximum((scores > 0).sum(axis=0), 1)
-        joint_scores = np.where(found, (scores * belief).sum(axis=0) / count, 0.0)
-        return joints, joint_scores, reprojection_error(joints, keypoints, scores, projections)
-
 
 def _trusted(joints_m: Floats, scores: Floats) -> Poses3D:
     """Make poses without checking them, which would take a fifth of the time of a small slot."""
@@ -287,10 +205,3 @@ def _trusted(joints_m: Floats, scores: Floats) -> Poses3D:
 def _check_total(total: int) -> None:
     if total > MAX_POSES:
         raise InputError(f"fusion: found {total} poses in one slot, expected at most {MAX_POSES}")
-
-
-def _mean_distance(first: Floats, second: Floats) -> float:
-    """Return the mean distance over the joints that both have; infinite if they share none."""
-    distance = np.linalg.norm(first - second, axis=-1)
-    shared = np.isfinite(distance)
-    return float(distance[shared].mean()) if shared.any() else math.inf

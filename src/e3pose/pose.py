@@ -12,6 +12,9 @@ from e3pose.errors import InputError
 
 Floats = NDArray[np.float64]
 
+MIN_SCORE = 1e-3  # a keypoint less certain than this is missing
+MAX_PIXEL = 1e6  # and so is one further out than this
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses2D:

@@ -42,7 +42,7 @@ class Site:
     def start_edge(self) -> EdgeServer:
         settings = ReplaySettings(
             pipeline="memory", policy="round-robin", num_selected=self.num_selected,
-            backend="reference", predictor="zero-velocity",
+            predictor="zero-velocity",
         )  # fmt: skip
         edge_settings = EdgeSettings(
             "lab",

@@ -39,7 +39,6 @@ def made(recording: Recording, pipeline: str) -> Pipeline:
         pipeline=pipeline,
         num_selected=2,
         lead_slots=3,
-        backend="reference",
         predictor="zero-velocity",
     )
     return make_pipeline(recording, settings)

@@ -25,7 +25,7 @@ UNKNOWN_S = np.full(3, np.nan)
 def state() -> SlotState:
     """Return the state of three cameras, of which the last two were just given up."""
     scene = simulate(SceneSettings("ring", people=1, seconds=0.5, cameras=3), seed=0)
-    made = initial_state(make_pipeline(scene, ReplaySettings(backend="reference")))
+    made = initial_state(make_pipeline(scene, ReplaySettings()))
     silence = made.silence
     for slot in range(5):
         silence = listen(silence, slot, ALL, ONLY_FIRST, INTERVAL_S)

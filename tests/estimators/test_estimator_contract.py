@@ -31,7 +31,6 @@ def run(
             recording.interval_s,
             5,
             FusionSettings(),
-            "reference",
         ),
     )
     memory, found = estimator.begin(), []
@@ -86,9 +85,7 @@ def test_memory_finds_with_one_camera_what_the_paper_cannot() -> None:
 
 
 def test_a_replay_with_memory_counts_the_right_people() -> None:
-    settings = ReplaySettings(
-        pipeline="memory", policy="round-robin", num_selected=2, backend="reference"
-    )
+    settings = ReplaySettings(pipeline="memory", policy="round-robin", num_selected=2)
     records = list(replay(SCENE, settings))
     assert set(records[-1].stage_s) == {"estimate", "predict", "occlusion", "select"}
     assert all(record.arrived.sum() <= 2 for record in records[10:])
@@ -97,7 +94,7 @@ def test_a_replay_with_memory_counts_the_right_people() -> None:
 
 
 def test_unknown_estimator_is_refused() -> None:
-    settings = EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings(), "reference")
+    settings = EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings())
     with pytest.raises(InputError, match="'oracle' is unknown, expected one of paper, memory"):
         make_estimator("oracle", settings)
 
@@ -118,7 +115,7 @@ def test_every_joint_has_a_covariance_and_says_whether_it_was_measured(name: str
 def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str) -> None:
     estimator = make_estimator(
         name,
-        EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings(), "reference"),
+        EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings()),
     )
     memory = estimator.begin()
     for slot in range(20):
@@ -139,9 +136,7 @@ def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_the_stated_uncertainty_is_honest(name: str) -> None:
     """About nine of ten joints lie within the band, and the expected error is not far off."""
-    settings = ReplaySettings(
-        pipeline=name, policy="round-robin", num_selected=3, backend="reference"
-    )
+    settings = ReplaySettings(pipeline=name, policy="round-robin", num_selected=3)
     figures = expected_figures(SCENE, list(replay(SCENE, settings)))
     assert 80 < figures["coverage_90"] < 99
     assert 0.6 < figures["actual_mm"] / figures["matched_mm"] < 1.4
@@ -149,9 +144,7 @@ def test_the_stated_uncertainty_is_honest(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_ids_left_out_are_given_to_nobody(name: str) -> None:
-    settings = EstimatorSettings(
-        SCENE.rig, SCENE.skeleton, SCENE.interval_s, 5, FusionSettings(), "reference"
-    )
+    settings = EstimatorSettings(SCENE.rig, SCENE.skeleton, SCENE.interval_s, 5, FusionSettings())
     estimator = make_estimator(name, settings)
     found = []
     for count in (0, 100):

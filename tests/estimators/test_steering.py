@@ -58,9 +58,7 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
     name: str, error_m: float
 ) -> None:
     recording = scene(*CASES[1])
-    settings = EstimatorSettings(
-        recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings(), "reference"
-    )
+    settings = EstimatorSettings(recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings())
     estimator = make_estimator(name, settings)
     memory = estimator.begin()
     for slot in range(8):
@@ -86,9 +84,7 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
 
 def test_nobody_known_is_steered_to_nobody() -> None:
     recording = scene(*CASES[1])
-    settings = EstimatorSettings(
-        recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings(), "reference"
-    )
+    settings = EstimatorSettings(recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings())
     estimator = make_estimator("memory", settings)
     memory, people = estimator.estimate(estimator.begin(), {}, 0.0, lambda: 0.0)
     nothing = np.zeros((STEER_SLOTS, 0, 17, 3))

@@ -29,7 +29,7 @@ SCENE = simulate(
 
 
 def run(recording: Recording, **settings: object) -> list[SlotRecord]:
-    policy = {"policy": "round-robin", "num_selected": 2, "backend": "reference", **settings}
+    policy = {"policy": "round-robin", "num_selected": 2, **settings}
     return list(replay(recording, ReplaySettings(pipeline="paper", **policy)))  # type: ignore[arg-type]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.evaluate.paired import (
+from paired import (
     errors_with_misses,
     gain_percent,
     mean_interval,

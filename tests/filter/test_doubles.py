@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.reference.filter_step import step
 
 from e3pose.estimators.filtered import FilterStep
-from e3pose.filter import Belief, Model, step
+from e3pose.filter import Belief, Model
 from e3pose.kernels.filter_step import StepKernel
 from e3pose.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate

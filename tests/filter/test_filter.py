@@ -10,26 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.filter.room import (
-    MODEL,
-    Floats,
-    error_m,
-    ring,
-    run,
-    see,
-    standing,
-    turn,
-)
+from tests.filter.room import MODEL, Floats, error_m, ring, run, see, standing, step, turn
+from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
 from e3pose.errors import InputError
-from e3pose.filter import (
-    Belief,
-    Model,
-    Noise,
-    belief_from_arrays,
-    belief_to_arrays,
-    step,
-)
+from e3pose.filter import Belief, Model, Noise
 from e3pose.pose import Poses2D
 from e3pose.skeleton import COCO17
 

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.filter.room import step
 
-from e3pose.filter import Belief, Model, step
+from e3pose.filter import Belief, Model
 from e3pose.filter.honesty import spread_factor
 from e3pose.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate

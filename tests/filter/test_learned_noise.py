@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.filter.room import ALL, MODEL, NUM_CAMERAS, RIG, Views, run, standing, turn
+from tests.filter.room import ALL, MODEL, NUM_CAMERAS, RIG, Views, run, standing, step, turn
+from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
-from e3pose.filter import Belief, Model, Noise, belief_from_arrays, belief_to_arrays, outlook, step
+from e3pose.filter import Belief, Model, Noise, outlook
 from e3pose.filter.learned_noise import CAUTION, LEAST_KNOWN, MEMORY, MOST, factors, found, knots_px
 from e3pose.filter.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT
 from e3pose.pose import Poses2D

@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from tests.filter.test_tree import random_prior
+from tests.reference.filter_motion import spread
 
-from e3pose.filter.motion import ACCELERATION_LASTS_S, WALKS_MPS, alone, places, spread
+from e3pose.filter.motion import ACCELERATION_LASTS_S, WALKS_MPS, alone, places
 from e3pose.filter.tree import Tree, grow
 from e3pose.skeleton import COCO17, SKELETONS, Skeleton
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.filter.room import step
+from tests.reference.filter_update import predict
 
-from e3pose.filter import Belief, Model, outlook, step, wait_s
-from e3pose.filter.update import predict
+from e3pose.filter import Belief, Model, outlook, wait_s
 from e3pose.foresight import foresee
 from e3pose.simulate import SceneSettings, simulate
 

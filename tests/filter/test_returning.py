@@ -25,6 +25,7 @@ from e3pose.filter.returning import (
     length_odds,
     place_odds,
 )
+from e3pose.kernels.filter_step import StepKernel
 from e3pose.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate
 
@@ -168,7 +169,7 @@ def test_memory_is_bounded_in_number_and_time() -> None:
 
 
 def test_somebody_unseen_for_two_seconds_keeps_the_identity_shown() -> None:
-    estimator = Filtered(MODEL)
+    estimator = Filtered(MODEL, StepKernel())
     memory, ids = estimator.begin(), []
     for slot in range(SCENE.num_slots):
         hidden = 60 <= slot < 110

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.filter.room import step
 
-from e3pose.filter import Belief, Model, step
+from e3pose.filter import Belief, Model
 from e3pose.filter.motion import places
 from e3pose.filter.steer import GAIN, steer
 from e3pose.pose import Poses2D

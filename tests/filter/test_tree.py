@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.reference.filter_tree import Conditionals, Links, conditionals, solve
 
-from e3pose.filter.tree import Conditionals, Links, Tree, conditionals, grow, solve
+from e3pose.filter.tree import Tree, grow
 from e3pose.skeleton import COCO17, SKELETONS, Skeleton
 
 Floats = NDArray[np.float64]

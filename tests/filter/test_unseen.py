@@ -6,20 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.filter.room import (
-    ALL,
-    MODEL,
-    error_m,
-    run,
-    see,
-    spread_m,
-    standing,
-)
+from tests.filter.room import ALL, MODEL, error_m, run, see, spread_m, standing, step
+from tests.reference.filter_associate import associate
 
-from e3pose.filter import (
-    step,
-)
-from e3pose.filter.associate import associate
 from e3pose.filter.learned_noise import knots_px, nothing_known
 from e3pose.pose import Poses2D
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.filter.room import BODY, MODEL, run, see
+from tests.reference.filter_existence import end, wide
 
 from e3pose.filter import Belief, Model
-from e3pose.filter.existence import MOST_WIDE_M, end, wide
+from e3pose.kernels.filter_existence import MOST_WIDE_M
 from e3pose.kernels.filter_step import StepKernel
 from e3pose.pose import Poses2D
 from e3pose.skeleton import Skeleton

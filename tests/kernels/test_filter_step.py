@@ -13,18 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
+from tests.reference.filter_step import step
 
 from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
-from e3pose.filter import (
-    Belief,
-    Estimate,
-    Model,
-    belief_from_arrays,
-    belief_to_arrays,
-    step,
-)
-from e3pose.filter.births import MAX_LEFTOVERS, MAX_TRACKS
+from e3pose.filter import Belief, Estimate, Model
+from e3pose.filter.state import MAX_LEFTOVERS, MAX_TRACKS
 from e3pose.kernels import compile as compiling
 from e3pose.kernels.filter_step import StepKernel, step_slot
 from e3pose.pose import Poses2D
@@ -355,7 +350,7 @@ def test_kernel_on_disk_is_stamped_with_sources_and_constants() -> None:
     names = {path.name for path in compiling.FILTER_SOURCES}
     assert {"filter_step.py", "filter_update.py", "undistort.py", "place.py"} <= names
     constants = compiling.filter_constants()
-    assert "'e3pose.filter.update', 'ITERATIONS', 3" in constants
+    assert "'e3pose.filter.motion', 'WALKS_MPS', 0.6" in constants
     stamp = compiling.sources_stamp(compiling.FILTER_SOURCES, constants)
     assert step_slot._cache._cache_file._source_stamp == stamp  # type: ignore[attr-defined]
     assert compiling.sources_stamp(compiling.FILTER_SOURCES, constants + "x") != stamp

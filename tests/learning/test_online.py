@@ -127,7 +127,7 @@ def test_a_choice_made_during_a_training_stands(make: Make, clock: ManualClock) 
 
 def test_a_swap_loses_no_slot_and_no_person(make: Make) -> None:
     recording = simulate(SceneSettings(people=2, seconds=12.0, fps=10.0, cameras=3), seed=4)
-    settings = ReplaySettings(policy="all", num_selected=3, backend="reference", pipeline="paper")
+    settings = ReplaySettings(policy="all", num_selected=3, pipeline="paper")
     expected = list(replay(recording, settings))
     trainer = make("good")
     collected: list[SlotRecord] = []

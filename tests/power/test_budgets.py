@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from depletion import BatteryCamera, deplete
 from e3pose.energy import advance_deficit
 from e3pose.errors import InputError
 from e3pose.power import Budget, Supply, allowance_j, parse_budget, slot_shares
 from e3pose.power.budgets import FOREVER_S, common_lifetime, lifetime_s
-from e3pose.power.depletion import BatteryCamera, deplete
 
 HOME = timezone(timedelta(hours=1))
 NOW = datetime(2026, 11, 21, 14, 30, tzinfo=HOME)

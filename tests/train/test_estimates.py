@@ -25,7 +25,7 @@ from e3pose.train.parallel import Workers
 from e3pose.train.windows import Clip, Corruption, Sampler
 
 Floats = NDArray[np.float64]
-REFERENCE = EstimateSettings(backend="reference")
+REFERENCE = EstimateSettings()
 ALONE = Workers()
 
 

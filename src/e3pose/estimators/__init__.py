@@ -2,16 +2,16 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from e3pose.camera import Rig
 from e3pose.errors import InputError
 from e3pose.estimators.base import Estimator as Estimator
 from e3pose.estimators.base import Outlook as Outlook
 from e3pose.estimators.base import People as People
-from e3pose.estimators.filtered import Filtered, FilterStep
+from e3pose.estimators.filtered import Filtered
 from e3pose.estimators.per_slot import PerSlot
-from e3pose.filter import OPENPOSE, Model, Noise, step, wait_s
+from e3pose.filter import OPENPOSE, Model, Noise, wait_s
 from e3pose.fuse import Fuser, FusionSettings
 from e3pose.skeleton import Skeleton
 
@@ -26,7 +26,6 @@ class EstimatorSettings:
         interval_s: seconds a slot.
         history_slots: how much of the past the predictor is given.
         fusion: of the estimator without a memory.
-        backend: `numba` kernels or the numpy `reference`.
         noise: of the detector's keypoints, for the estimator with a memory.
         num_selected: cameras per slot, a mean if it is no whole number; how long the estimator
             with a memory waits for a second view of somebody new follows from it.
@@ -37,31 +36,21 @@ class EstimatorSettings:
     interval_s: float
     history_slots: int
     fusion: FusionSettings
-    backend: Literal["numba", "reference"]
     noise: Noise = OPENPOSE
     num_selected: float = 1.0
 
 
 def _per_slot(settings: EstimatorSettings) -> PerSlot:
-    fuser = Fuser(settings.rig, len(settings.skeleton), settings.fusion, backend=settings.backend)
+    fuser = Fuser(settings.rig, len(settings.skeleton), settings.fusion)
     return PerSlot(fuser, len(settings.skeleton), settings.interval_s, settings.history_slots)
-
-
-def filter_step(backend: str, model: Model) -> FilterStep:
-    """Return the filter's step in the `backend` asked for; raise `InputError` for another."""
-    if backend not in ("numba", "reference"):
-        raise InputError(f"estimator: backend: found {backend!r}, expected numba or reference")
-    if backend == "reference":
-        return step
-    from e3pose.kernels.filter_step import StepKernel
-
-    return StepKernel()
 
 
 def _filtered(settings: EstimatorSettings) -> Filtered:
     waiting_s = wait_s(settings.interval_s, settings.num_selected)
     model = Model(settings.rig, settings.skeleton, settings.noise, waiting_s)
-    return Filtered(model, settings.history_slots, filter_step(settings.backend, model))
+    from e3pose.kernels.filter_step import StepKernel  # only who estimates needs numba
+
+    return Filtered(model, StepKernel(), settings.history_slots)
 
 
 ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator[Any]]] = {

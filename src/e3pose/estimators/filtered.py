@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimators.base import STEER_SLOTS, People
-from e3pose.filter import Belief, Estimate, Model, Outlook, outlook, step
+from e3pose.filter import Belief, Estimate, Model, Outlook, outlook
 from e3pose.filter.honesty import spread_factor
 from e3pose.filter.learned_noise import found
 from e3pose.filter.returning import Identities, identify
@@ -22,9 +22,7 @@ LEAST_KNOWN_SLOTS = 4  # of a history before what is predicted from it counts
 LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
 
 
-FilterStep = Callable[
-    [Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]
-]  # `filter.step`, or a compiled one
+FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,13 +48,13 @@ class Filtered:
 
     Attributes:
         model: the rig, the skeleton, the noise of the detector.
+        step: advances the belief (`StepKernel`).
         history_slots: the length of the history, at least 2.
-        step: advances the belief.
     """
 
     model: Model
+    step: FilterStep
     history_slots: int = 10
-    step: FilterStep = step
 
     def begin(self) -> Remembered:
         """See `Estimator.begin`."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,6 @@ class ReplaySettings:
         phase: offset of turns and ties.
         occlusion_limit: threshold of `independent`.
         round_trip_s: network and server delay that `central-2d` waits for.
-        backend: `numba` kernels or the numpy `reference`.
         foresees: work out what each camera is expected to tell even if the policy does not ask.
         cost_j: energy of an active slot beyond that of an idle one, of each camera; all alike by
             default, and only the proportions matter.
@@ -84,7 +83,6 @@ class ReplaySettings:
     phase: int = 0
     occlusion_limit: float = 0.1
     round_trip_s: float = 0.05
-    backend: Literal["numba", "reference"] = "numba"
     foresees: bool = False
     cost_j: tuple[float, ...] | None = None
     bad_day: BadDay = NO_BAD_DAY
@@ -149,7 +147,6 @@ def make_pipeline(
             interval_s=place.interval_s,
             history_slots=settings.warmup_slots,
             fusion=_fusion(settings),
-            backend=settings.backend,
             noise=load_noise(settings.noise or detector_of(place.source)),
             num_selected=1.0 if settings.target_error_m is not None else settings.num_selected,
         ),

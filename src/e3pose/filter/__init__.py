@@ -10,11 +10,8 @@ from e3pose.filter.noise import OPENPOSE as OPENPOSE
 from e3pose.filter.noise import Noise as Noise
 from e3pose.filter.outlook import Outlook as Outlook
 from e3pose.filter.outlook import outlook as outlook
+from e3pose.filter.shown import Estimate as Estimate
 from e3pose.filter.state import Belief as Belief
 from e3pose.filter.state import Leftovers as Leftovers
 from e3pose.filter.state import Model as Model
-from e3pose.filter.state import belief_from_arrays as belief_from_arrays
-from e3pose.filter.state import belief_to_arrays as belief_to_arrays
 from e3pose.filter.state import wait_s as wait_s
-from e3pose.filter.step import Estimate as Estimate
-from e3pose.filter.step import step as step

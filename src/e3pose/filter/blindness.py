@@ -21,6 +21,7 @@ from e3pose.camera import Rig
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
 CELL_M = 0.75  # people's own size, and the reach of a door
 NUM_CELLS = 40  # along each side of the square around the cameras
 PLAIN = 0.9  # detections of a look in plain sight: what is thought of places nobody was seen at
@@ -65,29 +66,6 @@ def proof(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Fl
     missing = 1 - chance(sights, cameras, places_m, corner)
     blind = np.log(np.maximum(missing, 1 - PLAIN)) / np.log(1 - PLAIN)
     return np.asarray(np.minimum(blind, 1.0))
-
-
-def learn(sights: Floats, places_m: Floats, looks: Floats, shown: Floats, corner: Floats) -> Floats:
-    """Return the counts after people were proved to be at places.
-
-    Args:
-        sights: as for `chance`; not changed.
-        places_m: `(num_people, 2)` on the floor.
-        looks: `(num_people, num_cameras)` to add.
-        shown: `(num_people, num_cameras)` likewise.
-        corner: `corner_m` of the rig.
-    """
-    people, cameras = np.nonzero(looks)
-    if len(people) == 0:
-        return sights
-    cells, weights = around(places_m - corner)
-    where = (cameras[:, None], cells[people, :, 0], cells[people, :, 1])
-    told = np.stack([looks[people, cameras], shown[people, cameras]], axis=-1)
-    sights = sights.copy()
-    np.add.at(sights, where, weights[people][..., None] * told[:, None])
-    kept = np.minimum(MOST_LOOKS / np.maximum(sights[where][..., LOOKS], 1e-12), 1.0)
-    sights[where] = sights[where] * kept[..., None]
-    return sights
 
 
 def around(offset_m: Floats) -> tuple[Ints, Floats]:

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter import blindness
-from e3pose.filter.births import APART_M
 from e3pose.filter.blindness import PLAIN, around
-from e3pose.filter.state import Belief, Model
+from e3pose.filter.state import APART_M, Belief, Model
 from e3pose.filter.tree import TRUNK
 
 Floats = NDArray[np.float64]

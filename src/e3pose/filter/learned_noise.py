@@ -14,21 +14,9 @@ the file states, or the other way round.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from e3pose.filter import bias
-from e3pose.filter.blindness import PROOF_CAMERAS, PROOF_S
-from e3pose.filter.state import Belief, Flags, Floats, Ints, Model
-from e3pose.filter.update import (
-    MIN_DEPTH_M,
-    MIN_SCORE,
-    OUTLIER_SIGMAS,
-    Sightings,
-    pixel_variance,
-    project,
-)
+from e3pose.filter.state import Floats, Model
 
 LOG, COUNT = 0, 1  # of the last axis of `Belief.noise`
 ALIKE = 60.0  # keypoints that the other cameras' mean counts for
@@ -90,61 +78,3 @@ def found(noise: Floats, weight: float) -> Floats:
     Arguments are those of `factors`.
     """
     return np.where(noise[:-1, COUNT] >= LEAST_KNOWN, factors(noise, weight) / CAUTION, np.nan)
-
-
-def own_share(since_s: Floats) -> Floats:
-    """Return what is left of a keypoint's variance once its learned bias is taken off.
-
-    Args:
-        since_s: seconds since the view saw the person before; inf if never.
-    """
-    return np.asarray(1 - KNOWN * np.exp(-2 * since_s / bias.LASTS_S))
-
-
-def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Model) -> Belief:
-    """Return the belief after the views of a slot were compared with the updated people.
-
-    Args:
-        belief: after the update, before biases are learned and views are counted.
-        seen: the views, with sigmas that the factors of `belief` are part of.
-        cameras: `(num_views,)` of the views.
-        dt: seconds since the slot before.
-        model: the noise.
-    """
-    if len(belief) == 0 or len(cameras) == 0:
-        return belief
-    since_s = belief.last_seen_s + dt
-    taught = _proved(belief, seen, cameras, since_s)
-    pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
-    usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M) & taught[:, None]
-    error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
-    squares = (error**2).sum(axis=-1)
-    doubt = pixel_variance(jacobian, belief.covariance[..., :3, :3])
-    variance = (seen.sigma_px * seen.look) ** 2
-    weight = 1 / (variance * (1 + squares / variance / OUTLIER_SIGMAS**2))
-    left = 1 - np.minimum(weight * doubt, MOST_LEVERAGE)
-    own = seen.sigma_px**2 * own_share(since_s[:, cameras].T)[..., None]
-    total = own + doubt / left
-    share = own / total
-    share = np.where(usable & (share > LEAST_SHARE), share, 0.0)
-    beyond = squares / left**2 > MEDIAN * total
-    surprise = share * (beyond - 0.5) / SLOPE
-    lean = leaning(seen.scores)
-    logs, counts = belief.noise.T
-    now = np.append(np.log(factors(belief.noise, model.noise.weight)), 0.0)
-    now[-1] = tilt(belief.noise, model.noise.weight)
-    fresh, steps = np.zeros_like(now), np.zeros_like(now)
-    fresh[cameras], steps[cameras] = (share**2).sum(axis=(1, 2)), surprise.sum(axis=(1, 2))
-    fresh[-1], steps[-1] = ((share * lean) ** 2).sum(), (surprise * lean).sum()
-    total_count = counts + fresh
-    mean = (logs * counts + now * fresh + steps) / np.maximum(total_count, 1e-9)
-    most = np.log(np.append(np.full(len(now) - 1, MOST), STEEPEST))
-    noise = np.stack([np.clip(mean, -most, most), np.minimum(total_count, MEMORY)], axis=-1)
-    return replace(belief, noise=np.where(fresh[:, None] > 0, noise, belief.noise))
-
-
-def _proved(belief: Belief, seen: Sightings, cameras: Ints, since_s: Floats) -> Flags:
-    """Return `(num_tracks,)` people whom several cameras showed of late: nobody's ghost."""
-    recent: Flags = np.asarray(since_s < PROOF_S)
-    recent[:, cameras] |= (seen.scores > 0).any(axis=-1).T
-    return np.asarray(belief.confirmed & (recent.sum(axis=1) >= PROOF_CAMERAS))

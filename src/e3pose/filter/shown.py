@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from e3pose.filter import doors
-from e3pose.filter.state import Belief, Flags, Model
+from e3pose.filter.state import Belief, Flags, Floats, Ints, Model
 
 SHOWN_SPREAD_M = 0.2  # whose every joint is less certain is followed, but not shown
 MOST_LEFT_ODDS = 1.0  # who has more likely left than not is followed, but not shown
 ALONE_S, WALK_MPS = 1.2, 0.3  # and so is who walks, led for so long by one camera alone
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """The people of one slot.
+
+    Attributes:
+        track_ids: `(num_persons,)` identities, rising.
+        joints_m: `(num_persons, num_joints, 3)` metres; NaN for joints never measured.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of `joints_m`; NaN likewise.
+        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint; the
+            others are carried on from earlier slots.
+    """
+
+    track_ids: Ints
+    joints_m: Floats
+    covariance_m2: Floats
+    measured: Flags
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
 
 
 def shown(belief: Belief, model: Model) -> Flags:
@@ -29,3 +52,15 @@ def _led_alone(belief: Belief) -> Flags:
     second_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf)
     speed_mps = np.linalg.norm(belief.state[..., 3:].mean(axis=1), axis=-1)
     return np.asarray((second_s > ALONE_S) & (speed_mps > WALK_MPS))
+
+
+def estimate_of(belief: Belief, model: Model) -> Estimate:
+    """Return the people who are believed to be there, and where."""
+    rows = np.flatnonzero(shown(belief, model))
+    known = np.isfinite(belief.unmeasured_s[rows])
+    return Estimate(
+        belief.track_ids[rows],
+        np.where(known[..., None], belief.state[rows, :, :3], np.nan),
+        np.where(known[..., None, None], belief.covariance[rows, :, :3, :3], np.nan),
+        belief.unmeasured_s[rows] == 0,
+    )

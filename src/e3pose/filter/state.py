@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
@@ -11,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
-from e3pose.errors import InputError
 from e3pose.filter import blindness
 from e3pose.filter.motion import alone
 from e3pose.filter.noise import OPENPOSE, Noise
@@ -38,6 +36,10 @@ STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
 # A head turns and nods: what it does to these lengths is a few centimetres.
 LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
 LOOSE_SLACK_M = 0.08
+MAX_LEFTOVERS = 64  # newest first: a view full of noise must not cost the slot
+MAX_TRACKS = 64  # nobody is started beyond, so that ghosts of hostile views cannot pile up
+APART_M = 0.35  # somebody nearer to a track than this is that track
+MIN_SCORE = 0.05  # keypoints below this are not used
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,50 +278,3 @@ class Belief:
             for item in fields(self)
             if item.name not in ("time_s", "leftovers", "sights", "doors", "noise", "next_id")
         }
-
-
-def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
-    """Return a belief as named arrays, fit for `numpy.savez`; nothing is lost."""
-    waiting = belief.leftovers
-    return {
-        "time_s": np.array(belief.time_s),
-        "next_id": np.array(belief.next_id),
-        "sights": belief.sights,
-        "doors": belief.doors,
-        "noise": belief.noise,
-        **belief.columns(),
-        **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
-    }
-
-
-def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) -> Belief:
-    """Return the belief that `belief_to_arrays` took apart.
-
-    Raises:
-        InputError: when an array is missing or does not fit the model.
-    """
-    empty = Belief.empty(model)
-    pattern = belief_to_arrays(empty)
-    for name, like in pattern.items():
-        if name not in arrays:
-            raise InputError(f"belief: {name}: not found, expected an array")
-        found = np.asarray(arrays[name])
-        if found.shape[1:] != like.shape[1:] or found.ndim != like.ndim:
-            raise InputError(f"belief: {name}: found shape {found.shape}, expected {like.shape}")
-        if found.dtype != like.dtype:
-            raise InputError(f"belief: {name}: found {found.dtype}, expected {like.dtype}")
-    for names in (list(empty.columns()), [n for n in pattern if n.startswith("leftover_")]):
-        lengths = {len(arrays[name]) for name in names}
-        if len(lengths) > 1:
-            raise InputError(f"belief: {names[0]} ...: found lengths {sorted(lengths)}")
-    waiting = [np.array(arrays[f"leftover_{item.name}"]) for item in fields(Leftovers)]
-    columns = {name: np.array(arrays[name]) for name in empty.columns()}
-    return Belief(
-        time_s=float(np.asarray(arrays["time_s"], dtype=np.float64)),
-        next_id=int(np.asarray(arrays["next_id"], dtype=np.int64)),
-        leftovers=Leftovers(*waiting),
-        sights=np.array(arrays["sights"]),
-        doors=np.array(arrays["doors"]),
-        noise=np.array(arrays["noise"]),
-        **columns,
-    )

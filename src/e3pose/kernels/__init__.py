@@ -1,1 +1,1 @@
-"""The data plane compiled with numba; imported only where `backend="numba"` is asked for."""
+"""The estimators, compiled with numba."""

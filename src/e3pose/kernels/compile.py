@@ -20,11 +20,14 @@ FILTER = "filter_"  # how the modules of the filter's kernels begin
 SOURCES = (
     *(path for path in sorted(_PACKAGE.glob("*.py")) if not path.name.startswith(FILTER)),
     _PACKAGE.parent / "distortion.py",
-    _PACKAGE.parent / "match.py",
-    _PACKAGE.parent / "triangulate.py",
+    _PACKAGE.parent / "pose.py",
 )
 # The filter's kernels call the others, but not the other way round.
-FILTER_SOURCES = (*SOURCES, *sorted(_PACKAGE.glob(f"{FILTER}*.py")))
+FILTER_SOURCES = (
+    *SOURCES,
+    *sorted(_PACKAGE.glob(f"{FILTER}*.py")),
+    _PACKAGE.parent / "projection.py",
+)
 
 
 def sources_stamp(sources: tuple[Path, ...] = SOURCES, constants: str = "") -> str:
@@ -38,12 +41,12 @@ def sources_stamp(sources: tuple[Path, ...] = SOURCES, constants: str = "") -> s
 
 def filter_constants() -> str:
     """Return the constants that the filter's kernels take over, with their names."""
-    from e3pose.filter import associate, bias, births, blindness, existence, motion, step, update
+    from e3pose.filter import bias, blindness, learned_noise, motion, state
 
     return repr(
         [
             (module.__name__, name, value)
-            for module in (associate, bias, births, blindness, existence, motion, step, update)
+            for module in (bias, blindness, learned_noise, motion, state)
             for name, value in sorted(vars(module).items())
             if name.isupper() and isinstance(value, int | float | tuple)
         ]

@@ -1,4 +1,9 @@
-"""Give the poses of chance groups back to the people they belong to, as `match.match` does."""
+"""Dissolve chance groups: their poses go back to the people they belong to.
+
+In a crowd, poses of two people can meet by chance more closely than those of one person do. So
+after grouping, weakest first, a group is dissolved if each of its poses is at home in a larger one
+that has no pose of that view.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.kernels.compile import kernel
+from e3pose.kernels.group import PRIOR_JOINTS
 from e3pose.kernels.pairs import LANES, measure_tile
-from e3pose.match import PRIOR_JOINTS, STRENGTH_UNIT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+STRENGTH_UNIT = 1e-6  # sums of scores that differ by less are equal; then the first pose leads
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Associate: the loops of `filter.associate`, and which views should show whom."""
+"""Whose detection is it? Tracks and the detections of one view, by projected distance."""
 
 from __future__ import annotations
 
@@ -7,22 +7,25 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.associate import (
-    COST_LIMIT,
-    COST_USUAL,
-    JOINT_LIMIT,
-    MIN_JOINTS,
-    NEVER,
-    VAGUE_FIT,
-)
-from e3pose.filter.existence import INSIDE_JOINTS
-from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE
+from e3pose.filter.state import MIN_SCORE
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_assign import assign
+from e3pose.kernels.filter_existence import INSIDE_JOINTS
 from e3pose.kernels.filter_memory import Matches, Offers, Views
+from e3pose.projection import MIN_DEPTH_M
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+Ints = NDArray[np.int64]
+BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
+MIN_JOINTS = 3
+COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
+COST_USUAL = 1.0  # the mean distance of a detection that is right is below it
+JOINT_LIMIT = 6.0  # what one wild joint may say at most
+VAGUE_FIT = 0.4  # the fit of a track twice as wide as it could be counts 0.76 times
+NEVER = 1e3
+
 
 U, V, SPREAD, IN_FRONT = range(4)  # planes of `Offers.sight`
 

@@ -17,9 +17,10 @@ from e3pose.filter.bias import (
     QUICK_S,
     SHORTEST_S,
 )
-from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE
+from e3pose.filter.state import MIN_SCORE
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_sight import doubt_px2, shown_at
+from e3pose.projection import MIN_DEPTH_M
 
 Floats = NDArray[np.float64]
 

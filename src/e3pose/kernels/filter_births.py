@@ -1,4 +1,4 @@
-"""Births: the loops of `filter.births`."""
+"""New people: two detections that nobody explains and that meet as one body in space."""
 
 from __future__ import annotations
 
@@ -7,31 +7,24 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.births import (
-    APART_M,
-    MAX_ERROR_PX,
-    MAX_EXTENT_M,
-    MAX_TRACKS,
-    MIN_EXTENT_M,
-    MIN_JOINTS,
-    REACH_M,
-    SHARED_SCORE,
-    START_EXISTENCE,
-    START_JOINT_M,
-    START_SPEED_MPS,
-    START_TURN_MPS,
-    START_UNSEEN_M,
-    WALK_MPS,
-)
-from e3pose.filter.existence import DELIVERED_PRIOR
+from e3pose.filter.state import APART_M, MAX_TRACKS
 from e3pose.kernels.compile import kernel
-from e3pose.kernels.filter_existence import is_wide
-from e3pose.kernels.filter_leftovers import collect
+from e3pose.kernels.filter_existence import DELIVERED_PRIOR, is_wide
+from e3pose.kernels.filter_leftovers import MIN_JOINTS, collect
 from e3pose.kernels.filter_memory import Pairs, Tracks, Views, Waiting
 from e3pose.kernels.place import triangulate_person
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+WALK_MPS = 0.7  # all joints may have moved together so fast between two slots
+SHARED_SCORE = 0.15
+MAX_ERROR_PX = 10.0  # reprojection, the median over joints
+MIN_EXTENT_M, MAX_EXTENT_M = 0.4, 2.3  # along any axis of the world
+REACH_M = 1.6  # a joint farther from the middle is a mistake
+START_JOINT_M, START_UNSEEN_M = 0.1, 0.5  # uncertainty at the start
+START_SPEED_MPS, START_TURN_MPS = 1.0, 0.5  # of the root; of a joint beside its parent
+START_EXISTENCE = 0.6
 
 
 @kernel

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.filter.blindness import (
     CELL_M,
+    FASTEST_S,
     LOOKS,
     MOST_LOOKS,
     NUM_CELLS,
@@ -18,7 +19,6 @@ from e3pose.filter.blindness import (
     PROOF_S,
     SHOWN,
 )
-from e3pose.filter.existence import FASTEST_S
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_memory import Matches, Tracks
 

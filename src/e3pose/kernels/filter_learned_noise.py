@@ -24,11 +24,13 @@ from e3pose.filter.learned_noise import (
     SLOPE,
     STEEPEST,
 )
-from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE, OUTLIER_SIGMAS
+from e3pose.filter.state import MIN_SCORE
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_bias import inflation
 from e3pose.kernels.filter_memory import Detectors, Matches, Site, Tracks, Views
 from e3pose.kernels.filter_sight import doubt_px2, shown_at
+from e3pose.kernels.filter_update import OUTLIER_SIGMAS
+from e3pose.projection import MIN_DEPTH_M
 
 Floats = NDArray[np.float64]
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.births import MAX_LEFTOVERS, MIN_JOINTS, SURE_SCORE
+from e3pose.filter.state import MAX_LEFTOVERS
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_memory import Views, Waiting
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+SURE_SCORE, MIN_JOINTS = 0.2, 8  # of a detection that may start somebody
 
 
 @kernel

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.births import MAX_LEFTOVERS
-from e3pose.filter.state import Belief, Model
+from e3pose.filter.state import MAX_LEFTOVERS, Belief, Model
 from e3pose.kernels.pairs import LANES
 from e3pose.kernels.undistort import Lenses, make_lenses
 

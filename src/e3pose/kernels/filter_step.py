@@ -1,4 +1,4 @@
-"""One slot of the filter in one compiled call, with the working memory that it needs."""
+"""One slot of the estimator: predict, associate, update, who exists, who is new."""
 
 from __future__ import annotations
 
@@ -8,22 +8,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from e3pose.errors import InputError
 from e3pose.filter import doors
-from e3pose.filter.associate import BIAS_PX
-from e3pose.filter.births import MAX_LEFTOVERS, MAX_TRACKS
-from e3pose.filter.state import Belief, Leftovers, Model
-from e3pose.filter.step import (
-    LONGEST_S,
-    MAX_PEOPLE,
-    Estimate,
-    bounded,
-    check_slot,
-    estimate_of,
-)
+from e3pose.filter.shown import Estimate, estimate_of
+from e3pose.filter.state import MAX_LEFTOVERS, MAX_TRACKS, Belief, Floats, Leftovers, Model
 from e3pose.kernels.compile import kernel
-from e3pose.kernels.filter_associate import associate
+from e3pose.kernels.filter_associate import BIAS_PX, associate
 from e3pose.kernels.filter_bias import learn_bias
 from e3pose.kernels.filter_births import give_birth
 from e3pose.kernels.filter_blindness import learn_sights
@@ -33,16 +24,40 @@ from e3pose.kernels.filter_memory import Detectors, Memory, Site, Views, make_me
 from e3pose.kernels.filter_predict import predict
 from e3pose.kernels.filter_update import learn_bones, update
 from e3pose.kernels.undistort import undistort_slot
-from e3pose.match import MAX_PIXEL, MIN_SCORE
-from e3pose.pose import Poses2D
+from e3pose.pose import MAX_PIXEL, MIN_SCORE, Poses2D
 
-Floats = NDArray[np.float64]
+LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
+MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
+
+
+def check_slot(model: Model, views: Mapping[int, Poses2D], time_s: float) -> None:
+    """Raise `InputError` for views or a time that `step` cannot take."""
+    if not np.isfinite(time_s):
+        raise InputError(f"time: found {time_s}, expected seconds")
+    for camera, view in views.items():
+        if not 0 <= camera < len(model.rig):
+            raise InputError(f"camera {camera}: expected an index below {len(model.rig)}")
+        if view.scores.shape[1] != len(model.skeleton):
+            raise InputError(
+                f"camera {model.rig.camera_ids[camera]}: keypoints: found {view.scores.shape[1]} "
+                f"joints, expected {len(model.skeleton)} ({model.skeleton.name})"
+            )
+
+
+def bounded(view: Poses2D) -> tuple[Floats, Floats]:
+    """Return keypoints and scores of at most `MAX_PEOPLE` people, the most certain ones."""
+    if len(view) <= MAX_PEOPLE:
+        return view.keypoints_px, view.scores
+    strongest = np.argsort(-view.scores.sum(axis=1), kind="stable")[:MAX_PEOPLE]
+    rows = np.sort(strongest)
+    return view.keypoints_px[rows], view.scores[rows]
+
 
 LEAST_PEOPLE = 16  # of one view, for whom there is always room
 
 
 class StepKernel:
-    """The compiled `filter.step`, to be called like it: the same beliefs and estimates.
+    """One slot of the filter: the belief before and the views in, the belief now and people out.
 
     It keeps no history, but what is constant about the newest model, and its working memory; so it
     must not be shared between threads.
@@ -59,7 +74,17 @@ class StepKernel:
     def __call__(
         self, model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
     ) -> tuple[Belief, Estimate]:
-        """Advance to `time_s`; arguments, result and errors are those of `filter.step`."""
+        """Return the belief now and the people who are believed to exist.
+
+        Args:
+            model: the rig, the skeleton, the noise.
+            belief: of the slot before; it is not changed.
+            views: camera index to what it saw, in pixels of the real image.
+            time_s: when; a view that came late counts as seen now, time never runs backwards.
+
+        Raises:
+            InputError: for a camera that the rig does not have, or a time that is not a number.
+        """
         check_slot(model, views, time_s)
         first = math.isnan(belief.time_s)
         now = time_s if first else max(time_s, belief.time_s)

@@ -1,4 +1,4 @@
-"""Update: the loops of `filter.update`, for one track."""
+"""Predict and update: one Kalman filter per person, measured directly by pixels of any views."""
 
 from __future__ import annotations
 
@@ -7,27 +7,24 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.update import (
-    BONE_KNOWN_M,
-    BONE_MEMORY,
-    BONE_TEACHERS,
-    ITERATIONS,
-    MEASURED_SIGMAS,
-    MIN_DEPTH_M,
-    MIN_SCORE,
-    OUTLIER_SIGMAS,
-)
+from e3pose.filter.state import MIN_SCORE
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.filter_bias import inflation
 from e3pose.kernels.filter_memory import Passes, Site, Tracks, Views
 from e3pose.kernels.filter_sight import shown_at
 from e3pose.kernels.filter_tree import eliminate, prepare, spread_out
+from e3pose.projection import MIN_DEPTH_M
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
+OUTLIER_SIGMAS = 2.0  # where the weight of a keypoint is halved
+MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
 ROBUST = 1.0 / OUTLIER_SIGMAS**2
+ITERATIONS = 3
+BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
+BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
 
 
 @kernel

@@ -1,4 +1,14 @@
-"""Merge the closest groups of poses again and again: `match.match` with remembered neighbours."""
+"""Match 2D poses across views: which poses of different cameras show the same person.
+
+The epipolar constraint is tested in the world: two keypoints of one joint span two rays, and the
+rays of the same point pass each other closely. Its distance is in metres, so one threshold serves
+near and far people and every camera. `docs/decisions/0001-matching.md` explains the choice.
+
+Every pose begins as a group of its own. Again and again the two closest groups are merged, by the
+mean ray distance over all their pairs of poses and joints (average link), unless both hold a pose
+of the same view, until the closest two are further apart than `max_distance_m`. No view comes
+first, so the order of views and people does not matter.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.kernels.compile import kernel
-from e3pose.match import PRIOR_JOINTS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+# So many certain joints at the distance `cap_m` are added to what two groups have in common: a
+# scrap of two joints needs more than a lucky coincidence, and larger groups merge before smaller.
+PRIOR_JOINTS = 1.0
 
 
 @kernel

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.place import noise_px
-from e3pose.match import MAX_PIXEL, MIN_SCORE, PARALLEL_SINE2
+from e3pose.pose import MAX_PIXEL, MIN_SCORE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+# Squared sine of the angle under which two rays count as parallel: their distance says nothing.
+PARALLEL_SINE2 = 1e-9
 LANES = 16
 PLANES = 4
 

@@ -1,4 +1,11 @@
-"""Triangulate and refine the joints of one person: the loops of `triangulate.py`.
+"""Triangulate and refine the joints of one person: the paper's weighted DLT, and its refinement.
+
+Each row of the DLT's matrix (paper eq. (1) to (3)) is divided by its norm and multiplied by the
+keypoint's score. The norm depends on the scale of the projections and on the world's origin, as in
+the paper. The DLT minimises an algebraic error; a few Gauss-Newton steps on the errors in pixels,
+each divided by the noise that its score promises, give the most likely point instead. Rejecting
+outliers reweights each view by 1 / (1 + r^2) at every step, r being its error in units of
+`OUTLIER_SIGMAS` standard deviations.
 
 Each function handles all joints of a person and indexes whole arrays: a call with arrays, or a
 slice of one, costs as much as a few rows of arithmetic.
@@ -13,25 +20,29 @@ from numpy.typing import NDArray
 
 from e3pose.kernels.compile import kernel
 from e3pose.kernels.nullspace import null_vector
-from e3pose.triangulate import (
-    MAX_STEP_M,
-    MIN_DEPTH_M,
-    MIN_VIEWS,
-    NOISE_PX,
-    NOISE_SCORES,
-    OUTLIER_SIGMAS,
-)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+MIN_VIEWS = 2
+# Standard deviation in pixels of a keypoint by its score. Detectors guess below a score of about
+# 0.4 (joints that are hidden), where errors are five times those of joints that are clearly seen.
+NOISE_SCORES = (0.4, 0.6, 1.0)
+NOISE_PX = (15.0, 3.0, 2.3)
+# Residual, in standard deviations, at which a keypoint's weight is halved when outliers are
+# rejected: 2.5 is the usual compromise, 1 % of normal errors are larger.
+OUTLIER_SIGMAS = 2.5
+# Beyond these a Gauss-Newton step says nothing: its linear picture of a camera holds over a small
+# part of the distance to it. Estimates that break them are left as the DLT made them.
+MIN_DEPTH_M = 0.2
+MAX_STEP_M = 0.5
 LOW, MIDDLE, HIGH = NOISE_SCORES
 LOW_PX, MIDDLE_PX, HIGH_PX = NOISE_PX
 
 
 @kernel
 def noise_px(score: float) -> float:
-    """Return the expected error of a keypoint, as `triangulate.noise_px` does."""
+    """Return the expected error in pixels of a keypoint with this score."""
     if score <= LOW:
         return LOW_PX
     if score <= MIDDLE:

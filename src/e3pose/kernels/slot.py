@@ -13,10 +13,8 @@ from e3pose.kernels.compile import kernel
 from e3pose.kernels.dissolve import dissolve_groups, weigh_groups
 from e3pose.kernels.group import group_poses
 from e3pose.kernels.pairs import LANES, PLANES, gather, measure_pairs
-from e3pose.kernels.place import refine_person, score_person, triangulate_person
+from e3pose.kernels.place import MIN_VIEWS, refine_person, score_person, triangulate_person
 from e3pose.kernels.undistort import make_lenses, undistort_slot
-from e3pose.match import ray_matrices
-from e3pose.triangulate import MIN_VIEWS
 
 if TYPE_CHECKING:
     from e3pose.fuse import Fused, FusionSettings
@@ -72,11 +70,11 @@ def make_memory(num_cameras: int, num_joints: int, capacity: int) -> Memory:
 
 
 class SlotKernel:
-    """The numba backend of `Fuser`: keeps what is constant per rig, and the working memory."""
+    """What `Fuser` runs: keeps what is constant per rig, and the working memory."""
 
     def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings) -> None:
         self._rig = (
-            np.ascontiguousarray(ray_matrices(rig)),
+            np.ascontiguousarray(rig.ray_matrices),
             np.ascontiguousarray(rig.centers_m),
             np.ascontiguousarray(rig.projections),
             *make_lenses(rig),

@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +48,10 @@ class EstimateSettings:
         combinations: camera combinations fused in a slot at most; all of them where there are no
             more, else as many drawn anew in every slot.
         seed: of these draws.
-        backend: of the fusion.
     """
 
     combinations: int = 32
     seed: int = 0
-    backend: Literal["numba", "reference"] = "numba"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,7 +151,6 @@ def follow(
             interval_s=recording.interval_s,
             history_slots=2,
             fusion=SOME_VIEWS,
-            backend=settings.backend,
         ),
     )
     memory = estimator.begin()
@@ -205,7 +201,7 @@ def estimates_of(room: Room, chunk: Chunk) -> list[Halves]:
         cameras say; NaN where a joint is missing. A person whom only some combinations find has
         these repeated in place of the others, so that one drawn at random is one of theirs.
     """
-    fuser = Fuser(room.rig, len(room.skeleton), SOME_VIEWS, backend=room.settings.backend)
+    fuser = Fuser(room.rig, len(room.skeleton), SOME_VIEWS)
     columns = common_columns(room.skeleton)
     rng = np.random.default_rng([room.settings.seed, chunk.first_slot])
     result = []

@@ -10,23 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Rig
+from e3pose.kernels.dissolve import STRENGTH_UNIT
+from e3pose.kernels.group import PRIOR_JOINTS
+from e3pose.kernels.pairs import PARALLEL_SINE2
 
 Floats = NDArray[np.float64]
-
-MIN_SCORE = 1e-3  # a keypoint less certain than this is missing
-MAX_PIXEL = 1e6  # and so is one further out than this
-# Squared sine of the angle under which two rays count as parallel: their distance says nothing.
-PARALLEL_SINE2 = 1e-9
-# So many certain joints at the distance `cap_m` are added to what two groups have in common: a
-# scrap of two joints needs more than a lucky coincidence, and larger groups merge before smaller.
-PRIOR_JOINTS = 1.0
-STRENGTH_UNIT = 1e-6  # sums of scores that differ by less are equal; then the first pose leads
-
-
-def ray_matrices(rig: Rig) -> Floats:
-    """Return `(num_cameras, 3, 3)`: undistorted homogeneous pixels to world directions."""
-    return np.stack([camera.R.T @ np.linalg.inv(camera.K) for camera in rig.cameras])
 
 
 def ray_distances(

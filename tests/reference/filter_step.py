@@ -3,45 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
+from tests.reference import filter_learned_noise
+from tests.reference.filter_associate import associate
+from tests.reference.filter_births import give_birth
+from tests.reference.filter_existence import attend, end
+from tests.reference.filter_update import Sightings, learn_biases, predict, update
 
-from e3pose.errors import InputError
 from e3pose.filter import bias, doors, learned_noise
-from e3pose.filter.associate import associate
-from e3pose.filter.births import give_birth
-from e3pose.filter.existence import attend, end
-from e3pose.filter.shown import shown
-from e3pose.filter.state import Belief, Flags, Floats, Ints, Leftovers, Model
-from e3pose.filter.update import MIN_SCORE, Sightings, learn_biases, predict, update
-from e3pose.match import MAX_PIXEL
-from e3pose.match import MIN_SCORE as MISSING_SCORE
-from e3pose.pose import Poses2D
-
-LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
-MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
-    """The people of one slot.
-
-    Attributes:
-        track_ids: `(num_persons,)` identities, rising.
-        joints_m: `(num_persons, num_joints, 3)` metres; NaN for joints never measured.
-        covariance_m2: `(num_persons, num_joints, 3, 3)` of `joints_m`; NaN likewise.
-        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint; the
-            others are carried on from earlier slots.
-    """
-
-    track_ids: Ints
-    joints_m: Floats
-    covariance_m2: Floats
-    measured: Flags
-
-    def __len__(self) -> int:
-        return len(self.track_ids)
+from e3pose.filter.shown import Estimate, estimate_of
+from e3pose.filter.state import MIN_SCORE, Belief, Floats, Ints, Leftovers, Model
+from e3pose.kernels.filter_step import (
+    LONGEST_S,
+    bounded,
+    check_slot,
+)
+from e3pose.pose import MAX_PIXEL, Poses2D
+from e3pose.pose import MIN_SCORE as MISSING_SCORE
 
 
 def step(
@@ -81,7 +61,7 @@ def step(
     predicted = belief
     seen = _sightings(belief, cameras, keypoints, scores, assigned, dt, model, knots_px)
     belief = update(belief, seen, model)
-    belief = learned_noise.learn(belief, seen, cameras, dt, model)
+    belief = filter_learned_noise.learn(belief, seen, cameras, dt, model)
     belief = learn_biases(belief, seen, cameras, dt)
     told = _information_share(seen, knots_px[cameras])
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
@@ -89,29 +69,6 @@ def step(
     belief = end(give_birth(belief, fresh, model), model)
     belief = replace(belief, doors=doors.learn(before, belief, model))
     return belief, estimate_of(belief, model)
-
-
-def check_slot(model: Model, views: Mapping[int, Poses2D], time_s: float) -> None:
-    """Raise `InputError` for views or a time that `step` cannot take."""
-    if not np.isfinite(time_s):
-        raise InputError(f"time: found {time_s}, expected seconds")
-    for camera, view in views.items():
-        if not 0 <= camera < len(model.rig):
-            raise InputError(f"camera {camera}: expected an index below {len(model.rig)}")
-        if view.scores.shape[1] != len(model.skeleton):
-            raise InputError(
-                f"camera {model.rig.camera_ids[camera]}: keypoints: found {view.scores.shape[1]} "
-                f"joints, expected {len(model.skeleton)} ({model.skeleton.name})"
-            )
-
-
-def bounded(view: Poses2D) -> tuple[Floats, Floats]:
-    """Return keypoints and scores of at most `MAX_PEOPLE` people, the most certain ones."""
-    if len(view) <= MAX_PEOPLE:
-        return view.keypoints_px, view.scores
-    strongest = np.argsort(-view.scores.sum(axis=1), kind="stable")[:MAX_PEOPLE]
-    rows = np.sort(strongest)
-    return view.keypoints_px[rows], view.scores[rows]
 
 
 def _sorted(model: Model, views: Mapping[int, Poses2D]) -> tuple[Ints, list[Floats], list[Floats]]:
@@ -170,16 +127,4 @@ def _unexplained(
         np.repeat(cameras, counts),
         np.concatenate([none.keypoints_px, *(k[f] for k, f in zip(keypoints, free, strict=True))]),
         np.concatenate([none.scores, *(s[f] for s, f in zip(scores, free, strict=True))]),
-    )
-
-
-def estimate_of(belief: Belief, model: Model) -> Estimate:
-    """Return the people who are believed to be there, and where."""
-    rows = np.flatnonzero(shown(belief, model))
-    known = np.isfinite(belief.unmeasured_s[rows])
-    return Estimate(
-        belief.track_ids[rows],
-        np.where(known[..., None], belief.state[rows, :, :3], np.nan),
-        np.where(known[..., None, None], belief.covariance[rows, :, :3, :3], np.nan),
-        belief.unmeasured_s[rows] == 0,
     )

@@ -6,26 +6,28 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.reference.filter_existence import wide
+from tests.reference.triangulate import triangulate
 
-from e3pose.filter.existence import DELIVERED_PRIOR, wide
-from e3pose.filter.state import Belief, Ints, Leftovers, Model
-from e3pose.filter.update import project
-from e3pose.triangulate import triangulate
+from e3pose.filter.state import APART_M, MAX_LEFTOVERS, MAX_TRACKS, Belief, Ints, Leftovers, Model
+from e3pose.kernels.filter_births import (
+    MAX_ERROR_PX,
+    MAX_EXTENT_M,
+    MIN_EXTENT_M,
+    REACH_M,
+    SHARED_SCORE,
+    START_EXISTENCE,
+    START_JOINT_M,
+    START_SPEED_MPS,
+    START_TURN_MPS,
+    START_UNSEEN_M,
+    WALK_MPS,
+)
+from e3pose.kernels.filter_existence import DELIVERED_PRIOR
+from e3pose.kernels.filter_leftovers import MIN_JOINTS, SURE_SCORE
+from e3pose.projection import project
 
 Floats = NDArray[np.float64]
-
-WALK_MPS = 0.7  # all joints may have moved together so fast between two slots
-SURE_SCORE, SHARED_SCORE = 0.2, 0.15
-MIN_JOINTS = 8
-MAX_ERROR_PX = 10.0  # reprojection, the median over joints
-MIN_EXTENT_M, MAX_EXTENT_M = 0.4, 2.3  # along any axis of the world
-REACH_M = 1.6  # a joint farther from the middle is a mistake
-APART_M = 0.35  # somebody nearer to a track than this is that track
-START_JOINT_M, START_UNSEEN_M = 0.1, 0.5  # uncertainty at the start
-START_SPEED_MPS, START_TURN_MPS = 1.0, 0.5  # of the root; of a joint beside its parent
-START_EXISTENCE = 0.6
-MAX_TRACKS = 64  # nobody is started beyond, so that ghosts of hostile views cannot pile up
-MAX_LEFTOVERS = 64  # newest first: a view full of noise must not cost the slot
 
 
 def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:

@@ -5,20 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from e3pose.kernels.place import (
+    MAX_STEP_M,
+    MIN_DEPTH_M,
+    MIN_VIEWS,
+    NOISE_PX,
+    NOISE_SCORES,
+    OUTLIER_SIGMAS,
+)
 
-MIN_VIEWS = 2
-# Standard deviation in pixels of a keypoint by its score. Detectors guess below a score of about
-# 0.4 (joints that are hidden), where errors are five times those of joints that are clearly seen.
-NOISE_SCORES = (0.4, 0.6, 1.0)
-NOISE_PX = (15.0, 3.0, 2.3)
-# Residual, in standard deviations, at which a keypoint's weight is halved when outliers are
-# rejected: 2.5 is the usual compromise, 1 % of normal errors are larger.
-OUTLIER_SIGMAS = 2.5
-# Beyond these a Gauss-Newton step says nothing: its linear picture of a camera holds over a small
-# part of the distance to it. Estimates that break them are left as the DLT made them.
-MIN_DEPTH_M = 0.2
-MAX_STEP_M = 0.5
+Floats = NDArray[np.float64]
 
 
 def triangulate(keypoints_px: Floats, scores: Floats, projections: Floats) -> Floats:

@@ -5,31 +5,28 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from tests.reference import filter_blindness
 
 from e3pose.filter import blindness
+from e3pose.filter.blindness import FASTEST_S
 from e3pose.filter.state import Belief, Flags, Floats, Ints, Model
-from e3pose.filter.update import MIN_DEPTH_M, project
-
-LEARN_RATE = 0.16  # of the share of views that show a person: a memory of six views
-FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
-END_EXISTENCE = 0.3
-END_UNSEEN_S = 1.0  # out of every camera's sight for this long, as in `track`
-END_SPREAD_M = 1.0  # nobody is known who could be anywhere
-CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
-INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
-DELIVERED_PRIOR = 0.5  # what a camera is thought to tell before it looked
-DELIVERED_RATE = 0.3  # of a view: people move behind each other within a second
-DELIVERED_LASTS_S = 3.0  # what a camera that does not look is remembered for
-SAME_M = 0.15  # median distance of joints at which two tracks are one person
-# Detectors that take a front for a back make a mirrored body in the same place, cameras that do not
-# agree one beside it. Middles of two people are farther apart, a chest is as deep as this; of two
-# so near, a view shows both three times in ten or more often: 15 looks in a row that show one of
-# them have odds of 0.7^15, half a percent.
-CHEST_M = 0.25
-MOST_ALONE = 15.0
-# Views of which one takes a front for a back meet in a body of twice the width. Shoulders and hips
-# of people are 0.4 to 0.75 m wide together.
-MOST_WIDE_M = 0.9
+from e3pose.kernels.filter_existence import (
+    CHEST_M,
+    CONFIRM_CAMERAS,
+    CONFIRM_HITS,
+    DELIVERED_LASTS_S,
+    DELIVERED_PRIOR,
+    DELIVERED_RATE,
+    END_EXISTENCE,
+    END_SPREAD_M,
+    END_UNSEEN_S,
+    INSIDE_JOINTS,
+    LEARN_RATE,
+    MOST_ALONE,
+    MOST_WIDE_M,
+    SAME_M,
+)
+from e3pose.projection import MIN_DEPTH_M, project
 
 
 def attend(
@@ -84,7 +81,7 @@ def attend(
     there: Flags = np.asarray(hits.any(axis=0))
     recent = (last_seen_s < blindness.PROOF_S).sum(axis=1)
     taught = np.asarray(there & confirmed & (recent >= blindness.PROOF_CAMERAS))[:, None]
-    sights = blindness.learn(
+    sights = filter_blindness.learn(
         belief.sights,
         places_m,
         np.where(taught, missed + shown, 0.0),

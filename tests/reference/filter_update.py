@@ -6,22 +6,24 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.reference import filter_bias
+from tests.reference.filter_motion import spread
+from tests.reference.filter_tree import Links, conditionals, solve
 
-from e3pose.filter import bias
-from e3pose.filter.motion import places, spread
-from e3pose.filter.state import Belief, Ints, Model
-from e3pose.filter.tree import Links, conditionals, solve
+from e3pose.filter.motion import places
+from e3pose.filter.state import MIN_SCORE, Belief, Ints, Model
+from e3pose.kernels.filter_update import (
+    BONE_KNOWN_M,
+    BONE_MEMORY,
+    BONE_TEACHERS,
+    ITERATIONS,
+    MEASURED_SIGMAS,
+    OUTLIER_SIGMAS,
+)
+from e3pose.projection import MIN_DEPTH_M, project
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-MIN_SCORE = 0.05  # keypoints below this are not used
-MIN_DEPTH_M = 0.1
-OUTLIER_SIGMAS = 2.0  # where the weight of a keypoint is halved
-MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
-ITERATIONS = 3
-BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
-BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,28 +54,8 @@ def predict(belief: Belief, dt: float, model: Model) -> Belief:
         covariance=covariance,
         shared=shared,
         unmeasured_s=belief.unmeasured_s + dt,
-        bias_px=bias.fade(belief.bias_px, dt),
+        bias_px=filter_bias.fade(belief.bias_px, dt),
     )
-
-
-def project(points_m: Floats, projections: Floats) -> tuple[Floats, Floats, Floats]:
-    """Project points and differentiate.
-
-    Args:
-        points_m: `(*batch, 3)`.
-        projections: `(num_views, 3, 4)`.
-
-    Returns:
-        `(num_views, *batch, 2)` undistorted pixels, `(num_views, *batch)` depths, and
-        `(num_views, *batch, 2, 3)` pixels by metres.
-    """
-    P = projections.reshape(len(projections), *(1,) * (points_m.ndim - 1), 3, 4)
-    homogeneous = (P[..., :3] @ points_m[..., None])[..., 0] + P[..., 3]
-    depth = homogeneous[..., 2]
-    safe = np.where(np.abs(depth) < 1e-6, 1e-6, depth)[..., None]
-    pixels = homogeneous[..., :2] / safe
-    jacobian = (P[..., :2, :3] - pixels[..., None] * P[..., 2:, :3]) / safe[..., None]
-    return pixels, depth, jacobian
 
 
 def pixel_variance(jacobian: Floats, covariance_m2: Floats) -> Floats:
@@ -127,7 +109,7 @@ def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float) -> B
     doubt = pixel_variance(jacobian, belief.covariance[..., :3, :3])
     for view, camera in enumerate(cameras.tolist()):
         since_s = belief.last_seen_s[:, camera] + dt
-        biases[:, camera] = bias.learn(
+        biases[:, camera] = filter_bias.learn(
             biases[:, camera], error[view], seen.sigma_px[view], doubt[view], since_s
         )
     return replace(belief, bias_px=biases)

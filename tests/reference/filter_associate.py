@@ -5,20 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from tests.reference.filter_update import pixel_variance
 
-from e3pose.filter.state import Belief, Model
-from e3pose.filter.update import MIN_DEPTH_M, MIN_SCORE, pixel_variance, project
+from e3pose.filter.state import MIN_SCORE, Belief, Model
+from e3pose.kernels.filter_associate import (
+    BIAS_PX,
+    COST_LIMIT,
+    COST_USUAL,
+    JOINT_LIMIT,
+    MIN_JOINTS,
+    NEVER,
+    VAGUE_FIT,
+)
+from e3pose.projection import MIN_DEPTH_M, project
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
-MIN_JOINTS = 3
-COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
-COST_USUAL = 1.0  # the mean distance of a detection that is right is below it
-JOINT_LIMIT = 6.0  # what one wild joint may say at most
-VAGUE_FIT = 0.4  # the fit of a track twice as wide as it could be counts 0.76 times
-NEVER = 1e3
 
 
 def associate(

@@ -1,0 +1,1 @@
+"""Plain numpy forms of the compiled kernels: what these are held against."""
