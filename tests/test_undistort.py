@@ -10,7 +10,7 @@ from tests.reference.fuse import ReferenceFuser
 from e3pose.camera import Camera, Rig
 from e3pose.distortion import TOLERANCE, WIDEST_ANGLE
 from e3pose.fuse import Fuser
-from e3pose.kernels.pairs import LANES
+from e3pose.kernels.compile import LANES
 from e3pose.kernels.undistort import make_lenses, undistort_slot
 from e3pose.pose import MAX_PIXEL
 

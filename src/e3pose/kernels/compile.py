@@ -28,6 +28,7 @@ FILTER_SOURCES = (
     *sorted(_PACKAGE.glob(f"{FILTER}*.py")),
     _PACKAGE.parent / "projection.py",
 )
+LANES = 16
 
 
 def sources_stamp(sources: tuple[Path, ...] = SOURCES, constants: str = "") -> str:

@@ -12,9 +12,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.kernels.compile import kernel
+from e3pose.kernels.compile import LANES, kernel
 from e3pose.kernels.group import PRIOR_JOINTS
-from e3pose.kernels.pairs import LANES, measure_tile
+from e3pose.kernels.pairs import measure_tile
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.filter.state import MAX_LEFTOVERS, Belief, Model
-from e3pose.kernels.pairs import LANES
+from e3pose.kernels.compile import LANES
 from e3pose.kernels.undistort import Lenses, make_lenses
 
 Floats = NDArray[np.float64]

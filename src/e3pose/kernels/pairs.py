@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.kernels.compile import kernel
+from e3pose.kernels.compile import LANES, kernel
 from e3pose.kernels.place import noise_px
 from e3pose.pose import MAX_PIXEL, MIN_SCORE
 
@@ -21,7 +21,6 @@ Integers = NDArray[np.int64]
 
 # Squared sine of the angle under which two rays count as parallel: their distance says nothing.
 PARALLEL_SINE2 = 1e-9
-LANES = 16
 PLANES = 4
 
 

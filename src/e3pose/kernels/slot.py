@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.camera import Rig
-from e3pose.kernels.compile import kernel
+from e3pose.kernels.compile import LANES, kernel
 from e3pose.kernels.dissolve import dissolve_groups, weigh_groups
 from e3pose.kernels.group import group_poses
-from e3pose.kernels.pairs import LANES, PLANES, gather, measure_pairs
+from e3pose.kernels.pairs import PLANES, gather, measure_pairs
 from e3pose.kernels.place import MIN_VIEWS, refine_person, score_person, triangulate_person
 from e3pose.kernels.undistort import make_lenses, undistort_slot
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from e3pose.camera import Rig
 from e3pose.distortion import NEWTON_STEPS, TABLE_SIZE, TOLERANCE
-from e3pose.kernels.compile import kernel
-from e3pose.kernels.pairs import LANES
+from e3pose.kernels.compile import LANES, kernel
 from e3pose.pose import MAX_PIXEL, MIN_SCORE
 
 Floats = NDArray[np.float64]
