@@ -27,10 +27,10 @@ from typing import Any
 import zenoh
 
 from attack_inputs import GROWTH_MB, Result, fuzz, hostile_files
-from e3pose.keys.folder import add_keys, certificates_in, revoke_keys
-from e3pose.site.config import load_site
+from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.access import Link, split_endpoint, zenoh_config
+from e3pose.wire.keys.folder import add_keys, certificates_in, revoke_keys
 from e3pose.wire.network import open_network
 from live_site import Site, live_site, wait
 

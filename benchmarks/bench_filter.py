@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_fuse import Workload, make_workload, workloads
-from e3pose.filter import Belief, Estimate, Model
-from e3pose.kernels.filter_step import StepKernel
-from e3pose.pose import Poses2D
-from e3pose.skeleton import COCO17
+from e3pose.estimate.filter import Belief, Estimate, Model
+from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from reference import step
 
 Floats = NDArray[np.float64]

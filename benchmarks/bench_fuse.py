@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.camera import Camera, Rig
-from e3pose.fuse import Fuser, FusionSettings
-from e3pose.pose import Poses3D
+from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses3D
 from reference import ReferenceFuser
 
 Floats = NDArray[np.float64]

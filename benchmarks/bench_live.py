@@ -100,7 +100,7 @@ def jpeg_bytes(video: Path) -> int:
     """Return the median bytes of a frame of a video as a JPEG."""
     import cv2
 
-    from e3pose.node.source import open_video
+    from e3pose.camera.source import open_video
 
     quality = [int(cv2.IMWRITE_JPEG_QUALITY), JPEG_QUALITY]
     sizes = [

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.evaluate.drawing import check_svg
-from e3pose.predictors import PREDICTORS, make_predictor
-from e3pose.predictors.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
+from e3pose.predict import PREDICTORS, make_predictor
+from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
 
 Floats = NDArray[np.float64]
 Lines = dict[str, list[tuple[int, float | None]]]
@@ -65,7 +65,7 @@ def torch_ms(num_people: int, leads: int, calls: int) -> float | None:
         import torch
     except ImportError:
         return None
-    from e3pose.train.network import AttentionLstm, NetworkSettings
+    from e3pose.learn.train.network import AttentionLstm, NetworkSettings
 
     torch.set_num_threads(1)
     network = AttentionLstm(NetworkSettings())
@@ -78,8 +78,8 @@ def torch_ms(num_people: int, leads: int, calls: int) -> float | None:
 
 def onnx_ms(num_people: int, leads: int, calls: int) -> float:
     """Return the time of the network alone in ONNX Runtime."""
-    from e3pose.predictors.attention_lstm import AttentionLstm
-    from e3pose.skeleton import COCO17
+    from e3pose.model.skeleton import COCO17
+    from e3pose.predict.attention_lstm import AttentionLstm
 
     session = AttentionLstm(COCO17).session
     inputs = {

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
-from e3pose.pose import Poses3D
-from e3pose.skeleton import COCO17
 from e3pose.store import Run, Store, StoreWriter
 from e3pose.store.delivery import Delivery
 from e3pose.store.rows import Row, slot_rows

@@ -11,16 +11,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimators.filtered import Filtered
-from e3pose.evaluate.motion import body_joints
-from e3pose.filter import Model
-from e3pose.fuse import Fuser, FusionSettings
-from e3pose.kernels.filter_step import StepKernel
+from e3pose.estimate.filter import Model
+from e3pose.estimate.filter.estimator import Filtered
+from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
+from e3pose.estimate.per_slot.track import Tracks, update_tracks
+from e3pose.evaluate.prediction.motion import body_joints
+from e3pose.learn.train.estimates import EstimateSettings, Followed, follow, views_of
+from e3pose.learn.train.smooth import smooth
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.track import Tracks, update_tracks
-from e3pose.train.estimates import EstimateSettings, Followed, follow, views_of
-from e3pose.train.smooth import smooth
 
 Floats = NDArray[np.float64]
 

@@ -18,16 +18,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from e3pose.camera.live import CameraNode, NodeSettings
+from e3pose.camera.live_source import RecordedSource
 from e3pose.clock import WallClock
 from e3pose.edge.server import EdgeServer
-from e3pose.edge.settings import EdgeSettings
 from e3pose.evaluate.drawing import check_svg
-from e3pose.evaluate.settings import ReplaySettings, make_pipeline
-from e3pose.node.live import CameraNode, NodeSettings
-from e3pose.node.live_source import RecordedSource
-from e3pose.pose import Poses2D
-from e3pose.predictors.base import Floats, Prediction, Predictor
+from e3pose.model.pose import Poses2D
+from e3pose.predict.base import Floats, Prediction, Predictor
 from e3pose.recording import Recording
+from e3pose.settings.edge import EdgeSettings
+from e3pose.settings.loop import ReplaySettings, make_pipeline
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.wire.memory import Hub, MemoryTransport

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from e3pose.filter import Belief, Estimate, Model
-from e3pose.kernels.filter_step import StepKernel
+from e3pose.estimate.filter import Belief, Estimate, Model
+from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 

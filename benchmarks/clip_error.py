@@ -19,17 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from e3pose.estimate.filter import Noise
 from e3pose.evaluate.bad_days import thinned
 from e3pose.evaluate.metrics import mean_errors_m
-from e3pose.evaluate.noise_calibration import all_camera_tracks
+from e3pose.evaluate.noise.calibrate import all_camera_tracks
+from e3pose.evaluate.noise.residuals import MIN_SCORE, SUPPORT_S, SUPPORT_VIEWS, sight
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.evaluate.residuals import MIN_SCORE, SUPPORT_S, SUPPORT_VIEWS, sight
 from e3pose.evaluate.smoother import smooth
-from e3pose.filter import Noise
-from e3pose.noises import detector_of, load_noise
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.model.uncertainty import distance_within_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, load_recording
-from e3pose.uncertainty import distance_within_m
 
 Floats = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.energy import advance_deficit, price
-from e3pose.policies.base import Situation
-from e3pose.policies.drift_plus_penalty import DriftPlusPenalty
-from e3pose.power.budgets import Budget, Supply, allowance_j, slot_shares
+from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
+from e3pose.energy.queues import advance_deficit, price
+from e3pose.select.policies.base import Situation
+from e3pose.select.policies.drift_plus_penalty import DriftPlusPenalty
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import numpy as np
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
-from e3pose.noises import encode_noise, load_noise_file
+from e3pose.model.noises import encode_noise, load_noise_file
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 

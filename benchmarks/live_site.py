@@ -16,13 +16,13 @@ from pathlib import Path
 
 import psutil
 
-from e3pose.keys.folder import add_keys, init_keys
 from e3pose.recording import save_recording
+from e3pose.settings.site_file import load_site
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
-from e3pose.site.config import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, end
+from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.network import open_network
 
 SETTLE_S = 4.0

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.evaluate.noise_calibration import Calibrated, calibrate_noise
-from e3pose.evaluate.noise_statistics import EDGES, RAYLEIGH
-from e3pose.evaluate.residuals import MIN_SCORE
-from e3pose.pose import Poses2D
+from e3pose.evaluate.noise.calibrate import Calibrated, calibrate_noise
+from e3pose.evaluate.noise.residuals import MIN_SCORE
+from e3pose.evaluate.noise.statistics import EDGES, RAYLEIGH
+from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.noise import GROSS_PX, MEMORY, correlated, normal_cdf

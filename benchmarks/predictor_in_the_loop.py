@@ -33,7 +33,7 @@ BODY = slice(5, 17)  # COCO-17 without the face, which motion capture lacks
 
 def with_face(joints_m: Floats, capture_m: Floats) -> Floats:
     """Return COCO-17 joints whose face is made up from neck and head of CMU-31."""
-    from e3pose.skeleton import CMU31
+    from e3pose.model.skeleton import CMU31
 
     top, below = (capture_m[..., CMU31.index(n), :] for n in ("top_head", "upper_neck"))
     left = _unit(joints_m[..., 5, :] - joints_m[..., 6, :])
@@ -53,8 +53,8 @@ def _unit(vectors: Floats) -> Floats:
 
 def captured(shared: Path) -> Iterator[tuple[str, Floats]]:
     """Yield names and `(num_slots, 17, 3)` motion at 30 Hz."""
-    from e3pose.datasets.motion import import_cmu
-    from e3pose.skeleton import CMU31, COCO17, PANOPTIC19, convert
+    from e3pose.model.skeleton import CMU31, COCO17, PANOPTIC19, convert
+    from e3pose.recording.datasets.motion import import_cmu
 
     for clip in CLIPS:
         truth = import_cmu(shared / "data/cmu_mocap/cmu_mocap_train_30fps.npz", clip).truth
@@ -72,12 +72,12 @@ def captured(shared: Path) -> Iterator[tuple[str, Floats]]:
 
 def seen(joints_m: Floats, fps: float) -> Any:
     """Return a recording of one person who moves so, before a ring of cameras."""
-    from e3pose.datasets.motion import default_ring
+    from e3pose.model.skeleton import COCO17
     from e3pose.recording import Recording, Truth
+    from e3pose.recording.datasets.motion import default_ring
     from e3pose.simulate import DetectorSettings
     from e3pose.simulate.detections import detect_people
     from e3pose.simulate.scenes import SCENES
-    from e3pose.skeleton import COCO17
 
     hips = joints_m[:, 11]
     rig = default_ring(hips)
@@ -100,7 +100,7 @@ def run(
     """Return errors `(num_leads, num_joints)` by predictor, slot by slot, and of the estimates."""
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline, selected_views
     from e3pose.pipeline import initial_state, step
-    from e3pose.predictors import make_predictor
+    from e3pose.predict import make_predictor
 
     settings = ReplaySettings(
         policy="round-robin", num_selected=cameras, predictor=predictor, phase=1

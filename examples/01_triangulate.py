@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.fuse import Fuser
-from e3pose.pose import Poses2D
+from e3pose.estimate.per_slot.fuse import Fuser
+from e3pose.model.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate
 
 NEAR_M = 0.5  # a fused person this close to a true one is that person

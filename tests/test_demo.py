@@ -18,27 +18,27 @@ import psutil
 import pytest
 
 from e3pose.calibration import save_rig
-from e3pose.camera import Rig
+from e3pose.camera.source import open_video
 from e3pose.demo import job as jobs
 from e3pose.demo import run_demo, words
 from e3pose.demo.clip import CALIBRATION, TOP, VIDEOS, Clip, Member, extract_members, find_clip
 from e3pose.demo.live import Heard, HeardView, Show
 from e3pose.demo.pictures import fullest
-from e3pose.demo.remembered import Film, stored_records
+from e3pose.demo.stored_run import Film, stored_records
+from e3pose.detectors.weights import Progress
 from e3pose.errors import InputError
 from e3pose.evaluate.poses_table import write_poses
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.node.source import open_video
-from e3pose.overlay import write_movie
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rigs import ring_rig
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import skeleton_by_name
 from e3pose.pipeline import SlotRecord
-from e3pose.pose import Poses3D
 from e3pose.recording import load_recording
+from e3pose.report.overlay import write_movie
+from e3pose.settings.site_file import load_site
 from e3pose.simulate import DetectorSettings, SceneSettings
-from e3pose.simulate.rigs import ring_rig
-from e3pose.site.config import load_site
-from e3pose.skeleton import skeleton_by_name
 from e3pose.store import Run, StoreWriter
-from e3pose.weights import Progress
 from e3pose.wire.messages import Heartbeat, Status
 
 BEGIN_NS = 1_795_000_000_000_000_000

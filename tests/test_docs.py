@@ -14,7 +14,7 @@ import pytest
 from e3pose.cli.app import VERBS, app
 from e3pose.cli.options import EnergyOptions, LoopOptions
 from e3pose.edge import roster
-from e3pose.site.config import NodeTable, SiteTable
+from e3pose.settings.site_file import NodeTable, SiteTable
 
 ROOT = Path(__file__).parent.parent
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "deploy").glob("*.md")]

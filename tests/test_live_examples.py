@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 
 from e3pose.calibration import load_rig, save_rig
-from e3pose.camera import Rig
 from e3pose.cli.site_settings import check_settings
 from e3pose.errors import InputError
-from e3pose.evaluate.settings import make_pipeline
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rigs import ring_rig
 from e3pose.recording import load_recording
-from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-from e3pose.simulate.rigs import ring_rig
-from e3pose.site.config import (
+from e3pose.settings.loop import make_pipeline
+from e3pose.settings.site_file import (
     CameraTable,
     LinkTable,
     NodeTable,
@@ -29,6 +28,7 @@ from e3pose.site.config import (
     load_node,
     load_site,
 )
+from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.site.edge_program import place_of
 from e3pose.site.example import make_example, write_recorded
 from e3pose.site.up import camera_command

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.camera import Camera, Rig
-from e3pose.estimators.base import STEER_SLOTS, People
-from e3pose.estimators.filtered import Filtered
-from e3pose.estimators.per_slot import PerSlot
-from e3pose.filter import Model
-from e3pose.fuse import Fuser
-from e3pose.kernels.filter_step import StepKernel
+from e3pose.estimate.base import STEER_SLOTS, People
+from e3pose.estimate.filter import Model
+from e3pose.estimate.filter.estimator import Filtered
+from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.estimate.per_slot.estimator import PerSlot
+from e3pose.estimate.per_slot.fuse import Fuser
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
-from e3pose.policies import POLICIES, PolicySettings, Selection, Situation
-from e3pose.pose import Poses2D
-from e3pose.predictors import Prediction, make_predictor
-from e3pose.skeleton import COCO17
+from e3pose.predict import Prediction, make_predictor
+from e3pose.select.policies import POLICIES, PolicySettings, Selection, Situation
 
 Floats = NDArray[np.float64]
 

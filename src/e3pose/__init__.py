@@ -13,31 +13,31 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from e3pose.calibration import load_rig as load_rig
     from e3pose.calibration import save_rig as save_rig
-    from e3pose.camera import Camera as Camera
-    from e3pose.camera import Rig as Rig
     from e3pose.errors import InputError as InputError
+    from e3pose.estimate.per_slot.fuse import Fuser as Fuser
     from e3pose.evaluate.replay import ReplaySettings as ReplaySettings
     from e3pose.evaluate.replay import replay as replay
-    from e3pose.fuse import Fuser as Fuser
-    from e3pose.pose import Poses2D as Poses2D
-    from e3pose.pose import Poses3D as Poses3D
+    from e3pose.geometry.camera import Camera as Camera
+    from e3pose.geometry.camera import Rig as Rig
+    from e3pose.model.pose import Poses2D as Poses2D
+    from e3pose.model.pose import Poses3D as Poses3D
+    from e3pose.model.skeleton import SKELETONS as SKELETONS
+    from e3pose.model.skeleton import Skeleton as Skeleton
     from e3pose.recording import Recording as Recording
     from e3pose.recording import load_recording as load_recording
     from e3pose.recording import save_recording as save_recording
-    from e3pose.skeleton import SKELETONS as SKELETONS
-    from e3pose.skeleton import Skeleton as Skeleton
 
 _HOMES = {
-    "Camera": "camera",
-    "Fuser": "fuse",
+    "Camera": "geometry.camera",
+    "Fuser": "estimate.per_slot.fuse",
     "InputError": "errors",
-    "Poses2D": "pose",
-    "Poses3D": "pose",
+    "Poses2D": "model.pose",
+    "Poses3D": "model.pose",
     "Recording": "recording",
     "ReplaySettings": "evaluate.replay",
-    "Rig": "camera",
-    "SKELETONS": "skeleton",
-    "Skeleton": "skeleton",
+    "Rig": "geometry.camera",
+    "SKELETONS": "model.skeleton",
+    "Skeleton": "model.skeleton",
     "load_recording": "recording",
     "load_rig": "calibration",
     "replay": "evaluate.replay",

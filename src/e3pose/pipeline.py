@@ -15,19 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Rig
-from e3pose.coverage import with_coverage
-from e3pose.energy import advance_deficit, price
-from e3pose.estimators.base import STEER_SLOTS, Estimator, People
-from e3pose.foresight import Foresight, foresee
-from e3pose.liveness import Silence, listen
-from e3pose.occlusion import expected_views
-from e3pose.policies.base import Policy, Selection, Situation
-from e3pose.pose import Poses2D
-from e3pose.predictors.base import Predictor
-from e3pose.sight import Sight, look, own_occlusion
-from e3pose.slot_record import Reasons as Reasons
-from e3pose.slot_record import SlotRecord as SlotRecord
+from e3pose.energy.queues import advance_deficit, price
+from e3pose.estimate.base import STEER_SLOTS, Estimator, People
+from e3pose.geometry.camera import Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.slot_record import Reasons as Reasons
+from e3pose.model.slot_record import SlotRecord as SlotRecord
+from e3pose.predict.base import Predictor
+from e3pose.select.blind_places import with_coverage
+from e3pose.select.expected_information import Foresight, foresee
+from e3pose.select.failure_detector import Silence, listen
+from e3pose.select.motion_2d import Sight, look, own_occlusion
+from e3pose.select.occlusion import expected_views
+from e3pose.select.policies.base import Policy, Selection, Situation
 
 Floats = NDArray[np.float64]
 

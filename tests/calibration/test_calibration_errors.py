@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from e3pose.calibration import FORMATS, load_rig
-from e3pose.camera import Rig
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
 
 NAMES = sorted(FORMATS)
 INTRINSICS = np.array([[1200.0, 0.0, 960.0], [0.0, 1200.0, 540.0], [0.0, 0.0, 1.0]])

@@ -12,7 +12,7 @@ import pytest
 
 from e3pose.calibration import FORMATS, find_format, load_rig, save_rig
 from e3pose.calibration.easymocap import guess_size
-from e3pose.camera import Camera, Rig
+from e3pose.geometry.camera import Camera, Rig
 
 NAMES = ["anipose", "pose2sim", "caliscope", "qualisys", "panoptic", "easymocap", "opencv"]
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from e3pose.camera import Camera, Rig
-from e3pose.pose import Poses2D
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.skeleton import COCO17
 
 
 def one_person(angles: Sequence[float], num_slots: int, truth: bool = True) -> Recording:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import run
 
-from e3pose.noises import load_noise_file
+from e3pose.model.noises import load_noise_file
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 

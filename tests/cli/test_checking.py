@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import run
 
-from e3pose.keys.authority import LEAF_DAYS
-from e3pose.keys.folder import add_keys, init_keys
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import write_recorded
+from e3pose.wire.keys.authority import LEAF_DAYS
+from e3pose.wire.keys.folder import add_keys, init_keys
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 

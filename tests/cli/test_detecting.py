@@ -16,11 +16,11 @@ import pytest
 from tests.cli.commands import run
 
 from e3pose.calibration import save_rig
-from e3pose.camera import Camera, Rig
 from e3pose.cli import detecting
-from e3pose.pose import Poses2D
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import load_recording
-from e3pose.skeleton import COCO17
 
 WIDTH, HEIGHT, FRAMES = 64, 48, 12
 
@@ -28,9 +28,10 @@ WIDTH, HEIGHT, FRAMES = 64, 48, 12
 SLOW = """
 import sys, time
 import numpy as np
-from e3pose.cli import detecting, main
-from e3pose.pose import Poses2D
-from e3pose.skeleton import COCO17
+from e3pose.cli import main
+from e3pose.cli import detecting
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 
 class Slow:
     skeleton = COCO17

@@ -12,9 +12,9 @@ from threading import Timer
 
 import pytest
 
-from e3pose.keys.folder import add_keys, init_keys
 from e3pose.recording import save_recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.wire.keys.folder import add_keys, init_keys
 
 PROJECT = (Path(__file__).parents[2] / "pyproject.toml").read_text()
 # Runs the program where some packages cannot be imported.

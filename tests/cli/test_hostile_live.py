@@ -13,12 +13,13 @@ from pathlib import Path
 
 import pytest
 
-from e3pose import noises, profiles
 from e3pose.cli import main
-from e3pose.keys.folder import add_keys, init_keys
+from e3pose.energy import profiles
+from e3pose.model import noises
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import write_recorded
+from e3pose.wire.keys.folder import add_keys, init_keys
 
 ESCAPE = "\x1b[2J"
 HUGE = 5000 * "9"

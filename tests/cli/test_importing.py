@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from e3pose.calibration import save_rig
-from e3pose.camera import Camera, Rig
 from e3pose.cli.app import main
 from e3pose.cli.importing import import_app
-from e3pose.datasets import IMPORTERS
+from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording import load_recording
+from e3pose.recording.datasets import IMPORTERS
 
 SHARED = os.environ.get("E3POSE_SHARED")
 needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from e3pose.camera import Camera, Rig
 from e3pose.cli.app import main
-from e3pose.pose import Poses2D
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, ViewSeries, save_recording
-from e3pose.skeleton import COCO17
 
 
 def _run(*tokens: object) -> int:

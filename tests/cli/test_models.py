@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import run
 
-from e3pose.weights import MODELS
-from e3pose.weights.catalogue import MOVENET, FromUrl
+from e3pose.detectors.weights import MODELS
+from e3pose.detectors.weights.catalogue import MOVENET, FromUrl
 
 WEIGHTS = b"weights"
 
@@ -96,8 +96,8 @@ def test_a_stopped_pull_leaves_nothing(tmp_path: Path, sign: signal.Signals) -> 
     program = f"""
 from dataclasses import replace
 from e3pose.cli import main
-from e3pose.weights import MODELS
-from e3pose.weights.catalogue import MOVENET, FromUrl
+from e3pose.detectors.weights import MODELS
+from e3pose.detectors.weights.catalogue import MOVENET, FromUrl
 MODELS["movenet-multipose"] = replace(MOVENET, source=FromUrl({url!r}))
 main(["models", "pull", "movenet-multipose"])
 """

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from e3pose.cli.quantities import duration_s, length_m, number, per_camera
 from e3pose.errors import InputError
+from e3pose.settings.quantities import duration_s, length_m, number, per_camera
 
 
 @pytest.mark.parametrize(

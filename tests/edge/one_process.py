@@ -9,13 +9,13 @@ from pathlib import Path
 
 from tests.waiting import eventually
 
+from e3pose.camera.live import CameraNode, NodeSettings
+from e3pose.camera.live_source import RecordedDetector, RecordedSource
 from e3pose.clock import WallClock
 from e3pose.edge.server import EdgeServer
-from e3pose.edge.settings import EdgeSettings
-from e3pose.evaluate.settings import ReplaySettings, make_pipeline
-from e3pose.node.live import CameraNode, NodeSettings
-from e3pose.node.live_source import RecordedDetector, RecordedSource
 from e3pose.recording import Recording
+from e3pose.settings.edge import EdgeSettings
+from e3pose.settings.loop import ReplaySettings, make_pipeline
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.store.rows import Event

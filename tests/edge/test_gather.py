@@ -8,7 +8,7 @@ import numpy as np
 
 from e3pose.clock import ManualClock, WallClock
 from e3pose.edge.gather import MAX_AHEAD_SLOTS, Arrival, Gather
-from e3pose.pose import Poses2D
+from e3pose.model.pose import Poses2D
 
 
 def arrival(x: float = 1.0) -> Arrival:

@@ -20,12 +20,12 @@ from e3pose.edge.overload import (
     after_slot,
     thinned,
 )
-from e3pose.evaluate.settings import ReplaySettings, make_pipeline
+from e3pose.model.pose import Poses2D
 from e3pose.pipeline import initial_state, step
-from e3pose.policies.fixed import RoundRobin
-from e3pose.pose import Poses2D
+from e3pose.select.camera_order import spread_order
+from e3pose.select.policies.fixed import RoundRobin
+from e3pose.settings.loop import ReplaySettings, make_pipeline
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.turns import spread_order
 
 INTERVAL_S = 0.04
 

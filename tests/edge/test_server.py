@@ -14,8 +14,9 @@ from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
 from e3pose.clock import WallClock
-from e3pose.power import EnergyLedger, parse_budget
-from e3pose.profiles import load_profile
+from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.energy.budgets import parse_budget
+from e3pose.energy.profiles import load_profile
 from e3pose.wire.codec import unpack
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from e3pose.camera import Rig
 from e3pose.errors import InputError
 from e3pose.evaluate.bad_days import (
     BadDay,
@@ -19,6 +18,7 @@ from e3pose.evaluate.bad_days import (
     thinned,
 )
 from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.geometry.camera import Rig
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate

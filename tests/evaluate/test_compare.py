@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from e3pose.camera import Camera, Rig
-from e3pose.energy import load_profile
+from e3pose.energy.queues import load_profile
 from e3pose.evaluate.compare import compare, rows, tasks
 from e3pose.evaluate.replay import ReplaySettings
-from e3pose.evaluate.report import print_comparison, print_summary
+from e3pose.evaluate.tables import print_comparison, print_summary
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
-from e3pose.pose import Poses3D
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.skeleton import COCO17
 
 BODY = np.random.default_rng(1).normal(size=(17, 3))
 

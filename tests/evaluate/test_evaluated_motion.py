@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.camera import Camera, Rig
-from e3pose.evaluate.motion import (
+from e3pose.evaluate.prediction.motion import (
     BODY_JOINTS,
     Motion,
     body_errors,
@@ -16,10 +15,11 @@ from e3pose.evaluate.motion import (
     estimated_motion,
     true_motion,
 )
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import BODY25, CMU31, COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord
-from e3pose.pose import Poses3D
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.skeleton import BODY25, CMU31, COCO17, PANOPTIC19, SHELF14, Skeleton
 
 Floats = NDArray[np.float64]
 

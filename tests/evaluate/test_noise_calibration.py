@@ -9,16 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
-from e3pose.evaluate.noise_calibration import calibrate_noise
-from e3pose.evaluate.noise_statistics import (
+from e3pose.evaluate.noise.calibrate import calibrate_noise
+from e3pose.evaluate.noise.residuals import Residuals
+from e3pose.evaluate.noise.statistics import (
     RAYLEIGH,
     autocorrelation,
     describe,
     falling,
     fit_memory,
 )
-from e3pose.evaluate.residuals import Residuals
-from e3pose.pose import Poses2D
+from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.noise import MEMORY, correlated, normal_cdf

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import pytest
 
+from e3pose.energy.profiles import load_profile
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.evaluate.report import noise_lines
-from e3pose.evaluate.settings import noise_warning
 from e3pose.evaluate.summary import summarise
-from e3pose.profiles import load_profile
+from e3pose.evaluate.tables import noise_lines
 from e3pose.recording import Recording
+from e3pose.settings.loop import noise_warning
 from e3pose.simulate import SceneSettings, simulate
 
 

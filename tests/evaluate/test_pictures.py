@@ -13,14 +13,14 @@ import pytest
 from e3pose.errors import InputError
 from e3pose.evaluate.drawing import check_svg, picture
 from e3pose.evaluate.lead_picture import draw_leads
-from e3pose.evaluate.motion import BODY_JOINTS, Motion
-from e3pose.evaluate.prediction import PredictionSettings
-from e3pose.evaluate.prediction_pictures import draw_claims, draw_curves
-from e3pose.evaluate.shown_windows import Window, choose_windows, ranked_lead, sample_windows
-from e3pose.evaluate.skeleton_picture import draw_skeletons
-from e3pose.predictors import make_predictor
+from e3pose.evaluate.prediction.motion import BODY_JOINTS, Motion
+from e3pose.evaluate.prediction.pictures import draw_claims, draw_curves
+from e3pose.evaluate.prediction.scores import PredictionSettings
+from e3pose.evaluate.prediction.skeleton_picture import draw_skeletons
+from e3pose.evaluate.prediction.windows import Window, choose_windows, ranked_lead, sample_windows
+from e3pose.model.skeleton import COCO17
+from e3pose.predict import make_predictor
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.skeleton import COCO17
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 

@@ -10,9 +10,9 @@ import pytest
 
 from e3pose.errors import InputError
 from e3pose.evaluate.poses_table import write_poses
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
-from e3pose.pose import Poses3D
-from e3pose.skeleton import COCO17
 
 NONE = np.zeros(3, dtype=bool)
 

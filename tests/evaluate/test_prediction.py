@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
-from e3pose.evaluate.motion import Motion
-from e3pose.evaluate.prediction import (
+from e3pose.evaluate.prediction.compare import evaluate_motion, pooled
+from e3pose.evaluate.prediction.motion import Motion
+from e3pose.evaluate.prediction.scores import (
     PredictionSettings,
     conditions,
     latencies_ms,
     score,
     window_ends,
 )
-from e3pose.evaluate.predictors import evaluate_motion, pooled
-from e3pose.evaluate.tally import Tally, calibration, figures
-from e3pose.predictors.base import Prediction, Predictor
-from e3pose.predictors.constant_velocity import ConstantVelocity
-from e3pose.predictors.zero_velocity import ZeroVelocity
-from e3pose.skeleton import COCO17
+from e3pose.evaluate.prediction.tally import Tally, calibration, figures
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.skeleton import COCO17
+from e3pose.predict.base import Prediction, Predictor
+from e3pose.predict.constant_velocity import ConstantVelocity
+from e3pose.predict.zero_velocity import ZeroVelocity
 
 Floats = NDArray[np.float64]
 
@@ -261,8 +261,8 @@ def test_latency_is_the_time_of_calls_alone() -> None:
 @pytest.mark.parity
 def test_baselines_on_motion_capture_match_reference_figures() -> None:
     """All clips, 14 joints, exact histories of 10 frames: leads 1 and 10, by other code."""
-    from e3pose.datasets.motion import cmu_clips, import_cmu
-    from e3pose.evaluate.predictors import motion_of
+    from e3pose.evaluate.prediction.compare import motion_of
+    from e3pose.recording.datasets.motion import cmu_clips, import_cmu
 
     reference = {
         "zero-velocity": (19.7, 176.3),

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
-from e3pose.policies import POLICIES
-from e3pose.pose import Poses2D
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.skeleton import COCO17
+from e3pose.select.policies import POLICIES
 
 NUM_SLOTS, NUM_CAMERAS = 40, 4
 SETTINGS = ReplaySettings(num_selected=2)

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from e3pose.energy import load_profile
+from e3pose.energy.queues import load_profile
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import summarise
 from e3pose.recording import Recording
@@ -23,7 +23,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def shelf() -> Recording:
-    from e3pose.datasets.shelf import import_shelf
+    from e3pose.recording.datasets.shelf import import_shelf
 
     return import_shelf(Path(SHARED or "") / "data" / "shelf" / "shelf.npz")
 

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.camera import Camera, Rig
-from e3pose.energy import load_profile
+from e3pose.energy.queues import load_profile
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.summary import summarise
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord
-from e3pose.pose import Poses3D
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.skeleton import COCO17, PANOPTIC19, SHELF14, Skeleton
 
 Floats = NDArray[np.float64]
 

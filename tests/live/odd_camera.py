@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
 
+from e3pose.camera.base import LiveFrame, NodeSettings
+from e3pose.camera.live import CameraNode
+from e3pose.camera.live_source import RecordedDetector, RecordedSource
 from e3pose.clock import WallClock
-from e3pose.keys.folder import certificates_in
-from e3pose.node.base import LiveFrame, NodeSettings
-from e3pose.node.live import CameraNode
-from e3pose.node.live_source import RecordedDetector, RecordedSource
 from e3pose.recording import load_recording
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link
+from e3pose.wire.keys.folder import certificates_in
 from e3pose.wire.network import NetworkTransport, open_network
 
 STEP_AFTER_S, STEP_S, OFF_S = 4.0, 30.0, -3600.0

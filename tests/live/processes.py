@@ -20,12 +20,12 @@ from typing import Any
 import pytest
 from tests.waiting import WAIT_S, eventually
 
-from e3pose.keys.folder import add_keys, init_keys
 from e3pose.recording import save_recording
+from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.site.config import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.store import Store
+from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.messages import CameraStatus, Poses, Status
 from e3pose.wire.network import NetworkTransport, open_network
 

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.camera import Camera, Rig
-from e3pose.pose import Poses2D
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.skeleton import COCO17
 
 NUM_SLOTS = 40
 FPS = 20.0

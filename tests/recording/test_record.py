@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth, ViewSeries
-from e3pose.skeleton import COCO17
 
 
 def test_a_lost_view_is_none_and_an_empty_one_is_not() -> None:

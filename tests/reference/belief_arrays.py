@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
-from e3pose.filter.state import Belief, Leftovers, Model
+from e3pose.estimate.filter.state import Belief, Leftovers, Model
 
 
 def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:

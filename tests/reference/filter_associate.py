@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 from tests.reference.filter_update import pixel_variance
 
-from e3pose.filter.state import MIN_SCORE, Belief, Model
-from e3pose.kernels.filter_associate import (
+from e3pose.estimate.filter.kernels.associate import (
     BIAS_PX,
     COST_LIMIT,
     COST_USUAL,
@@ -17,7 +16,8 @@ from e3pose.kernels.filter_associate import (
     NEVER,
     VAGUE_FIT,
 )
-from e3pose.projection import MIN_DEPTH_M, project
+from e3pose.estimate.filter.state import MIN_SCORE, Belief, Model
+from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.bias import (
+from e3pose.estimate.filter.bias import (
     CLIP_SIGMAS,
     LASTS_S,
     LEARNED_S,

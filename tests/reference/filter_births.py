@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from tests.reference.filter_existence import wide
 from tests.reference.triangulate import triangulate
 
-from e3pose.filter.state import APART_M, MAX_LEFTOVERS, MAX_TRACKS, Belief, Ints, Leftovers, Model
-from e3pose.kernels.filter_births import (
+from e3pose.estimate.filter.kernels.births import (
     MAX_ERROR_PX,
     MAX_EXTENT_M,
     MIN_EXTENT_M,
@@ -23,9 +22,18 @@ from e3pose.kernels.filter_births import (
     START_UNSEEN_M,
     WALK_MPS,
 )
-from e3pose.kernels.filter_existence import DELIVERED_PRIOR
-from e3pose.kernels.filter_leftovers import MIN_JOINTS, SURE_SCORE
-from e3pose.projection import project
+from e3pose.estimate.filter.kernels.existence import DELIVERED_PRIOR
+from e3pose.estimate.filter.kernels.leftovers import MIN_JOINTS, SURE_SCORE
+from e3pose.estimate.filter.state import (
+    APART_M,
+    MAX_LEFTOVERS,
+    MAX_TRACKS,
+    Belief,
+    Ints,
+    Leftovers,
+    Model,
+)
+from e3pose.geometry.projection import project
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.blindness import (
+from e3pose.estimate.filter.blindness import (
     LOOKS,
     MOST_LOOKS,
     around,

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 from tests.reference import filter_blindness
 
-from e3pose.filter import blindness
-from e3pose.filter.blindness import FASTEST_S
-from e3pose.filter.state import Belief, Flags, Floats, Ints, Model
-from e3pose.kernels.filter_existence import (
+from e3pose.estimate.filter import blindness
+from e3pose.estimate.filter.blindness import FASTEST_S
+from e3pose.estimate.filter.kernels.existence import (
     CHEST_M,
     CONFIRM_CAMERAS,
     CONFIRM_HITS,
@@ -26,7 +25,8 @@ from e3pose.kernels.filter_existence import (
     MOST_WIDE_M,
     SAME_M,
 )
-from e3pose.projection import MIN_DEPTH_M, project
+from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
+from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
 def attend(

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 from tests.reference.filter_update import Sightings, pixel_variance
 
-from e3pose.filter import bias
-from e3pose.filter.blindness import PROOF_CAMERAS, PROOF_S
-from e3pose.filter.learned_noise import (
+from e3pose.estimate.filter import bias
+from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
+from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
+from e3pose.estimate.filter.learned_noise import (
     KNOWN,
     LEAST_SHARE,
     MEDIAN,
@@ -22,9 +23,8 @@ from e3pose.filter.learned_noise import (
     leaning,
     tilt,
 )
-from e3pose.filter.state import MIN_SCORE, Belief, Flags, Floats, Ints, Model
-from e3pose.kernels.filter_update import OUTLIER_SIGMAS
-from e3pose.projection import MIN_DEPTH_M, project
+from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Floats, Ints, Model
+from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
 def own_share(since_s: Floats) -> Floats:

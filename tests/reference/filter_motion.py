@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.motion import ACCELERATION_LASTS_S
-from e3pose.filter.tree import Tree
+from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S
+from e3pose.estimate.filter.tree import Tree
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

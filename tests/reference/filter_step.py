@@ -12,16 +12,16 @@ from tests.reference.filter_births import give_birth
 from tests.reference.filter_existence import attend, end
 from tests.reference.filter_update import Sightings, learn_biases, predict, update
 
-from e3pose.filter import bias, doors, learned_noise
-from e3pose.filter.shown import Estimate, estimate_of
-from e3pose.filter.state import MIN_SCORE, Belief, Floats, Ints, Leftovers, Model
-from e3pose.kernels.filter_step import (
+from e3pose.estimate.filter import bias, doors, learned_noise
+from e3pose.estimate.filter.kernels.step import (
     LONGEST_S,
     bounded,
     check_slot,
 )
-from e3pose.pose import MAX_PIXEL, Poses2D
-from e3pose.pose import MIN_SCORE as MISSING_SCORE
+from e3pose.estimate.filter.shown import Estimate, estimate_of
+from e3pose.estimate.filter.state import MIN_SCORE, Belief, Floats, Ints, Leftovers, Model
+from e3pose.model.pose import MAX_PIXEL, Poses2D
+from e3pose.model.pose import MIN_SCORE as MISSING_SCORE
 
 
 def step(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.filter.tree import (
+from e3pose.estimate.filter.tree import (
     Tree,
 )
 

@@ -10,9 +10,7 @@ from tests.reference import filter_bias
 from tests.reference.filter_motion import spread
 from tests.reference.filter_tree import Links, conditionals, solve
 
-from e3pose.filter.motion import places
-from e3pose.filter.state import MIN_SCORE, Belief, Ints, Model
-from e3pose.kernels.filter_update import (
+from e3pose.estimate.filter.kernels.update import (
     BONE_KNOWN_M,
     BONE_MEMORY,
     BONE_TEACHERS,
@@ -20,7 +18,9 @@ from e3pose.kernels.filter_update import (
     MEASURED_SIGMAS,
     OUTLIER_SIGMAS,
 )
-from e3pose.projection import MIN_DEPTH_M, project
+from e3pose.estimate.filter.motion import places
+from e3pose.estimate.filter.state import MIN_SCORE, Belief, Ints, Model
+from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

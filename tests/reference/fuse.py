@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from tests.reference.match import match
 from tests.reference.triangulate import refine, reprojection_error, triangulate
 
-from e3pose.fuse import Fused, Fuser
-from e3pose.kernels.place import MIN_VIEWS
-from e3pose.pose import MAX_PIXEL, MIN_SCORE
+from e3pose.estimate.per_slot.fuse import Fused, Fuser
+from e3pose.estimate.per_slot.triangulate import MIN_VIEWS
+from e3pose.model.pose import MAX_PIXEL, MIN_SCORE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.kernels.dissolve import STRENGTH_UNIT
-from e3pose.kernels.group import PRIOR_JOINTS
-from e3pose.kernels.pairs import PARALLEL_SINE2
+from e3pose.estimate.per_slot.dissolve import STRENGTH_UNIT
+from e3pose.estimate.per_slot.group import PRIOR_JOINTS
+from e3pose.estimate.per_slot.pairs import PARALLEL_SINE2
 
 Floats = NDArray[np.float64]
 

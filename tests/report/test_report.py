@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.camera import Camera, Rig
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import Reasons, SlotRecord
-from e3pose.pose import Poses3D
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.report import scene as scenes
 from e3pose.report import write_report
 from e3pose.report.page import embed, render
 from e3pose.report.scene import AWAKE, LOST, MAX_SLOTS, NUM_COLOURS, colours, frustum, scene
 from e3pose.report.words import cards, number, sentences
-from e3pose.skeleton import COCO17
 
 HOSTILE = "</script><script src='https://evil.example/x.js'></script><img src=x onerror=alert(1)>"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
+from e3pose.settings.site_file import SiteTable, StoreTable
 from e3pose.site.check import check_places
-from e3pose.site.config import SiteTable, StoreTable
 
 
 def found(folder: Path) -> dict[str, str]:

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from e3pose.counted import counted
-from e3pose.node.live import Counted
+from e3pose.camera.live import Counted
+from e3pose.plural import counted
 from e3pose.site.screen import screen
 from e3pose.site.summary import camera_summary, edge_summary
 from e3pose.wire.codec import MAX_FIGURE

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
-from e3pose.pose import Poses3D
-from e3pose.skeleton import COCO17
 from e3pose.store import Run
 
 STARTED_NS = 1_795_000_000_000_000_000

@@ -14,8 +14,8 @@ import pytest
 
 from e3pose.cli import main
 from e3pose.errors import InputError
+from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
-from e3pose.skeleton import COCO17
 from e3pose.store import EnergyReading, Event, Run, Store, StoreWriter
 
 Records = Callable[..., SlotRecord]

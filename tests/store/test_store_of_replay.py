@@ -11,9 +11,9 @@ import pytest
 from tests.cli.commands import run
 from tests.cli.one_person import one_person
 
-from e3pose.energy import load_profile
+from e3pose.energy.queues import load_profile
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import save_recording
-from e3pose.skeleton import COCO17
 from e3pose.store import Store
 
 NUM_SLOTS = 30

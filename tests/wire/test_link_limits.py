@@ -20,16 +20,16 @@ import zenoh
 from tests.waiting import eventually
 from tests.wire.test_network import Site
 
-from e3pose.keys.folder import certificates_in
 from e3pose.wire import access
 from e3pose.wire.access import Link, zenoh_config
+from e3pose.wire.keys.folder import certificates_in
 
 LARGE = 60_000_000
 GROWTH = 50_000_000  # bytes: less than one of the messages that are sent
 EDGE = """
 import sys
 from pathlib import Path
-from e3pose.keys.folder import certificates_in, read_roll
+from e3pose.wire.keys.folder import certificates_in, read_roll
 from e3pose.wire.access import Link
 from e3pose.wire.network import open_network
 keys, endpoint = Path(sys.argv[1]), sys.argv[2]

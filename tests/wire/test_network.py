@@ -14,8 +14,8 @@ import pytest
 from tests.waiting import eventually
 
 from e3pose.errors import InputError
-from e3pose.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.access import Certificates, Link, check_link
+from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.network import NetworkTransport, open_network
 
 SILENCE_S = 0.4  # how long to wait for what must not come

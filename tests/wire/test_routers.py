@@ -13,8 +13,8 @@ import pytest
 import zenoh
 from tests.waiting import eventually
 
-from e3pose.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.access import Link
+from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.network import NetworkTransport, open_network
 
 PAGE = (Path(__file__).parents[2] / "docs" / "live.md").read_text()

@@ -16,8 +16,8 @@ from e3pose.calibration import (
     panoptic,
     qualisys,
 )
-from e3pose.camera import Rig
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
 
 FORMATS: dict[str, Callable[[Path], Rig]] = {
     "anipose": anipose.load,

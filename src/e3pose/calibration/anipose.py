@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from e3pose.atomic import atomic_file
-from e3pose.bounded import parse_toml
 from e3pose.calibration import fields
-from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_file
+from e3pose.files.bounded import parse_toml
+from e3pose.geometry.camera import Camera, Rig
 
 
 def load(path: Path) -> Rig:

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from e3pose.calibration import anipose, fields
-from e3pose.camera import Rig
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
 
 
 def load(path: Path) -> Rig:

@@ -13,8 +13,8 @@ from typing import Any
 
 from e3pose.calibration import fields
 from e3pose.calibration.nodes import load_nodes
-from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Camera, Rig
 
 USUAL_SIZES = (
     (640, 480), (800, 600), (1024, 768), (1280, 720), (1280, 960), (1280, 1024), (1440, 1080),

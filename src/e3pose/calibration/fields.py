@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from e3pose.bounded import read_bytes
-from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
+from e3pose.files.bounded import read_bytes
+from e3pose.geometry.camera import Camera, Rig
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from e3pose.calibration import fields
 from e3pose.calibration.nodes import load_nodes
-from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Camera, Rig
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "name": ("camera_name", "name"),

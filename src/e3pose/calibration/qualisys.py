@@ -14,8 +14,8 @@ from xml.parsers import expat
 import numpy as np
 
 from e3pose.calibration import fields
-from e3pose.camera import Camera, Rig
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Camera, Rig
 
 SUBPIXELS = 64
 MAX_DEPTH = 20

@@ -21,13 +21,13 @@ from e3pose.cli.importing import import_app
 from e3pose.cli.information import info
 from e3pose.cli.keys import keys_app
 from e3pose.cli.learning import learn_app
-from e3pose.cli.living import camera, edge, up
 from e3pose.cli.metering import power
 from e3pose.cli.models import models_app
 from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.querying import query
 from e3pose.cli.replaying import replay
 from e3pose.cli.routing import router
+from e3pose.cli.running import camera, edge, up
 from e3pose.cli.simulating import simulate
 from e3pose.cli.training import train
 from e3pose.cli.watching import check, top

@@ -58,11 +58,11 @@ def noise(
     """
     from rich.console import Console
 
-    from e3pose.atomic import atomic_file
     from e3pose.evaluate.drawing import check_svg
-    from e3pose.evaluate.noise_calibration import calibrate_noise
-    from e3pose.evaluate.noise_report import as_file, draw_noise, print_noise
-    from e3pose.noises import detector_of, encode_noise, load_noise_file
+    from e3pose.evaluate.noise.calibrate import calibrate_noise
+    from e3pose.evaluate.noise.report import as_file, draw_noise, print_noise
+    from e3pose.files.atomic import atomic_file
+    from e3pose.model.noises import detector_of, encode_noise, load_noise_file
     from e3pose.recording import load_recording
 
     if not 0 < seconds <= MAX_SECONDS:

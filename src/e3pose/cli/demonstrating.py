@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from e3pose.demo.live import Show
-    from e3pose.weights import Progress
+    from e3pose.detectors.weights import Progress
     from e3pose.wire.messages import Status
 
 Flag = Annotated[bool, Parameter(negative="")]

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
-from e3pose.counted import counted
 from e3pose.errors import InputError
+from e3pose.plural import counted
 
 if TYPE_CHECKING:
-    from e3pose.detect import DetectReport
+    from e3pose.camera.detect import DetectReport
     from e3pose.detectors import Detector
 
 EXIT_INTERRUPTED = 130
@@ -81,9 +81,9 @@ def detect(
     overwrite
         Replace the recording at DEST, and unfinished work begun with other settings.
     """
-    from e3pose.atomic import check_free
     from e3pose.calibration import load_rig
-    from e3pose.detect import DetectSettings, detect_videos
+    from e3pose.camera.detect import DetectSettings, detect_videos
+    from e3pose.files.atomic import check_free
 
     if len(paths) < 2:
         raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST")
@@ -113,8 +113,8 @@ def _detector(
 ) -> tuple[Detector, str]:
     """Load the detector; also say which weights it runs: others do not continue its work."""
     from e3pose.detectors import DETECTORS, make_detector
-    from e3pose.weights import MODELS, find_weights
-    from e3pose.weights.fetch import file_sha256
+    from e3pose.detectors.weights import MODELS, find_weights
+    from e3pose.detectors.weights.fetch import file_sha256
 
     path = Path(model)
     if model in DETECTORS:
@@ -146,7 +146,7 @@ def _offsets(words: Sequence[str]) -> dict[str, float]:
 @contextmanager
 def _resumable(dest: Path) -> Iterator[None]:
     """On the way out of an interrupted run, say how to go on."""
-    from e3pose.detect import partial_folder
+    from e3pose.camera.detect import partial_folder
 
     try:
         yield

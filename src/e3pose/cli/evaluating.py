@@ -64,17 +64,17 @@ def evaluate(
     plot
         With --leads: draw accuracy and time of prediction against tau here, an .svg file.
     """
-    from e3pose.atomic import atomic_file
     from e3pose.cli.progress import track_progress
     from e3pose.errors import InputError
     from e3pose.evaluate.compare import compare, rows, tasks
     from e3pose.evaluate.drawing import check_svg
     from e3pose.evaluate.lead_picture import draw_leads
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
-    from e3pose.evaluate.report import print_comparison
-    from e3pose.evaluate.settings import noise_warning
-    from e3pose.policies import policy_row
+    from e3pose.evaluate.tables import print_comparison
+    from e3pose.files.atomic import atomic_file
     from e3pose.recording import load_recording
+    from e3pose.select.policies import policy_row
+    from e3pose.settings.loop import noise_warning
 
     if not 1 <= seeds <= MAX_SEEDS:
         raise InputError(f"--seeds: found {seeds}, expected 1 to {MAX_SEEDS}")
@@ -136,7 +136,7 @@ def _usual(loop: LoopOptions) -> str:
 
 
 def _numbers(option: str, text: str) -> list[float | None]:
-    from e3pose.cli.quantities import number
+    from e3pose.settings.quantities import number
 
     parts = [
         number(option, part.strip(), "numbers with commas, as 1.15,2") for part in text.split(",")

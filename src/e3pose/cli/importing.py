@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
-from e3pose.counted import counted
 from e3pose.errors import InputError
+from e3pose.plural import counted
 
 if TYPE_CHECKING:
     from e3pose.recording import Recording
@@ -43,7 +43,7 @@ def shelf(
     overwrite
         Replace the recording at DEST.
     """
-    from e3pose.datasets.shelf import import_shelf
+    from e3pose.recording.datasets.shelf import import_shelf
 
     _check_free(dest, overwrite)
     _save(import_shelf(source, skeleton), dest, overwrite)
@@ -86,7 +86,7 @@ def panoptic(
     overwrite
         Replace the recording at DEST.
     """
-    from e3pose.datasets.panoptic import import_panoptic
+    from e3pose.recording.datasets.panoptic import import_panoptic
 
     _check_free(dest, overwrite)
     recording = import_panoptic(
@@ -133,7 +133,7 @@ def openpose(
     overwrite
         Replace the recording at DEST.
     """
-    from e3pose.datasets.openpose import import_openpose
+    from e3pose.recording.datasets.openpose import import_openpose
 
     _check_free(dest, overwrite)
     recording = import_openpose(source, calibration, fps, _parse_folders(folder), _progress)
@@ -169,7 +169,7 @@ def coco(
     overwrite
         Replace the recording at DEST.
     """
-    from e3pose.datasets.coco import import_coco
+    from e3pose.recording.datasets.coco import import_coco
 
     _check_free(dest, overwrite)
     _save(import_coco(source, calibration, fps, images), dest, overwrite)
@@ -204,7 +204,7 @@ def cmu(
         Replace recordings at DEST.
     """
     from e3pose.cli.progress import track_progress
-    from e3pose.datasets.motion import cmu_clips, import_cmu
+    from e3pose.recording.datasets.motion import cmu_clips, import_cmu
 
     clips = {clip: dest} if clip is not None else {name: dest / name for name in cmu_clips(source)}
     for path in clips.values():
@@ -215,7 +215,7 @@ def cmu(
 
 def _check_free(dest: Path, overwrite: bool) -> None:
     """Refuse before minutes of reading, not after."""
-    from e3pose.atomic import check_free
+    from e3pose.files.atomic import check_free
 
     check_free(dest, overwrite)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from e3pose.counted import counted
+from e3pose.plural import counted
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -62,7 +62,7 @@ def _print_json(description: Description, problems: list[Problem]) -> None:
 
 
 def _noise_line(source: str) -> str:
-    from e3pose.noises import DEFAULT, detector_of
+    from e3pose.model.noises import DEFAULT, detector_of
 
     name = detector_of(source)
     return f"{name}: OpenPose's and half of it, then learned" if name == DEFAULT else name

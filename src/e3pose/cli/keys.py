@@ -11,7 +11,7 @@ from cyclopts import App, Parameter
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
-    from e3pose.keys.folder import Kind
+    from e3pose.wire.keys.folder import Kind
 
 keys_app = App(name="keys", help="Make, list and revoke the certificates of a site.")
 DEFAULT = Path("keys")
@@ -40,7 +40,7 @@ def init(
     out
         The folder to make.
     """
-    from e3pose.keys.folder import init_keys
+    from e3pose.wire.keys.folder import init_keys
 
     init_keys(out, site, host or [], _now())
     print(f"{out}: made for site {site}; next: e3pose keys add CAMERA --keys {out}")
@@ -80,7 +80,7 @@ def add(
     again
         Replace the certificate that it has, which is then worthless.
     """
-    from e3pose.keys.folder import add_keys
+    from e3pose.wire.keys.folder import add_keys
 
     if viewer and router:
         raise InputError("--router: found it with --viewer, expected one of them")
@@ -105,7 +105,7 @@ def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
     keys
         The folder that `e3pose keys init` made.
     """
-    from e3pose.keys.folder import revoke_keys
+    from e3pose.wire.keys.folder import revoke_keys
 
     revoke_keys(keys, name)
     print(f"{name}: revoked")
@@ -126,7 +126,7 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from e3pose.keys.folder import read_roll
+    from e3pose.wire.keys.folder import read_roll
 
     roll = read_roll(keys)
     table = Table("name", "what", "valid until", "certificate", box=None, pad_edge=False)
@@ -148,9 +148,9 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
 
 
 def _until(path: Path) -> str:
-    from e3pose.bounded import read_bytes
-    from e3pose.keys.authority import expires
-    from e3pose.keys.folder import MAX_PEM_BYTES
+    from e3pose.files.bounded import read_bytes
+    from e3pose.wire.keys.authority import expires
+    from e3pose.wire.keys.folder import MAX_PEM_BYTES
 
     if not path.exists():
         return "file is gone"

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from e3pose.cli.options import Whole
-from e3pose.counted import counted
 from e3pose.errors import InputError
+from e3pose.plural import counted
 
 if TYPE_CHECKING:
-    from e3pose.evaluate.settings import ReplaySettings
-    from e3pose.learning import OnlineTrainer
-    from e3pose.learning.rehearse import Rehearsed
-    from e3pose.predictors.base import Predictor
+    from e3pose.learn.online import OnlineTrainer
+    from e3pose.learn.online.rehearse import Rehearsed
+    from e3pose.predict.base import Predictor
     from e3pose.recording import Recording
+    from e3pose.settings.loop import ReplaySettings
 
 learn_app = App(
     name="learn", help="Let the predictor learn from what the running system estimates."
@@ -83,8 +83,8 @@ def learn_replay(
     """
     from e3pose.clock import WallClock
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
-    from e3pose.learning import LearningSettings, OnlineTrainer
-    from e3pose.learning.versions import check_learning_folder
+    from e3pose.learn.online import LearningSettings, OnlineTrainer
+    from e3pose.learn.online.versions import check_learning_folder
     from e3pose.recording import load_recording
 
     places = [path.resolve() for path in recordings]
@@ -153,7 +153,7 @@ def rollback(folder: Path, /, *, to: Whole | None = None) -> None:
     to
         The number of the version, 0 for the shipped network; by default the one before.
     """
-    from e3pose.learning.versions import VersionStore
+    from e3pose.learn.online.versions import VersionStore
 
     _check_folder(folder)
     store = VersionStore(folder / "versions")
@@ -172,9 +172,9 @@ def _run(
     import time
 
     from e3pose.cli.progress import track_progress
-    from e3pose.learning.rehearse import rehearse
+    from e3pose.learn.online.rehearse import rehearse
 
-    logging.getLogger("e3pose.learning").addHandler(logging.NullHandler())  # events are printed
+    logging.getLogger("e3pose.learn.online").addHandler(logging.NullHandler())  # events are printed
     told = 0
     predictor: Predictor | None = trainer.poll()
     for source in sources:
@@ -222,7 +222,7 @@ def _print_versions(folder: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from e3pose.learning.versions import VersionStore
+    from e3pose.learn.online.versions import VersionStore
 
     manifest = VersionStore(folder / "versions").read()
     table = Table(

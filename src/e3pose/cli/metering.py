@@ -14,7 +14,8 @@ from e3pose.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from e3pose.power import Charge, Reading
+    from e3pose.energy.meters.base import Reading
+    from e3pose.energy.meters.battery import Charge
 
 LEAST_S, MOST_S = 0.1, 60.0
 
@@ -48,8 +49,10 @@ def power(
     from rich.console import Console
     from rich.live import Live
 
-    from e3pose.power import MeterError, choose_meter, read_charge
-    from e3pose.profiles import load_profile
+    from e3pose.energy.meters.base import MeterError
+    from e3pose.energy.meters.battery import read_charge
+    from e3pose.energy.meters.choose import choose_meter
+    from e3pose.energy.profiles import load_profile
 
     if not LEAST_S <= seconds <= MOST_S:
         raise InputError(f"--seconds: found {seconds:g}, expected {LEAST_S:g} to {MOST_S:g}")

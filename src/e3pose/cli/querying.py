@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed
-from e3pose.counted import counted
 from e3pose.errors import InputError
+from e3pose.plural import counted
 
 if TYPE_CHECKING:
     from e3pose.store import Store
@@ -71,7 +71,7 @@ def query(
     json_file
         Write the rows here as a JSON list.
     """
-    from e3pose.atomic import check_output
+    from e3pose.files.atomic import check_output
     from e3pose.store import Store
     from e3pose.store.database import database_path, database_url
 
@@ -116,7 +116,7 @@ def _store_of(named: str, site: str | None) -> tuple[str, str | None]:
     """Return the store that is meant, and the site whose runs are asked for."""
     if "://" in named or not (Path(named).is_dir() or named.endswith(".toml")):
         return named, site
-    from e3pose.site.config import open_site, store_place
+    from e3pose.settings.site_file import open_site, store_place
 
     path, table = open_site(Path(named))
     if table.store is None:

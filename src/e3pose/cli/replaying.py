@@ -57,16 +57,16 @@ def replay(
     json_file
         Write the figures here.
     """
-    from e3pose.atomic import atomic_file
     from e3pose.cli.progress import track_progress
     from e3pose.cli.storing import stored
     from e3pose.evaluate.poses_table import check_poses_path, write_poses
     from e3pose.evaluate.replay import ReplaySettings
     from e3pose.evaluate.replay import replay as run_replay
-    from e3pose.evaluate.report import print_summary
-    from e3pose.evaluate.settings import noise_warning
     from e3pose.evaluate.summary import summarise
+    from e3pose.evaluate.tables import print_summary
+    from e3pose.files.atomic import atomic_file
     from e3pose.recording import load_recording
+    from e3pose.settings.loop import noise_warning
 
     if poses is not None:
         check_poses_path(poses)

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from e3pose.cli.options import Whole
-from e3pose.counted import counted
 from e3pose.errors import InputError
+from e3pose.plural import counted
 
 RESOLUTION = re.compile(r"(\d{1,6})[xX](\d{1,6})")
 
@@ -68,7 +68,7 @@ def simulate(
     overwrite
         Replace DEST if it exists.
     """
-    from e3pose.atomic import check_free
+    from e3pose.files.atomic import check_free
     from e3pose.recording import save_recording
     from e3pose.simulate import DetectorSettings, SceneSettings
     from e3pose.simulate import simulate as run

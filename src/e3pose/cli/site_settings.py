@@ -10,18 +10,19 @@ from typing import TYPE_CHECKING
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
-    from e3pose.camera import Rig
     from e3pose.cli.options import EnergyOptions
+    from e3pose.edge.energy_ledger import EnergyLedger
     from e3pose.edge.server import EdgeServer
-    from e3pose.evaluate.settings import ReplaySettings
-    from e3pose.power import Budget, EnergyLedger
-    from e3pose.site.config import SiteTable
+    from e3pose.energy.budgets import Budget
+    from e3pose.geometry.camera import Rig
+    from e3pose.settings.loop import ReplaySettings
+    from e3pose.settings.site_file import SiteTable
 
 
 def site_rig(path: Path, site: SiteTable) -> Rig:
     """Return the cameras of a site; raise `InputError` naming the key where there are none."""
     from e3pose.calibration import load_rig
-    from e3pose.site.config import beside
+    from e3pose.settings.site_file import beside
 
     calibration = beside(path, site.calibration)
     if not calibration.exists():
@@ -35,7 +36,7 @@ def check_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:
     Raises:
         InputError: for whatever would keep the edge from starting, in the file or in its places.
     """
-    from e3pose.evaluate.settings import make_pipeline
+    from e3pose.settings.loop import make_pipeline
     from e3pose.site.edge_program import place_of
     from e3pose.store import parse_age, parse_size
 
@@ -55,8 +56,8 @@ def check_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:
 def loop_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:
     """Return the settings of the loop that a site file asks for; its keys are those of replay."""
     from e3pose.cli.options import LoopOptions, choice
-    from e3pose.evaluate.settings import ReplaySettings
-    from e3pose.site.config import cameras_of, options_from
+    from e3pose.settings.loop import ReplaySettings
+    from e3pose.settings.site_file import cameras_of, options_from
 
     table = dict(site.loop)
     cameras = table.pop("cameras", None)
@@ -86,7 +87,7 @@ def open_ledger(
     path: Path, site: SiteTable, rig: Rig, settings: ReplaySettings, server: EdgeServer
 ) -> EnergyLedger:
     """Return the ledger of a site's energy, with the budgets that its file asks for."""
-    from e3pose.power import EnergyLedger
+    from e3pose.edge.energy_ledger import EnergyLedger
 
     energy = _energy(path, site)
     return EnergyLedger(
@@ -105,7 +106,7 @@ def _energy(path: Path, site: SiteTable) -> EnergyOptions:
     from dataclasses import replace
 
     from e3pose.cli.options import EnergyOptions
-    from e3pose.site.config import options_from
+    from e3pose.settings.site_file import options_from
 
     found: EnergyOptions = options_from(path, "energy", site.energy, EnergyOptions)
     parts = [part.rpartition("=") for part in found.profile.split(",")]
@@ -114,7 +115,7 @@ def _energy(path: Path, site: SiteTable) -> EnergyOptions:
 
 def _near(path: Path, name: str) -> str:
     """Return a name, or the file beside the site file that it means."""
-    from e3pose.site.config import beside
+    from e3pose.settings.site_file import beside
 
     file = beside(path, name)
     return str(file) if file.is_file() else name
@@ -122,8 +123,8 @@ def _near(path: Path, name: str) -> str:
 
 def _budgets(path: Path, site: SiteTable, rig: Rig, shares: list[float]) -> list[Budget]:
     """Return what each camera may spend: its own words, the site's, or its share of the slots."""
-    from e3pose.power import Budget, parse_budget
-    from e3pose.site.config import cameras_of
+    from e3pose.energy.budgets import Budget, parse_budget
+    from e3pose.settings.site_file import cameras_of
 
     now, budgets = datetime.now().astimezone(), []
     for camera, share in zip(cameras_of(path, site, rig).values(), shares, strict=True):
@@ -137,9 +138,9 @@ def _budgets(path: Path, site: SiteTable, rig: Rig, shares: list[float]) -> list
 
 def _check_places(path: Path, site: SiteTable) -> None:
     """What the edge writes must not be where something else stands."""
-    from e3pose.atomic import check_file_free
-    from e3pose.learning.versions import check_learning_folder
-    from e3pose.site.config import beside, store_place
+    from e3pose.files.atomic import check_file_free
+    from e3pose.learn.online.versions import check_learning_folder
+    from e3pose.settings.site_file import beside, store_place
     from e3pose.store.database import check_place, database_url
 
     try:

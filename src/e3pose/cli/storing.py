@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from e3pose.counted import counted
 from e3pose.errors import InputError
+from e3pose.plural import counted
 
 if TYPE_CHECKING:
+    from e3pose.energy.profiles import DeviceProfile, Mode
     from e3pose.pipeline import SlotRecord
-    from e3pose.profiles import DeviceProfile, Mode
     from e3pose.recording import Recording
     from e3pose.store import Retention
 

@@ -12,8 +12,8 @@ from e3pose.cli.options import Whole
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
-    from e3pose.train.attention_lstm import TrainSettings
-    from e3pose.train.network import AttentionLstm
+    from e3pose.learn.train.attention_lstm import TrainSettings
+    from e3pose.learn.train.network import AttentionLstm
 
 SHIPPED_NAME = "shipped"
 
@@ -97,7 +97,7 @@ def train(
     """
     import math
 
-    from e3pose.train.parallel import Workers
+    from e3pose.learn.train.parallel import Workers
 
     _check(
         ("hold-out", hold_out, 0.0, 0.9),
@@ -116,14 +116,14 @@ def train(
     from rich.console import Console
     from rich.progress import Progress
 
+    from e3pose.learn.train.attention_lstm import TrainSettings as Settings
+    from e3pose.learn.train.attention_lstm import train as run
+    from e3pose.learn.train.clips import gather
+    from e3pose.learn.train.estimates import EstimateSettings
+    from e3pose.learn.train.lessons import LessonSettings, lessons
+    from e3pose.learn.train.network import NetworkSettings
+    from e3pose.learn.train.windows import Clip
     from e3pose.recording import Recording, load_recording
-    from e3pose.train.attention_lstm import TrainSettings as Settings
-    from e3pose.train.attention_lstm import train as run
-    from e3pose.train.clips import gather
-    from e3pose.train.estimates import EstimateSettings
-    from e3pose.train.lessons import LessonSettings, lessons
-    from e3pose.train.network import NetworkSettings
-    from e3pose.train.windows import Clip
 
     # More threads are no faster with a network so small, and a hundred times slower where other
     # programs run: they wait for each other by counting.
@@ -185,9 +185,9 @@ def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, 
     """Return the network in a file, and the settings to go on from it."""
     import hashlib
 
-    from e3pose.bounded import read_bytes
-    from e3pose.predictors.attention_lstm import MAX_WEIGHTS_BYTES, SHIPPED
-    from e3pose.train.weights import network_of
+    from e3pose.files.bounded import read_bytes
+    from e3pose.learn.train.weights import network_of
+    from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES, SHIPPED
 
     path = SHIPPED if str(start) == SHIPPED_NAME else start
     content = read_bytes(path, MAX_WEIGHTS_BYTES)

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.text import Text
 
-from e3pose.cli.quantities import check_seconds
-from e3pose.counted import counted
 from e3pose.errors import InputError
+from e3pose.plural import counted
+from e3pose.settings.quantities import check_seconds
 
 if TYPE_CHECKING:
+    from e3pose.settings.site_file import SiteTable
     from e3pose.site.check import Finding
-    from e3pose.site.config import SiteTable
 
 
 def top(
@@ -52,7 +52,7 @@ def top(
     from rich.console import Console
     from rich.live import Live
 
-    from e3pose.site.config import open_site
+    from e3pose.settings.site_file import open_site
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
     from e3pose.wire.network import open_network
@@ -104,8 +104,8 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
     from rich.table import Table
 
     from e3pose.cli.site_settings import check_settings, site_rig
+    from e3pose.settings.site_file import open_site
     from e3pose.site import check as examine
-    from e3pose.site.config import open_site
 
     site, table = open_site(site)
     rig = site_rig(site, table)

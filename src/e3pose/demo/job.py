@@ -20,17 +20,17 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.atomic import atomic_folder, check_free
 from e3pose.demo.clip import SOURCE, TITLE, Clip, fetch_clip, find_clip
 from e3pose.demo.pictures import draw
 from e3pose.demo.words import DemoReport, LiveFigures, about, delivery_words, pace_words
+from e3pose.detectors.weights import Progress, find_weights, is_installed, pull_weights
 from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_folder, check_free
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.weights import Progress, find_weights, is_installed, pull_weights
 
 if TYPE_CHECKING:
     from e3pose.demo.live import Heard, Show
-    from e3pose.demo.remembered import Film
+    from e3pose.demo.stored_run import Film
     from e3pose.pipeline import SlotRecord
     from e3pose.recording import Recording
 
@@ -117,7 +117,7 @@ def run_demo(
         InputError: when `dest` is taken by something else, or the site does not work.
     """
     from e3pose.demo.live import run_live
-    from e3pose.demo.remembered import stored_records
+    from e3pose.demo.stored_run import stored_records
     from e3pose.site.example import STORE_FILE
 
     began = time.monotonic()
@@ -195,11 +195,11 @@ def _fetched(name: str, fetch: Callable[[Progress], T], offline: bool, phase: Ph
 def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
     """Write a site whose cameras play the clip, as fast as this machine can look at it."""
     from e3pose.calibration import load_rig
-    from e3pose.demo.remembered import Film
-    from e3pose.node.source import open_video
+    from e3pose.camera.source import open_video
+    from e3pose.demo.stored_run import Film
+    from e3pose.model.skeleton import COCO18
     from e3pose.recording import Recording, ViewSeries
     from e3pose.site.example import Example, write_example
-    from e3pose.skeleton import COCO18
 
     rig = load_rig(clip.calibration)
     (folder / "videos").mkdir(parents=True)
@@ -238,8 +238,8 @@ def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
 
 def _look_s(video: Path, weights: Path) -> float:
     """Return how long one thread of this machine takes to look at a frame."""
+    from e3pose.camera.source import open_video
     from e3pose.detectors import make_detector
-    from e3pose.node.source import open_video
 
     detector = make_detector(NETWORK, weights, "cpu", 1)
     image = next(iter(open_video(video).frames(0.0))).image
@@ -265,7 +265,7 @@ def pace_for(look_s: float, num_cameras: int, fps: float, cores: int) -> float:
 
 
 def _simulated(stand_in: SceneSettings | None, folder: Path, phase: Phase) -> Scene:
-    from e3pose.demo.remembered import Film
+    from e3pose.demo.stored_run import Film
     from e3pose.site.example import write_recorded
 
     scene = stand_in or STAND_IN
@@ -318,12 +318,12 @@ def _write_results(
     progress: Progress,
 ) -> dict[str, Any]:
     """Write tables, figures, the page and the pictures; return the figures."""
-    from e3pose.demo.remembered import as_recording
+    from e3pose.demo.stored_run import as_recording
+    from e3pose.energy.profiles import load_profile
     from e3pose.evaluate.poses_table import write_poses
-    from e3pose.evaluate.settings import ReplaySettings
     from e3pose.evaluate.summary import summarise
-    from e3pose.profiles import load_profile
     from e3pose.report import write_report
+    from e3pose.settings.loop import ReplaySettings
 
     recording = as_recording(scene, heard, moments_s)
     settings = ReplaySettings(

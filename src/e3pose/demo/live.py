@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from e3pose.camera import Rig
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
-from e3pose.site.config import load_site
+from e3pose.geometry.camera import Rig
+from e3pose.model.pose import Poses2D
+from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire import topics

@@ -116,6 +116,6 @@ def identify(path: Path) -> str:
 
 
 def _weights(name: str, model: Path | None) -> Path:
-    from e3pose.weights import find_weights
+    from e3pose.detectors.weights import find_weights
 
     return find_weights(name) if model is None else model

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
-from e3pose.skeleton import Skeleton
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton
 
 Image = NDArray[np.uint8]
 

@@ -146,7 +146,7 @@ class _Onnx:
 def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
     import onnxruntime
 
-    from e3pose.weights import cache_folder
+    from e3pose.detectors.weights import cache_folder
 
     engine_cache = cache_folder() / "tensorrt"
     providers = choose_providers(provider, onnxruntime.get_available_providers(), engine_cache)

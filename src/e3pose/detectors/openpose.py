@@ -13,7 +13,7 @@ from e3pose.detectors.inference import Network
 from e3pose.detectors.part_affinity import decode
 from e3pose.detectors.topology import Topology
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
+from e3pose.model.pose import Poses2D
 
 PAD = 0  # both networks saw black beyond the border in training
 

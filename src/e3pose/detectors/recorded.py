@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from e3pose.detectors.base import Image
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
+from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording
 
 

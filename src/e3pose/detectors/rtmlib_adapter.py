@@ -8,8 +8,8 @@ import numpy as np
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
-from e3pose.skeleton import COCO17
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 
 NAME = "rtmlib"
 MIN_KEYPOINT_SCORE = 0.3

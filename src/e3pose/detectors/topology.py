@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from e3pose.skeleton import COCO18, Skeleton
+from e3pose.model.skeleton import COCO18, Skeleton
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import letterbox
 from e3pose.detectors.inference import Network
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
-from e3pose.skeleton import COCO17
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 
 NAME = "yolo-pose"
 SIDE = 640  # pixels, where the network leaves it free

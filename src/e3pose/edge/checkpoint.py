@@ -18,12 +18,12 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.atomic import atomic_file
-from e3pose.bounded import open_regular
-from e3pose.datasets.arrays import BROKEN, read_array
 from e3pose.errors import InputError
-from e3pose.liveness import RETRY_LIMIT_S
+from e3pose.files.atomic import atomic_file
+from e3pose.files.bounded import open_regular
 from e3pose.pipeline import Pipeline, SlotState, initial_state
+from e3pose.recording.datasets.arrays import BROKEN, read_array
+from e3pose.select.failure_detector import RETRY_LIMIT_S
 
 VERSION = 4  # 1 lacks the run, 2 what links lose, 3 doors and how noisy cameras are
 MAX_BYTES = 64 * 2**20  # 28 cameras and 20 people take about one

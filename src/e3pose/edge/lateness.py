@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.liveness import Silence, forgive, patience
 from e3pose.pipeline import SlotState
+from e3pose.select.failure_detector import Silence, forgive, patience
 
 # A camera without a view is told of when it was given up so often in a row, which takes 3 s: one
 # that is not there at all is known to be away by then.

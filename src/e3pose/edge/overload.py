@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from e3pose.pipeline import Pipeline
-from e3pose.policies.base import Policy, Selection, Situation
-from e3pose.policies.fixed import RoundRobin
-from e3pose.turns import spread_order
+from e3pose.select.camera_order import spread_order
+from e3pose.select.policies.base import Policy, Selection, Situation
+from e3pose.select.policies.fixed import RoundRobin
 
 FULL, TURNS, HALF_RATE = 0, 1, 2
 WORDS = {

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from e3pose.edge.roster import CameraLife
-from e3pose.estimators.base import People
-from e3pose.uncertainty import axis_sigma_m
+from e3pose.estimate.base import People
+from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.wire.codec import pack
 from e3pose.wire.messages import CameraStatus, Poses, Status
 

@@ -20,25 +20,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.clock import Clock, SlotTimes
-from e3pose.edge.amend import lasting, skip_to, still_true, with_lead
 from e3pose.edge.checkpoint import Checkpoint
+from e3pose.edge.consumers import Learner, Sink
+from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lateness import forgiven, oddities
 from e3pose.edge.lead import Lead, adapt, cautious, lagging, take_in_delay
+from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.overload import WORDS, Load, after_slot, thinned
-from e3pose.edge.partners import Learner, Sink
 from e3pose.edge.reports import changes, poses_message, site_status
 from e3pose.edge.roster import slowest_wake_s
-from e3pose.edge.settings import EdgeSettings
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.tally import Counts
 from e3pose.edge.warm import warm_up
-from e3pose.estimators.base import People
+from e3pose.estimate.base import People
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
-from e3pose.power.ledger import EnergyLedger
+from e3pose.settings.edge import EdgeSettings
 from e3pose.store.rows import Event
 from e3pose.wire import topics
 from e3pose.wire.codec import encode

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, initial_state, step
-from e3pose.pose import Poses2D
 
 
 def warm_up(pipeline: Pipeline) -> None:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from e3pose.energy import DEFAULT_BATTERY_WH
+from e3pose.energy.profiles import DeviceProfile, Mode
+from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate.summary import summarise
-from e3pose.policies import policy_row
-from e3pose.profiles import DeviceProfile, Mode
 from e3pose.recording import Recording
+from e3pose.select.policies import policy_row
 
 if TYPE_CHECKING:
     from e3pose.evaluate.replay import ReplaySettings

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from e3pose.atomic import atomic_file
 from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from e3pose.energy import savings
-from e3pose.profiles import GROUPS, DeviceProfile, Mode, load_profile
+from e3pose.energy.profiles import GROUPS, DeviceProfile, Mode, load_profile
+from e3pose.energy.queues import savings
 from e3pose.recording import Recording
 
 if TYPE_CHECKING:

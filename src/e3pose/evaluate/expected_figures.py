@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.evaluate.metrics import MATCH_LIMIT_M, mean_errors_m
+from e3pose.model.uncertainty import distance_within_m, expected_distance_m
 from e3pose.recording import Recording
-from e3pose.uncertainty import distance_within_m, expected_distance_m
 
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord

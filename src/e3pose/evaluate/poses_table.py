@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.atomic import atomic_file
 from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_file
+from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import SlotRecord
-from e3pose.skeleton import Skeleton
 
 FORMATS = (".csv", ".parquet")
 DECIMALS_M = 5  # hundredths of a millimetre: below any camera's noise

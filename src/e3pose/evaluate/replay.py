@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.evaluate.bad_days import BadDay, arriving, capacity_j, deaths_s
-from e3pose.evaluate.settings import ReplaySettings as ReplaySettings
-from e3pose.evaluate.settings import make_pipeline as make_pipeline
+from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
-from e3pose.policies.base import Selection
-from e3pose.pose import Poses2D
 from e3pose.recording import Recording
+from e3pose.select.policies.base import Selection
+from e3pose.settings.loop import ReplaySettings as ReplaySettings
+from e3pose.settings.loop import make_pipeline as make_pipeline
 
 
 def selected_views(recording: Recording, slot: int, selection: Selection) -> Mapping[int, Poses2D]:

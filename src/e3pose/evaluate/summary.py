@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.energy import DEFAULT_BATTERY_WH
+from e3pose.energy.profiles import DeviceProfile, Mode
+from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate import metrics
 from e3pose.evaluate.energy_figures import energy_figures
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
-from e3pose.noises import detector_of
-from e3pose.profiles import DeviceProfile, Mode
+from e3pose.model.noises import detector_of
+from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 from e3pose.recording import Recording
-from e3pose.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 
 if TYPE_CHECKING:
     from e3pose.evaluate.replay import ReplaySettings

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Rig
-from e3pose.pose import Poses2D
+from e3pose.geometry.camera import Rig
+from e3pose.model.pose import Poses2D
 from e3pose.recording.record import Recording
 
 Floats = NDArray[np.float64]

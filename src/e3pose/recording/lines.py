@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
+from e3pose.model.pose import Poses2D
 from e3pose.recording.record import MAX_PEOPLE
 
 Floats = NDArray[np.float64]

@@ -9,10 +9,10 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Rig
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
-from e3pose.skeleton import Skeleton
+from e3pose.geometry.camera import Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from e3pose.atomic import atomic_file
+from e3pose.files.atomic import atomic_file
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 from e3pose.report import figures, words

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Camera, Rig
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.skeleton import Skeleton
+from e3pose.model.uncertainty import distance_within_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth
-from e3pose.skeleton import Skeleton
-from e3pose.uncertainty import distance_within_m
 
 Floats = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.counted import counted
 from e3pose.pipeline import SlotRecord
+from e3pose.plural import counted
 from e3pose.recording import Recording
 
 
@@ -35,8 +35,8 @@ def duty(recording: Recording, records: Sequence[SlotRecord]) -> NDArray[np.floa
 
 def budget(summary: Mapping[str, Any], num_cameras: int) -> float | None:
     """Return the share of slots a camera could be awake; None without one limit for all."""
-    from e3pose.evaluate.settings import default_budget
-    from e3pose.policies import POLICIES
+    from e3pose.select.policies import POLICIES
+    from e3pose.settings.loop import default_budget
 
     row = POLICIES.get(str(summary.get("policy")))
     asked, count = (

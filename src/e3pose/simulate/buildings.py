@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from e3pose.geometry.rigs import Spot
 from e3pose.simulate.occluders import Box
-from e3pose.simulate.place import Condition, Habits, Room, Scene, Spot
+from e3pose.simulate.place import Condition, Habits, Room, Scene
 
 WALL_M = 0.2  # thick
 STOREY_M = 3.0  # high

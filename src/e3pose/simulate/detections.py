@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Camera
+from e3pose.geometry.camera import Camera
 from e3pose.recording import ViewSeries
 from e3pose.simulate.hiding import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.mistakes import episodes, haunt, merge_people, swap_sides

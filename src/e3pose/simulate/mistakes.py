@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Camera
+from e3pose.geometry.camera import Camera
 from e3pose.simulate.body import Posture, draw_body, joints_of
 from e3pose.simulate.gestures import HANGING, SEATED
 from e3pose.simulate.noise import correlated, normal_cdf

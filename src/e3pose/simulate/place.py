@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from e3pose.geometry.rigs import Spot
 from e3pose.simulate.occluders import Box, Occluder
 
 
@@ -49,27 +50,6 @@ class Room:
     def middle(self) -> tuple[float, float]:
         """`(x, y)` of the middle in metres."""
         return 0.5 * (self.low_x_m + self.high_x_m), 0.5 * (self.low_y_m + self.high_y_m)
-
-
-@dataclass(frozen=True, slots=True)
-class Spot:
-    """Where a camera of the scene's own stands, the floor point it looks at, and how wide.
-
-    Attributes:
-        x_m: east.
-        y_m: north.
-        z_m: above the floor.
-        look_x_m: east of the point that it looks at, one metre above the floor.
-        look_y_m: north of that point.
-        view_deg: horizontal field of view.
-    """
-
-    x_m: float
-    y_m: float
-    z_m: float
-    look_x_m: float
-    look_y_m: float
-    view_deg: float = 75.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 
-from e3pose.camera import Rig
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
 
 MAX_PEOPLE = 50
 MAX_CAMERAS = 64

@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Rig
 from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rigs import ring_rig, spot_rig, watched_area
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.body import draw_body
 from e3pose.simulate.detections import detect_people, until
 from e3pose.simulate.lives import Play
 from e3pose.simulate.motion import move
 from e3pose.simulate.place import Condition, Scene
-from e3pose.simulate.rigs import ring_rig, spot_rig, watched_area
 from e3pose.simulate.scenes import scene_by_name
 from e3pose.simulate.settings import MAX_SLOTS, DetectorSettings, SceneSettings, check_number
-from e3pose.skeleton import COCO17
 
 Floats = NDArray[np.float64]
 

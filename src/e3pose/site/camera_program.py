@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from e3pose.camera.base import LiveDetector, NodeSettings
+from e3pose.camera.live import CameraNode
+from e3pose.camera.live_source import RecordedDetector, make_source
 from e3pose.clock import Clock
+from e3pose.energy.meters.charge_file import RememberedCharge
 from e3pose.errors import InputError
-from e3pose.keys.folder import certificates_in, check_certificates
-from e3pose.node.base import LiveDetector, NodeSettings
-from e3pose.node.live import CameraNode
-from e3pose.node.live_source import RecordedDetector, make_source
-from e3pose.power.remembered import RememberedCharge
-from e3pose.site.config import NodeTable, place
+from e3pose.settings.site_file import NodeTable, place
 from e3pose.wire.access import Link, check_link, split_endpoint
+from e3pose.wire.keys.folder import certificates_in, check_certificates
 from e3pose.wire.transport import Transport
 
 RECORDED = "recorded"

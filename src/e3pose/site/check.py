@@ -15,14 +15,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import Rig
-from e3pose.counted import counted
 from e3pose.errors import InputError
-from e3pose.keys.folder import Roll, certificates_in, check_certificates
-from e3pose.policies.base import Floats
-from e3pose.site.config import SiteTable, beside, cameras_of
+from e3pose.geometry.camera import Rig
+from e3pose.plural import counted
+from e3pose.select.policies.base import Floats
+from e3pose.settings.site_file import SiteTable, beside, cameras_of
 from e3pose.site.edge_program import edge_link
 from e3pose.wire.access import split_endpoint
+from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates
 from e3pose.wire.messages import Status
 
 SOON_DAYS = 30
@@ -158,7 +158,7 @@ def _lasting(
     folder: Path, name: str, roll: Roll | None, now: datetime.datetime
 ) -> Iterator[Finding]:
     """Look at the certificates of the edge, its authority, viewers and routers."""
-    from e3pose.keys.authority import expires
+    from e3pose.wire.keys.authority import expires
 
     anew = f"e3pose keys init {name} --out {folder}-new, and carry all its folders in time"
     for what, file in (("authority", "authority.pem"), ("edge", "edge.pem")):
@@ -181,7 +181,7 @@ def _certificate(
     now: datetime.datetime,
     kind: Literal["camera", "viewer", "router"] = "camera",
 ) -> Finding:
-    from e3pose.keys.authority import expires
+    from e3pose.wire.keys.authority import expires
 
     what = f"certificate {name}"
     option = "" if kind == "camera" else f" --{kind}"
@@ -257,7 +257,7 @@ def check_store(file: Path) -> Iterator[Finding]:
 def check_models(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
     """Look at the sources and networks of cameras that `e3pose up` would run here."""
     from e3pose.detectors import DETECTORS
-    from e3pose.weights import MODELS, is_installed
+    from e3pose.detectors.weights import MODELS, is_installed
 
     for camera in cameras_of(path, site, rig).values():
         if camera.source is None:

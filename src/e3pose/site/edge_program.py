@@ -9,25 +9,25 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from e3pose import __version__
-from e3pose.camera import Rig
 from e3pose.clock import Clock
 from e3pose.edge.server import EdgeServer
-from e3pose.edge.settings import EdgeSettings
 from e3pose.errors import InputError
-from e3pose.evaluate.settings import ReplaySettings, make_pipeline
-from e3pose.keys.folder import Roll, certificates_in, check_certificates, read_roll
-from e3pose.lock import hold
-from e3pose.private import make_folder
-from e3pose.site.config import SiteTable, beside, cameras_of, store_place
-from e3pose.skeleton import Skeleton, skeleton_by_name
+from e3pose.files.lock import hold
+from e3pose.files.private import make_folder
+from e3pose.geometry.camera import Rig
+from e3pose.model.skeleton import Skeleton, skeleton_by_name
+from e3pose.settings.edge import EdgeSettings
+from e3pose.settings.loop import ReplaySettings, make_pipeline
+from e3pose.settings.site_file import SiteTable, beside, cameras_of, store_place
 from e3pose.store.rows import Event, Run
 from e3pose.wire.access import Link, check_link, split_endpoint
+from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates, read_roll
 from e3pose.wire.transport import Transport
 
 
 @dataclass(frozen=True, slots=True)
 class LivePlace:
-    """Where a live loop runs; see `evaluate.settings.Place`."""
+    """Where a live loop runs; see `settings.loop.Place`."""
 
     rig: Rig
     skeleton: Skeleton
@@ -129,7 +129,7 @@ def make_edge(
             StoreWriter(store, run, WriterSettings(retention=retention), tell=tell_of_store)
         )
     if site.learn is not None:
-        from e3pose.learning import LearningSettings, OnlineTrainer
+        from e3pose.learn.online import LearningSettings, OnlineTrainer
 
         trainer = OnlineTrainer(
             beside(path, site.learn), place.skeleton, LearningSettings(place.interval_s), clock

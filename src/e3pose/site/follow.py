@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from e3pose.errors import InputError
-from e3pose.keys.folder import certificates_in, check_certificates
-from e3pose.site.config import SiteTable, beside
+from e3pose.settings.site_file import SiteTable, beside
 from e3pose.wire import topics
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.codec import decode
+from e3pose.wire.keys.folder import certificates_in, check_certificates
 from e3pose.wire.messages import Poses, Status
 from e3pose.wire.transport import Transport
 

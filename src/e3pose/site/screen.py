@@ -8,7 +8,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from e3pose.counted import counted
+from e3pose.plural import counted
 from e3pose.wire.messages import CameraStatus, Status
 
 MODES = {

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from e3pose.counted import counted
-from e3pose.node.live import Counted
+from e3pose.camera.live import Counted
+from e3pose.plural import counted
 from e3pose.wire.messages import CameraStatus, Status
 
 

@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from e3pose.camera import Rig
 from e3pose.errors import InputError
-from e3pose.private import append_to
-from e3pose.site.config import SiteTable, beside, cameras_of
+from e3pose.files.private import append_to
+from e3pose.geometry.camera import Rig
+from e3pose.settings.site_file import SiteTable, beside, cameras_of
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
 from e3pose.wire.access import split_endpoint

@@ -17,7 +17,7 @@ from sqlalchemy.exc import ArgumentError, DBAPIError
 from sqlalchemy.pool import NullPool
 
 from e3pose.errors import InputError
-from e3pose.private import make_file
+from e3pose.files.private import make_file
 from e3pose.store import schema
 
 MAGIC = b"SQLite format 3\0"

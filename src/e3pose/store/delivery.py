@@ -9,8 +9,8 @@ from sqlalchemy import Connection, Insert, Table, bindparam, insert, select, upd
 from sqlalchemy.dialects import postgresql
 from sqlalchemy.exc import DBAPIError, OperationalError
 
-from e3pose.counted import counted
 from e3pose.errors import InputError
+from e3pose.plural import counted
 from e3pose.store import schema
 from e3pose.store.database import database_path, identity, is_damage, shown, writing_engine
 from e3pose.store.retention import Retention, give_back, trim

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
+from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord
-from e3pose.uncertainty import axis_sigma_m
 
 Floats = NDArray[np.float64]
 Row = tuple[str, dict[str, Any]]  # table name and columns, less the run id

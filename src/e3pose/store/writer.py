@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
-from e3pose.counted import counted
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
+from e3pose.plural import counted
 from e3pose.store.database import (
     REFUSALS,
     damage,

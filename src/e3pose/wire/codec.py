@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera import check_camera_id
 from e3pose.errors import InputError
-from e3pose.pose import Poses2D
+from e3pose.geometry.camera import check_camera_id
+from e3pose.model.pose import Poses2D
 from e3pose.wire.messages import (
     VERSION,
     Array,

@@ -9,8 +9,8 @@ e3pose/SITE/alive                                        that the edge is there
 
 from __future__ import annotations
 
-from e3pose.camera import check_camera_id
 from e3pose.errors import InputError
+from e3pose.geometry.camera import check_camera_id
 
 ROOT = "e3pose"
 ANY = "*"

@@ -1,0 +1,75 @@
+"""What a camera is made of: where its frames come from, and who finds people in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from e3pose.model.pose import Poses2D
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveFrame:
+    """A frame as it comes from a source.
+
+    Attributes:
+        captured_ns: when it was taken, by the camera's clock.
+        image_size: `(width, height)` in pixels.
+        look: return what is to be detected in: an RGB image `(height, width, 3)`, or whatever the
+            detector of a simulated source takes. Converting waits until somebody looks.
+    """
+
+    captured_ns: int
+    image_size: tuple[int, int]
+    look: Callable[[], Any]
+
+
+class LiveSource(Protocol):
+    """Where frames come from, at their own pace."""
+
+    @property
+    def fps(self) -> float:
+        """Frames a second, about."""
+        ...
+
+    def open(self) -> None:
+        """Begin; raise `InputError` saying why it cannot."""
+        ...
+
+    def read(self) -> LiveFrame | None:
+        """Wait for the next frame, a second at most; None if none came, at the end for ever."""
+        ...
+
+    def close(self) -> None:
+        """Stop capturing and let go of the device; `open` may follow."""
+        ...
+
+
+class LiveDetector(Protocol):
+    """What finds people in what a frame shows; every `detectors.Detector` does."""
+
+    def detect(self, image: Any) -> Poses2D:
+        """Return the people, pixels of that image."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSettings:
+    """What a camera is.
+
+    Attributes:
+        site: its site.
+        camera_id: its name there.
+        joints: that its detector finds.
+        wake_s: from aggressive power-saving to the first frame.
+        detector: name of the network.
+        battery_wh: capacity; None on mains.
+    """
+
+    site: str
+    camera_id: str
+    joints: tuple[str, ...]
+    wake_s: float = 0.0
+    detector: str = ""
+    battery_wh: float | None = None

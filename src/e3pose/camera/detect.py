@@ -1,0 +1,313 @@
+"""Detect people in calibrated videos and leave a recording."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from e3pose.camera.pairing import pair_videos
+from e3pose.camera.provenance import save_provenance
+from e3pose.camera.slots import SlotGrid, frames_in_slots
+from e3pose.camera.source import VideoSource, open_video
+from e3pose.camera.unfinished import Unfinished
+from e3pose.detectors import Detector
+from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_folder, check_free
+from e3pose.files.lock import hold
+from e3pose.geometry.camera import Rig
+from e3pose.model.skeleton import Skeleton
+from e3pose.recording import Recording, ViewSeries, encode_view, read_series, save_recording
+from e3pose.settings.camera import MAX_SLOTS
+from e3pose.settings.camera import DetectSettings as DetectSettings
+
+SAME_RATE = 0.005  # relative; 29.97 and 30 frames a second are the same nominal rate
+
+
+@dataclass(frozen=True, slots=True)
+class CameraReport:
+    """What became of one camera's video.
+
+    Attributes:
+        frames: slots with a view.
+        people: 2D poses in all of them together.
+        damage: what was wrong with the file, in words; empty if nothing was.
+    """
+
+    frames: int
+    people: int
+    damage: str
+
+
+@dataclass(frozen=True, slots=True)
+class DetectReport:
+    """What `detect_videos` left behind.
+
+    Attributes:
+        fps: slots a second.
+        num_slots: length of the recording.
+        cameras: one report per camera with a video.
+        without_video: cameras of the rig that are not in the recording.
+        resumed_slots: of all cameras together, slots that an interrupted run had done before.
+    """
+
+    fps: float
+    num_slots: int
+    cameras: Mapping[str, CameraReport]
+    without_video: tuple[str, ...]
+    resumed_slots: int
+
+
+Progress = Callable[[int, int], None]  # slots of all cameras: done, in all (an estimate)
+
+
+def partial_folder(dest: Path) -> Path:
+    """Return the folder in which the work for `dest` stands until it is done."""
+    dest = Path(os.path.abspath(dest))
+    return dest.with_name(f"{dest.name}.partial")
+
+
+def detect_videos(
+    videos: Sequence[Path | str],
+    rig: Rig,
+    detector: Detector,
+    dest: Path,
+    settings: DetectSettings | None = None,
+    detector_name: str = "detector",
+    progress: Progress = lambda done, total: None,
+) -> DetectReport:
+    """Find the people in every camera's video and write a recording.
+
+    Every line is on disk before the next frame is looked at, in `dest` + `.partial`; the same call
+    continues an interrupted one. `dest` appears when everything is done.
+
+    Args:
+        videos: files, paired with cameras by `pair_videos`; or `CAMERA=path` strings.
+        rig: calibrated cameras. Those without a video are not in the recording.
+        detector: finds the people.
+        dest: the recording folder to make.
+        settings: which frames to look at; all by default.
+        detector_name: which weights these are, such as name and checksum; work begun with others is
+            not continued.
+        progress: told after every frame how many slots of all cameras are done, of about how
+            many.
+
+    Raises:
+        InputError: naming the video, camera or setting that is wrong.
+    """
+    settings = settings or DetectSettings()
+    check_free(dest, settings.overwrite)
+    for camera_id in settings.offsets_s:
+        rig.index(camera_id)
+    paths = pair_videos(videos, rig)
+    sources = {camera_id: open_video(path) for camera_id, path in paths.items()}
+    seen_rig = rig.subset([rig.index(camera_id) for camera_id in sources])
+    for camera_id, source in sources.items():
+        _check_size(seen_rig, camera_id, source)
+    grid = _grid(settings, sources)
+    _check_any_slot(settings, sources, grid)
+    folder = partial_folder(dest)
+    folder.mkdir(parents=True, exist_ok=True)
+    with hold(dest):
+        identity = _identity(settings, seen_rig, sources, grid, detector, detector_name)
+        work = Unfinished(folder, identity, restart=settings.overwrite)
+        run = _Run(work, grid, settings, detector, sources, progress)
+        try:
+            damages = {camera_id: run.detect(camera_id) for camera_id in sources}
+        except BaseException:
+            if run.done == 0:
+                work.remove()  # there is nothing to continue
+            raise
+        recording = _recording(
+            dest, work, grid, seen_rig, sources, detector.skeleton, detector_name, damages
+        )
+        _finish(recording, dest, sources, settings, identity)
+        work.remove()
+    reports = {
+        camera_id: CameraReport(len(series.slots), len(series.scores), damages[camera_id])
+        for camera_id, series in zip(sources, recording.views, strict=True)
+    }
+    without = tuple(name for name in rig.camera_ids if name not in sources)
+    return DetectReport(grid.fps, recording.num_slots, reports, without, run.resumed)
+
+
+class _Run:
+    """Walks the videos one after the other, appending a line a frame."""
+
+    def __init__(
+        self,
+        work: Unfinished,
+        grid: SlotGrid,
+        settings: DetectSettings,
+        detector: Detector,
+        sources: Mapping[str, VideoSource],
+        progress: Progress,
+    ) -> None:
+        self.work, self.grid, self.detector, self.progress = work, grid, detector, progress
+        self.sources, self.offsets_s = sources, settings.offsets_s
+        self.expected = dict(zip(sources, _expected(settings, sources, grid), strict=True))
+        self.before = self.done = self.resumed = 0
+
+    def detect(self, camera_id: str) -> str:
+        """Look at what is left of one video; return what was damaged in it."""
+        source, offset_s = self.sources[camera_id], self.offsets_s.get(camera_id, 0.0)
+        first = self.work.last_slot(camera_id, len(self.detector.skeleton)) + 1
+        self.resumed += first
+        self._tell(camera_id, first)
+        damage = self.work.damage(camera_id)
+        if damage is not None:  # read to its end by an earlier run
+            self._pass(camera_id)
+            return damage
+        begin_s = max(0.0, self.grid.video_time_s(first, offset_s))
+        frames = frames_in_slots(source.frames(begin_s), self.grid, offset_s, first)
+        with self.work.path(camera_id).open("ab", buffering=0) as file:
+            for slot, time_s, frame in frames:
+                poses = self.detector.detect(frame.image)
+                file.write(encode_view(slot, time_s, poses))
+                self._tell(camera_id, slot + 1)
+        self.work.mark_done(camera_id, source.damage)
+        self._pass(camera_id)
+        return source.damage
+
+    def _tell(self, camera_id: str, slots: int) -> None:
+        # A header may announce too few frames; the bar waits then, rather than run backwards.
+        self.done = self.before + min(slots, max(1, self.expected[camera_id]))
+        self.progress(self.done, sum(self.expected.values()))
+
+    def _pass(self, camera_id: str) -> None:
+        self._tell(camera_id, self.expected[camera_id])
+        self.before += self.expected[camera_id]
+
+
+def _expected(
+    settings: DetectSettings, sources: Mapping[str, VideoSource], grid: SlotGrid
+) -> list[int]:
+    """Return how many slots each camera's video reaches, as far as its header tells."""
+    return [
+        grid.last_slot((source.num_frames - 1) / source.rate, settings.offsets_s.get(camera_id, 0))
+        + 1
+        for camera_id, source in sources.items()
+    ]
+
+
+def _check_any_slot(
+    settings: DetectSettings, sources: Mapping[str, VideoSource], grid: SlotGrid
+) -> None:
+    if not any(_expected(settings, sources, grid)):
+        raise InputError(
+            f"videos: none has a frame after start {settings.start_s:g} s, expected an earlier "
+            "start or other offsets"
+        )
+
+
+def _check_size(rig: Rig, camera_id: str, source: VideoSource) -> None:
+    expected = rig.cameras[rig.index(camera_id)].image_size
+    found = source.image_size
+    if found == expected:
+        return
+    hint = ""
+    if found == expected[::-1]:
+        hint = "; the sides are swapped, " + (
+            "the file asks players for a quarter turn that the calibration was made without"
+            if source.turned
+            else "the calibration may be of a video that players show turned"
+        )
+    raise InputError(
+        f"{source.path}: image size: found {found[0]}x{found[1]}, expected "
+        f"{expected[0]}x{expected[1]} as the calibration of camera {camera_id}{hint}"
+    )
+
+
+def _grid(settings: DetectSettings, sources: Mapping[str, VideoSource]) -> SlotGrid:
+    fps = settings.fps
+    if fps is None:
+        rates = {camera_id: source.rate for camera_id, source in sources.items()}
+        fps = min(rates.values())
+        if max(rates.values()) > fps * (1 + SAME_RATE):
+            listed = ", ".join(f"{camera_id} {rate:g}" for camera_id, rate in rates.items())
+            raise InputError(f"videos: frame rates differ ({listed}), pass --fps with a slot rate")
+    return SlotGrid(fps / settings.every, settings.start_s, settings.max_slots)
+
+
+def _identity(
+    settings: DetectSettings,
+    rig: Rig,
+    sources: Mapping[str, VideoSource],
+    grid: SlotGrid,
+    detector: Detector,
+    detector_name: str,
+) -> dict[str, str]:
+    digest = hashlib.sha256()
+    for camera in rig.cameras:
+        digest.update(f"{camera.camera_id} {camera.image_size} {camera.fisheye}".encode())
+        for array in (camera.K, camera.T_world_camera, camera.distortion):
+            digest.update(array.tobytes())
+    identity = {
+        "model": detector_name,
+        "skeleton": detector.skeleton.name,
+        "calibration": digest.hexdigest()[:16],
+        "slots a second": f"{grid.fps:.9g}",
+        "start": f"{grid.start_s:.9g} s",
+        "max slots": str(grid.max_slots),
+    }
+    for camera_id, source in sources.items():
+        size = source.path.stat().st_size
+        identity[f"video of {camera_id}"] = f"{source.path.name} ({size} bytes)"
+        identity[f"offset of {camera_id}"] = f"{settings.offsets_s.get(camera_id, 0.0):.9g} s"
+    return identity
+
+
+def _recording(
+    dest: Path,
+    work: Unfinished,
+    grid: SlotGrid,
+    rig: Rig,
+    sources: Mapping[str, VideoSource],
+    skeleton: Skeleton,
+    detector_name: str,
+    damages: Mapping[str, str],
+) -> Recording:
+    views = [_series(work.path(camera_id), len(skeleton)) for camera_id in sources]
+    num_slots = max((int(series.slots[-1]) + 1 for series in views if len(series.slots)), default=0)
+    files_seen = ", ".join(video.path.name for video in sources.values())
+    source = f"Detected by {detector_name} in {files_seen}."  # the noise of keypoints follows it
+    for camera_id, damage in damages.items():
+        source += f" {sources[camera_id].path.name}: {damage}." if damage else ""
+    files = {camera_id: str(video.path.resolve()) for camera_id, video in sources.items()}
+    return Recording(
+        dest.name, rig, grid.fps, num_slots, skeleton, tuple(views), videos=files, source=source
+    )
+
+
+def _series(path: Path, num_joints: int) -> ViewSeries:
+    if path.stat().st_size == 0:
+        return ViewSeries.from_views([], [], [], num_joints)
+    return read_series(path, num_joints, MAX_SLOTS)
+
+
+def _finish(
+    recording: Recording,
+    dest: Path,
+    sources: Mapping[str, VideoSource],
+    settings: DetectSettings,
+    identity: Mapping[str, str],
+) -> None:
+    starts_s = {name: settings.start_s - settings.offsets_s.get(name, 0.0) for name in sources}
+    with atomic_folder(dest, settings.overwrite, held=True) as folder:
+        if settings.keep_videos == "refer":
+            save_recording(recording, folder)
+            save_provenance(folder, identity, starts_s)
+            return
+        names = {name: f"{name}{video.path.suffix.lower()}" for name, video in sources.items()}
+        save_recording(replace(recording, videos=names), folder)
+        save_provenance(folder, identity, starts_s)
+        (folder / "videos").mkdir()
+        for camera_id, name in names.items():
+            target = sources[camera_id].path.resolve()
+            if settings.keep_videos == "link":
+                (folder / "videos" / name).symlink_to(target)
+            else:
+                shutil.copyfile(target, folder / "videos" / name)

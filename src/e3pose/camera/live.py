@@ -1,0 +1,389 @@
+"""A camera at work: capture, detect, send and receive, each on a thread of its own.
+
+    source -> capture -> [newest frame] -> detect -> [newest view] -> send ~~~> edge
+                 ^---------- schedule <- receive <~~~ orders
+
+The network stays loaded in every mode, so that a camera changes its mode within a slot. Between
+the threads is room for one frame and one view: a slow detector looks at fewer frames, never at
+old ones.
+"""
+
+from __future__ import annotations
+
+import random
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose import __version__
+from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
+from e3pose.camera.base import NodeSettings as NodeSettings
+from e3pose.camera.box import Box
+from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
+from e3pose.clock import Clock
+from e3pose.errors import InputError
+from e3pose.model.pose import Poses2D
+from e3pose.wire import topics
+from e3pose.wire.codec import decode, encode, pack
+from e3pose.wire.messages import (
+    CameraMode,
+    ClockAnswer,
+    ClockQuestion,
+    Heartbeat,
+    Hello,
+    Order,
+    View,
+)
+from e3pose.wire.offset import Exchange, OffsetEstimate, take_in
+from e3pose.wire.transport import Transport
+
+BEAT_NS = 500_000_000
+HELLO_EVERY = 4  # heartbeats
+CLOCK_TIMEOUT_S = 0.5
+REOPEN_S = 1.0  # after a source failed
+SOURCE_WAIT_NS = 100_000_000
+
+
+@dataclass(slots=True)
+class Counted:
+    """What a camera counts."""
+
+    captured: int = 0
+    detected: int = 0
+    sent: int = 0
+    active_ns: int = 0
+    idle_ns: int = 0
+    margin_ns: int | None = None
+    delay_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    frame: LiveFrame
+    slot: int
+    edge_ns: int
+
+
+class CameraNode:
+    """Runs one camera until stopped. Use as a context manager, or `start` and `stop` it."""
+
+    def __init__(
+        self,
+        settings: NodeSettings,
+        source: LiveSource,
+        detector: LiveDetector,
+        transport: Transport,
+        clock: Clock,
+        meter: Callable[[CameraMode], dict[str, Any]] = lambda mode: {},
+        tell: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        """Make a camera; the detector must be loaded already.
+
+        Args:
+            settings: what it is.
+            source: its frames; the node opens and closes it.
+            detector: its network.
+            transport: how to reach the edge; the node closes it.
+            clock: its own.
+            meter: the power fields of a heartbeat (`power_w`, `energy_j`, `measured`, ...).
+            tell: called with what a person should know.
+        """
+        self.settings, self.source, self.detector = settings, source, detector
+        self.transport, self.clock, self._meter, self._tell = transport, clock, meter, tell
+        self.session = random.SystemRandom().randrange(1, 2**53)
+        self.schedule = Schedule()
+        self.offset = OffsetEstimate()
+        self.counted = Counted()
+        self.problem = ""
+        self.edge_there = False
+        self.mode: CameraMode = "power-saving"
+        self._frames: Box[_Seen] = Box()
+        self._views: Box[View] = Box()
+        self._stop = threading.Event()
+        self._order = threading.Event()  # set when one came: a sleeping source may have to wake
+        self._lock = threading.Lock()
+        self._image_size: tuple[int, int] | None = None  # until the first frame
+        self._newest = (0, -1)  # session of the edge and slot of the newest frame
+        self._threads: list[threading.Thread] = []
+        self.failure: BaseException | None = None
+
+    def __enter__(self) -> CameraNode:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self) -> None:
+        """Begin; the edge need not be there yet."""
+        site, camera_id = self.settings.site, self.settings.camera_id
+        self.transport.subscribe(topics.of_order(site, camera_id), self._receive)
+        self.transport.watch(topics.of_site(site, "alive"), self._see_edge)
+        self.transport.be_present(topics.of_camera(site, camera_id, "alive"))
+        for name, body in (
+            ("capture", self._run_capture),
+            ("detect", self._run_detect),
+            ("send", self._run_send),
+            ("beat", self._run_beat),
+        ):
+            thread = threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
+            self._threads.append(thread)
+            thread.start()
+
+    def stop(self) -> None:
+        """End, and let go of the device."""
+        self._stop.set()
+        self._order.set()
+        self._frames.close()
+        self._views.close()
+        for thread in self._threads:
+            thread.join(timeout=5.0)
+        self._beat(ends=True)  # so that nobody looks for it
+        self.source.close()
+        self.transport.close()
+
+    def running(self) -> bool:
+        """Return whether all threads still work."""
+        return self.failure is None and not self._stop.is_set()
+
+    def edge_ns(self) -> int:
+        """Return the edge's time, as far as the camera knows it."""
+        return self.offset.offset.edge_ns(self.clock.now_ns())
+
+    # Receiving, on a thread of the transport.
+
+    def _receive(self, topic: str, payload: bytes) -> None:
+        now_ns = self.edge_ns()
+        try:
+            order = decode(payload, Order, "edge")
+        except InputError as error:
+            self._tell(str(error))
+            return
+        if order.camera_id != self.settings.camera_id or self.offset.offset.error_ns is None:
+            return
+        with self._lock:
+            before = self.schedule
+            self.schedule = take_order(before, order, now_ns)
+            if self.schedule is not before and self.schedule.times is not None:
+                times, counted = self.schedule.times, self.counted
+                margin = times.begin_ns(order.slot) - now_ns
+                counted.margin_ns = min(margin, counted.margin_ns or margin)
+                made_from = times.middle_ns(order.slot - order.lead)
+                counted.delay_ns = max(counted.delay_ns, now_ns - made_from)
+        self._order.set()
+
+    def _see_edge(self, topic: str, there: bool) -> None:
+        """Take orders of whatever edge comes next, also if its clock was set back."""
+        self.edge_there = there
+        if not there:
+            with self._lock:
+                self.schedule = replace(self.schedule, session=0)
+
+    # Capturing.
+
+    def _run_capture(self) -> None:
+        is_open = False
+        while not self._stop.is_set():
+            if self._may_sleep():
+                if is_open:
+                    self.source.close()
+                    is_open = False
+                self.mode = "aggressive-power-saving"
+                self._order.wait(SOURCE_WAIT_NS / 1e9)
+                self._order.clear()
+                continue
+            if not is_open:
+                is_open = self._open()
+                continue
+            frame = self.source.read()
+            if frame is None:
+                self._find("the source gives no frames")
+                continue
+            self._find("")
+            self._take(frame)
+
+    def _open(self) -> bool:
+        try:
+            self.source.open()
+        except InputError as error:
+            self._find(str(error)[:300])
+            self._stop.wait(REOPEN_S)
+            return False
+        return True
+
+    def _find(self, problem: str) -> None:
+        """Tell of a problem with the source when it comes and when it goes, not every second."""
+        if problem != self.problem:
+            self.problem = problem
+            self._tell(problem or "the source gives frames again")
+
+    def _may_sleep(self) -> bool:
+        """Return whether nothing is to be captured for longer than waking takes."""
+        schedule = self.schedule
+        if schedule.idle_mode != "aggressive-power-saving" or schedule.times is None:
+            return False
+        now_ns = self.edge_ns()
+        due_ns = schedule.next_active_ns(now_ns)
+        return due_ns is None or due_ns - now_ns > self.settings.wake_s * 1e9
+
+    def _take(self, frame: LiveFrame) -> None:
+        """Hand a frame on if it stands for a slot in which to look."""
+        self.counted.captured += 1
+        self._image_size = frame.image_size
+        schedule = self.schedule
+        if schedule.times is None:
+            return
+        edge_ns = self.offset.offset.edge_ns(frame.captured_ns)
+        interval_ns = round(1e9 / self.source.fps)
+        newest = (schedule.session, self._newest[1] if self._newest[0] == schedule.session else -1)
+        slot = slot_of_frame(schedule.times, edge_ns, newest[1], interval_ns)
+        if slot is None:
+            return
+        self._newest = (schedule.session, slot)
+        active = schedule.is_active(slot)
+        self.mode = "active" if active else "power-saving"
+        if active:
+            self._frames.put(_Seen(frame, slot, edge_ns))
+
+    # Detecting.
+
+    def _run_detect(self) -> None:
+        while (seen := self._frames.take()) is not None:
+            begun_ns = self.clock.now_ns()
+            poses = self.detector.detect(seen.frame.look())
+            done_ns = self.clock.now_ns()
+            self.counted.detected += 1
+            keypoints, scores = _as_sent(poses)
+            self._views.put(
+                View(
+                    camera_id=self.settings.camera_id,
+                    session=self.session,
+                    slot=seen.slot,
+                    captured_edge_ns=max(seen.edge_ns, 0),
+                    keypoints_px=pack(keypoints),
+                    scores=pack(scores),
+                    clock_error_ns=self.offset.offset.error_ns or 0,
+                    detect_ns=done_ns - begun_ns,
+                    sent_edge_ns=max(self.edge_ns(), 0),
+                )
+            )
+
+    # Sending.
+
+    def _run_send(self) -> None:
+        topic = topics.of_camera(self.settings.site, self.settings.camera_id, "view")
+        while (view := self._views.take()) is not None:
+            self.transport.publish(topic, encode(view))
+            self.counted.sent += 1
+
+    def _run_beat(self) -> None:
+        site, camera_id = self.settings.site, self.settings.camera_id
+        count, mode_since_ns = 0, self.clock.now_ns()
+        while not self._stop.is_set():
+            if self._image_size is not None and count % HELLO_EVERY == 0:
+                hello = encode(self._hello(self._image_size))
+                self.transport.publish(topics.of_camera(site, camera_id, "hello"), hello)
+            self._exchange()
+            now_ns = self.clock.now_ns()
+            self._account(now_ns - mode_since_ns)
+            mode_since_ns = now_ns
+            self._beat()
+            count += self._image_size is not None  # who it is, once it knows
+            self.clock.wait(self._stop, self.clock.now_ns() + BEAT_NS)
+
+    def _beat(self, ends: bool = False) -> None:
+        if self.offset.offset.error_ns is not None:
+            topic = topics.of_camera(self.settings.site, self.settings.camera_id, "heartbeat")
+            self.transport.publish(topic, encode(self._heartbeat(ends)))
+
+    def _account(self, span_ns: int) -> None:
+        if self.mode == "active":
+            self.counted.active_ns += span_ns
+        else:
+            self.counted.idle_ns += span_ns
+
+    def _exchange(self) -> None:
+        """Ask the edge for the time."""
+        topic = topics.of_camera(self.settings.site, self.settings.camera_id, "clock")
+        asked_ns = self.clock.now_ns()
+        question = encode(ClockQuestion(self.settings.camera_id, asked_ns))
+        payload = self.transport.ask(topic, question, CLOCK_TIMEOUT_S)
+        answered_ns = self.clock.now_ns()
+        if payload is None:
+            return
+        try:
+            answer = decode(payload, ClockAnswer, "edge")
+        except InputError as error:
+            self._tell(str(error))
+            return
+        if answer.asked_ns != asked_ns:
+            return
+        exchange = Exchange.of_stamps(
+            asked_ns, answer.received_edge_ns, answer.sent_edge_ns, answered_ns
+        )
+        self.offset = take_in(self.offset, exchange)
+
+    def _hello(self, image_size: tuple[int, int]) -> Hello:
+        settings = self.settings
+        return Hello(
+            camera_id=settings.camera_id,
+            session=self.session,
+            joints=settings.joints,
+            image_size=image_size,
+            fps=self.source.fps,
+            wake_s=settings.wake_s,
+            detector=settings.detector,
+            software=__version__,
+            battery_wh=settings.battery_wh,
+        )
+
+    def _heartbeat(self, ends: bool) -> Heartbeat:
+        counted, offset, schedule = self.counted, self.offset.offset, self.schedule
+        with self._lock:
+            margin_ns, counted.margin_ns = counted.margin_ns, None
+            delay_ns, counted.delay_ns = counted.delay_ns, 0
+        return Heartbeat(
+            camera_id=self.settings.camera_id,
+            session=self.session,
+            sent_edge_ns=max(self.edge_ns(), 0),
+            mode=self.mode,
+            captured=counted.captured,
+            detected=counted.detected,
+            sent=counted.sent,
+            dropped=self._frames.dropped + self._views.dropped,
+            late_orders=schedule.late,
+            orders=schedule.orders,
+            order_margin_ns=margin_ns or 0,
+            clock_offset_ns=self.edge_ns() - self.clock.now_ns(),
+            clock_drift_ppm=offset.drift_ppm,
+            clock_error_ns=offset.error_ns or 0,
+            active_s=counted.active_ns / 1e9,
+            idle_s=counted.idle_ns / 1e9,
+            problem=_line(self.problem),
+            order_delay_ns=max(delay_ns, 0),
+            ends=ends,
+            **self._meter(self.mode),
+        )
+
+    def _guarded(self, body: Callable[[], None]) -> None:
+        try:
+            body()
+        except BaseException as error:  # the program must end with it, not go on half
+            self.failure = error
+            self._stop.set()
+
+
+def _as_sent(poses: Poses2D) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return keypoints and scores as they travel, within what the edge accepts."""
+    limit = 256  # people: the edge refuses more, so the surest go
+    surest = np.argsort(-poses.scores.sum(axis=1), kind="stable")[:limit]
+    scores = np.clip(poses.scores[surest], 0, 1).astype(np.float32)
+    return poses.keypoints_px[surest].astype(np.float32), scores
+
+
+def _line(text: str) -> str:
+    return "".join(char if char.isprintable() else " " for char in text)[:300]

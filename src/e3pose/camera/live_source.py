@@ -1,0 +1,356 @@
+"""Sources of frames that come at their own pace: devices, streams, files, recordings.
+
+    usb:0                        a camera of Video4Linux, `/dev/video0`
+    rtsp://HOST/PATH             a network camera
+    gstreamer:PIPELINE           a GStreamer pipeline, where OpenCV was built with it
+    VIDEO.mp4                    a file at its own pace, again and again
+    FOLDER                       its images, at --fps
+    recorded:RECORDING           the keypoints of a recording, for trying a site without cameras
+
+Files and recordings begin at the place that the time of day says, so that all cameras of a site on
+one machine, or on machines with the same time, show the same moment.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from e3pose.camera.base import LiveFrame, LiveSource
+from e3pose.camera.source import FALLBACK_RATE, Frame, open_video
+from e3pose.clock import Clock
+from e3pose.errors import InputError
+from e3pose.model.pose import Poses2D
+from e3pose.recording import Recording
+
+READ_S = 1.0
+IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
+OPEN_TIMEOUT_US = 5_000_000
+
+
+def make_source(
+    name: str,
+    camera_id: str,
+    clock: Clock,
+    fps: float | None,
+    pace: float = 1.0,
+    begin_s: float = 0.0,
+) -> LiveSource:
+    """Return the source that a name means; see the top of this module.
+
+    Args:
+        name: what to capture.
+        camera_id: of the camera, for recordings of several.
+        clock: of the camera.
+        fps: frames a second to ask for; by default the source's own.
+        pace: how fast what was recorded is played; 0.1 is a tenth of its speed.
+        begin_s: when a round of it begins, since 1970; nothing is shown before.
+
+    Raises:
+        InputError: when it can be seen already that there is no such source.
+    """
+    kind, _, rest = name.partition(":")
+    if pace != 1 and kind in ("usb", "gstreamer", "rtsp", "rtsps"):
+        raise InputError(f"pace: found {pace:g}, expected 1: a camera that films cannot go slower")
+    if kind == "usb":
+        if not (rest.isascii() and rest.isdigit() and len(rest) < 4):
+            raise InputError(f"source {name[:80]!r}: expected usb:NUMBER, such as usb:0")
+        return OpenCvSource(int(rest), clock, fps)
+    if kind == "gstreamer":
+        return OpenCvSource(rest, clock, fps)
+    if kind in ("rtsp", "rtsps"):
+        return StreamSource(name, clock)
+    if kind == "recorded":
+        from e3pose.recording import load_recording
+
+        return RecordedSource(load_recording(Path(rest)), camera_id, clock, pace, begin_s)
+    path = Path(name)
+    if path.is_dir():
+        return PacedSource(slower(_images(path, fps or 25.0), pace), clock, begin_s)
+    video = open_video(path)
+    length_s = video.num_frames / video.rate
+    loop = Loop(
+        video.rate, video.image_size, length_s, lambda start_s: _pictures(video.frames(start_s))
+    )
+    return PacedSource(slower(loop, pace), clock, begin_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Loop:
+    """Frames that begin again after their end.
+
+    Attributes:
+        fps: frames a second.
+        image_size: `(width, height)` in pixels.
+        length_s: of one round.
+        frames: the frames from a time on, with the times since the beginning of the round.
+    """
+
+    fps: float
+    image_size: tuple[int, int]
+    length_s: float
+    frames: Callable[[float], Iterator[tuple[float, Callable[[], Any]]]]
+
+
+def slower(loop: Loop, pace: float) -> Loop:
+    """Return a loop played at `pace` times its speed."""
+
+    def frames(start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:
+        for time_s, look in loop.frames(start_s * pace):
+            yield time_s / pace, look
+
+    return Loop(loop.fps * pace, loop.image_size, loop.length_s / pace, frames)
+
+
+@dataclass(slots=True, eq=False)
+class PacedSource:
+    """A loop, played at its own pace; frames that are late already are left out."""
+
+    loop: Loop
+    clock: Clock
+    begin_s: float = 0.0
+    _playing: Iterator[tuple[float, Callable[[], Any]]] | None = None
+    _round_ns: int = 0
+    _ahead: tuple[float, Callable[[], Any]] | None = None
+
+    @property
+    def fps(self) -> float:
+        """See `LiveSource.fps`."""
+        return self.loop.fps
+
+    def open(self) -> None:
+        """See `LiveSource.open`."""
+        length_ns = round(self.loop.length_s * 1e9)
+        begin_ns = round(self.begin_s * 1e9)
+        now_ns = max(self.clock.now_ns(), begin_ns)
+        self._round_ns = now_ns - (now_ns - begin_ns) % length_ns
+        self._playing = self.loop.frames((now_ns - self._round_ns) / 1e9)
+        self._ahead = None
+
+    def read(self) -> LiveFrame | None:
+        """See `LiveSource.read`."""
+        begun_ns = self.clock.now_ns()
+        while self.clock.now_ns() - begun_ns < READ_S * 1e9:
+            due = self._ahead or self._next()
+            due_ns = self._round_ns + round(due[0] * 1e9)
+            wait_s = (due_ns - self.clock.now_ns()) / 1e9
+            if wait_s > READ_S:
+                self._ahead = due
+                time.sleep(READ_S)
+                return None
+            self._ahead = None
+            if wait_s < -READ_S:  # the machine was busy, or asleep
+                continue
+            time.sleep(max(wait_s, 0.0))
+            return LiveFrame(due_ns, self.loop.image_size, due[1])
+        return None
+
+    def close(self) -> None:
+        """See `LiveSource.close`."""
+        self._playing = None
+
+    def _next(self) -> tuple[float, Callable[[], Any]]:
+        for _ in range(2):
+            found = None if self._playing is None else next(self._playing, None)
+            if found is not None:
+                return found
+            self._round_ns += round(self.loop.length_s * 1e9)
+            self._playing = self.loop.frames(0.0)
+        raise InputError("source: found no frame in it, expected some")
+
+
+@dataclass(slots=True, eq=False)
+class RecordedSource:
+    """The keypoints of a recording as if its camera saw them now; `RecordedDetector` reads them."""
+
+    recording: Recording
+    camera_id: str
+    clock: Clock
+    pace: float = 1.0
+    begin_s: float = 0.0
+    _source: PacedSource = field(init=False)
+
+    def __post_init__(self) -> None:
+        series = self.recording.views[self.recording.rig.index(self.camera_id)]
+        interval_s, joints = self.recording.interval_s, len(self.recording.skeleton)
+
+        def frames(start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:
+            for slot in range(round(start_s / interval_s + 0.499), self.recording.num_slots):
+                view = series.view(slot)  # a camera that lost a frame saw nobody
+                shown = Poses2D.empty(joints) if view is None else view
+                yield slot * interval_s, lambda shown=shown: shown  # type: ignore[misc]
+
+        camera = self.recording.rig.cameras[self.recording.rig.index(self.camera_id)]
+        length_s = self.recording.num_slots * interval_s
+        loop = Loop(self.recording.fps, camera.image_size, length_s, frames)
+        self._source = PacedSource(slower(loop, self.pace), self.clock, self.begin_s)
+
+    @property
+    def fps(self) -> float:
+        """See `LiveSource.fps`."""
+        return self._source.fps
+
+    def open(self) -> None:
+        """See `LiveSource.open`."""
+        self._source.open()
+
+    def read(self) -> LiveFrame | None:
+        """See `LiveSource.read`."""
+        return self._source.read()
+
+    def close(self) -> None:
+        """See `LiveSource.close`."""
+        self._source.close()
+
+
+class RecordedDetector:
+    """Takes the keypoints that a `RecordedSource` shows as they are."""
+
+    def detect(self, image: Poses2D) -> Poses2D:
+        """Return what is shown."""
+        return image
+
+
+@dataclass(slots=True, eq=False)
+class StreamSource:
+    """A network camera (RTSP), with the times of its stream where they are usable."""
+
+    url: str
+    clock: Clock
+    fps: float = FALLBACK_RATE
+    _container: Any = None
+    _frames: Iterator[Any] | None = None
+
+    def open(self) -> None:
+        """See `LiveSource.open`."""
+        import av
+
+        options = {"rtsp_transport": "tcp", "stimeout": str(OPEN_TIMEOUT_US), "fflags": "nobuffer"}
+        try:
+            self._container = av.open(self.url, options=options, timeout=(5.0, READ_S * 2))
+            self._frames = self._container.decode(video=0)
+            rate = self._container.streams.video[0].average_rate
+            self.fps = float(rate) if rate else self.fps
+        except (av.FFmpegError, OSError, IndexError, ValueError) as error:
+            raise InputError(f"source {_shown(self.url)}: {_reason(error)}") from None
+
+    def read(self) -> LiveFrame | None:
+        """See `LiveSource.read`."""
+        import av
+
+        try:
+            frame = None if self._frames is None else next(self._frames, None)
+        except (av.FFmpegError, OSError):
+            frame = None
+        if frame is None:
+            self.close()
+            time.sleep(READ_S / 2)
+            try:
+                self.open()
+            except InputError:
+                return None
+            return None
+        size = (frame.width, frame.height)
+        return LiveFrame(self.clock.now_ns(), size, lambda: frame.to_ndarray(format="rgb24"))
+
+    def close(self) -> None:
+        """See `LiveSource.close`."""
+        container, self._container, self._frames = self._container, None, None
+        if container is not None:
+            container.close()
+
+
+@dataclass(slots=True, eq=False)
+class OpenCvSource:
+    """A camera of Video4Linux by its number, or a GStreamer pipeline, through OpenCV."""
+
+    device: int | str
+    clock: Clock
+    asked_fps: float | None = None
+    fps: float = FALLBACK_RATE
+    _capture: Any = None
+
+    def open(self) -> None:
+        """See `LiveSource.open`."""
+        import cv2
+
+        if isinstance(self.device, str):
+            if "GStreamer:                   YES" not in cv2.getBuildInformation():
+                raise InputError(
+                    "source gstreamer: this OpenCV was built without GStreamer, "
+                    "expected the one of JetPack or of the distribution"
+                )
+            capture = cv2.VideoCapture(self.device, cv2.CAP_GSTREAMER)
+        else:
+            if not Path(f"/dev/video{self.device}").exists():
+                raise InputError(f"source usb:{self.device}: found no /dev/video{self.device}")
+            capture = cv2.VideoCapture(self.device, cv2.CAP_V4L2)
+        if not capture.isOpened():
+            raise InputError(f"source {str(self.device)[:80]}: cannot be opened")
+        if self.asked_fps:
+            capture.set(cv2.CAP_PROP_FPS, self.asked_fps)
+        told = capture.get(cv2.CAP_PROP_FPS)
+        self.fps = told if 0 < told < 1000 else self.asked_fps or FALLBACK_RATE
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # old frames are of no use
+        self._capture = capture
+
+    def read(self) -> LiveFrame | None:
+        """See `LiveSource.read`."""
+        import cv2
+
+        if self._capture is None or not self._capture.grab():
+            time.sleep(READ_S / 10)
+            return None
+        captured_ns = self.clock.now_ns()
+        found, image = self._capture.retrieve()
+        if not found:
+            return None
+        size = (image.shape[1], image.shape[0])
+        return LiveFrame(captured_ns, size, lambda: cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
+
+    def close(self) -> None:
+        """See `LiveSource.close`."""
+        capture, self._capture = self._capture, None
+        if capture is not None:
+            capture.release()
+
+
+def _pictures(frames: Iterator[Frame]) -> Iterator[tuple[float, Callable[[], Any]]]:
+    for frame in frames:
+        yield frame.time_s, lambda frame=frame: frame.image  # type: ignore[misc]
+
+
+def _images(folder: Path, fps: float) -> Loop:
+    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGES)
+    if not paths:
+        raise InputError(f"{folder}: found no image in it, expected {', '.join(IMAGES)}")
+
+    def frames(start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:
+        for index in range(round(start_s * fps + 0.499), len(paths)):
+            yield index / fps, lambda path=paths[index]: _read_image(path)  # type: ignore[misc]
+
+    height, width = _read_image(paths[0]).shape[:2]
+    return Loop(fps, (width, height), len(paths) / fps, frames)
+
+
+def _read_image(path: Path) -> Any:
+    import cv2
+
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(f"{path}: cannot be decoded, expected an image")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def _shown(url: str) -> str:
+    """Return a URL without the password that it may hold."""
+    scheme, _, rest = url.partition("://")
+    return f"{scheme}://{rest.rpartition('@')[2]}"[:200]
+
+
+def _reason(error: Exception) -> str:
+    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return " ".join(text.split())[:200]

@@ -1,0 +1,80 @@
+"""Tell which video belongs to which camera, by name."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+
+
+def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:
+    """Pair videos with the cameras of a rig.
+
+    `CAMERA=path` says it outright. The other files are paired by the first of three rules that
+    gives each of them one camera of its own: the file's stem is the camera id; the stem holds the
+    id as a word of its own, or the id the stem; the last numbers in stem and id are equal.
+
+    Returns:
+        Camera id to file, in rig order. Cameras without a video are left out.
+
+    Raises:
+        InputError: listing both sides, when no rule fits.
+    """
+    if not videos:
+        raise InputError(f"videos: found none, expected files for {', '.join(rig.camera_ids)}")
+    paired: dict[str, Path] = {}
+    rest: list[Path] = []
+    for video in videos:
+        camera_id, equals, path = str(video).partition("=")
+        if not equals or Path(video).is_file():
+            rest.append(Path(video))
+            continue
+        rig.index(camera_id)
+        if camera_id in paired:
+            raise InputError(f"videos: camera {camera_id!r} is given twice, expected one video")
+        paired[camera_id] = Path(path)
+    free = [camera_id for camera_id in rig.camera_ids if camera_id not in paired]
+    for rule in (_same, _contained, _same_number):
+        pairs = _by_rule(rest, free, rule)
+        if pairs is not None:
+            paired |= pairs
+            return {name: paired[name] for name in rig.camera_ids if name in paired}
+        if rule is _contained and any(rule(p.stem.lower(), c.lower()) for p in rest for c in free):
+            break  # some names do hold an id: numbers must not settle what they leave in doubt
+    raise InputError(
+        f"videos: cannot tell which camera each belongs to: found files "
+        f"{', '.join(path.name for path in rest)}, cameras {', '.join(free) or '(none left)'}; "
+        "rename the files after the cameras or pass them as CAMERA=FILE"
+    )
+
+
+def _by_rule(
+    videos: Sequence[Path], camera_ids: Sequence[str], fits: Callable[[str, str], bool]
+) -> dict[str, Path] | None:
+    pairs: dict[str, Path] = {}
+    for path in videos:
+        candidates = [name for name in camera_ids if fits(path.stem.lower(), name.lower())]
+        if len(candidates) != 1 or candidates[0] in pairs:
+            return None
+        pairs[candidates[0]] = path
+    return pairs
+
+
+def _same(stem: str, camera_id: str) -> bool:
+    return stem == camera_id
+
+
+def _contained(stem: str, camera_id: str) -> bool:
+    return _has_word(stem, camera_id) or _has_word(camera_id, stem)
+
+
+def _has_word(text: str, word: str) -> bool:
+    return re.search(rf"(?<![a-z0-9]){re.escape(word)}(?![a-z0-9])", text) is not None
+
+
+def _same_number(stem: str, camera_id: str) -> bool:
+    ours, theirs = re.findall(r"\d+", stem), re.findall(r"\d+", camera_id)
+    return bool(ours and theirs) and int(ours[-1][-9:]) == int(theirs[-1][-9:])

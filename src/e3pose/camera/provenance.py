@@ -1,0 +1,63 @@
+"""How a recording was detected: kept beside it in `detection.toml`, for people and for overlays."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+import tomli_w
+
+from e3pose.errors import InputError
+from e3pose.files.bounded import read_bytes
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+FILE = "detection.toml"
+MAX_BYTES = 2**20
+
+
+class Provenance(msgspec.Struct):
+    """How a recording was detected.
+
+    Attributes:
+        settings: what decided its content, by name.
+        video_starts_s: for each camera, which time in its video is the recording's zero.
+    """
+
+    settings: dict[str, str]
+    video_starts_s: dict[str, float]
+
+
+def save_provenance(
+    folder: Path, settings: Mapping[str, str], video_starts_s: Mapping[str, float]
+) -> None:
+    """Write how the recording in `folder` was detected."""
+    table = {"settings": dict(settings), "video_starts_s": dict(video_starts_s)}
+    (folder / FILE).write_bytes(tomli_w.dumps(table).encode())
+
+
+def load_video_starts(folder: Path) -> dict[str, float]:
+    """Return which time in each camera's video is the recording's zero; empty if nothing says so.
+
+    Raises:
+        InputError: when the file is there but broken.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        return {}
+    try:
+        table = tomllib.loads(read_bytes(path, MAX_BYTES).decode())
+        starts_s = msgspec.convert(table, Provenance).video_starts_s
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
+        raise InputError(f"{path}: {str(error)[:200]}") from None
+    for camera_id, start_s in starts_s.items():
+        if not abs(start_s) <= 1e8:
+            raise InputError(
+                f"{path}: video_starts_s: {camera_id}: found {start_s}, expected seconds"
+            )
+    return starts_s

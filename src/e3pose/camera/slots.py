@@ -1,0 +1,81 @@
+"""Put frames into slots by their times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from math import floor
+
+from e3pose.camera.source import Frame
+
+TIE = 1e-6  # slots; a frame this close to the middle between two slots is in the middle
+
+
+@dataclass(frozen=True, slots=True)
+class SlotGrid:
+    """When the slots of a recording are.
+
+    Attributes:
+        fps: slots a second.
+        start_s: the time of slot 0 on the rig's common clock.
+        max_slots: how many slots there are at most, None for as many as there are frames for.
+    """
+
+    fps: float
+    start_s: float = 0.0
+    max_slots: int | None = None
+
+    def position(self, time_s: float, offset_s: float) -> float:
+        """Return where a frame falls on the slot axis; 2.25 is a quarter slot after slot 2.
+
+        Args:
+            time_s: seconds since the first frame of the camera's video.
+            offset_s: when that first frame was taken on the common clock.
+        """
+        return (time_s + offset_s - self.start_s) * self.fps
+
+    def video_time_s(self, slot: int, offset_s: float) -> float:
+        """Return the time in the camera's video from which on a frame is nearest to `slot`."""
+        return (slot - 0.5) / self.fps + self.start_s - offset_s
+
+    def last_slot(self, length_s: float, offset_s: float) -> int:
+        """Return the last slot that a video of `length_s` seconds has a frame for; -1 for none."""
+        last = floor(self.position(length_s, offset_s) + 0.5)
+        return max(-1, last if self.max_slots is None else min(last, self.max_slots - 1))
+
+
+def frames_in_slots(
+    frames: Iterable[Frame], grid: SlotGrid, offset_s: float, first_slot: int = 0
+) -> Iterator[tuple[int, float, Frame]]:
+    """Give every slot the frame nearest to its time, if one is at most half a slot away.
+
+    Of two frames equally near, the earlier is taken. A slot without a frame is left out: the camera
+    has no view then.
+
+    Args:
+        frames: in rising time.
+        grid: the slots.
+        offset_s: when the video's first frame was taken on the common clock.
+        first_slot: slots before it are left out.
+
+    Yields:
+        Slot, capture time in seconds after slot 0, and the frame.
+    """
+    chosen: tuple[int, float, Frame] | None = None
+    for frame in frames:
+        position = grid.position(frame.time_s, offset_s)
+        slot = floor(position + 0.5 - TIE)
+        if slot < first_slot:
+            continue
+        if grid.max_slots is not None and slot >= grid.max_slots:
+            break
+        candidate = (slot, position / grid.fps, frame)
+        if chosen is None:
+            chosen = candidate
+        elif slot > chosen[0]:
+            yield chosen
+            chosen = candidate
+        elif abs(position - slot) < abs(chosen[1] * grid.fps - slot) - TIE:
+            chosen = candidate
+    if chosen is not None:
+        yield chosen

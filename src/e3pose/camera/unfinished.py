@@ -1,0 +1,138 @@
+"""The folder of an interrupted detection, from which the same command goes on."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_file
+from e3pose.files.bounded import read_bytes
+from e3pose.recording import decode_view
+
+STATE = "unfinished.json"
+LOCK = "lock"  # of earlier versions
+MAX_STATE_BYTES = 2**20
+TAIL_BYTES = 2**16
+
+
+class State(msgspec.Struct, forbid_unknown_fields=True):
+    """What an unfinished detection was asked for, and what was damaged in the finished videos."""
+
+    format: Literal["e3pose-unfinished-detection"]
+    version: Literal[1]
+    settings: dict[str, str]
+    done: dict[str, str]
+
+
+class Unfinished:
+    """An unfinished detection in `folder`: one growing file of lines per camera, and its settings.
+
+    Args:
+        folder: made if missing; continued if it was begun with the same `settings`.
+        settings: all that decides what the lines hold, by name.
+        restart: whether to begin anew where the settings differ.
+
+    Raises:
+        InputError: when the folder is something else, or was begun with other settings.
+    """
+
+    def __init__(self, folder: Path, settings: Mapping[str, str], restart: bool = False) -> None:
+        self.folder = folder
+        state = self._load(settings, restart)
+        self.resumed = state is not None
+        self._state = state or State("e3pose-unfinished-detection", 1, dict(settings), {})
+        (folder / "keypoints").mkdir(exist_ok=True)
+        self._save()
+
+    def path(self, camera_id: str) -> Path:
+        """Return the camera's file of lines."""
+        return self.folder / "keypoints" / f"{camera_id}.jsonl"
+
+    def damage(self, camera_id: str) -> str | None:
+        """Return what was damaged in a video that was read to its end; None if it was not yet."""
+        return self._state.done.get(camera_id)
+
+    def mark_done(self, camera_id: str, damage: str) -> None:
+        """Note that the camera's video has been read to its end, and what was damaged in it."""
+        self._state.done[camera_id] = damage
+        self._save()
+
+    def last_slot(self, camera_id: str, num_joints: int) -> int:
+        """Drop a torn last line and return the slot of the last whole one; -1 if there is none."""
+        path = self.path(camera_id)
+        if not path.is_file():
+            return -1
+        with path.open("r+b") as file:
+            file.truncate(_whole(path))
+        line = _last_line(path)
+        return decode_view(line, num_joints, f"{path}: last line")[0] if line else -1
+
+    def remove(self) -> None:
+        """Delete the folder; its lines have been written elsewhere."""
+        shutil.rmtree(self.folder)
+
+    def _load(self, settings: Mapping[str, str], restart: bool) -> State | None:
+        path = self.folder / STATE
+        if not path.is_file():
+            strangers = {entry.name for entry in self.folder.iterdir()} - {LOCK, "keypoints"}
+            if any(not name.startswith(f".{STATE}.") for name in strangers):
+                raise InputError(
+                    f"{self.folder}: found a folder without {STATE}, expected room for unfinished "
+                    "work; move it away"
+                )
+            return None
+        try:
+            state = msgspec.json.decode(read_bytes(path, MAX_STATE_BYTES), type=State)
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: {str(error)[:200]}; delete {self.folder}") from None
+        differing = [
+            f"{name}: {state.settings.get(name, 'none')}, now {settings.get(name, 'none')}"
+            for name in sorted(state.settings.keys() | settings.keys())
+            if state.settings.get(name) != settings.get(name)
+        ]
+        if not differing:
+            return state
+        if not restart:
+            raise InputError(
+                f"{self.folder}: was begun with other settings ({'; '.join(differing)}); repeat "
+                "that command to continue, or pass --overwrite to begin anew"
+            )
+        shutil.rmtree(self.folder / "keypoints", ignore_errors=True)
+        return None
+
+    def _save(self) -> None:
+        with atomic_file(self.folder / STATE) as temporary:
+            temporary.write_bytes(msgspec.json.format(msgspec.json.encode(self._state), indent=2))
+
+
+def _whole(path: Path) -> int:
+    """Return the size of the file up to and including its last newline."""
+    with path.open("rb") as file:
+        end = file.seek(0, os.SEEK_END)
+        while end > 0:
+            begin = max(0, end - TAIL_BYTES)
+            file.seek(begin)
+            newline = file.read(end - begin).rfind(b"\n")
+            if newline >= 0:
+                return begin + newline + 1
+            end = begin
+    return 0
+
+
+def _last_line(path: Path) -> bytes:
+    """Return the last line of a file that ends in a newline."""
+    with path.open("rb") as file:
+        end = file.seek(0, os.SEEK_END) - 1
+        tail = b""
+        begin = end
+        while begin > 0 and b"\n" not in tail:
+            begin = max(0, begin - TAIL_BYTES)
+            file.seek(begin)
+            tail = file.read(end - begin)
+    return tail.rpartition(b"\n")[2]

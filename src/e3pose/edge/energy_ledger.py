@@ -1,0 +1,144 @@
+"""The edge's energy ledger: heartbeats come in on one thread, budgets go out on another."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.energy.budgets import Budget
+from e3pose.energy.profiles import DeviceProfile, Mode
+from e3pose.energy.site_energy import CameraEnergy, Reckoning, hear, new_camera, reckon
+from e3pose.pipeline import Pipeline
+from e3pose.plural import counted
+
+if TYPE_CHECKING:
+    from e3pose.store.rows import EnergyReading
+    from e3pose.wire.messages import Heartbeat
+
+RECKON_S = 60.0
+
+
+class EnergyLedger:
+    """Keeps what is known of every camera's energy; `take` and `reckoning` on any thread."""
+
+    def __init__(
+        self,
+        camera_ids: Sequence[str],
+        profiles: Sequence[DeviceProfile],
+        idle_modes: Sequence[Mode],
+        budgets: Sequence[Budget],
+        interval_s: float,
+        num_selected: float,
+        now_ns: Callable[[], int],
+        keep: Callable[[EnergyReading], Any] | None = None,
+    ) -> None:
+        """Begin with what the profiles say.
+
+        Args:
+            camera_ids: `(num_cameras,)` of the rig.
+            profiles: `(num_cameras,)` what each is taken to draw until it was measured.
+            idle_modes: `(num_cameras,)` what each does in slots without an order.
+            budgets: `(num_cameras,)` what each may spend.
+            interval_s: seconds a slot.
+            num_selected: cameras that are to be active in a slot.
+            now_ns: nanoseconds since 1970.
+            keep: told what meters said, such as `StoreWriter.energy`.
+        """
+        self._index = {camera_id: index for index, camera_id in enumerate(camera_ids)}
+        self._cameras: list[CameraEnergy] = [
+            new_camera(profile, mode) for profile, mode in zip(profiles, idle_modes, strict=True)
+        ]
+        self._budgets, self._interval_s = tuple(budgets), interval_s
+        self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
+        self._lock = threading.Lock()
+        self._reckoning = self._reckon()
+        self._told: Reckoning | None = None
+        self._reckoned_ns: int | None = None  # nobody has asked yet
+
+    def take(self, beat: Heartbeat) -> None:
+        """Take in a heartbeat; those of cameras that the rig does not have are left out."""
+        index = self._index.get(beat.camera_id)
+        if index is None:
+            return
+        with self._lock:
+            before = self._cameras[index].beat
+            self._cameras[index] = hear(self._cameras[index], beat)
+        if self._keep is None or before is None or before.session != beat.session:
+            return
+        span_s = (beat.sent_edge_ns - before.sent_edge_ns) / 1e9
+        if beat.energy_j is not None and before.energy_j is not None and span_s > 0:
+            from e3pose.store.rows import EnergyReading
+
+            source = "measured" if beat.measured else "modelled"
+            spent_j = beat.energy_j - before.energy_j
+            self._keep(EnergyReading(beat.sent_edge_ns, beat.camera_id, spent_j, span_s, source))
+
+    def reckoning(self) -> tuple[Reckoning, bool]:
+        """Return budgets and costs, worked out anew once a minute, and whether they are new."""
+        now_ns = self._now_ns()
+        if self._reckoned_ns is not None and now_ns - self._reckoned_ns < RECKON_S * 1e9:
+            return self._reckoning, False
+        with self._lock:
+            self._reckoning, self._reckoned_ns = self._reckon(), now_ns
+        return self._reckoning, True
+
+    def reckoned(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str | None, str]]]:
+        """Return a pipeline with the budgets and costs of the present, between two slots.
+
+        Also what a person should know, each with the camera that it is about: costs that were
+        measured for the first time or no longer are, budgets that pay for too little.
+        """
+        reckoning, new = self.reckoning()
+        if not new:
+            return pipeline, []
+        told, self._told = self._told, reckoning
+        policy: Any = pipeline.policy
+        if hasattr(policy, "num_selected"):
+            policy = replace(policy, num_selected=reckoning.num_selected)
+        changed = replace(pipeline, budget=reckoning.budget, cost_j=reckoning.cost_j, policy=policy)
+        return changed, self._news(told, reckoning)
+
+    def _news(self, told: Reckoning | None, now: Reckoning) -> list[tuple[str | None, str]]:
+        news: list[tuple[str | None, str]] = []
+        for index, camera_id in enumerate(self._index):
+            cost = now.slots[index]
+            if cost.measured != (told is not None and told.slots[index].measured):
+                costs = f"an active slot costs {cost.active_j:.3g} J, an idle one {cost.idle_j:.3g}"
+                news.append((camera_id, f"{camera_id}: {costs} J ({cost.why})"))
+            if now.starved[index] and not (told is not None and told.starved[index]):
+                news.append(
+                    (
+                        camera_id,
+                        f"{camera_id}: its budget pays for no active slot, idle ones alone draw "
+                        f"{cost.idle_j / self._interval_s:.3g} W: it is hardly ever chosen",
+                    )
+                )
+        before = self._num_selected if told is None else told.num_selected
+        asked = self._num_selected
+        if (now.num_selected < asked) != (before < asked):
+            news.append(
+                (
+                    None,
+                    f"budgets pay for {counted(round(now.num_selected, 2), 'camera')} a slot"
+                    + (f", {asked:g} were asked for" if now.num_selected < asked else ""),
+                )
+            )
+        return news
+
+    def spent_j(self, selected: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return `(num_cameras,)` joules that a slot with this selection is charged with."""
+        return self._reckoning.spent_j(selected)
+
+    def _reckon(self) -> Reckoning:
+        return reckon(
+            self._cameras,
+            self._budgets,
+            self._interval_s,
+            self._now_ns() / 1e9,
+            self._num_selected,
+        )

@@ -1,0 +1,84 @@
+"""Amend the loop's state between slots: another lead, slots that nobody computed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from e3pose.clock import SlotTimes
+from e3pose.pipeline import SlotState
+from e3pose.select.policies.base import Floats
+
+AHEAD_SLOTS = 2  # a state from farther in the future is one whose clock went wrong
+LONGEST_AWAY_S = 60.0  # of a state whose slots and people are still those of now
+
+
+def still_true(times: SlotTimes, slot: int, now_ns: int, lead_slots: int) -> tuple[SlotTimes, str]:
+    """Return where slots lie, and why they were moved; empty if they were not.
+
+    They are if the machine's clock was set back since they were laid out, or if so much time seems
+    to have passed that it may as well have been set forward: slots go on with the next number.
+
+    Args:
+        times: where they lay.
+        slot: the next to compute.
+        now_ns: the time.
+        lead_slots: slots between an order and the slot it is for.
+    """
+    away_ns = now_ns - times.middle_ns(slot)
+    ahead = slot - times.slot_at(now_ns)
+    if ahead <= AHEAD_SLOTS + lead_slots and away_ns <= LONGEST_AWAY_S * 1e9:
+        return times, ""
+    next_ns = now_ns + (1 + lead_slots) * times.interval_ns
+    moved = SlotTimes(next_ns - slot * times.interval_ns, times.interval_ns)
+    if away_ns < 0:
+        return moved, f"this machine's clock went back by {lasting(-away_ns / 1e9)}"
+    return moved, f"by this machine's clock {lasting(away_ns / 1e9)} have passed"
+
+
+def lasting(seconds: float) -> str:
+    """Return a time in the unit that makes it easy to grasp: `3.2 s`, `45 min`, `10.0 years`."""
+    for unit, length_s in (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0)):
+        if seconds >= 2 * length_s:
+            return f"{seconds / length_s:.1f} {unit}"
+    return f"{seconds / 60:.0f} min" if seconds >= 600 else f"{seconds:.1f} s"
+
+
+def with_lead(state: SlotState, lead_slots: int) -> SlotState:
+    """Return the state for another lead.
+
+    With a longer one the last decision also holds for the slots in between; with a shorter one
+    the last decisions are made again.
+
+    Args:
+        state: before a slot.
+        lead_slots: slots between a decision and the slot it is for, at least 1.
+    """
+    decided = state.selections
+    missing = lead_slots - len(decided)
+    if missing <= 0:
+        return replace(state, selections=decided[:lead_slots])
+    return replace(state, selections=np.concatenate([decided, np.repeat(decided[-1:], missing, 0)]))
+
+
+def skip_to(state: SlotState, slot: int, budget: Floats) -> SlotState:
+    """Return the state before a later slot, after a time in which nothing was computed.
+
+    Everybody may have moved, so all cameras look in the slots that were not decided for; cameras
+    that did nothing meanwhile have saved up.
+
+    Args:
+        state: before the slots that are left out.
+        slot: the next to compute.
+        budget: `(num_cameras,)` share of slots allowed.
+    """
+    skipped = slot - state.slot
+    if skipped <= 0:
+        return state
+    return replace(
+        state,
+        slot=slot,
+        selections=np.ones_like(state.selections),
+        deficit=np.maximum(state.deficit - skipped * budget, 0.0),
+    )

@@ -1,0 +1,60 @@
+"""What every meter is: a reading of what the device draws, which says how it is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from e3pose.energy.profiles import Mode
+
+MAX_WATTS = 10_000.0  # beyond it is a broken sensor, not a camera
+
+
+class MeterError(Exception):
+    """A meter cannot be read now; the message says why. Whoever reads it goes on with a model."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rail:
+    """One supply inside a device.
+
+    Attributes:
+        name: the label that the board gives it.
+        watts: what it draws.
+        counted: whether it is part of the device's total, or contained in another rail that is.
+    """
+
+    name: str
+    watts: float
+    counted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What a device draws.
+
+    Attributes:
+        watts: now, or since the reading before where the meter counts energy.
+        energy_j: counted since the reading before; None where the meter only knows watts.
+        measured: False where a model says it.
+        how: what was measured, or which model and why, for people.
+        rails: by supply, as far as known.
+    """
+
+    watts: float
+    energy_j: float | None
+    measured: bool
+    how: str
+    rails: tuple[Rail, ...] = ()
+
+
+class Meter(Protocol):
+    """Say what the device draws."""
+
+    def read(self, mode: Mode) -> Reading:
+        """Return what it draws; `mode` is what the camera does, which only a model needs.
+
+        Raises:
+            MeterError: when it cannot be read now.
+        """
+        ...

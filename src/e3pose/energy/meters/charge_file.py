@@ -1,0 +1,115 @@
+"""Remember the charge of a battery that has no gauge, so that a restart does not fill it again."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_file
+from e3pose.files.bounded import read_bytes
+
+FORMAT = "e3pose-battery"
+VERSION = 1
+MAX_BYTES = 4096
+NEAR_WH = 1e-9  # a battery of another capacity is another battery
+
+
+def load_charge(path: Path, camera_id: str, capacity_wh: float) -> float | None:
+    """Return the joules that a file remembers; None where there is none, or of another battery.
+
+    Args:
+        path: of the file.
+        camera_id: whose battery it is.
+        capacity_wh: of the battery that is there now.
+
+    Raises:
+        InputError: when the file is damaged, or of another camera.
+    """
+    if not path.exists():
+        return None
+    try:
+        found: Any = json.loads(read_bytes(path, MAX_BYTES))
+        if (found["format"], found["version"]) != (FORMAT, VERSION):
+            raise ValueError
+        camera, held_wh, left_j = found["camera"], float(found["battery_wh"]), found["left_j"]
+        left_j = float(left_j)
+    except (ValueError, KeyError, TypeError, RecursionError, OverflowError):
+        raise InputError(f"{path}: expected format {FORMAT!r}, version {VERSION}") from None
+    if camera != camera_id:
+        raise InputError(f"{path}: found camera {str(camera)[:40]!r}, expected {camera_id}")
+    if not (math.isfinite(left_j) and 0 <= left_j <= held_wh * 3600 * (1 + NEAR_WH)):
+        raise InputError(f"{path}: left_j: found {left_j:g}, expected 0 to {held_wh * 3600:g}")
+    return left_j if abs(held_wh - capacity_wh) <= NEAR_WH * capacity_wh else None
+
+
+def save_charge(path: Path, camera_id: str, capacity_wh: float, left_j: float) -> None:
+    """Write the file, whole or not at all; raise `InputError` where that cannot be."""
+    table = {
+        "format": FORMAT,
+        "version": VERSION,
+        "camera": camera_id,
+        "battery_wh": capacity_wh,
+        "left_j": round(left_j, 1),
+        "made": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+    }
+    with atomic_file(path, private=True) as temporary:
+        temporary.write_text(json.dumps(table, indent=1) + "\n")
+
+
+class RememberedCharge:
+    """What is left in a battery without a gauge: never more than at the last look.
+
+    A battery that was charged or changed is one that nobody here can see: whoever did it deletes
+    the file, also while the camera runs.
+    """
+
+    def __init__(
+        self, path: Path | None, camera_id: str, capacity_wh: float, tell: Callable[[str], None]
+    ) -> None:
+        """Begin with what the file remembers, or full.
+
+        Args:
+            path: of the file; None to remember nothing.
+            camera_id: whose battery it is.
+            capacity_wh: what it holds.
+            tell: called with what a person should know.
+        """
+        self.full_j = capacity_wh * 3600
+        self._path, self._camera_id, self._capacity_wh = path, camera_id, capacity_wh
+        self._tell, self._written, self._failed = tell, False, False
+        self._lock = threading.Lock()  # never held while something is written
+        try:
+            left_j = None if path is None else load_charge(path, camera_id, capacity_wh)
+        except InputError as error:
+            tell(f"{error}: the battery is taken to be full")
+            left_j = None
+        self.left_j = self.full_j if left_j is None else left_j
+
+    def spend(self, spent_j: float) -> float:
+        """Take off what was drawn; return what is left, in joules."""
+        with self._lock:
+            self.left_j = max(self.left_j - spent_j, 0.0)
+            return self.left_j
+
+    def keep(self) -> None:
+        """Write down what is left, or begin with a full battery where the file was deleted."""
+        if self._path is None:
+            return
+        if self._written and not self._path.exists():
+            self._tell(f"{self._path} was deleted: the battery is taken to be full")
+            with self._lock:
+                self.left_j = self.full_j
+        try:
+            save_charge(self._path, self._camera_id, self._capacity_wh, self.left_j)
+            self._written, self._failed = True, False
+        except (InputError, OSError) as error:
+            self._written = False
+            if not self._failed:
+                self._tell(f"the battery's charge cannot be remembered: {error}")
+            self._failed = True

@@ -1,0 +1,193 @@
+"""A thread that reads the meter often and adds up the energy, for a camera's heartbeat."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from e3pose.energy.meters.base import Meter, MeterError, Reading
+from e3pose.energy.meters.battery import Charge, read_charge
+from e3pose.energy.meters.charge_file import RememberedCharge
+from e3pose.energy.meters.choose import ModelMeter, choose_meter
+from e3pose.energy.profiles import DeviceProfile, Mode
+from e3pose.errors import InputError
+
+PERIOD_S = 0.1  # a camera changes its mode with the slots: what is read seldom misses that
+CHARGE_PERIOD_S = 2.0  # gauges say something new every few seconds
+KEEP_S = 60.0  # at most so much of what was drawn is forgotten when the program is killed
+MAX_GAP_S = 5.0  # a longer one is a machine that slept, and drew nothing that we know of
+
+
+@dataclass(frozen=True, slots=True)
+class Total:
+    """Energy so far.
+
+    Attributes:
+        energy_j: since the start.
+        span_s: time that it covers.
+        watts: of the newest reading.
+        measured: whether all of it since the last `restart_span` was measured.
+        how: of the newest reading.
+        time_s: of the newest reading; None before the first.
+    """
+
+    energy_j: float = 0.0
+    span_s: float = 0.0
+    watts: float = 0.0
+    measured: bool = True
+    how: str = ""
+    time_s: float | None = None
+
+
+def add_reading(total: Total, reading: Reading, time_s: float) -> Total:
+    """Add what was drawn since the reading before: counted, or the mean of both ends' watts."""
+    gap_s = 0.0 if total.time_s is None else time_s - total.time_s
+    gap_s = gap_s if 0 < gap_s <= MAX_GAP_S else 0.0
+    if reading.energy_j is not None:
+        spent_j = reading.energy_j if gap_s else 0.0
+    else:
+        spent_j = 0.5 * (total.watts + reading.watts) * gap_s
+    return Total(
+        energy_j=total.energy_j + spent_j,
+        span_s=total.span_s + gap_s,
+        watts=reading.watts,
+        measured=total.measured and reading.measured,
+        how=reading.how,
+        time_s=time_s,
+    )
+
+
+class PowerSampler:
+    """Adds up what the device draws. Call it for the power fields of a heartbeat."""
+
+    def __init__(
+        self,
+        meter: Meter,
+        mode: Callable[[], Mode] = lambda: "active",
+        root: Path = Path("/"),
+        capacity_wh: float | None = None,
+        clock_s: Callable[[], float] = time.monotonic,
+        remembered: RememberedCharge | None = None,
+    ) -> None:
+        """Take a meter that never fails, such as that of `choose_meter`; starts with `with`.
+
+        Args:
+            meter: what is read.
+            mode: what the camera does now, for meters that are models.
+            root: above `sys`, for the battery.
+            capacity_wh: of the battery, for gauges that only know a percentage; where there is no
+                gauge it is taken to lose what is drawn.
+            clock_s: seconds.
+            remembered: what is in a battery without a gauge; full at the start by default.
+        """
+        if remembered is None and capacity_wh is not None:
+            remembered = RememberedCharge(None, "", capacity_wh, lambda line: None)
+        self._remembered, self._keep_s = remembered, clock_s()
+        self.mode = mode
+        self._meter, self._root, self._capacity_wh = meter, root, capacity_wh
+        self._clock_s = clock_s
+        self._lock = threading.Lock()
+        self._stop = threading.Event()
+        self._total = Total()
+        self._charge: Charge | None = None
+        self._charge_s = -CHARGE_PERIOD_S
+        self._thread = threading.Thread(target=self._work, name="power", daemon=True)
+
+    def __enter__(self) -> PowerSampler:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._stop.set()
+        self._thread.join(2.0)
+        self._keep()
+
+    def sample(self) -> Total:
+        """Read the meter once and add it up."""
+        with self._lock:
+            time_s = self._clock_s()
+            try:
+                reading = self._meter.read(self.mode())
+            except MeterError:  # a meter without a model behind it
+                return self._total
+            before_j, self._total = self._total.energy_j, add_reading(self._total, reading, time_s)
+            if self._remembered is not None:
+                self._remembered.spend(self._total.energy_j - before_j)
+            if time_s - self._charge_s >= CHARGE_PERIOD_S:
+                self._charge_s = time_s
+                try:
+                    self._charge = read_charge(self._root, self._capacity_wh)
+                except MeterError:
+                    self._charge = None
+            return self._total
+
+    def __call__(self, _mode: Mode | None = None) -> dict[str, Any]:
+        """Return the power fields of a heartbeat.
+
+        These are `power_w`, `energy_j`, `measured`, `battery_j`, `charging_w` and `gauge`.
+        `measured` is of the time since it was asked for the last time.
+        """
+        total = self.sample()
+        with self._lock:
+            charge = None if self._charge is None else self._charge.energy_j
+            charging_w = 0.0 if self._charge is None else self._charge.charging_w
+            self._total = replace(self._total, measured=True)
+            gauge = charge is not None
+            if charge is None and self._remembered is not None:
+                charge = self._remembered.left_j
+        return {
+            "power_w": total.watts,
+            "energy_j": total.energy_j,
+            "measured": total.measured and total.time_s is not None,
+            "battery_j": charge,
+            "charging_w": charging_w,
+            "gauge": gauge,
+        }
+
+    def _work(self) -> None:
+        while not self._stop.wait(PERIOD_S):
+            self.sample()
+            if self._clock_s() - self._keep_s >= KEEP_S:
+                self._keep()
+
+    def _keep(self) -> None:
+        self._keep_s = self._clock_s()
+        if self._remembered is not None and self._charge is None:
+            self._remembered.keep()
+
+
+def open_sampler(
+    profile: DeviceProfile,
+    how: str = "auto",
+    capacity_wh: float | None = None,
+    remembered: RememberedCharge | None = None,
+) -> PowerSampler:
+    """Return what fills the power fields of a camera's heartbeats, to be used with `with`.
+
+    Args:
+        profile: what the camera is taken to draw where nothing is measured.
+        how: `auto` measures what can be, `model` nothing.
+        capacity_wh: of the battery, for gauges that only know a percentage.
+        remembered: what is in a battery without a gauge; full at the start by default.
+
+    Raises:
+        InputError: for another `how`.
+    """
+    if how not in ("auto", "model"):
+        raise InputError(f"meter: found {how[:40]!r}, expected auto or model")
+    meter: Meter = (
+        choose_meter(profile, capacity_wh=capacity_wh)
+        if how == "auto"
+        else ModelMeter(profile, "as asked for")
+    )
+    return PowerSampler(meter, capacity_wh=capacity_wh, remembered=remembered)

@@ -1,0 +1,206 @@
+"""Energy: budgets and deficit queues, power profiles of devices, and what a selection saves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from e3pose.energy.profiles import GROUPS, DeviceProfile, Mode
+from e3pose.energy.profiles import load_profile as load_profile
+from e3pose.errors import InputError
+
+Floats = NDArray[np.float64]
+
+DEFAULT_BATTERY_WH = 50.0
+
+
+def advance_deficit(deficit: Floats, budget: Floats, selected: NDArray[np.bool_]) -> Floats:
+    """Advance the energy-deficit queues by one slot: the paper's `max(q - E, 0) + s`.
+
+    Args:
+        deficit: `(num_cameras,)` queue lengths before the slot, in slots of activity.
+        budget: `(num_cameras,)` share of slots that each camera may be active, (0, 1].
+        selected: `(num_cameras,)` cameras that were active in the slot.
+
+    Returns:
+        `(num_cameras,)` queue lengths after the slot; never negative.
+    """
+    return np.maximum(deficit - budget, 0.0) + selected
+
+
+def price(deficit: Floats, cost_j: Floats) -> Floats:
+    """Return what the queues ask for an active slot: the drift of half their squares in joules.
+
+    A queue of `deficit` slots holds `deficit * cost_j` joules, and an active slot adds `cost_j`, so
+    that the drift is their product. It is told in units of the rig's mean cost, which makes it the
+    paper's q_n where all cameras cost the same.
+
+    Args:
+        deficit: `(num_cameras,)` queue lengths in slots of activity.
+        cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one.
+    """
+    return np.asarray(deficit * (cost_j / cost_j.mean()) ** 2)
+
+
+def check_budget(budget: ArrayLike, num_selected: float) -> None:
+    """Check that budgets leave room for the cameras to be selected: every E_n >= C / N.
+
+    Args:
+        budget: `(num_cameras,)` share of slots that each camera may be active.
+        num_selected: cameras to select in every slot, or on average.
+
+    Raises:
+        InputError: when a budget lies outside (0, 1] or below `num_selected / num_cameras`, or
+            `num_selected` is not above 0 and at most `num_cameras`.
+    """
+    shares = np.asarray(budget, dtype=np.float64)
+    if shares.ndim != 1 or len(shares) == 0:
+        raise InputError(f"budget: found shape {shares.shape}, expected (num_cameras,)")
+    if not 0 < num_selected <= len(shares):
+        raise InputError(f"cameras: found {num_selected:g}, expected 1 to {len(shares)} to select")
+    for share in shares:
+        if not 0 < share <= 1:
+            raise InputError(f"budget: found {share:g}, expected a share of slots in (0, 1]")
+    if shares.min() < num_selected / len(shares) - 1e-9:
+        raise InputError(
+            f"budget: found {shares.min():g}, expected at least {num_selected / len(shares):g} "
+            f"for {num_selected:g} of {len(shares)} cameras a slot"
+        )
+
+
+def active_cost_j(profiles: Sequence[DeviceProfile], idle_mode: Mode, interval_s: float) -> Floats:
+    """Return `(num_cameras,)` joules that an active slot costs beyond an idle one."""
+    watts = [profile.watts("active") - profile.watts(idle_mode) for profile in profiles]
+    return np.array(watts) * interval_s
+
+
+def lifetime_budget(
+    lifetime_s: float,
+    battery_wh: ArrayLike,
+    profiles: Sequence[DeviceProfile],
+    camera_ids: Sequence[str],
+    idle_mode: Mode = "power-saving",
+) -> Floats:
+    """Return the share of slots that lets every camera's battery last.
+
+    A battery of `battery_wh` affords `battery_wh / lifetime` watts; what is left of these after the
+    power of an idle camera pays for active slots.
+
+    Args:
+        lifetime_s: seconds that the batteries are to last.
+        battery_wh: `(num_cameras,)`, or one for all.
+        profiles: `(num_cameras,)` devices.
+        camera_ids: `(num_cameras,)` names, for errors.
+        idle_mode: what a camera does that is not selected.
+
+    Returns:
+        `(num_cameras,)` the paper's E_n, in (0, 1].
+
+    Raises:
+        InputError: naming the camera whose battery an idle camera would empty before.
+    """
+    if not (np.isfinite(lifetime_s) and lifetime_s > 0):
+        raise InputError(f"lifetime: found {lifetime_s:g} s, expected more than 0")
+    capacity_j = 3600 * np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), len(profiles))
+    idle = np.array([profile.watts(idle_mode) for profile in profiles])
+    active = np.array([profile.watts("active") for profile in profiles])
+    spare = capacity_j / lifetime_s - idle
+    worst = int(np.argmin(spare))
+    if spare[worst] <= 0:
+        capacity_wh = capacity_j[worst] / 3600
+        raise InputError(
+            f"camera {camera_ids[worst]}: lifetime: found {lifetime_s / 3600:.3g} h, expected less "
+            f"than {capacity_wh / idle[worst]:.3g} h, which {capacity_wh:g} Wh last a camera in "
+            f"{idle_mode} mode that is never selected"
+        )
+    return np.asarray(np.minimum(spare / np.maximum(active - idle, 1e-9), 1.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Savings:
+    """What a selection saves against every camera active in every slot.
+
+    Percentages are of the always-active energy of the same components.
+
+    Attributes:
+        paper_percent: of CPU + GPU + WiFi + DDR, mean over cameras: the paper's figure.
+        device_percent: of the whole device, mean over cameras.
+        group_percent: of each group of components the device has, mean over cameras.
+        camera_percent: `(num_cameras,)` of CPU + GPU + WiFi + DDR.
+        camera_watts: `(num_cameras,)` mean power of the whole device.
+        battery_h: `(num_cameras,)` hours a battery lasts at that power.
+        battery_active_h: hours the same battery lasts an always active camera, mean over cameras.
+    """
+
+    paper_percent: float
+    device_percent: float
+    group_percent: Mapping[str, float]
+    camera_percent: Floats
+    camera_watts: Floats
+    battery_h: Floats
+    battery_active_h: float
+
+
+def savings(
+    duty: ArrayLike,
+    profile: DeviceProfile | Sequence[DeviceProfile],
+    idle_mode: Mode = "power-saving",
+    battery_wh: ArrayLike = DEFAULT_BATTERY_WH,
+) -> Savings:
+    """Compute what is saved by cameras that are active in a share of the slots only.
+
+    Args:
+        duty: `(num_cameras,)` share of slots each camera was active, [0, 1].
+        profile: what the cameras draw, one for all or one for each.
+        idle_mode: what a camera does that is not selected.
+        battery_wh: capacity of the cameras' batteries in watt-hours, one for all or one for each.
+
+    Raises:
+        InputError: without a camera, with a duty outside [0, 1] or a battery of no capacity.
+    """
+    shares = np.asarray(duty, dtype=np.float64)
+    if shares.ndim != 1 or len(shares) == 0 or not ((shares >= 0) & (shares <= 1)).all():
+        raise InputError(f"duty: found {shares.tolist()}, expected one share in [0, 1] per camera")
+    capacity_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), shares.shape)
+    for capacity in capacity_wh:
+        if not (np.isfinite(capacity) and capacity > 0):
+            raise InputError(f"battery capacity: found {capacity:g} Wh, expected more than 0")
+    profiles = [profile] * len(shares) if isinstance(profile, DeviceProfile) else list(profile)
+    rest = 1 - shares
+    camera_percent = rest * [
+        _percent(each.paper_watts("active"), each.paper_watts(idle_mode)) for each in profiles
+    ]
+    device_percent = rest * [
+        _percent(each.watts("active"), each.watts(idle_mode)) for each in profiles
+    ]
+    groups = {
+        group: float(
+            np.mean(
+                rest
+                * [
+                    _percent(each.watts("active", group), each.watts(idle_mode, group))
+                    for each in profiles
+                ]
+            )
+        )
+        for group in GROUPS
+        if all(each.watts("active", group) > 0 for each in profiles)
+    }
+    active = np.array([each.watts("active") for each in profiles])
+    watts = shares * active + rest * [each.watts(idle_mode) for each in profiles]
+    return Savings(
+        paper_percent=float(camera_percent.mean()),
+        device_percent=float(device_percent.mean()),
+        group_percent=groups,
+        camera_percent=camera_percent,
+        camera_watts=watts,
+        battery_h=capacity_wh / watts,
+        battery_active_h=float((capacity_wh / active).mean()),
+    )
+
+
+def _percent(active: float, idle: float) -> float:
+    return 100 * (1 - idle / active)

@@ -1,0 +1,173 @@
+"""The energy of a whole site, as the edge keeps it: heartbeats in, budgets and costs out. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
+from e3pose.energy.learned_cost import LearnedCost, SlotCost, learn, slot_cost, unlearned
+from e3pose.energy.profiles import DeviceProfile, Mode
+
+Floats = NDArray[np.float64]
+
+SUN_S = 600.0  # over which charging is averaged: a cloud is no evening
+LEAST_COST_J = 1e-6
+AFFORD_SHARE = 0.95  # of what budgets pay for: queues that are always full leave no choice
+
+
+class Beat(Protocol):
+    """What is read of a heartbeat, which is `wire.messages.Heartbeat`."""
+
+    @property
+    def session(self) -> int:
+        """Drawn when the camera's program started."""
+        ...
+
+    @property
+    def sent_edge_ns(self) -> int:
+        """When it left."""
+        ...
+
+    @property
+    def energy_j(self) -> float | None:
+        """Drawn since the start."""
+        ...
+
+    @property
+    def measured(self) -> bool:
+        """Whether that was measured since the heartbeat before."""
+        ...
+
+    @property
+    def active_s(self) -> float:
+        """Seconds active since the start."""
+        ...
+
+    @property
+    def idle_s(self) -> float:
+        """Seconds not active since the start."""
+        ...
+
+    @property
+    def battery_j(self) -> float | None:
+        """What is left in the battery."""
+        ...
+
+    @property
+    def charging_w(self) -> float:
+        """What goes into it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraEnergy:
+    """What is known of one camera's energy.
+
+    Attributes:
+        cost: what was learned of its power.
+        beat: the newest heartbeat.
+        charging_w: what goes into its battery, averaged over ten minutes.
+    """
+
+    cost: LearnedCost
+    beat: Beat | None = None
+    charging_w: float = 0.0
+
+    def supply(self) -> Supply:
+        """Return what the camera has to spend from; without a battery it is on mains."""
+        if self.beat is None or self.beat.battery_j is None:
+            return Supply()
+        return Supply(max(self.beat.battery_j, 0.0), self.charging_w)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reckoning:
+    """What the loop needs to know of energy until the next reckoning.
+
+    Attributes:
+        budget: `(num_cameras,)` the paper's E_n, for the queues.
+        cost_j: `(num_cameras,)` of an active slot beyond an idle one, for their price.
+        slots: what slots cost each camera, and whether that was measured.
+        num_selected: cameras a slot, as a mean: what was asked for, or fewer if the budgets do not
+            pay for as many.
+        starved: `(num_cameras,)` whether the budget does not even pay for idle slots.
+    """
+
+    budget: Floats
+    cost_j: Floats
+    slots: tuple[SlotCost, ...]
+    num_selected: float
+    starved: NDArray[np.bool_]
+
+    def spent_j(self, selected: NDArray[np.bool_]) -> Floats:
+        """Return `(num_cameras,)` joules that a slot with this selection is charged with."""
+        active = np.array([slot.active_j for slot in self.slots])
+        idle = np.array([slot.idle_j for slot in self.slots])
+        return np.where(selected, active, idle)
+
+
+def new_camera(profile: DeviceProfile, idle_mode: Mode = "power-saving") -> CameraEnergy:
+    """Return what a profile says of a camera that was not heard of yet."""
+    return CameraEnergy(unlearned(profile, idle_mode))
+
+
+def hear(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
+    """Take in a heartbeat: what was measured since the one before, and the battery.
+
+    A camera that was restarted counts from nothing again; its two first heartbeats say nothing of
+    its power. Modelled energy teaches nothing: it is what the profile said in the first place.
+    """
+    before, cost = camera.beat, camera.cost
+    if before is None or before.session != beat.session:
+        return CameraEnergy(cost, beat, max(beat.charging_w, 0.0))
+    span_s = (beat.sent_edge_ns - before.sent_edge_ns) / 1e9
+    if span_s <= 0:
+        return camera
+    if beat.measured and beat.energy_j is not None and before.energy_j is not None:
+        cost = learn(
+            cost,
+            beat.energy_j - before.energy_j,
+            beat.active_s - before.active_s,
+            beat.idle_s - before.idle_s,
+        )
+    weight = 1 - np.exp(-span_s / SUN_S)
+    charging_w = camera.charging_w + weight * (max(beat.charging_w, 0.0) - camera.charging_w)
+    return replace(camera, cost=cost, beat=beat, charging_w=float(charging_w))
+
+
+def reckon(
+    cameras: Sequence[CameraEnergy],
+    budgets: Sequence[Budget],
+    interval_s: float,
+    now_s: float,
+    num_selected: float,
+) -> Reckoning:
+    """Return budgets and costs for the slots to come; to be asked again every minute.
+
+    Args:
+        cameras: `(num_cameras,)` what is known of them.
+        budgets: `(num_cameras,)` what each may spend.
+        interval_s: seconds a slot.
+        now_s: seconds since 1970.
+        num_selected: cameras that are to be active in a slot.
+    """
+    slots = tuple(slot_cost(camera.cost, interval_s) for camera in cameras)
+    active_j = np.array([slot.active_j for slot in slots])
+    idle_j = np.array([slot.idle_j for slot in slots])
+    supplies = [camera.supply() for camera in cameras]
+    allowed_j = allowance_j(budgets, supplies, active_j, idle_j, interval_s, now_s, num_selected)
+    budget = slot_shares(allowed_j, active_j, idle_j)
+    affordable = float(budget.sum())
+    enough = affordable >= num_selected - 1e-6
+    return Reckoning(
+        budget=budget,
+        cost_j=np.maximum(active_j - idle_j, LEAST_COST_J),
+        slots=slots,
+        num_selected=num_selected if enough else AFFORD_SHARE * affordable,
+        starved=(allowed_j <= idle_j) & (active_j > idle_j),
+    )

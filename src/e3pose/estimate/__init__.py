@@ -1,0 +1,68 @@
+"""Estimators: the views of a slot -> the people in it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from e3pose.errors import InputError
+from e3pose.estimate.base import Estimator as Estimator
+from e3pose.estimate.base import Outlook as Outlook
+from e3pose.estimate.base import People as People
+from e3pose.estimate.filter import OPENPOSE, Model, Noise, wait_s
+from e3pose.estimate.filter.estimator import Filtered
+from e3pose.estimate.per_slot.estimator import PerSlot
+from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
+from e3pose.geometry.camera import Rig
+from e3pose.model.skeleton import Skeleton
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EstimatorSettings:
+    """What an estimator is made for.
+
+    Attributes:
+        rig: the cameras.
+        skeleton: of the detectors.
+        interval_s: seconds a slot.
+        history_slots: how much of the past the predictor is given.
+        fusion: of the estimator without a memory.
+        noise: of the detector's keypoints, for the estimator with a memory.
+        num_selected: cameras per slot, a mean if it is no whole number; how long the estimator
+            with a memory waits for a second view of somebody new follows from it.
+    """
+
+    rig: Rig
+    skeleton: Skeleton
+    interval_s: float
+    history_slots: int
+    fusion: FusionSettings
+    noise: Noise = OPENPOSE
+    num_selected: float = 1.0
+
+
+def _per_slot(settings: EstimatorSettings) -> PerSlot:
+    fuser = Fuser(settings.rig, len(settings.skeleton), settings.fusion)
+    return PerSlot(fuser, len(settings.skeleton), settings.interval_s, settings.history_slots)
+
+
+def _filtered(settings: EstimatorSettings) -> Filtered:
+    waiting_s = wait_s(settings.interval_s, settings.num_selected)
+    model = Model(settings.rig, settings.skeleton, settings.noise, waiting_s)
+    from e3pose.estimate.filter.kernels.step import StepKernel  # only who estimates needs numba
+
+    return Filtered(model, StepKernel(), settings.history_slots)
+
+
+ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator[Any]]] = {
+    "paper": _per_slot,
+    "memory": _filtered,
+}
+
+
+def make_estimator(name: str, settings: EstimatorSettings) -> Estimator[Any]:
+    """Return the estimator of the pipeline `name`; raise `InputError` listing the known ones."""
+    if name not in ESTIMATORS:
+        raise InputError(
+            f"pipeline {name[:40]!r} is unknown, expected one of {', '.join(ESTIMATORS)}"
+        )
+    return ESTIMATORS[name](settings)

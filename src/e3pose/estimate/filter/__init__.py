@@ -1,0 +1,17 @@
+"""The estimator with a memory: one causal filter per person, fed by whatever views arrived.
+
+    predict -> associate -> update -> existence -> births
+
+A step is a pure function: the belief of the slot before and the views of this slot in, the belief
+of this slot and the people out. `docs/estimator.md` has the method and where its numbers come from.
+"""
+
+from e3pose.estimate.filter.outlook import Outlook as Outlook
+from e3pose.estimate.filter.outlook import outlook as outlook
+from e3pose.estimate.filter.shown import Estimate as Estimate
+from e3pose.estimate.filter.state import Belief as Belief
+from e3pose.estimate.filter.state import Leftovers as Leftovers
+from e3pose.estimate.filter.state import Model as Model
+from e3pose.estimate.filter.state import wait_s as wait_s
+from e3pose.model.noise import OPENPOSE as OPENPOSE
+from e3pose.model.noise import Noise as Noise

@@ -1,0 +1,78 @@
+"""Where cameras show nobody although somebody is there: what a miss proves at a place.
+
+A rig's geometry says which places lie inside an image, but not what stands between: a wall, a
+shelf, people who always stand there, dirt on a lens. So the looks at people who were there are
+counted per camera and place of the floor, and how many of them showed the person. Whether somebody
+was there at a miss turns out later, when a camera shows the person again whom another one showed of
+late: misses wait until then, and those of a track that ends say nothing about cameras.
+
+A camera that shows people at a place with probability p leaves, by a miss, 1 - p of the odds that
+somebody is there. Existence counts it as that share of a miss in plain sight which the logarithms
+have: log(1 - p) / log(1 - PLAIN).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.geometry.camera import Rig
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
+CELL_M = 0.75  # people's own size, and the reach of a door
+NUM_CELLS = 40  # along each side of the square around the cameras
+PLAIN = 0.9  # detections of a look in plain sight: what is thought of places nobody was seen at
+PRIOR_LOOKS = 2.0  # that this counts for
+MOST_LOOKS = 60.0  # per place that are remembered, a few seconds of somebody: things get moved
+LOOKS, SHOWN = 0, 1  # of the last axis
+# So many cameras must have shown a person of late to prove that one is there: what lives on the
+# detections of one camera alone may be a ghost, whose misses would say that all others are blind.
+PROOF_CAMERAS, PROOF_S = 2, 1.0
+
+
+def corner_m(rig: Rig) -> Floats:
+    """Return `(2,)`: where on the floor the first cell begins."""
+    return np.asarray(rig.centers_m[:, :2].mean(axis=0) - NUM_CELLS * CELL_M / 2)
+
+
+def nothing_known(rig: Rig) -> Floats:
+    """Return `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` counts before the first slot."""
+    return np.zeros((len(rig), NUM_CELLS, NUM_CELLS, 2))
+
+
+def chance(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+    """Return `(num_views, num_places)` in (0, 1): how likely a look shows somebody who is there.
+
+    Args:
+        sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks, and those which showed somebody.
+        cameras: `(num_views,)`.
+        places_m: `(num_places, 2)` on the floor.
+        corner: `corner_m` of the rig.
+    """
+    cells, weights = around(places_m - corner)
+    near = sights[cameras[:, None, None], cells[..., 0], cells[..., 1]]
+    looks, shown = np.moveaxis((near * weights[..., None]).sum(axis=-2), -1, 0)
+    return np.asarray((shown + PRIOR_LOOKS * PLAIN) / (looks + PRIOR_LOOKS))
+
+
+def proof(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+    """Return `(num_views, num_places)` in [0, 1]: the share of a miss in plain sight.
+
+    Arguments are those of `chance`.
+    """
+    missing = 1 - chance(sights, cameras, places_m, corner)
+    blind = np.log(np.maximum(missing, 1 - PLAIN)) / np.log(1 - PLAIN)
+    return np.asarray(np.minimum(blind, 1.0))
+
+
+def around(offset_m: Floats) -> tuple[Ints, Floats]:
+    """Return the four cells `(num_places, 4, 2)` nearest to each place, and their weights."""
+    position = np.clip(offset_m / CELL_M - 0.5, 0.0, NUM_CELLS - 1.001)
+    low = np.floor(position).astype(np.int64)
+    part = position - low
+    corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    weights = np.where(corners, part[:, None], 1 - part[:, None]).prod(axis=-1)
+    return low[:, None] + corners, weights

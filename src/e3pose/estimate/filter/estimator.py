@@ -1,0 +1,145 @@
+"""The estimator with a memory, as a part of the loop: one causal filter per person."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.base import STEER_SLOTS, People
+from e3pose.estimate.filter import Belief, Estimate, Model, Outlook, outlook
+from e3pose.estimate.filter.covariance_inflation import spread_factor
+from e3pose.estimate.filter.learned_noise import found
+from e3pose.estimate.filter.reidentification import Identities, identify
+from e3pose.estimate.filter.steer import steer
+from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.predict.base import Prediction
+
+HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
+LEAST_KNOWN_SLOTS = 4  # of a history before what is predicted from it counts
+LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
+
+
+FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Remembered:
+    """What `Filtered` hands from slot to slot.
+
+    Attributes:
+        belief: about everybody.
+        identities: which of the belief's tracks are whom, and who left.
+        track_ids: `(num_tracks,)` the belief's tracks that the newest slot showed.
+        history_m: `(num_slots, num_tracks, num_joints, 3)` where they were shown, oldest first.
+    """
+
+    belief: Belief
+    identities: Identities
+    track_ids: NDArray[np.int64]
+    history_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Filtered:
+    """Estimate with a memory.
+
+    Attributes:
+        model: the rig, the skeleton, the noise of the detector.
+        step: advances the belief (`StepKernel`).
+        history_slots: the length of the history, at least 2.
+    """
+
+    model: Model
+    step: FilterStep
+    history_slots: int = 10
+
+    def begin(self) -> Remembered:
+        """See `Estimator.begin`."""
+        history = np.zeros((max(self.history_slots, 2), 0, len(self.model.skeleton), 3))
+        nobody = np.zeros(0, dtype=np.int64)
+        return Remembered(Belief.empty(self.model), Identities.none(self.model), nobody, history)
+
+    def estimate(
+        self,
+        memory: Remembered,
+        views: Mapping[int, Poses2D],
+        time_s: float,
+        clock: Callable[[], float],
+    ) -> tuple[Remembered, People]:
+        """See `Estimator.estimate`."""
+        start = clock()
+        belief, estimate = self.step(self.model, memory.belief, views, time_s)
+        identities = identify(
+            memory.identities, memory.belief, belief, estimate.track_ids, self.model
+        )
+        track_ids = identities.of(estimate.track_ids)
+        shown = np.isin(belief.track_ids, estimate.track_ids)
+        factor = spread_factor(belief, self.model)[shown]
+        history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
+        _, new, old = np.intersect1d(
+            estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
+        )
+        history[:-1, new] = memory.history_m[1:, old]
+        history[-1] = estimate.joints_m
+        people = People(
+            Poses3D(estimate.joints_m, _scores(estimate)),
+            track_ids,
+            history,
+            track_ids,
+            estimate.covariance_m2 * factor[..., None, None] ** 2,
+            estimate.measured,
+            {"estimate": clock() - start},
+            found(belief.noise, self.model.noise.weight),
+        )
+        return Remembered(belief, identities, estimate.track_ids, history), people
+
+    def steer(self, memory: Remembered, prediction: Prediction, interval_s: float) -> Remembered:
+        """See `Estimator.steer`; of a predictor that states its errors, which is a learned one."""
+        known = np.isfinite(memory.history_m).all(axis=-1).any(axis=-1).sum(axis=0)
+        joints_m = np.where(
+            np.isfinite(prediction.error_m[STEER_SLOTS - 1])[..., None]
+            & (known >= LEAST_KNOWN_SLOTS)[:, None, None],
+            prediction.joints_m[STEER_SLOTS - 1],
+            np.nan,
+        )
+        rows = np.flatnonzero(np.isin(memory.belief.track_ids, memory.track_ids))
+        belief = steer(self.model.tree, memory.belief, rows, joints_m, STEER_SLOTS * interval_s)
+        return replace(memory, belief=belief)
+
+    def leave_out_ids(self, memory: Remembered, count: int) -> Remembered:
+        """See `Estimator.leave_out_ids`."""
+        belief = replace(memory.belief, next_id=memory.belief.next_id + count)
+        return replace(memory, belief=belief)
+
+    def forget_people(self, memory: Remembered) -> Remembered:
+        """See `Estimator.forget_people`."""
+        return replace(self.begin(), belief=memory.belief.without_people())
+
+    def outlook(self, memory: Remembered, ahead_s: float) -> Outlook:
+        """See `Estimator.outlook`.
+
+        One factor for everybody makes it honest as a whole: it changes what is expected, but not
+        which cameras tell most.
+        """
+        expected = outlook(self.model, memory.belief, ahead_s)
+        factor = 1.0
+        if memory.belief.confirmed.any():
+            factors = spread_factor(memory.belief, self.model)[memory.belief.confirmed]
+            factor = float(np.exp(np.log(factors.min(axis=1)).mean()))  # of joints just measured
+        return replace(
+            expected,
+            track_ids=memory.identities.of(expected.track_ids),
+            covariance=expected.covariance * factor**2,
+            drift_m2ps3=expected.drift_m2ps3 * factor**2,
+            sigma_px=expected.sigma_px * factor,
+        )
+
+
+def _scores(estimate: Estimate) -> NDArray[np.float64]:
+    """Return `(num_persons, num_joints)`: certainty in (0, 1], 0 for joints never measured."""
+    variance = np.trace(estimate.covariance_m2, axis1=-2, axis2=-1) / 3
+    score = np.maximum(1 / (1 + variance / HALF_SCORE_M**2), LEAST_SCORE)
+    return np.where(np.isfinite(score), score, 0.0)

@@ -1,0 +1,172 @@
+"""Whose detection is it? Tracks and the detections of one view, by projected distance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.kernels.assign import assign
+from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
+from e3pose.estimate.filter.kernels.scratch import Matches, Offers, Views
+from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.geometry.projection import MIN_DEPTH_M
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+Ints = NDArray[np.int64]
+BIAS_PX = 14.0  # of a view's whole detection, on top of its keypoints' noise: errors are correlated
+MIN_JOINTS = 3
+COST_LIMIT = 2.8  # mean distance in standard deviations beyond which it is somebody else
+COST_USUAL = 1.0  # the mean distance of a detection that is right is below it
+JOINT_LIMIT = 6.0  # what one wild joint may say at most
+VAGUE_FIT = 0.4  # the fit of a track twice as wide as it could be counts 0.76 times
+NEVER = 1e3
+
+
+U, V, SPREAD, IN_FRONT = range(4)  # planes of `Offers.sight`
+
+
+@kernel
+def associate(
+    camera: int,
+    num_tracks: int,
+    projection: Floats,
+    size: Floats,
+    bias: float,
+    views: Views,
+    confirmed: Flags,
+    state: Floats,
+    covariance: Floats,
+    matches: Matches,
+    offers: Offers,
+) -> None:
+    """Fill the rows of `matches` of a camera whose view arrived, and `views.free` of it."""
+    first, num_people = views.starts[camera], views.counts[camera]
+    for track in range(num_tracks):
+        matches.assigned[camera, track] = -1
+        matches.fits[camera, track] = 0.0
+        inside = _look(state[track], covariance[track], projection, size, offers.sight)
+        matches.inside[camera, track] = inside >= INSIDE_JOINTS
+        for person in range(num_people):
+            row = first + person
+            cost = _cost(row, views.pixels, views.weights, views.variances, bias, offers.sight)
+            vagueness = 0.0
+            if cost <= COST_LIMIT:
+                vagueness = _vagueness(row, views.weights, views.variances, bias, offers.sight)
+            offers.cost[track, person] = cost
+            offers.vagueness[track, person] = vagueness
+    for turn in range(2):  # people who are believed to exist choose first
+        num_choosers = num_free = 0
+        for track in range(num_tracks):
+            if confirmed[track] == (turn == 0):
+                offers.choosers[num_choosers] = track
+                num_choosers += 1
+        for person in range(num_people):
+            if views.free[first + person]:
+                offers.people[num_free] = person
+                num_free += 1
+        if num_choosers == 0 or num_free == 0:
+            continue
+        for chooser in range(num_choosers):
+            for column in range(num_free):
+                track, person = offers.choosers[chooser], offers.people[column]
+                cost = offers.cost[track, person]
+                likely = cost + offers.vagueness[track, person]
+                offers.offered[chooser, column] = likely if cost <= COST_LIMIT else NEVER
+        assign(offers.offered, num_choosers, num_free, offers.reals, offers.integers, offers.flags)
+        for chooser in range(num_choosers):
+            column = offers.integers[0, chooser]
+            if column < 0:
+                continue
+            track, person = offers.choosers[chooser], offers.people[column]
+            if not offers.cost[track, person] <= COST_LIMIT:
+                continue
+            excess = offers.cost[track, person] - COST_USUAL
+            fit = 1.0 - excess / (COST_LIMIT - COST_USUAL)
+            matches.assigned[camera, track] = person
+            fit = 0.0 if fit < 0.0 else 1.0 if fit > 1.0 else fit
+            matches.fits[camera, track] = fit * math.exp(
+                -VAGUE_FIT * offers.vagueness[track, person]
+            )
+            views.free[first + person] = False
+
+
+@kernel
+def _look(
+    state: Floats, covariance: Floats, projection: Floats, size: Floats, sight: Floats
+) -> int:
+    """Project the joints of a track into `sight`; return how many fall into the image.
+
+    `state` is `(num_joints, 6)`, `covariance` `(num_joints, 6, 6)`.
+    """
+    inside = 0
+    for joint in range(state.shape[0]):
+        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
+        a = projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]
+        b = projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]
+        depth = (
+            projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
+        )
+        inverse = 1.0 / (depth if abs(depth) >= 1e-6 else 1e-6)
+        u, v = a * inverse, b * inverse
+        ux = (projection[0, 0] - u * projection[2, 0]) * inverse
+        uy = (projection[0, 1] - u * projection[2, 1]) * inverse
+        uz = (projection[0, 2] - u * projection[2, 2]) * inverse
+        vx = (projection[1, 0] - v * projection[2, 0]) * inverse
+        vy = (projection[1, 1] - v * projection[2, 1]) * inverse
+        vz = (projection[1, 2] - v * projection[2, 2]) * inverse
+        spread = (
+            covariance[joint, 0, 0] * (ux * ux + vx * vx)
+            + covariance[joint, 1, 1] * (uy * uy + vy * vy)
+            + covariance[joint, 2, 2] * (uz * uz + vz * vz)
+        )
+        spread += 2.0 * (
+            covariance[joint, 0, 1] * (ux * uy + vx * vy)
+            + covariance[joint, 0, 2] * (ux * uz + vx * vz)
+            + covariance[joint, 1, 2] * (uy * uz + vy * vz)
+        )
+        in_front = depth > MIN_DEPTH_M
+        sight[U, joint] = u
+        sight[V, joint] = v
+        sight[SPREAD, joint] = spread / 2
+        sight[IN_FRONT, joint] = 1.0 if in_front else 0.0
+        inside += in_front and 0 < u < size[0] and 0 < v < size[1]
+    return inside
+
+
+@kernel
+def _cost(
+    row: int, pixels: Floats, weights: Floats, variances: Floats, bias: float, sight: Floats
+) -> float:
+    """Return the mean distance of a detection in standard deviations; inf if unknown."""
+    shown = 0
+    total = weighted = 0.0
+    for joint in range(weights.shape[1]):
+        weight = weights[row, joint]
+        if weight > MIN_SCORE and sight[IN_FRONT, joint] > 0:
+            du = pixels[row, joint, 0] - sight[U, joint]
+            dv = pixels[row, joint, 1] - sight[V, joint]
+            variance = variances[row, joint] + bias + sight[SPREAD, joint]
+            distance = math.sqrt((du * du + dv * dv) / variance)
+            shown += 1
+            total += weight
+            weighted += weight * (distance if distance < JOINT_LIMIT else JOINT_LIMIT)
+    if shown < MIN_JOINTS:
+        return np.inf
+    return weighted / (total if total > 1e-9 else 1e-9)
+
+
+@kernel
+def _vagueness(row: int, weights: Floats, variances: Floats, bias: float, sight: Floats) -> float:
+    """Return the mean logarithm of how much wider a track is than one that is known exactly."""
+    total = weighted = 0.0
+    for joint in range(weights.shape[1]):
+        weight = weights[row, joint]
+        if weight > MIN_SCORE and sight[IN_FRONT, joint] > 0:
+            total += weight
+            weighted += weight * math.log1p(sight[SPREAD, joint] / (variances[row, joint] + bias))
+    return 0.5 * weighted / (total if total > 1e-9 else 1e-9)

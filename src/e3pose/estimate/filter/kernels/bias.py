@@ -1,0 +1,76 @@
+"""Biases of views: the loops of `filter.update.learn_biases` and `filter.bias`, for one track."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.bias import (
+    CLIP_SIGMAS,
+    FRESH,
+    LASTS_S,
+    LEARNED_S,
+    MOST,
+    QUICK,
+    QUICK_S,
+    SHORTEST_S,
+)
+from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
+from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.geometry.projection import MIN_DEPTH_M
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+
+
+@kernel
+def inflation(since_s: float) -> float:
+    """Return the factor on a keypoint's variance so long after the look before."""
+    since_s = SHORTEST_S if since_s < SHORTEST_S else LASTS_S if since_s > LASTS_S else since_s
+    return FRESH + QUICK / math.tanh(since_s / (2 * QUICK_S))
+
+
+@kernel
+def learn_bias(
+    row: int,
+    since_s: float,
+    state: Floats,
+    covariance: Floats,
+    projection: Floats,
+    pixels: Floats,
+    weights: Floats,
+    variances: Floats,
+    bias_px: Floats,
+) -> None:
+    """Compare the detection in `row` with the updated track that it is of.
+
+    Args:
+        row: of the detection in `pixels`, `weights` and `variances`.
+        since_s: seconds since the view saw the person before; inf if never.
+        state: `(num_joints, 6)`.
+        covariance: `(num_joints, 6, 6)`.
+        projection: `(3, 4)`.
+        pixels: `(num_rows, num_joints, 2)`.
+        weights: `(num_rows, num_joints)`.
+        variances: `(num_rows, num_joints)`.
+        bias_px: `(num_joints, 2)`, of this view, moved.
+    """
+    rate = 1.0 - math.exp(-since_s / LEARNED_S)
+    rate = rate if rate < MOST else MOST
+    for joint in range(len(state)):
+        if not weights[row, joint] > MIN_SCORE:
+            continue
+        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
+        if not depth > MIN_DEPTH_M:
+            continue
+        doubt = doubt_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
+        variance = variances[row, joint]
+        du = pixels[row, joint, 0] - bias_px[joint, 0] - u
+        dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
+        off = math.sqrt((du * du + dv * dv) / variance) / CLIP_SIGMAS
+        blame = rate * variance / (variance + doubt) / (off if off > 1.0 else 1.0)
+        bias_px[joint, 0] += blame * du
+        bias_px[joint, 1] += blame * dv

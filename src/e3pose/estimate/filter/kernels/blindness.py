@@ -1,0 +1,117 @@
+"""Blindness: the loops of `filter.blindness`, for the views of one slot."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.blindness import (
+    CELL_M,
+    FASTEST_S,
+    LOOKS,
+    MOST_LOOKS,
+    NUM_CELLS,
+    PLAIN,
+    PRIOR_LOOKS,
+    PROOF_CAMERAS,
+    PROOF_S,
+    SHOWN,
+)
+from e3pose.estimate.filter.kernels.scratch import Matches, Tracks
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LAST = NUM_CELLS - 1.001
+
+
+@kernel
+def proof(sights: Floats, place_m: Floats, corner_m: Floats) -> float:
+    """Return what a miss of one camera at a place proves, as a share of one in plain sight."""
+    column, right = _cell(place_m[0] - corner_m[0])
+    row, up = _cell(place_m[1] - corner_m[1])
+    looks, shown = PRIOR_LOOKS, PRIOR_LOOKS * PLAIN
+    for a in range(2):
+        for b in range(2):
+            weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
+            looks += weight * sights[column + a, row + b, LOOKS]
+            shown += weight * sights[column + a, row + b, SHOWN]
+    missing = 1.0 - shown / looks
+    if missing <= 1.0 - PLAIN:
+        return 1.0
+    return math.log(missing) / math.log(1.0 - PLAIN)
+
+
+@kernel
+def learn_sights(
+    num_tracks: int,
+    dt: float,
+    corner_m: Floats,
+    arrived: Flags,
+    matches: Matches,
+    sights: Floats,
+    tracks: Tracks,
+) -> None:
+    """Count the looks at everybody who was proved to be there, and keep other misses waiting."""
+    share = dt / FASTEST_S if dt < FASTEST_S else 1.0
+    num_cameras = len(arrived)
+    for track in range(num_tracks):
+        there, recent = False, 0
+        for camera in range(num_cameras):
+            recent += tracks.last_seen_s[track, camera] < PROOF_S
+            if arrived[camera]:
+                if matches.assigned[camera, track] >= 0:
+                    there = True
+                elif matches.inside[camera, track]:
+                    tracks.missed[track, camera] += share
+        proved = there and recent >= PROOF_CAMERAS
+        matches.taught[track] = proved and tracks.confirmed[track]
+        for camera in range(num_cameras):
+            if matches.taught[track]:
+                hit = arrived[camera] and matches.assigned[camera, track] >= 0
+                shown = share if hit else 0.0
+                looks = tracks.missed[track, camera] + shown
+                if looks > 0.0:
+                    _add(sights[camera], matches.places_m[track], corner_m, looks, shown)
+            if there:
+                tracks.missed[track, camera] = 0.0
+    for track in range(num_tracks):
+        if matches.taught[track]:
+            for camera in range(num_cameras):
+                _forget(sights[camera], matches.places_m[track], corner_m)
+
+
+@kernel
+def _add(sights: Floats, place_m: Floats, corner_m: Floats, looks: float, shown: float) -> None:
+    column, right = _cell(place_m[0] - corner_m[0])
+    row, up = _cell(place_m[1] - corner_m[1])
+    for a in range(2):
+        for b in range(2):
+            weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
+            sights[column + a, row + b, LOOKS] += weight * looks
+            sights[column + a, row + b, SHOWN] += weight * shown
+
+
+@kernel
+def _forget(sights: Floats, place_m: Floats, corner_m: Floats) -> None:
+    """Scale what is beyond `MOST_LOOKS` down to it."""
+    column, _ = _cell(place_m[0] - corner_m[0])
+    row, _ = _cell(place_m[1] - corner_m[1])
+    for a in range(2):
+        for b in range(2):
+            looks = sights[column + a, row + b, LOOKS]
+            if looks > MOST_LOOKS:
+                sights[column + a, row + b, LOOKS] *= MOST_LOOKS / looks
+                sights[column + a, row + b, SHOWN] *= MOST_LOOKS / looks
+
+
+@kernel
+def _cell(offset_m: float) -> tuple[int, float]:
+    """Return the lower of the two nearest cells along an axis, and the weight of the upper one."""
+    position = offset_m / CELL_M - 0.5
+    position = 0.0 if not position > 0.0 else LAST if position > LAST else position
+    low = math.floor(position)
+    return low, position - low

@@ -1,0 +1,150 @@
+"""Carry what is known about people through the slots whose cameras are already ordered."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.kernels.bias import inflation
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@kernel
+def carry(
+    covariance: Floats,
+    drift_m2ps3: Floats,
+    velocity_lasts_s: Floats,
+    interval_s: float,
+    ordered: Flags,
+    views: Floats,
+    since_s: Floats,
+    prior: Floats,
+) -> None:
+    """Predict and expect views, slot by slot; the process is that of `filter.motion.alone`.
+
+    Every joint is by itself: with A, B and C the blocks of its covariance (position, position with
+    velocity, velocity) and J the information of the views of a slot,
+
+        A' = (A^-1 + J)^-1,   B' = A' A^-1 B,   C' = C - B' (A^-1 - A^-1 A' A^-1) B
+
+    Args:
+        covariance: `(num_tracks, num_joints, 6, 6)` of the newest slot.
+        drift_m2ps3: `(num_tracks, num_joints)` as in `Outlook`.
+        velocity_lasts_s: as in `Outlook`.
+        interval_s: seconds per slot.
+        ordered: `(num_ordered, num_cameras)` cameras of the next slots; the slot after them is the
+            one that `prior` is for.
+        views: `(num_cameras, num_tracks, num_joints, 6)` information of a view with new errors.
+        since_s: `(num_tracks, num_cameras)` seconds since each camera showed the person; advanced
+            to the last slot, in place.
+        prior: `(num_tracks, num_joints, 6)` filled with the information before that slot.
+    """
+    num_ordered, num_cameras = ordered.shape
+    shares = np.zeros((num_ordered, num_cameras))
+    A, B, C, told = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
+    room = np.empty((3, 3, 3))
+    for track in range(covariance.shape[0]):
+        for slot in range(num_ordered + 1):
+            for camera in range(num_cameras):
+                since_s[track, camera] += interval_s
+                if slot < num_ordered and ordered[slot, camera]:
+                    shares[slot, camera] = 1.0 / inflation(since_s[track, camera])
+                    since_s[track, camera] = 0.0
+        for joint in range(covariance.shape[1]):
+            for a in range(3):
+                for b in range(3):
+                    A[a, b] = covariance[track, joint, a, b]
+                    B[a, b] = covariance[track, joint, a, b + 3]
+                    C[a, b] = covariance[track, joint, a + 3, b + 3]
+            lasts_s = velocity_lasts_s[joint]
+            drift = drift_m2ps3[track, joint]
+            for slot in range(num_ordered + 1):
+                _move_on(A, B, C, lasts_s, drift, interval_s)
+                if slot == num_ordered:
+                    break
+                for entry in range(6):
+                    told[entry] = 0.0
+                    for camera in range(num_cameras):
+                        if ordered[slot, camera]:
+                            told[entry] += shares[slot, camera] * views[camera, track, joint, entry]
+                if told[0] + told[3] + told[5] > 0.0:
+                    _expect(A, B, C, told, room)
+            _invert(A, room[0])
+            entry = 0
+            for a in range(3):
+                for b in range(a, 3):
+                    prior[track, joint, entry] = room[0, a, b]
+                    entry += 1
+
+
+@kernel
+def _move_on(A: Floats, B: Floats, C: Floats, lasts_s: float, drift: float, dt: float) -> None:
+    fade = math.exp(-dt / lasts_s)
+    reach = lasts_s * (1.0 - fade)
+    turned = lasts_s * (1.0 - fade * fade) / 2
+    for a in range(3):
+        for b in range(a, 3):
+            A[a, b] += reach * (B[a, b] + B[b, a]) + reach * reach * C[a, b]
+            if a == b:
+                A[a, b] += drift * lasts_s**2 * (dt - 2 * reach + turned)
+            A[b, a] = A[a, b]
+    for a in range(3):
+        for b in range(3):
+            own = drift if a == b else 0.0
+            B[a, b] = fade * (B[a, b] + reach * C[a, b]) + own * reach**2 / 2
+            C[a, b] = fade * fade * C[a, b] + own * turned
+
+
+@kernel
+def _expect(A: Floats, B: Floats, C: Floats, told: Floats, room: Floats) -> None:
+    """Replace the blocks by those after views of the information `told`."""
+    before, after, gain = room[0], room[1], room[2]
+    _invert(A, before)
+    entry = 0
+    for a in range(3):
+        for b in range(a, 3):
+            gain[a, b] = before[a, b] + told[entry]
+            gain[b, a] = gain[a, b]
+            entry += 1
+    _invert(gain, A)
+    for a in range(3):  # A^-1 - A^-1 A' A^-1
+        for b in range(3):
+            after[a, b] = before[a, b]
+            for i in range(3):
+                for j in range(3):
+                    after[a, b] -= before[a, i] * A[i, j] * before[j, b]
+    for a in range(3):
+        for b in range(3):
+            for i in range(3):
+                for j in range(3):
+                    C[a, b] -= B[i, a] * after[i, j] * B[j, b]
+    for a in range(3):  # A' A^-1 B
+        for b in range(3):
+            gain[a, b] = 0.0
+            for i in range(3):
+                gain[a, b] += before[a, i] * B[i, b]
+    for a in range(3):
+        for b in range(3):
+            B[a, b] = A[a, 0] * gain[0, b] + A[a, 1] * gain[1, b] + A[a, 2] * gain[2, b]
+
+
+@kernel
+def _invert(m: Floats, inverse: Floats) -> None:
+    """Fill the inverse of a symmetric 3 x 3 matrix; they may not be the same."""
+    xx, xy, xz, yy, yz, zz = m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]
+    inverse[0, 0] = yy * zz - yz * yz
+    inverse[0, 1] = xz * yz - xy * zz
+    inverse[0, 2] = xy * yz - xz * yy
+    scale = 1.0 / (xx * inverse[0, 0] + xy * inverse[0, 1] + xz * inverse[0, 2])
+    inverse[1, 1] = xx * zz - xz * xz
+    inverse[1, 2] = xy * xz - xx * yz
+    inverse[2, 2] = xx * yy - xy * xy
+    for a in range(3):
+        for b in range(a, 3):
+            inverse[a, b] *= scale
+            inverse[b, a] = inverse[a, b]

@@ -1,0 +1,236 @@
+"""Who exists: people are confirmed, coasted and ended by the views that should show them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.blindness import FASTEST_S
+from e3pose.estimate.filter.kernels.blindness import proof
+from e3pose.estimate.filter.kernels.scratch import Matches, Tracks, Views
+from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+LEARN_RATE = 0.16  # of the share of views that show a person: a memory of six views
+END_EXISTENCE = 0.3
+END_UNSEEN_S = 1.0  # out of every camera's sight for this long, as in `track`
+END_SPREAD_M = 1.0  # nobody is known who could be anywhere
+CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
+INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
+DELIVERED_PRIOR = 0.5  # what a camera is thought to tell before it looked
+DELIVERED_RATE = 0.3  # of a view: people move behind each other within a second
+DELIVERED_LASTS_S = 3.0  # what a camera that does not look is remembered for
+SAME_M = 0.15  # median distance of joints at which two tracks are one person
+# Detectors that take a front for a back make a mirrored body in the same place, cameras that do not
+# agree one beside it. Middles of two people are farther apart, a chest is as deep as this; of two
+# so near, a view shows both three times in ten or more often: 15 looks in a row that show one of
+# them have odds of 0.7^15, half a percent.
+CHEST_M = 0.25
+MOST_ALONE = 15.0
+# Views of which one takes a front for a back meet in a body of twice the width. Shoulders and hips
+# of people are 0.4 to 0.75 m wide together.
+MOST_WIDE_M = 0.9
+
+
+@kernel
+def attend(
+    num_tracks: int,
+    dt: float,
+    scales: Floats,
+    noise_px: Floats,
+    views: Views,
+    matches: Matches,
+    sights: Floats,
+    corner_m: Floats,
+    tracks: Tracks,
+) -> None:
+    """Count for each track the views that showed it and those that should have."""
+    num_cameras, num_joints = len(views.counts), tracks.state.shape[1]
+    rate = LEARN_RATE * (dt / FASTEST_S if dt < FASTEST_S else 1.0)
+    forgotten = 1.0 - math.exp(-dt / DELIVERED_LASTS_S)
+    finest = np.inf
+    for knot in range(len(noise_px)):
+        if noise_px[knot] < finest:
+            finest = noise_px[knot]
+    for track in range(num_tracks):
+        num_seen_by = 0
+        for camera in range(num_cameras):
+            tracks.last_seen_s[track, camera] += dt
+            told_before = tracks.delivered[track, camera]
+            told_before += forgotten * (DELIVERED_PRIOR - told_before)
+            tracks.delivered[track, camera] = told_before
+            if views.arrived[camera]:
+                person = matches.assigned[camera, track]
+                told = 0.0
+                if person >= 0:
+                    row = views.starts[camera] + person
+                    best = (finest * scales[camera]) ** 2
+                    for joint in range(num_joints):
+                        if views.weights[row, joint] > MIN_SCORE:
+                            told += best / views.variances[row, joint]
+                    told /= num_joints
+                    tracks.hits[track] += 1
+                    tracks.seen_by[track, camera] = True
+                    tracks.last_seen_s[track, camera] = 0.0
+                if person >= 0 or matches.inside[camera, track]:
+                    fit, share = matches.fits[camera, track], 1.0
+                    if person < 0:
+                        share = proof(sights[camera], matches.places_m[track], corner_m)
+                    tracks.existence[track] += rate * share * (fit - tracks.existence[track])
+                    tracks.delivered[track, camera] += DELIVERED_RATE * (told - told_before)
+            num_seen_by += tracks.seen_by[track, camera]
+        if num_seen_by >= CONFIRM_CAMERAS or tracks.hits[track] >= CONFIRM_HITS:
+            tracks.confirmed[track] = True
+    for track in range(num_tracks):
+        tracks.alone[track] = _alone(
+            track, num_tracks, tracks.alone[track], rate / LEARN_RATE, views, matches, tracks.state
+        )
+
+
+@kernel
+def _alone(
+    track: int,
+    num_tracks: int,
+    alone: float,
+    share: float,
+    views: Views,
+    matches: Matches,
+    state: Floats,
+) -> float:
+    """Return `Belief.alone` of a track after a slot."""
+    nearest, least = -1, CHEST_M
+    for other in range(num_tracks):
+        if other != track:
+            apart_m = _middles_apart_m(state[track], state[other])
+            if apart_m < least:
+                nearest, least = other, apart_m
+    if nearest < 0:
+        return 0.0
+    for camera in range(len(views.counts)):
+        if views.arrived[camera]:
+            shown = matches.assigned[camera, track] >= 0
+            other_shown = matches.assigned[camera, nearest] >= 0
+            if shown and other_shown:
+                return 0.0
+            alone += share * (shown != other_shown)
+    return alone
+
+
+@kernel
+def end(num_tracks: int, girdles: Integers, tracks: Tracks, ended: Flags) -> int:
+    """Drop tracks that are over; return how many are left, in the first rows."""
+    for track in range(num_tracks):
+        ended[track] = _is_over(
+            tracks.existence[track], tracks.covariance[track], tracks.unmeasured_s[track]
+        ) or is_wide(tracks.state[track], girdles)
+    for track in range(num_tracks):
+        for other in range(track):
+            younger = track if tracks.hits[track] <= tracks.hits[other] else other
+            same = _is_same(tracks.state[track], tracks.state[other])
+            if not same and tracks.alone[younger] > MOST_ALONE:
+                same = _middles_apart_m(tracks.state[track], tracks.state[other]) < CHEST_M
+            if same:
+                ended[younger] = True
+    left = 0
+    for track in range(num_tracks):
+        if ended[track]:
+            continue
+        if left < track:
+            _move(tracks, track, left)
+        left += 1
+    return left
+
+
+@kernel
+def _move(tracks: Tracks, source: int, target: int) -> None:
+    """Copy the row of a track."""
+    tracks.track_ids[target] = tracks.track_ids[source]
+    tracks.existence[target] = tracks.existence[source]
+    tracks.hits[target] = tracks.hits[source]
+    tracks.alone[target] = tracks.alone[source]
+    tracks.confirmed[target] = tracks.confirmed[source]
+    for joint in range(tracks.state.shape[1]):
+        tracks.unmeasured_s[target, joint] = tracks.unmeasured_s[source, joint]
+        for a in range(6):
+            tracks.state[target, joint, a] = tracks.state[source, joint, a]
+            for b in range(6):
+                value = tracks.covariance[source, joint, a, b]
+                tracks.covariance[target, joint, a, b] = value
+                value = tracks.shared[source, joint, a, b]
+                tracks.shared[target, joint, a, b] = value
+    for camera in range(tracks.seen_by.shape[1]):
+        tracks.seen_by[target, camera] = tracks.seen_by[source, camera]
+        tracks.last_seen_s[target, camera] = tracks.last_seen_s[source, camera]
+        tracks.delivered[target, camera] = tracks.delivered[source, camera]
+        tracks.missed[target, camera] = tracks.missed[source, camera]
+        for joint in range(tracks.state.shape[1]):
+            for axis in range(2):
+                value = tracks.bias_px[source, camera, joint, axis]
+                tracks.bias_px[target, camera, joint, axis] = value
+    for bone in range(tracks.bones_m.shape[1]):
+        tracks.bones_m[target, bone] = tracks.bones_m[source, bone]
+        tracks.bone_counts[target, bone] = tracks.bone_counts[source, bone]
+
+
+@kernel
+def _is_over(existence: float, covariance: Floats, unmeasured_s: Floats) -> bool:
+    if not existence > END_EXISTENCE:
+        return True
+    least = np.inf
+    seen = False
+    for joint in range(len(covariance)):
+        spread = covariance[joint, 0, 0] + covariance[joint, 1, 1] + covariance[joint, 2, 2]
+        least = spread if spread < least else least
+        seen |= unmeasured_s[joint] <= END_UNSEEN_S
+    return not (seen and math.sqrt(least) < END_SPREAD_M)
+
+
+@kernel
+def is_wide(joints_m: Floats, girdles: Integers) -> bool:
+    """Return whether shoulders and hips are wider than anybody's; not where one is NaN."""
+    total = 0.0
+    for girdle in range(len(girdles)):
+        squares = 0.0
+        for axis in range(3):
+            first = joints_m[girdles[girdle, 0], axis]
+            squares += (first - joints_m[girdles[girdle, 1], axis]) ** 2
+        total += math.sqrt(squares)
+    return total > MOST_WIDE_M
+
+
+@kernel
+def _middles_apart_m(first: Floats, second: Floats) -> float:
+    """Return the distance of the means of two people's joints."""
+    squares = 0.0
+    for axis in range(3):
+        total = 0.0
+        for joint in range(len(first)):
+            total += first[joint, axis] - second[joint, axis]
+        squares += (total / len(first)) ** 2
+    return math.sqrt(squares)
+
+
+@kernel
+def _is_same(first: Floats, second: Floats) -> bool:
+    """Return whether the median distance of the joints is below `SAME_M`."""
+    near = 0
+    below, above = 0.0, np.inf  # the largest distance that is near, the smallest that is not
+    for joint in range(len(first)):
+        squares = 0.0
+        for axis in range(3):
+            squares += (first[joint, axis] - second[joint, axis]) ** 2
+        distance = math.sqrt(squares)
+        if distance < SAME_M:
+            near += 1
+            below = distance if distance > below else below
+        else:
+            above = distance if distance < above else above
+    if 2 * near == len(first):
+        return (below + above) / 2 < SAME_M
+    return 2 * near > len(first)

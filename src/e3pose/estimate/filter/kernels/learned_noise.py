@@ -1,0 +1,167 @@
+"""The noise that is learned: the loops of `filter.learned_noise`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.bias import LASTS_S
+from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
+from e3pose.estimate.filter.kernels.bias import inflation
+from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
+from e3pose.estimate.filter.kernels.scratch import Detectors, Matches, Site, Tracks, Views
+from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
+from e3pose.estimate.filter.learned_noise import (
+    ALIKE,
+    COUNT,
+    KNOWN,
+    LEAST_SHARE,
+    LOG,
+    MEDIAN,
+    MEMORY,
+    MIDDLE_SCORE,
+    MOST,
+    MOST_LEVERAGE,
+    SCORE_REACH,
+    SLOPE,
+    STEEPEST,
+)
+from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.geometry.projection import MIN_DEPTH_M
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+
+FURTHEST = math.log(MOST)
+ROBUST = 1.0 / OUTLIER_SIGMAS**2
+
+
+@kernel
+def recall_noise(noise: Floats, site: Site, detectors: Detectors) -> None:
+    """Begin a slot: work out the factors and the scales of all cameras; nothing is learned yet."""
+    num_cameras = len(noise) - 1
+    total, mean = site.noise_weight, 0.0
+    for camera in range(num_cameras):
+        count = noise[camera, COUNT]
+        own = count * ALIKE / (count + ALIKE)
+        mean += own * noise[camera, LOG]
+        total += own
+    mean /= total
+    for camera in range(num_cameras):
+        count = noise[camera, COUNT]
+        log = (count * noise[camera, LOG] + ALIKE * mean) / (count + ALIKE)
+        detectors.logs[camera] = log
+        detectors.scales[camera] = site.scales[camera] * math.exp(log)
+    count = noise[num_cameras, COUNT]
+    tilt = noise[num_cameras, LOG] * count / (count + site.noise_weight)
+    detectors.logs[num_cameras] = tilt
+    for knot in range(len(site.noise_px)):
+        lean = _leaning(site.noise_scores[knot])
+        detectors.noise_px[knot] = site.noise_px[knot] * math.exp(tilt * lean)
+    for row in range(num_cameras + 1):
+        detectors.fresh[row] = 0.0
+        detectors.steps[row] = 0.0
+
+
+@kernel
+def _leaning(score: float) -> float:
+    lean = (score - MIDDLE_SCORE) / SCORE_REACH
+    return -1.0 if lean < -1.0 else 1.0 if lean > 1.0 else lean
+
+
+@kernel
+def compare_noise(
+    track: int,
+    dt: float,
+    site: Site,
+    views: Views,
+    matches: Matches,
+    tracks: Tracks,
+    detectors: Detectors,
+) -> None:
+    """Compare the keypoints of a track that was just updated with what the others say."""
+    recent = 0
+    for camera in range(len(views.counts)):
+        shown = views.arrived[camera] and matches.assigned[camera, track] >= 0
+        recent += shown or tracks.last_seen_s[track, camera] + dt < PROOF_S
+    if not (tracks.confirmed[track] and recent >= PROOF_CAMERAS):
+        return
+    for camera in range(len(views.counts)):
+        person = matches.assigned[camera, track]
+        if views.arrived[camera] and person >= 0:
+            since_s = tracks.last_seen_s[track, camera] + dt
+            _compare(
+                camera,
+                views.starts[camera] + person,
+                1.0 - KNOWN * math.exp(-2.0 * since_s / LASTS_S),
+                inflation(since_s),
+                tracks.state[track],
+                tracks.covariance[track],
+                site.projections[camera],
+                views,
+                tracks.bias_px[track, camera],
+                detectors,
+            )
+
+
+@kernel
+def _compare(
+    camera: int,
+    row: int,
+    left_over: float,
+    factor: float,
+    state: Floats,
+    covariance: Floats,
+    projection: Floats,
+    views: Views,
+    bias_px: Floats,
+    detectors: Detectors,
+) -> None:
+    """Add the evidence of one detection, and how much of it lies beyond the median.
+
+    `left_over` is the share of its variances beside the learned bias, `factor` that of the update.
+    """
+    tilt = len(detectors.logs) - 1
+    for joint in range(len(state)):
+        if not views.weights[row, joint] > MIN_SCORE:
+            continue
+        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
+        if not depth > MIN_DEPTH_M:
+            continue
+        doubt = doubt_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
+        du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
+        dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
+        squares = du * du + dv * dv
+        variance = views.variances[row, joint] * factor
+        leverage = doubt / (variance * (1.0 + squares / variance * ROBUST))
+        left = 1.0 - (leverage if leverage < MOST_LEVERAGE else MOST_LEVERAGE)
+        own = views.variances[row, joint] * left_over
+        total = own + doubt / left
+        share = own / total
+        if share > LEAST_SHARE:
+            lean = _leaning(views.weights[row, joint])
+            beyond = squares / (left * left) > MEDIAN * total
+            surprise = share * (0.5 if beyond else -0.5) / SLOPE
+            detectors.fresh[camera] += share * share
+            detectors.steps[camera] += surprise
+            detectors.fresh[tilt] += (share * lean) ** 2
+            detectors.steps[tilt] += surprise * lean
+
+
+@kernel
+def learn_noise(noise: Floats, detectors: Detectors) -> None:
+    """Add what was found in a slot to `noise`, which is `Belief.noise`."""
+    for camera in range(len(noise)):  # and the tilt, which comes last
+        fresh = detectors.fresh[camera]
+        if not fresh > 0.0:
+            continue
+        count = noise[camera, COUNT]
+        log = noise[camera, LOG] * count + detectors.logs[camera] * fresh + detectors.steps[camera]
+        log /= count + fresh
+        most = FURTHEST if camera < len(noise) - 1 else math.log(STEEPEST)
+        log = -most if log < -most else most if log > most else log
+        noise[camera, LOG] = log
+        noise[camera, COUNT] = count + fresh if count + fresh < MEMORY else MEMORY

@@ -1,0 +1,75 @@
+"""Where a view shows a point, and how that moves with the point."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+
+
+@kernel
+def shown_at(
+    projection: Floats, x: float, y: float, z: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Return the depth of a point, its pixel, and the gradients of both pixel coordinates.
+
+    Args:
+        projection: `(3, 4)`.
+        x: of the point in the world, metres, as `y` and `z`.
+        y: see `x`.
+        z: see `x`.
+
+    Returns:
+        `depth, u, v, u_x, u_y, u_z, v_x, v_y, v_z`: metres, pixels, and pixels per metre. Behind
+        the camera, at a depth of 0 or less, the rest means nothing.
+    """
+    depth = projection[2, 0] * x + projection[2, 1] * y + projection[2, 2] * z + projection[2, 3]
+    inverse = 1.0 / depth
+    u = inverse * (
+        projection[0, 0] * x + projection[0, 1] * y + projection[0, 2] * z + projection[0, 3]
+    )
+    v = inverse * (
+        projection[1, 0] * x + projection[1, 1] * y + projection[1, 2] * z + projection[1, 3]
+    )
+    return (
+        depth,
+        u,
+        v,
+        (projection[0, 0] - u * projection[2, 0]) * inverse,
+        (projection[0, 1] - u * projection[2, 1]) * inverse,
+        (projection[0, 2] - u * projection[2, 2]) * inverse,
+        (projection[1, 0] - v * projection[2, 0]) * inverse,
+        (projection[1, 1] - v * projection[2, 1]) * inverse,
+        (projection[1, 2] - v * projection[2, 2]) * inverse,
+    )
+
+
+@kernel
+def doubt_px2(
+    covariance: Floats, ux: float, uy: float, uz: float, vx: float, vy: float, vz: float
+) -> float:
+    """Return the mean variance of a shown point's two coordinates, from the gradients of both.
+
+    Args:
+        covariance: `(6, 6)` of the point's position and velocity.
+        ux: gradient of the first coordinate, pixels per metre, as `uy` and `uz`.
+        uy: see `ux`.
+        uz: see `ux`.
+        vx: of the second coordinate, as `vy` and `vz`.
+        vy: see `vx`.
+        vz: see `vx`.
+    """
+    doubt = (
+        covariance[0, 0] * (ux * ux + vx * vx)
+        + covariance[1, 1] * (uy * uy + vy * vy)
+        + covariance[2, 2] * (uz * uz + vz * vz)
+    ) / 2
+    doubt += (
+        covariance[0, 1] * (ux * uy + vx * vy)
+        + covariance[0, 2] * (ux * uz + vx * vz)
+        + covariance[1, 2] * (uy * uz + vy * vz)
+    )
+    return float(doubt)

@@ -1,0 +1,294 @@
+"""What the compiled filter works on: the constants of a model, and its working memory.
+
+Everything is a structure of arrays: one array per quantity, a row per track, detection or leftover.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.state import MAX_LEFTOVERS, Belief, Model
+from e3pose.geometry.undistort import Lenses, make_lenses
+from e3pose.kernel import LANES
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+class Site(NamedTuple):
+    """What is constant about a rig, a skeleton and a detector."""
+
+    projections: Floats  # (num_cameras, 3, 4)
+    sizes: Floats  # (num_cameras, 2)
+    scales: Floats  # (num_cameras,)
+    noise_scores: Floats  # (num_knots,)
+    noise_px: Floats  # (num_knots,)
+    noise_weight: float
+    bones: Integers  # (num_bones, 2)
+    slacks_m: Floats  # (num_bones,)
+    loose: Flags  # (num_bones,) not between a joint and its parent
+    links: Integers  # (num_joints,) the bone to its parent, -1 for none
+    girdles: Integers  # (num_girdles, 2) left and right shoulder, left and right hip
+    parents: Integers  # (num_joints,) -1 at the root
+    order: Integers  # (num_joints,) the root first, each joint after its parent
+    depths: Integers  # (num_joints,) steps from the root
+    drift_m2ps4: Floats  # (num_joints,)
+    lasts_s: Floats  # (num_joints,)
+    swing_per_s2: Floats  # (num_joints,)
+    corner_m: Floats  # (2,) of the cells of `Belief.sights`
+    wait_s: float  # how long a detection that no track explains waits for a second view
+    lenses: Lenses
+
+
+def make_site(model: Model) -> Site:
+    """Collect the constants of a model."""
+    tree = model.tree
+    loose = np.ones(len(model.bones), bool)
+    loose[model.links[model.links >= 0]] = False
+    depths = np.zeros(len(model.skeleton), np.int64)
+    for depth, joints in enumerate(tree.levels):
+        depths[joints] = depth
+    return Site(
+        np.ascontiguousarray(model.rig.projections),
+        np.ascontiguousarray(model.image_sizes),
+        np.ascontiguousarray(model.scales),
+        np.array(model.noise.scores),
+        np.array(model.noise.sigma_px),
+        float(model.noise.weight),
+        np.ascontiguousarray(model.bones),
+        np.ascontiguousarray(model.slacks_m),
+        loose,
+        np.ascontiguousarray(model.links),
+        np.ascontiguousarray(model.girdles),
+        np.ascontiguousarray(tree.parents),
+        np.concatenate(tree.levels),
+        depths,
+        np.ascontiguousarray(tree.drift_m2ps4),
+        np.ascontiguousarray(tree.lasts_s),
+        np.ascontiguousarray(tree.swing_per_s2),
+        np.ascontiguousarray(model.corner_m),
+        float(model.wait_s),
+        make_lenses(model.rig),
+    )
+
+
+class Views(NamedTuple):
+    """The detections of a slot: as they came, and in rows, ordered by camera."""
+
+    arrived: Flags  # (num_cameras,)
+    counts: Integers  # (num_cameras,)
+    keypoints_px: Floats  # (num_cameras, max_people, num_joints, 2) in the real images
+    scores: Floats  # (num_cameras, max_people, num_joints)
+    starts: Integers  # (num_cameras,) the row of a camera's first detection
+    cameras: Integers  # (num_rows,)
+    free: Flags  # (num_rows,) no track explains it
+    strength: Floats  # (num_rows,) sum of scores
+    ranks: Integers  # (num_rows,) how many of the same camera are surer
+    pixels: Floats  # (num_rows, num_joints, 2) undistorted
+    weights: Floats  # (num_rows, num_joints) scores
+    variances: Floats  # (num_rows, num_joints) of either coordinate, px^2
+    lanes: Floats
+
+
+class Tracks(NamedTuple):
+    """The columns of `filter.Belief`, with room for more tracks."""
+
+    track_ids: Integers
+    state: Floats
+    covariance: Floats
+    shared: Floats
+    unmeasured_s: Floats
+    existence: Floats
+    hits: Integers
+    alone: Floats
+    seen_by: Flags
+    last_seen_s: Floats
+    delivered: Floats
+    missed: Floats
+    bias_px: Floats
+    confirmed: Flags
+    bones_m: Floats
+    bone_counts: Floats
+
+
+class Waiting(NamedTuple):
+    """Detections that nobody explains, of this slot and of earlier ones."""
+
+    times_s: Floats
+    cameras: Integers
+    keypoints_px: Floats
+    scores: Floats
+    strength: Floats  # sum of scores
+    order: Integers  # the rows that stay, in order
+
+
+class Matches(NamedTuple):
+    """Which detection of which view is whose."""
+
+    assigned: Integers  # (num_cameras, num_tracks) row within the view, -1 for none
+    fits: Floats  # (num_cameras, num_tracks)
+    inside: Flags  # (num_cameras, num_tracks) the view should show the track
+    places_m: Floats  # (num_tracks, 2) on the floor, as predicted
+    taught: Flags  # (num_tracks,) somebody of whom it is learned what cameras show
+
+
+class Detectors(NamedTuple):
+    """How noisy the cameras' keypoints are, and what a slot adds to that."""
+
+    noise_px: Floats  # (num_knots,) of the noise file, with the tilt by score
+    logs: Floats  # (num_cameras + 1,) logarithm of the factor on the noise file; the tilt
+    scales: Floats  # (num_cameras,) `Site.scales` times that factor
+    fresh: Floats  # (num_cameras + 1,) keypoints that teach
+    steps: Floats  # (num_cameras + 1,) how much they are beyond their median
+
+
+class Offers(NamedTuple):
+    """Room for assigning the detections of one view."""
+
+    sight: Floats  # (4, num_joints) one track in the view: u, v, variance, in front
+    cost: Floats  # (num_tracks, max_people)
+    vagueness: Floats  # (num_tracks, max_people)
+    offered: Floats  # (num_tracks, max_people) their sum, of those who choose
+    choosers: Integers  # (num_tracks,)
+    people: Integers  # (max_people,)
+    reals: Floats  # (3, tracks or people) for `assign`
+    integers: Integers  # (5, tracks or people) likewise
+    flags: Flags  # (2, tracks or people) likewise
+
+
+class Passes(NamedTuple):
+    """Room for the passes of one track's update; blocks of 6 x 6 are rows of 36 numbers."""
+
+    prior_own: Floats  # (num_joints, 36) information of the prior about each joint
+    prior_across: Floats  # (num_joints, 36) about each joint and its parent
+    own: Floats  # (num_joints, 36) the same of one pass, and what is made of it
+    across: Floats  # (num_joints, 36)
+    room: Floats  # (3, 36)
+    pull: Floats  # (num_joints, 6)
+    moved: Floats  # (num_joints, 6) from the prediction
+    places: Floats  # (num_joints, 3)
+    seen: Floats  # (num_joints, 9) of keypoints and loose bones: a symmetric 3 x 3, a vector
+    measured: Flags  # (num_joints,)
+
+
+class Pairs(NamedTuple):
+    """Room for the pairs of leftovers that may be one person."""
+
+    fits: Floats  # (num_pairs,)
+    ends: Integers  # (num_pairs, 2)
+    joints_m: Floats  # (num_pairs, num_joints, 3)
+    taken: Flags  # (num_waiting,)
+    px: Floats  # (2, num_joints, 2) of one pair
+    scores: Floats  # (2, num_joints)
+    cameras: Integers  # (2,)
+    rows: Integers  # (2,) 0, 1
+    small: Floats  # (4, 4, 4)
+    middle: Floats  # (3,)
+    sorted: Floats  # (num_joints,)
+
+
+class Memory(NamedTuple):
+    """All of it, allocated once for as many tracks, people and leftovers."""
+
+    views: Views
+    tracks: Tracks
+    waiting: Waiting
+    matches: Matches
+    detectors: Detectors
+    offers: Offers
+    passes: Passes
+    pairs: Pairs
+
+
+def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int) -> Memory:
+    """Allocate room for so many tracks, people in one view, and leftovers from earlier slots."""
+    cameras, joints = len(model.rig), len(model.skeleton)
+    rows = cameras * num_people
+    waiting = MAX_LEFTOVERS + num_waiting
+    pairs = MAX_LEFTOVERS * (MAX_LEFTOVERS - 1) // 2
+    most = max(num_tracks, num_people)
+    return Memory(
+        Views(
+            arrived=np.zeros(cameras, bool),
+            counts=np.zeros(cameras, np.int64),
+            keypoints_px=np.zeros((cameras, num_people, joints, 2)),
+            scores=np.zeros((cameras, num_people, joints)),
+            starts=np.zeros(cameras, np.int64),
+            cameras=np.zeros(rows, np.int64),
+            free=np.zeros(rows, bool),
+            strength=np.zeros(rows),
+            ranks=np.zeros(rows, np.int64),
+            pixels=np.zeros((rows, joints, 2)),
+            weights=np.zeros((rows, joints)),
+            variances=np.zeros((rows, joints)),
+            lanes=np.zeros(6 * LANES),
+        ),
+        Tracks(
+            **{
+                name: np.zeros((num_tracks, *column.shape[1:]), column.dtype)
+                for name, column in Belief.empty(model).columns().items()
+            }
+        ),
+        Waiting(
+            times_s=np.zeros(waiting),
+            cameras=np.zeros(waiting, np.int64),
+            keypoints_px=np.zeros((waiting, joints, 2)),
+            scores=np.zeros((waiting, joints)),
+            strength=np.zeros(waiting),
+            order=np.zeros(waiting, np.int64),
+        ),
+        Matches(
+            assigned=np.zeros((cameras, num_tracks), np.int64),
+            fits=np.zeros((cameras, num_tracks)),
+            inside=np.zeros((cameras, num_tracks), bool),
+            places_m=np.zeros((num_tracks, 2)),
+            taught=np.zeros(num_tracks, bool),
+        ),
+        Detectors(
+            noise_px=np.zeros(len(model.noise.scores)),
+            logs=np.zeros(cameras + 1),
+            scales=np.zeros(cameras),
+            fresh=np.zeros(cameras + 1),
+            steps=np.zeros(cameras + 1),
+        ),
+        Offers(
+            sight=np.zeros((4, joints)),
+            cost=np.zeros((num_tracks, num_people)),
+            vagueness=np.zeros((num_tracks, num_people)),
+            offered=np.zeros((num_tracks, num_people)),
+            choosers=np.zeros(num_tracks, np.int64),
+            people=np.zeros(num_people, np.int64),
+            reals=np.zeros((3, most)),
+            integers=np.zeros((5, most), np.int64),
+            flags=np.zeros((2, most), bool),
+        ),
+        Passes(
+            prior_own=np.zeros((joints, 36)),
+            prior_across=np.zeros((joints, 36)),
+            own=np.zeros((joints, 36)),
+            across=np.zeros((joints, 36)),
+            room=np.zeros((3, 36)),
+            pull=np.zeros((joints, 6)),
+            moved=np.zeros((joints, 6)),
+            places=np.zeros((joints, 3)),
+            seen=np.zeros((joints, 9)),
+            measured=np.zeros(joints, bool),
+        ),
+        Pairs(
+            fits=np.zeros(pairs),
+            ends=np.zeros((pairs, 2), np.int64),
+            joints_m=np.zeros((pairs, joints, 3)),
+            taken=np.zeros(waiting, bool),
+            px=np.zeros((2, joints, 2)),
+            scores=np.zeros((2, joints)),
+            cameras=np.zeros(2, np.int64),
+            rows=np.arange(2),
+            small=np.zeros((4, 4, 4)),
+            middle=np.zeros(3),
+            sorted=np.zeros(joints),
+        ),
+    )

@@ -1,0 +1,309 @@
+"""One slot of the estimator: predict, associate, update, who exists, who is new."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from e3pose.errors import InputError
+from e3pose.estimate.filter import doors
+from e3pose.estimate.filter.kernels.associate import BIAS_PX, associate
+from e3pose.estimate.filter.kernels.bias import learn_bias
+from e3pose.estimate.filter.kernels.births import give_birth
+from e3pose.estimate.filter.kernels.blindness import learn_sights
+from e3pose.estimate.filter.kernels.existence import attend, end
+from e3pose.estimate.filter.kernels.learned_noise import compare_noise, learn_noise, recall_noise
+from e3pose.estimate.filter.kernels.predict import predict
+from e3pose.estimate.filter.kernels.scratch import (
+    Detectors,
+    Memory,
+    Site,
+    Views,
+    make_memory,
+    make_site,
+)
+from e3pose.estimate.filter.kernels.update import learn_bones, update
+from e3pose.estimate.filter.shown import Estimate, estimate_of
+from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS, Belief, Floats, Leftovers, Model
+from e3pose.geometry.undistort import undistort_slot
+from e3pose.kernel import kernel
+from e3pose.model.pose import MAX_PIXEL, MIN_SCORE, Poses2D
+
+LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
+MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
+
+
+def check_slot(model: Model, views: Mapping[int, Poses2D], time_s: float) -> None:
+    """Raise `InputError` for views or a time that `step` cannot take."""
+    if not np.isfinite(time_s):
+        raise InputError(f"time: found {time_s}, expected seconds")
+    for camera, view in views.items():
+        if not 0 <= camera < len(model.rig):
+            raise InputError(f"camera {camera}: expected an index below {len(model.rig)}")
+        if view.scores.shape[1] != len(model.skeleton):
+            raise InputError(
+                f"camera {model.rig.camera_ids[camera]}: keypoints: found {view.scores.shape[1]} "
+                f"joints, expected {len(model.skeleton)} ({model.skeleton.name})"
+            )
+
+
+def bounded(view: Poses2D) -> tuple[Floats, Floats]:
+    """Return keypoints and scores of at most `MAX_PEOPLE` people, the most certain ones."""
+    if len(view) <= MAX_PEOPLE:
+        return view.keypoints_px, view.scores
+    strongest = np.argsort(-view.scores.sum(axis=1), kind="stable")[:MAX_PEOPLE]
+    rows = np.sort(strongest)
+    return view.keypoints_px[rows], view.scores[rows]
+
+
+LEAST_PEOPLE = 16  # of one view, for whom there is always room
+
+
+class StepKernel:
+    """One slot of the filter: the belief before and the views in, the belief now and people out.
+
+    It keeps no history, but what is constant about the newest model, and its working memory; so it
+    must not be shared between threads.
+    """
+
+    def __init__(self) -> None:
+        self._model: Model | None = None
+        self._call: Any = step_slot
+
+    def warm_up(self, model: Model) -> None:
+        """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""
+        self(model, Belief.empty(model), {}, 0.0)
+
+    def __call__(
+        self, model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
+    ) -> tuple[Belief, Estimate]:
+        """Return the belief now and the people who are believed to exist.
+
+        Args:
+            model: the rig, the skeleton, the noise.
+            belief: of the slot before; it is not changed.
+            views: camera index to what it saw, in pixels of the real image.
+            time_s: when; a view that came late counts as seen now, time never runs backwards.
+
+        Raises:
+            InputError: for a camera that the rig does not have, or a time that is not a number.
+        """
+        check_slot(model, views, time_s)
+        first = math.isnan(belief.time_s)
+        now = time_s if first else max(time_s, belief.time_s)
+        dt = 0.0 if first else now - belief.time_s
+        before = belief.without_people() if dt > LONGEST_S else belief
+        waiting, num_tracks, num_old = before.leftovers, len(before), len(before.leftovers)
+        most = min(max((len(view) for view in views.values()), default=0), MAX_PEOPLE)
+        memory = self._room_for(model, num_tracks + MAX_LEFTOVERS // 2, most, num_old)
+        _pack(memory.views, views)
+        if num_tracks:
+            for name, column in zip(self._columns, memory.tracks, strict=True):
+                column[:num_tracks] = getattr(before, name)
+        if num_old:
+            memory.waiting.times_s[:num_old] = waiting.times_s
+            memory.waiting.cameras[:num_old] = waiting.cameras
+            memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
+            memory.waiting.scores[:num_old] = waiting.scores
+        sights, noise = np.array(belief.sights, order="C"), np.array(belief.noise, order="C")
+        num_tracks, num_waiting, next_id = self._call(
+            num_tracks, num_old, now, dt, belief.next_id, self._site, sights, noise, memory
+        )
+        rows = memory.waiting.order[:num_waiting]
+        leftovers = Leftovers(
+            memory.waiting.times_s[rows],
+            memory.waiting.cameras[rows],
+            memory.waiting.keypoints_px[rows],
+            memory.waiting.scores[rows],
+        )
+        columns: dict[str, Any] = {
+            name: column[:num_tracks].copy()
+            for name, column in zip(self._columns, memory.tracks, strict=True)
+        }
+        belief = Belief(
+            time_s=now,
+            leftovers=leftovers,
+            sights=sights,
+            doors=before.doors,
+            noise=noise,
+            next_id=next_id,
+            **columns,
+        )
+        belief = replace(belief, doors=doors.learn(before, belief, model))
+        return belief, estimate_of(belief, model)
+
+    def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Memory:
+        """Return memory with room for so many tracks, people in a view and old leftovers."""
+        if model is not self._model:
+            self._model = model
+            self._site = make_site(model)
+            self._columns = tuple(Belief.empty(model).columns())
+            self._room = (0, 0, 0)
+        room = self._room
+        if tracks > room[0] or people > room[1] or old > room[2]:
+            self._room = (
+                max(tracks, room[0], MAX_TRACKS),
+                max(people, room[1], LEAST_PEOPLE),
+                max(old, room[2], MAX_LEFTOVERS),
+            )
+            self._memory = make_memory(model, *self._room)
+        return self._memory
+
+
+def _pack(memory: Views, views: Mapping[int, Poses2D]) -> None:
+    memory.arrived[:] = False
+    memory.counts[:] = 0
+    for camera, view in views.items():
+        keypoints_px, scores = bounded(view)
+        people = len(scores)
+        memory.arrived[camera] = True
+        memory.counts[camera] = people
+        memory.keypoints_px[camera, :people] = keypoints_px
+        memory.scores[camera, :people] = scores
+
+
+@kernel
+def step_slot(
+    num_tracks: int,
+    num_old: int,
+    time_s: float,
+    dt: float,
+    next_id: int,
+    site: Site,
+    sights: Floats,
+    noise: Floats,
+    memory: Memory,
+) -> tuple[int, int, int]:
+    """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
+    views, tracks, passes = memory.views, memory.tracks, memory.passes
+    predict(num_tracks, dt, site, tracks, passes)
+    for track in range(num_tracks):
+        for axis in range(2):
+            memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
+    recall_noise(noise, site, memory.detectors)
+    _prepare(site, memory.detectors, views)
+    num_views = 0
+    for camera in range(len(views.counts)):
+        if views.arrived[camera]:
+            num_views += 1
+            associate(
+                camera,
+                num_tracks,
+                site.projections[camera],
+                site.sizes[camera],
+                (BIAS_PX * site.scales[camera]) ** 2,
+                views,
+                tracks.confirmed,
+                tracks.state,
+                tracks.covariance,
+                memory.matches,
+                memory.offers,
+            )
+    for track in range(num_tracks):
+        if num_views:
+            update(track, dt, site, views, memory.matches.assigned, tracks, passes)
+            compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
+        for camera in range(len(views.counts)):
+            person = memory.matches.assigned[camera, track]
+            if views.arrived[camera] and person >= 0:
+                learn_bias(
+                    views.starts[camera] + person,
+                    tracks.last_seen_s[track, camera] + dt,
+                    tracks.state[track],
+                    tracks.covariance[track],
+                    site.projections[camera],
+                    views.pixels,
+                    views.weights,
+                    views.variances,
+                    tracks.bias_px[track, camera],
+                )
+        learn_bones(
+            tracks.state[track],
+            tracks.covariance[track],
+            tracks.unmeasured_s[track],
+            site.bones,
+            tracks.bones_m[track],
+            tracks.bone_counts[track],
+            passes.measured,
+        )
+    learn_noise(noise, memory.detectors)
+    attend(
+        num_tracks,
+        dt,
+        memory.detectors.scales,
+        memory.detectors.noise_px,
+        views,
+        memory.matches,
+        sights,
+        site.corner_m,
+        tracks,
+    )
+    learn_sights(num_tracks, dt, site.corner_m, views.arrived, memory.matches, sights, tracks)
+    num_tracks, num_waiting, next_id = give_birth(
+        num_tracks,
+        num_old,
+        time_s,
+        site.wait_s,
+        next_id,
+        site.projections,
+        site.scales,
+        site.depths,
+        site.girdles,
+        views,
+        tracks,
+        memory.waiting,
+        memory.pairs,
+    )
+    num_tracks = end(num_tracks, site.girdles, tracks, memory.offers.flags[0])
+    return num_tracks, num_waiting, next_id
+
+
+@kernel
+def _prepare(site: Site, detectors: Detectors, views: Views) -> None:
+    """Take the lenses out and look up the noise; nobody is explained yet."""
+    undistort_slot(
+        views.keypoints_px,
+        views.scores,
+        views.counts,
+        site.lenses.models,
+        site.lenses.numbers,
+        site.lenses.tables,
+        views.lanes,
+        views.pixels,
+    )
+    row = 0
+    for camera in range(len(views.counts)):
+        views.starts[camera] = row
+        for person in range(views.counts[camera]):
+            views.cameras[row] = camera
+            views.free[row] = True
+            for joint in range(views.scores.shape[2]):
+                u, v = views.pixels[row, joint, 0], views.pixels[row, joint, 1]
+                score = views.scores[camera, person, joint]
+                if not (score >= MIN_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL):
+                    score = 0.0
+                    views.pixels[row, joint, 0] = views.pixels[row, joint, 1] = np.nan
+                views.weights[row, joint] = score
+                sigma = _noise_px(score, site.noise_scores, detectors.noise_px)
+                sigma *= detectors.scales[camera]
+                views.variances[row, joint] = sigma * sigma
+            row += 1
+
+
+@kernel
+def _noise_px(score: float, scores: Floats, sigmas: Floats) -> float:
+    """Interpolate as `numpy.interp` does."""
+    last = len(scores) - 1
+    if score <= scores[0]:
+        return float(sigmas[0])
+    if score >= scores[last]:
+        return float(sigmas[last])
+    knot = 0
+    while scores[knot + 1] < score:
+        knot += 1
+    slope = (sigmas[knot + 1] - sigmas[knot]) / (scores[knot + 1] - scores[knot])
+    return float(sigmas[knot] + slope * (score - scores[knot]))

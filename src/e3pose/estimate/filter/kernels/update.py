@@ -1,0 +1,315 @@
+"""Predict and update: one Kalman filter per person, measured directly by pixels of any views."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.kernels.bias import inflation
+from e3pose.estimate.filter.kernels.projected import shown_at
+from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks, Views
+from e3pose.estimate.filter.kernels.tree import eliminate, prepare, spread_out
+from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.geometry.projection import MIN_DEPTH_M
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+OUTLIER_SIGMAS = 2.0  # where the weight of a keypoint is halved
+MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
+ROBUST = 1.0 / OUTLIER_SIGMAS**2
+ITERATIONS = 3
+BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
+BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
+
+
+@kernel
+def update(
+    track: int,
+    dt: float,
+    site: Site,
+    views: Views,
+    assigned: Integers,
+    tracks: Tracks,
+    passes: Passes,
+) -> None:
+    """Move a track to what the views of the slot and the learned bones say.
+
+    `assigned` is that of `Matches`, `dt` the seconds since the slot before.
+    """
+    state, covariance = tracks.state[track], tracks.covariance[track]
+    bones_m, counts = tracks.bones_m[track], tracks.bone_counts[track]
+    num_joints, num_cameras = len(state), len(views.counts)
+    blocks = covariance.reshape(num_joints, 36)
+    shared = tracks.shared[track].reshape(num_joints, 36)
+    moved, places, seen = passes.moved, passes.places, passes.seen
+    prepare(
+        site.order,
+        site.parents,
+        blocks,
+        shared,
+        passes.prior_own,
+        passes.prior_across,
+        passes.own,
+        passes.room,
+    )
+    for joint in range(num_joints):
+        passes.measured[joint] = False
+        for axis in range(6):
+            moved[joint, axis] = 0.0
+    shown = False
+    for camera in range(num_cameras):
+        shown |= views.arrived[camera] and assigned[camera, track] >= 0
+    for iteration in range(ITERATIONS):
+        for joint in range(num_joints):
+            for axis in range(3):
+                places[joint, axis] = state[joint, axis] + moved[joint, axis]
+            for entry in range(9):
+                seen[joint, entry] = 0.0
+        for camera in range(num_cameras):
+            if views.arrived[camera] and assigned[camera, track] >= 0:
+                _pull_view(
+                    views.starts[camera] + assigned[camera, track],
+                    places,
+                    moved,
+                    covariance,
+                    site.projections[camera],
+                    views.pixels,
+                    views.weights,
+                    views.variances,
+                    tracks.bias_px[track, camera],
+                    inflation(tracks.last_seen_s[track, camera] + dt),
+                    iteration == 0,
+                    seen,
+                    passes.measured,
+                )
+        if shown:  # else two joints would make each other surer without anybody having looked
+            _pull_loose_bones(
+                places,
+                moved,
+                covariance,
+                bones_m,
+                counts,
+                site.bones,
+                site.slacks_m,
+                site.loose,
+                seen,
+            )
+        _sum_up(passes)
+        _pull_links(
+            places,
+            moved,
+            bones_m,
+            counts,
+            site.links,
+            site.parents,
+            site.slacks_m,
+            passes.own,
+            passes.across,
+            passes.pull,
+        )
+        eliminate(site.order, site.parents, passes.own, passes.across, passes.pull, moved)
+    for joint in range(num_joints):
+        for axis in range(6):
+            state[joint, axis] += moved[joint, axis]
+        if passes.measured[joint]:
+            tracks.unmeasured_s[track, joint] = 0.0
+    spread_out(site.order, site.parents, passes.own, passes.across, blocks, shared, passes.room)
+
+
+@kernel
+def _pull_view(
+    row: int,
+    places: Floats,
+    moved: Floats,
+    covariance: Floats,
+    projection: Floats,
+    pixels: Floats,
+    weights: Floats,
+    variances: Floats,
+    bias_px: Floats,
+    factor: float,
+    first: bool,
+    seen: Floats,
+    measured: Flags,
+) -> None:
+    """Add to `seen` what one detection says about each joint; note what it measures.
+
+    `factor` is on its variances.
+    """
+    for joint in range(len(places)):
+        if not weights[row, joint] > MIN_SCORE:
+            continue
+        x, y, z = places[joint, 0], places[joint, 1], places[joint, 2]
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
+        if not depth > MIN_DEPTH_M:
+            continue
+        xx, xy, xz = ux * ux + vx * vx, ux * uy + vx * vy, ux * uz + vx * vz
+        yy, yz, zz = uy * uy + vy * vy, uy * uz + vy * vz, uz * uz + vz * vz
+        variance = variances[row, joint] * factor
+        expected = variance
+        if first:  # a prediction may be off by more than a keypoint
+            expected += (
+                covariance[joint, 0, 0] * xx
+                + covariance[joint, 1, 1] * yy
+                + covariance[joint, 2, 2] * zz
+            ) / 2
+            expected += (
+                covariance[joint, 0, 1] * xy
+                + covariance[joint, 0, 2] * xz
+                + covariance[joint, 1, 2] * yz
+            )
+        du = pixels[row, joint, 0] - bias_px[joint, 0] - u
+        dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
+        off = (du * du + dv * dv) / expected
+        measured[joint] |= off < MEASURED_SIGMAS**2
+        weight = 1.0 / ((1.0 + off * ROBUST) * variance)
+        du += ux * moved[joint, 0] + uy * moved[joint, 1] + uz * moved[joint, 2]
+        dv += vx * moved[joint, 0] + vy * moved[joint, 1] + vz * moved[joint, 2]
+        seen[joint, 0] += weight * xx
+        seen[joint, 1] += weight * xy
+        seen[joint, 2] += weight * yy
+        seen[joint, 3] += weight * xz
+        seen[joint, 4] += weight * yz
+        seen[joint, 5] += weight * zz
+        seen[joint, 6] += weight * (ux * du + vx * dv)
+        seen[joint, 7] += weight * (uy * du + vy * dv)
+        seen[joint, 8] += weight * (uz * du + vz * dv)
+
+
+@kernel
+def _pull_loose_bones(
+    places: Floats,
+    moved: Floats,
+    covariance: Floats,
+    bones_m: Floats,
+    counts: Floats,
+    bones: Integers,
+    slacks_m: Floats,
+    loose: Flags,
+    seen: Floats,
+) -> None:
+    """Add what bones that are not in the tree say to either end; each thinks the other fixed."""
+    for bone in range(len(bones_m)):
+        if not (loose[bone] and counts[bone] > BONE_TEACHERS):
+            continue
+        first, second = bones[bone, 0], bones[bone, 1]
+        x = places[first, 0] - places[second, 0]
+        y = places[first, 1] - places[second, 1]
+        z = places[first, 2] - places[second, 2]
+        length = math.sqrt(x * x + y * y + z * z)
+        length = length if length > 1e-6 else 1e-6
+        x, y, z = x / length, y / length, z / length
+        excess = length - bones_m[bone]
+        for turn in range(2):
+            joint, other, sign = (first, second, 1.0) if turn == 0 else (second, first, -1.0)
+            spread = (
+                covariance[other, 0, 0] * x * x
+                + covariance[other, 1, 1] * y * y
+                + covariance[other, 2, 2] * z * z
+            )
+            spread += 2.0 * (
+                covariance[other, 0, 1] * x * y
+                + covariance[other, 0, 2] * x * z
+                + covariance[other, 1, 2] * y * z
+            )
+            weight = 1.0 / (spread / 2 + slacks_m[bone] ** 2)
+            gone = moved[joint, 0] * x + moved[joint, 1] * y + moved[joint, 2] * z
+            pull = weight * (gone - sign * excess)
+            seen[joint, 0] += weight * x * x
+            seen[joint, 1] += weight * x * y
+            seen[joint, 2] += weight * y * y
+            seen[joint, 3] += weight * x * z
+            seen[joint, 4] += weight * y * z
+            seen[joint, 5] += weight * z * z
+            seen[joint, 6] += pull * x
+            seen[joint, 7] += pull * y
+            seen[joint, 8] += pull * z
+
+
+@kernel
+def _sum_up(passes: Passes) -> None:
+    """Begin a pass with the prior and what was seen."""
+    for joint in range(len(passes.moved)):
+        for entry in range(36):
+            passes.own[joint, entry] = passes.prior_own[joint, entry]
+            passes.across[joint, entry] = passes.prior_across[joint, entry]
+        entry = 0
+        for a in range(3):
+            for b in range(a + 1):
+                passes.own[joint, 6 * a + b] += passes.seen[joint, entry]
+                entry += 1
+            passes.pull[joint, a] = passes.seen[joint, 6 + a]
+            passes.pull[joint, a + 3] = 0.0
+
+
+@kernel
+def _pull_links(
+    places: Floats,
+    moved: Floats,
+    bones_m: Floats,
+    counts: Floats,
+    links: Integers,
+    parents: Integers,
+    slacks_m: Floats,
+    own: Floats,
+    across: Floats,
+    pull: Floats,
+) -> None:
+    """Add what the bones of the tree say to both of their ends together."""
+    for joint in range(len(links)):
+        bone, parent = links[joint], parents[joint]
+        if bone < 0 or not counts[bone] > BONE_TEACHERS:
+            continue
+        squares = turned = 0.0
+        for axis in range(3):
+            between = places[joint, axis] - places[parent, axis]
+            squares += between * between
+            turned += (moved[joint, axis] - moved[parent, axis]) * between
+        length = math.sqrt(squares)
+        length = length if length > 1e-6 else 1e-6
+        weight = 1.0 / slacks_m[bone] ** 2
+        excess = length - bones_m[bone] - turned / length
+        for a in range(3):
+            along = (places[joint, a] - places[parent, a]) / length
+            pull[joint, a] -= weight * excess * along
+            pull[parent, a] += weight * excess * along
+            for b in range(3):
+                both = weight * along * (places[joint, b] - places[parent, b]) / length
+                across[joint, 6 * a + b] -= both
+                if b <= a:
+                    own[joint, 6 * a + b] += both
+                    own[parent, 6 * a + b] += both
+
+
+@kernel
+def learn_bones(
+    state: Floats,
+    covariance: Floats,
+    unmeasured_s: Floats,
+    bones: Integers,
+    bones_m: Floats,
+    counts: Floats,
+    known: Flags,
+) -> None:
+    """Let joints that are well known and were just measured teach how far apart they are.
+
+    All of one track; `known` is scratch `(num_joints,)`.
+    """
+    for joint in range(len(state)):
+        spread = covariance[joint, 0, 0] + covariance[joint, 1, 1] + covariance[joint, 2, 2]
+        known[joint] = unmeasured_s[joint] == 0 and spread < 3 * BONE_KNOWN_M**2
+    for bone in range(len(bones_m)):
+        first, second = bones[bone, 0], bones[bone, 1]
+        if not (known[first] and known[second]):
+            continue
+        squares = 0.0
+        for axis in range(3):
+            squares += (state[first, axis] - state[second, axis]) ** 2
+        count = counts[bone] if counts[bone] < BONE_MEMORY else float(BONE_MEMORY)
+        bones_m[bone] = (bones_m[bone] * count + math.sqrt(squares)) / (count + 1.0)
+        counts[bone] = count + 1.0

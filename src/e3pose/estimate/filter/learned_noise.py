@@ -1,0 +1,80 @@
+"""How noisy each camera's keypoints are, as a factor on what the noise file states: learned.
+
+After the update of a slot each keypoint is compared with where all other evidence puts the joint:
+the residual of the update, divided by what the keypoint itself left of it (its leverage). Its
+variance is that of the keypoint plus that of the joint without it, so a keypoint teaches by the
+share that is its own, and not at all where the joint is the vaguer of the two: there the process
+noise would be learned. The median is what is compared, so that wild joints count as one each.
+
+A camera's factor is drawn to the mean of all cameras, and that to the noise file: most sites run
+one detector, and a camera that seldom looks knows little by itself. What a score is worth is of
+the detector: one tilt for all cameras makes certain keypoints better and uncertain ones worse than
+the file states, or the other way round.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from e3pose.estimate.filter.state import Floats, Model
+
+LOG, COUNT = 0, 1  # of the last axis of `Belief.noise`
+ALIKE = 60.0  # keypoints that the other cameras' mean counts for
+MEMORY = 10_000.0  # keypoints of a camera: a minute of five people who are seen all the time
+MOST = 5.0  # the factor and its inverse
+LEAST_SHARE = 0.2  # of a residual's variance that must be the keypoint's own
+MOST_LEVERAGE = 0.9
+KNOWN = 0.4  # share of a keypoint's variance that the learned bias of its view takes off
+# The filter takes joints for independent, which they are not: it is best where it takes keypoints
+# for this much noisier than they are. Shipped files hold it already where people are large.
+CAUTION = 4 / 3
+NORMAL = 2 * np.log(2)  # median squared length of two standard normal coordinates
+MEDIAN = 0.8 * NORMAL / CAUTION**2  # of squared residuals where the factor is right
+SLOPE = np.log(2)  # of the share of residuals beyond their median, by the logarithm of sigma
+MIDDLE_SCORE, SCORE_REACH = 0.7, 0.25  # where the tilt does nothing, and how far it reaches
+STEEPEST = 3.0  # the tilt at its ends, and its inverse
+LEAST_KNOWN = 50.0  # keypoints from which on a camera's factor is worth telling
+
+
+def nothing_known(num_cameras: int) -> Floats:
+    """Return `(num_cameras + 1, 2)` before the first slot, as in `Belief.noise`."""
+    return np.zeros((num_cameras + 1, 2))
+
+
+def factors(noise: Floats, weight: float) -> Floats:
+    """Return `(num_cameras,)` what to multiply the sigma of the noise file by.
+
+    Args:
+        noise: `Belief.noise`.
+        weight: keypoints that the file counts for.
+    """
+    logs, counts = noise[:-1].T
+    own = counts * ALIKE / (counts + ALIKE)
+    mean = (own * logs).sum() / (own.sum() + weight)
+    return np.asarray(np.exp((counts * logs + ALIKE * mean) / (counts + ALIKE)))
+
+
+def tilt(noise: Floats, weight: float) -> float:
+    """Return the logarithm of the factor on sigma at the highest scores; arguments as above."""
+    log, count = noise[-1]
+    return float(log * count / (count + weight))
+
+
+def leaning(scores: Floats) -> Floats:
+    """Return how much of the tilt keypoints of these scores have, in [-1, 1]."""
+    return np.asarray(np.clip((scores - MIDDLE_SCORE) / SCORE_REACH, -1, 1))
+
+
+def knots_px(model: Model, noise: Floats) -> Floats:
+    """Return `(num_cameras, num_knots)`: sigma of each camera at the scores of the noise file."""
+    stated, weight = model.noise, model.noise.weight
+    leant = stated.sigma_px * np.exp(tilt(noise, weight) * leaning(stated.scores))
+    return np.asarray((model.scales * factors(noise, weight))[:, None] * leant)
+
+
+def found(noise: Floats, weight: float) -> Floats:
+    """Return `(num_cameras,)` sigma of the keypoints over the file's; NaN where too little is seen.
+
+    Arguments are those of `factors`.
+    """
+    return np.where(noise[:-1, COUNT] >= LEAST_KNOWN, factors(noise, weight) / CAUTION, np.nan)

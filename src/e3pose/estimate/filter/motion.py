@@ -1,0 +1,69 @@
+"""How a body moves while nobody looks: each joint beside its parent, the root in the world.
+
+    x_j' = x_p' + R_j (x_j - x_p) + w_j,    R = [1, tau (1 - exp(-dt / tau)); 0, exp(-dt / tau)]
+
+A person who walks keeps on walking: the root's velocity lasts. What a limb does beside the body
+turns round within a quarter of a second, and sooner the farther out it is; so a foot that nobody
+sees soon goes with the body. The noise w is that of a velocity with a life of tau, exactly: short
+steps add up to what one long step says. Limbs of somebody who walks swing below their parents, like
+pendulums; what that adds moves the mean alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.tree import Tree
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+ACCELERATION_LASTS_S = 1 / 25
+WALKS_MPS = 0.6  # who is as fast swings limbs as a walker does
+SHORTEST_S = 1e-3
+
+
+def places(tree: Tree, state: Floats, dt: float) -> Floats:
+    """Return the state `dt` seconds later.
+
+    Args:
+        tree: of the skeleton.
+        state: `(num_tracks, num_joints, 6)` metres, metres a second.
+        dt: seconds, 0 or more.
+    """
+    moved = np.empty_like(state)
+    root = tree.levels[0][0]
+    walks = np.minimum(np.linalg.norm(state[:, root, 3:5], axis=-1) / WALKS_MPS, 1.0) ** 2
+    swing = walks[:, None, None] * np.minimum(tree.swing_per_s2, 1 / max(dt, SHORTEST_S) ** 2)
+    fade = np.exp(-dt / tree.lasts_s)[:, None]
+    reach = tree.lasts_s[:, None] * (1 - fade)
+    beside = state.copy()
+    below = np.flatnonzero(tree.parents >= 0)
+    beside[:, below] -= state[:, tree.parents[below]]
+    force = np.zeros_like(state[..., :3])  # of the start, as if it stayed: hence bounded above
+    force[..., :2] = -np.swapaxes(swing, 1, 2) * beside[..., :2]
+    moved[..., :3] = beside[..., :3] + reach * beside[..., 3:]
+    moved[..., :3] += tree.lasts_s[:, None] * (dt - reach) * force
+    moved[..., 3:] = fade * beside[..., 3:] + reach * force
+    for level in tree.levels[1:]:
+        moved[:, level] += moved[:, tree.parents[level]]
+    return moved
+
+
+def alone(tree: Tree) -> tuple[Floats, Floats]:
+    """Return each joint's motion in the world as one process, for those who look at no other.
+
+    It takes part in what all joints above it do. Its velocity lasts as long as theirs do, by their
+    share of the noise.
+
+    Returns:
+        `(num_joints,)` power density of the acceleration along an axis, m2/s3, and `(num_joints,)`
+        seconds until a velocity is down to 1/e.
+    """
+    own = ACCELERATION_LASTS_S * tree.drift_m2ps4
+    total, lasting = own.copy(), own * tree.lasts_s
+    for level in tree.levels[1:]:
+        total[level] += total[tree.parents[level]]
+        lasting[level] += lasting[tree.parents[level]]
+    return total, lasting / total

@@ -1,0 +1,277 @@
+"""Who comes back: identities that outlast a track.
+
+A track that ends leaves behind what tells its person from others: the lengths of the bones and the
+place. A newcomer is compared with everybody who left within minutes, and takes an identity over
+when the odds are clearly in favour:
+
+    odds = prior * p(lengths | same) / p(lengths | others) * p(place | same) / p(place | others)
+
+The logarithm of a length differs between two tracks of one person by the error of measuring alone;
+between two people also by their stature, which all bones share, and by their proportions. Soon
+after somebody was lost the place tells most: people are lost behind others and found again near by.
+Later it only limits what can be walked; who left by one door may come in by another.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from typing import TypeVar
+
+import numpy as np
+
+from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
+from e3pose.model.skeleton import BODY_LIMBS
+
+REMEMBERED_S = 300.0
+MAX_REMEMBERED = 32  # the newest; among many somebody always looks like a stranger
+DECIDE_S = 4.0  # a newcomer who was not recognised so long after being shown is somebody new
+PRIOR_ODDS = 0.5  # that a newcomer is one who left, against a stranger, before comparing
+SOON_ODDS, SOON_S = 10.0, 2.0  # on top of that for who was lost just now, which fades
+SURE_ODDS = 40.0  # takes an identity over: of 41 such cases one would be wrong
+
+STATURE_SPREAD = 0.055  # of adults: 9.5 cm of 1.72 m
+PROPORTION_SPREAD = 0.03  # of the bones of people of one stature
+SLIDE_M, NOISE_M = 0.010, 0.025  # a length that n slots taught is off by sqrt(SLIDE^2 + NOISE^2/n)
+MIN_TAUGHT = 5  # slots before a length is compared
+MIN_LENGTH_M = 0.05
+NEVER = -1e3  # a logarithm of odds
+
+FASTEST_MPS, LEEWAY_M = 2.5, 1.0  # nobody comes back from farther than can be walked
+STRAY_M, STRAY_MPS = 0.3, 0.7  # how far from where they were lost people are found again
+ROOM_M2 = 30.0  # the floor on which strangers may appear
+NEAR_M = 0.35  # a track that ends so near to another was a second one of that person, as in births
+OVERLAP_S = 0.2  # a track may take a last look when its person has a new one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Present:
+    """Who is followed and was shown, and who they may turn out to be.
+
+    Attributes:
+        tracks: `(num_present,)` ids of the filter's tracks.
+        track_ids: `(num_present,)` the identities they are shown with.
+        since_s: `(num_present,)` when they were first shown.
+        place_m: `(num_present, 2)` where, on the floor.
+        lengths_m: `(num_present, num_kinds)` of bones, learned by earlier tracks of the person.
+        taught: `(num_present, num_kinds)` slots that taught those.
+    """
+
+    tracks: Ints
+    track_ids: Ints
+    since_s: Floats
+    place_m: Floats
+    lengths_m: Floats
+    taught: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Departed:
+    """Who left, oldest first.
+
+    Attributes:
+        track_ids: `(num_departed,)` identities.
+        seen_s: `(num_departed,)` when a view last showed them.
+        place_m: `(num_departed, 2)` where they were lost, on the floor.
+        lengths_m: `(num_departed, num_kinds)` of bones.
+        taught: `(num_departed, num_kinds)` slots that taught those.
+    """
+
+    track_ids: Ints
+    seen_s: Floats
+    place_m: Floats
+    lengths_m: Floats
+    taught: Floats
+
+
+Rows = TypeVar("Rows", Present, Departed)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identities:
+    """Who is there and who left; a value, never changed in place."""
+
+    present: Present
+    departed: Departed
+
+    @classmethod
+    def none(cls, model: Model) -> Identities:
+        """Return the identities before the first slot: nobody."""
+        ids, times, places = np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 2))
+        kinds = np.zeros((0, len(_kinds(model))))
+        return cls(
+            Present(ids, ids, times, places, kinds, kinds),
+            Departed(ids, times, places, kinds, kinds),
+        )
+
+    def of(self, tracks: Ints) -> Ints:
+        """Return the identities `(num_tracks,)` that tracks are shown with, else their own ids."""
+        if len(self.present.tracks) == 0:
+            return tracks
+        row = np.minimum(np.searchsorted(self.present.tracks, tracks), len(self.present.tracks) - 1)
+        named = self.present.tracks[row] == tracks
+        return np.where(named, self.present.track_ids[row], tracks)
+
+
+def identify(
+    identities: Identities, before: Belief, belief: Belief, shown: Ints, model: Model
+) -> Identities:
+    """Advance by one slot.
+
+    Args:
+        identities: of the slot before; they are not changed.
+        before: the belief of the slot before.
+        belief: of this slot.
+        shown: `(num_shown,)` ids of the tracks that this slot shows, rising.
+        model: the skeleton.
+
+    Returns:
+        The identities now: unique in the slot, and the same as before for every track but those
+        that were recognised in this slot, within `DECIDE_S` of being shown first.
+    """
+    present, departed = identities.present, identities.departed
+    gone = ~np.isin(present.tracks, belief.track_ids)
+    if gone.any():
+        departed = _join(departed, _left(_take(present, gone), before, belief, model))
+        present = _take(present, ~gone)
+    new = np.setdiff1d(shown, present.tracks, assume_unique=True)
+    if len(new):
+        present = _join(present, _shown(new, belief, model))
+        present = _take(present, np.argsort(present.tracks))
+    if len(departed.track_ids):
+        fresh = departed.seen_s > belief.time_s - REMEMBERED_S
+        departed = _take(departed, np.flatnonzero(fresh)[-MAX_REMEMBERED:])
+    open_rows = np.flatnonzero(present.since_s > belief.time_s - DECIDE_S)
+    open_rows = open_rows[present.tracks[open_rows] == present.track_ids[open_rows]]
+    if len(open_rows) and len(departed.track_ids):
+        present, departed = _recognise(present, departed, open_rows, belief, model)
+    return Identities(present, departed)
+
+
+def _recognise(
+    present: Present, departed: Departed, rows: Ints, belief: Belief, model: Model
+) -> tuple[Present, Departed]:
+    """Give those at `rows` the identities of whom they clearly are."""
+    lengths, taught = _lengths(belief, present.tracks[rows], model)
+    gap_s = present.since_s[rows, None] - departed.seen_s
+    telling = place_odds(
+        gap_s,
+        np.linalg.norm(present.place_m[rows, None] - departed.place_m, axis=-1),
+    ) + length_odds(lengths[:, None], taught[:, None], departed.lengths_m, departed.taught)
+    prior = PRIOR_ODDS + SOON_ODDS * np.exp(-np.maximum(gap_s, 0.0) / SOON_S)
+    odds = prior * np.exp(np.clip(telling, NEVER, 100.0))
+    # Against being a stranger, or another one who left; and against another newcomer being this.
+    rivals = 1 + np.maximum(odds.sum(axis=1, keepdims=True), odds.sum(axis=0)) - odds
+    sure = odds / rivals
+    track_ids, kept = present.track_ids.copy(), np.ones(len(departed.track_ids), dtype=bool)
+    old_lengths, old_taught = present.lengths_m.copy(), present.taught.copy()
+    for row, who in zip(*np.nonzero(sure > SURE_ODDS), strict=True):
+        here = rows[row]
+        track_ids[here], kept[who] = departed.track_ids[who], False
+        old_lengths[here], old_taught[here] = departed.lengths_m[who], departed.taught[who]
+    present = replace(present, track_ids=track_ids, lengths_m=old_lengths, taught=old_taught)
+    return present, _take(departed, kept)
+
+
+def place_odds(gap_s: Floats, apart_m: Floats) -> Floats:
+    """Return the logarithm of how much likelier a place is for one who was lost than a stranger.
+
+    Args:
+        gap_s: `(*batch)` between the last look and being shown again.
+        apart_m: `(*batch)` between the two places.
+    """
+    elapsed = np.maximum(gap_s, 0.0)
+    stray = (STRAY_M + STRAY_MPS * elapsed) ** 2
+    near = np.log(ROOM_M2 / (2 * np.pi * stray)) - apart_m**2 / (2 * stray)
+    possible = (gap_s > -OVERLAP_S) & (apart_m < LEEWAY_M + FASTEST_MPS * elapsed)
+    return np.where(possible, np.maximum(near, 0.0), NEVER)
+
+
+def length_odds(
+    lengths_m: Floats, taught: Floats, others_m: Floats, others_taught: Floats
+) -> Floats:
+    """Return the logarithm of how much likelier lengths are for one person than for two.
+
+    Args:
+        lengths_m: `(*batch, num_kinds)` of bones, metres.
+        taught: `(*batch, num_kinds)` slots that taught them.
+        others_m: `(*batch, num_kinds)` to compare with.
+        others_taught: `(*batch, num_kinds)`.
+
+    Returns:
+        `(*batch)`; 0 where nothing can be compared. Lengths are normal in their logarithm.
+    """
+    known = (np.minimum(taught, others_taught) >= MIN_TAUGHT) & (
+        np.minimum(lengths_m, others_m) > MIN_LENGTH_M
+    )
+    a, b = np.where(known, lengths_m, 1.0), np.where(known, others_m, 1.0)
+    off = np.log(a / b)
+    errors = [
+        (SLIDE_M**2 + NOISE_M**2 / np.maximum(n, 1.0)) / length**2
+        for n, length in ((taught, a), (others_taught, b))
+    ]
+    same = errors[0] + errors[1]
+    # Two people: the same, and twice the spread between people; stature is shared by all bones, so
+    # that its inverse and determinant follow from those of the diagonal (Sherman and Morrison).
+    other = same + 2 * PROPORTION_SPREAD**2
+    weight = np.where(known, 1 / other, 0.0)
+    shared = 1 + 2 * STATURE_SPREAD**2 * weight.sum(axis=-1)
+    pull = (weight * off).sum(axis=-1)
+    distance = (off**2 * weight).sum(axis=-1) - 2 * STATURE_SPREAD**2 * pull**2 / shared
+    widths = np.where(known, np.log(other / same), 0.0).sum(axis=-1) + np.log(shared)
+    return np.asarray((distance + widths - np.where(known, off**2 / same, 0.0).sum(axis=-1)) / 2)
+
+
+def _left(gone: Present, before: Belief, belief: Belief, model: Model) -> Departed:
+    """Return who left, without second tracks of those who are still there."""
+    rows = np.searchsorted(before.track_ids, gone.tracks)
+    place = before.state[rows, :, :2].mean(axis=1)
+    lengths, taught = _lengths(before, gone.tracks, model)
+    total = taught + gone.taught
+    pooled = (lengths * taught + gone.lengths_m * gone.taught) / np.maximum(total, 1.0)
+    seen_s = before.time_s - before.last_seen_s[rows].min(axis=-1)
+    left = Departed(gone.track_ids, seen_s, place, pooled, total)
+    others = belief.state[belief.confirmed, :, :2].mean(axis=1)
+    beside = np.linalg.norm(place[:, None] - others, axis=-1).min(axis=-1, initial=np.inf)
+    return _take(left, beside >= NEAR_M)
+
+
+def _shown(tracks: Ints, belief: Belief, model: Model) -> Present:
+    rows = np.searchsorted(belief.track_ids, tracks)
+    place = belief.state[rows, :, :2].mean(axis=1)
+    nothing = np.zeros((len(tracks), len(_kinds(model))))
+    return Present(tracks, tracks, np.full(len(tracks), belief.time_s), place, nothing, nothing)
+
+
+def _lengths(belief: Belief, tracks: Ints, model: Model) -> tuple[Floats, Floats]:
+    """Return `(num_tracks, num_kinds)` lengths and the slots that taught them, left with right."""
+    rows = np.searchsorted(belief.track_ids, tracks)
+    lengths, taught = np.zeros((2, len(rows), len(_kinds(model))))
+    for kind, bones in enumerate(_kinds(model)):
+        counts = belief.bone_counts[rows][:, bones]
+        total = counts.sum(axis=1)
+        lengths[:, kind] = (belief.bones_m[rows][:, bones] * counts).sum(axis=1)
+        lengths[:, kind] /= np.maximum(total, 1.0)
+        taught[:, kind] = total / max(len(bones), 1)
+    return lengths, taught
+
+
+@lru_cache(maxsize=8)
+def _kinds(model: Model) -> list[list[int]]:
+    """Return the bones of each kind, left and right as one; one empty kind where there are none."""
+    names = [joint.removeprefix("left_").removeprefix("right_") for joint in model.skeleton.joints]
+    limbs = {frozenset(pair) for pair in BODY_LIMBS}
+    kinds: dict[tuple[str, ...], list[int]] = {}
+    for bone, (a, b) in enumerate(model.bones.tolist()):
+        if frozenset((model.skeleton.joints[a], model.skeleton.joints[b])) in limbs:
+            kinds.setdefault(tuple(sorted((names[a], names[b]))), []).append(bone)
+    return list(kinds.values()) or [[]]
+
+
+def _take(columns: Rows, rows: Ints | Flags) -> Rows:
+    return type(columns)(*(getattr(columns, item.name)[rows] for item in fields(columns)))
+
+
+def _join(columns: Rows, more: Rows) -> Rows:
+    pairs = ((getattr(columns, item.name), getattr(more, item.name)) for item in fields(columns))
+    return type(columns)(*(np.concatenate(pair) for pair in pairs))

@@ -1,0 +1,280 @@
+"""What the estimator knows: the rig it works for, and its belief about everybody."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter import blindness
+from e3pose.estimate.filter.motion import alone
+from e3pose.estimate.filter.tree import Tree, grow
+from e3pose.geometry.camera import Rig
+from e3pose.model.noise import OPENPOSE, Noise
+from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS, Skeleton
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+SIDES = ("left", "right")
+GIRDLES = ("shoulder", "hip")
+STIFF = (
+    *BODY_LIMBS,
+    ("left_shoulder", "right_hip"),
+    ("right_shoulder", "left_hip"),
+    *FACE_LIMBS,
+    ("left_eye", "right_eye"),
+    ("left_ear", "right_ear"),
+)
+WAIT_S = 0.14  # three slots of 1/25 s
+WAIT_LOOKS = 2.5  # that a detection waits for where slots are long or few cameras look
+STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
+# A head turns and nods: what it does to these lengths is a few centimetres.
+LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
+LOOSE_SLACK_M = 0.08
+MAX_LEFTOVERS = 64  # newest first: a view full of noise must not cost the slot
+MAX_TRACKS = 64  # nobody is started beyond, so that ghosts of hostile views cannot pile up
+APART_M = 0.35  # somebody nearer to a track than this is that track
+MIN_SCORE = 0.05  # keypoints below this are not used
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """What does not change from slot to slot.
+
+    Attributes:
+        rig: the cameras.
+        skeleton: of the keypoints.
+        noise: of the detector.
+        wait_s: how long a detection that no track explains waits for a view of another camera.
+    """
+
+    rig: Rig
+    skeleton: Skeleton
+    noise: Noise = field(default=OPENPOSE)
+    wait_s: float = WAIT_S
+
+    @cached_property
+    def image_sizes(self) -> Floats:
+        """`(num_cameras, 2)` width and height in pixels."""
+        return np.array([camera.image_size for camera in self.rig.cameras], dtype=np.float64)
+
+    @cached_property
+    def scales(self) -> Floats:
+        """`(num_cameras,)` how much larger a camera's pixels count than the noise was measured in.
+
+        Detectors see images at one input size, so their error is a share of the image.
+        """
+        return np.asarray(self.image_sizes.max(axis=1) / self.noise.image_px)
+
+    @cached_property
+    def corner_m(self) -> Floats:
+        """`(2,)` where on the floor the cells of `Belief.sights` begin."""
+        return blindness.corner_m(self.rig)
+
+    @cached_property
+    def tree(self) -> Tree:
+        """How the joints hang together."""
+        return grow(self.skeleton)
+
+    @cached_property
+    def alone(self) -> tuple[Floats, Floats]:
+        """Noise and life of velocity of joints that are looked at one by one (`motion.alone`)."""
+        return alone(self.tree)
+
+    @cached_property
+    def links(self) -> Ints:
+        """`(num_joints,)` the bone between each joint and its parent, -1 where there is none."""
+        rows = {frozenset(pair): row for row, pair in enumerate(self.bones.tolist())}
+        edges = enumerate(self.tree.parents.tolist())
+        return np.array([rows.get(frozenset(edge), -1) for edge in edges], dtype=np.int64)
+
+    @cached_property
+    def bones(self) -> Ints:
+        """`(num_bones, 2)` joints that stay about as far apart as they are."""
+        pairs = [pair for pair, _ in self._bones]
+        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+    @cached_property
+    def slacks_m(self) -> Floats:
+        """`(num_bones,)` how far the length of a bone strays, as a standard deviation."""
+        return np.array([slack for _, slack in self._bones])
+
+    @cached_property
+    def girdles(self) -> Ints:
+        """`(num_girdles, 2)` left and right joint of the shoulders and of the hips."""
+        names = self.skeleton.joints
+        pairs = [[f"{side}_{girdle}" for side in SIDES] for girdle in GIRDLES]
+        found = [[names.index(name) for name in pair] for pair in pairs if set(pair) <= set(names)]
+        return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+    @cached_property
+    def _bones(self) -> list[tuple[tuple[int, int], float]]:
+        names = self.skeleton.joints
+        return [
+            ((names.index(a), names.index(b)), slack)
+            for links, slack in ((STIFF, STIFF_SLACK_M), (LOOSE, LOOSE_SLACK_M))
+            for a, b in links
+            if {a, b} <= set(names)
+        ]
+
+
+def wait_s(interval_s: float, num_selected: float) -> float:
+    """Return how long an unexplained detection must wait so that another camera's look can come.
+
+    Args:
+        interval_s: seconds per slot.
+        num_selected: cameras per slot, a mean if it is no whole number.
+    """
+    slots_between_looks = math.ceil(1 / num_selected - 1e-9)
+    return max(WAIT_S, WAIT_LOOKS * slots_between_looks * interval_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leftovers:
+    """Detections of the recent past that no track explains: half of a person to come.
+
+    Attributes:
+        times_s: `(num_leftovers,)` when they were seen.
+        cameras: `(num_leftovers,)` by which camera.
+        keypoints_px: `(num_leftovers, num_joints, 2)` undistorted pixels, NaN where missing.
+        scores: `(num_leftovers, num_joints)` in [0, 1], 0 where missing.
+    """
+
+    times_s: Floats
+    cameras: Ints
+    keypoints_px: Floats
+    scores: Floats
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def take(self, rows: Ints | Flags) -> Leftovers:
+        """Return the leftovers at `rows`."""
+        return Leftovers(*(getattr(self, item.name)[rows] for item in fields(self)))
+
+    def join(self, other: Leftovers) -> Leftovers:
+        """Return these and then the `other` ones."""
+        return Leftovers(
+            *(
+                np.concatenate([getattr(self, item.name), getattr(other, item.name)])
+                for item in fields(self)
+            )
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Belief:
+    """Everybody, as far as the estimator can tell; a value, never changed in place.
+
+    Attributes:
+        time_s: of the newest slot; NaN before the first.
+        track_ids: `(num_tracks,)` unique within a run, rising.
+        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres a second.
+        covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
+        shared: `(num_tracks, num_joints, 6, 6)` covariance of each joint's `state` with that of its
+            parent in `Model.tree`; 0 at the root.
+        unmeasured_s: `(num_tracks, num_joints)` seconds since a joint was measured; inf if never.
+        existence: `(num_tracks,)` in [0, 1]: recent share of the views that should show the
+            person and did.
+        hits: `(num_tracks,)` detections so far.
+        alone: `(num_tracks,)` looks that showed this track or the one that it overlaps most, since
+            one showed both; 0 for those who overlap nobody.
+        seen_by: `(num_tracks, num_cameras)` cameras that have shown the person.
+        last_seen_s: `(num_tracks, num_cameras)` seconds since each did; inf if never.
+        delivered: `(num_tracks, num_cameras)` in [0, 1]: what the views of a camera recently told
+            about the person, as a share of what a view with every joint in plain sight would
+            (`existence.DELIVERED_PRIOR` before it looked, and again long after).
+        missed: `(num_tracks, num_cameras)` looks that missed the person since one did not.
+        bias_px: `(num_tracks, num_cameras, num_joints, 2)` how far a view's keypoints of the person
+            are off for seconds.
+        confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
+        bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
+        bone_counts: `(num_tracks, num_bones)` slots that taught them.
+        leftovers: detections that wait for a second view.
+        sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who were
+            there, by place, and how many of them showed the person (`blindness`).
+        doors: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
+            of them came or left there (`doors`).
+        noise: `(num_cameras + 1, 2)` logarithm of the factor on the noise file's sigma that each
+            camera's keypoints showed, and how many taught it; last the same of the tilt by score
+            (`learned_noise`).
+        next_id: the id that the next new person gets.
+    """
+
+    time_s: float
+    track_ids: Ints
+    state: Floats
+    covariance: Floats
+    shared: Floats
+    unmeasured_s: Floats
+    existence: Floats
+    hits: Ints
+    alone: Floats
+    seen_by: Flags
+    last_seen_s: Floats
+    delivered: Floats
+    missed: Floats
+    bias_px: Floats
+    confirmed: Flags
+    bones_m: Floats
+    bone_counts: Floats
+    leftovers: Leftovers
+    sights: Floats
+    doors: Floats
+    noise: Floats
+    next_id: int = 0
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
+
+    @classmethod
+    def empty(cls, model: Model) -> Belief:
+        """Return the belief before the first slot: nobody."""
+        joints, bones = len(model.skeleton), len(model.bones)
+        return cls(
+            time_s=np.nan,
+            track_ids=np.zeros(0, dtype=np.int64),
+            state=np.zeros((0, joints, 6)),
+            covariance=np.zeros((0, joints, 6, 6)),
+            shared=np.zeros((0, joints, 6, 6)),
+            unmeasured_s=np.zeros((0, joints)),
+            existence=np.zeros(0),
+            hits=np.zeros(0, dtype=np.int64),
+            alone=np.zeros(0),
+            seen_by=np.zeros((0, len(model.rig)), dtype=bool),
+            last_seen_s=np.zeros((0, len(model.rig))),
+            delivered=np.zeros((0, len(model.rig))),
+            missed=np.zeros((0, len(model.rig))),
+            bias_px=np.zeros((0, len(model.rig), joints, 2)),
+            confirmed=np.zeros(0, dtype=bool),
+            bones_m=np.zeros((0, bones)),
+            bone_counts=np.zeros((0, bones)),
+            leftovers=Leftovers(
+                np.zeros(0),
+                np.zeros(0, dtype=np.int64),
+                np.zeros((0, joints, 2)),
+                np.zeros((0, joints)),
+            ),
+            sights=blindness.nothing_known(model.rig),
+            doors=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
+            noise=np.zeros((len(model.rig) + 1, 2)),
+        )
+
+    def without_people(self) -> Belief:
+        """Return the belief of the same site with nobody in it."""
+        nobody = {name: array[:0] for name, array in self.columns().items()}
+        leftovers = self.leftovers.take(np.zeros(0, dtype=np.int64))
+        return replace(self, leftovers=leftovers, **nobody)  # type: ignore[arg-type]
+
+    def columns(self) -> dict[str, NDArray[np.generic]]:
+        """Return the arrays that have one row per track."""
+        return {
+            item.name: getattr(self, item.name)
+            for item in fields(self)
+            if item.name not in ("time_s", "leftovers", "sights", "doors", "noise", "next_id")
+        }

@@ -1,0 +1,99 @@
+"""The body as a tree: what is learned about one joint tells about its neighbours.
+
+A person is a Gaussian tree. Given its parent, a joint does not depend on the rest of the body:
+
+    x_j | x_p ~ N(m_j + G_j (x_p - m_p), S_j),   G_j = C_j P_p^-1,   S_j = P_j - G_j C_j'
+
+with m and P the mean and covariance of a joint's position and velocity, and C_j its covariance with
+its parent. Keypoints inform single joints and bones pairs of neighbours, so the posterior is a tree
+again, exact in one pass from the leaves to the root and one back (Pearl's belief propagation). Over
+time the marginals and the C_j are carried: of all trees the one nearest to the true distribution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.model.skeleton import Skeleton
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+class Habit(NamedTuple):
+    """How a kind of joint moves beside its parent; a root: in the world.
+
+    Attributes:
+        acceleration_mps2: how strongly it accelerates, as white noise drawn anew every 1/25 s.
+        lasts_s: until a velocity that nobody sees again is down to 1/e.
+        swing_per_s2: how strongly it is drawn below its parent while the person walks.
+    """
+
+    acceleration_mps2: float
+    lasts_s: float
+    swing_per_s2: float = 0.0
+
+
+TRUNK, SPINE, GIRDLE = Habit(4.3, 0.78), Habit(3.0, 0.4), Habit(2.4, 0.4)
+HEAD, FACE = Habit(2.9, 0.4), Habit(1.6, 0.4)
+ELBOW, WRIST = Habit(6.2, 0.25, 6.0), Habit(8.2, 0.2, 12.0)
+KNEE, ANKLE = Habit(6.2, 0.25, 12.0), Habit(8.2, 0.2, 12.0)
+OTHER = Habit(8.2, 0.2)  # a joint of no name known here
+# Each joint's parent, the first one that the skeleton has, and how it moves beside it.
+PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
+    "mid_hip": ((), TRUNK),
+    "left_hip": (("mid_hip",), GIRDLE),
+    "right_hip": (("mid_hip", "left_hip"), GIRDLE),
+    "neck": (("mid_hip", "left_hip"), SPINE),
+    "left_shoulder": (("neck", "left_hip"), SPINE),
+    "right_shoulder": (("neck", "left_shoulder"), GIRDLE),
+    "nose": (("neck", "left_shoulder"), HEAD),
+    **{f"{s}_eye": (("nose",), FACE) for s in ("left", "right")},
+    **{f"{s}_ear": ((f"{s}_eye", "nose"), FACE) for s in ("left", "right")},
+    **{f"{s}_elbow": ((f"{s}_shoulder",), ELBOW) for s in ("left", "right")},
+    **{f"{s}_wrist": ((f"{s}_elbow",), WRIST) for s in ("left", "right")},
+    **{f"{s}_knee": ((f"{s}_hip",), KNEE) for s in ("left", "right")},
+    **{f"{s}_ankle": ((f"{s}_knee",), ANKLE) for s in ("left", "right")},
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tree:
+    """The tree of a skeleton.
+
+    Attributes:
+        parents: `(num_joints,)` index of each joint's parent, -1 at the root.
+        levels: joints by their distance from the root, the root first.
+        drift_m2ps4: `(num_joints,)` variance of a joint's acceleration beside its parent.
+        lasts_s: `(num_joints,)` life of its velocity beside its parent.
+        swing_per_s2: `(num_joints,)` how strongly it swings below its parent.
+    """
+
+    parents: Ints
+    levels: tuple[Ints, ...]
+    drift_m2ps4: Floats
+    lasts_s: Floats
+    swing_per_s2: Floats
+
+
+def grow(skeleton: Skeleton) -> Tree:
+    """Return the tree of a skeleton; joints without a parent in it hang on the first such one."""
+    names = skeleton.joints
+    own = {name: PARENTS.get(name, ((), OTHER)) for name in names}
+    above = {name: next((p for p in own[name][0] if p in names), "") for name in names}
+    ranks = {name: rank for rank, name in enumerate(PARENTS)}
+    root = min((n for n in names if not above[n]), key=lambda n: ranks.get(n, len(ranks)))
+    parents = [-1 if n == root else names.index(above[n] or root) for n in names]
+    order = [names.index(root)]
+    for joint in order:
+        order.extend(child for child, parent in enumerate(parents) if parent == joint)
+    depth = np.zeros(len(names), dtype=np.int64)
+    for joint in order[1:]:
+        depth[joint] = depth[parents[joint]] + 1
+    levels = tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
+    habits = np.array([TRUNK if n == root else own[n][1] for n in names])
+    return Tree(np.array(parents, dtype=np.int64), levels, habits[:, 0] ** 2, *habits[:, 1:].T)

@@ -1,0 +1,1 @@
+"""The paper's estimator: match and triangulate every slot by itself, then keep identities."""

@@ -1,0 +1,207 @@
+"""Fuse the views of one slot into 3D poses: the data plane, match and triangulate in one call."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.model.pose import Poses2D, Poses3D
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+# joints_m, scores, members, reprojection_error_px
+Fused = tuple[Floats, Floats, Integers, Floats]
+
+MAX_POSES = 4096  # in one slot, all views together: 1 GB of working memory at most
+OUTLIER_STEPS = 4  # reweighting converges more slowly than plain least squares
+
+
+@dataclass(frozen=True, slots=True)
+class FusionSettings:
+    """What counts as the same person, and how joints are placed.
+
+    Attributes:
+        max_distance_m: mean distance between rays up to which poses are one person. Detector noise
+            of 5 to 10 px at 5 m and 1000 px focal length is 3 to 5 cm between rays; of wild
+            detections several times that. Chosen on simulated scenes, `docs/paper-comparison.md`.
+        cap_m: the most that one joint may count in that mean. People who pass each other are
+            seldom closer, so a larger distance carries no more information than this.
+        duplicate_m: a pose nearer than this to a stronger one, as a mean over their joints, is
+            the same person again: half the breadth of shoulders, no two bodies come closer.
+        min_joints: a person with fewer joints in 3D is a coincidence of scraps.
+        refine_steps: Gauss-Newton steps on the reprojection error after the DLT; 0 gives exactly
+            the paper's DLT.
+        reject_outliers: let views that disagree about a joint lose their weight.
+
+    Raises:
+        InputError: naming the setting that is out of range.
+    """
+
+    max_distance_m: float = 0.15
+    cap_m: float = 0.30
+    duplicate_m: float = 0.25
+    min_joints: int = 3
+    refine_steps: int = 1
+    reject_outliers: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("max_distance_m", "cap_m", "duplicate_m"):
+            value = getattr(self, name)
+            lowest_ok = value >= 0 if name == "duplicate_m" else value > 0
+            if not (math.isfinite(value) and lowest_ok):
+                raise InputError(f"fusion: {name}: found {value}, expected metres above 0")
+        if self.min_joints < 1:
+            raise InputError(f"fusion: min_joints: found {self.min_joints}, expected 1 or more")
+        if not 0 <= self.refine_steps <= 50:
+            raise InputError(f"fusion: refine_steps: found {self.refine_steps}, expected 0 to 50")
+
+    @property
+    def steps(self) -> int:
+        """Gauss-Newton steps that will be taken."""
+        return max(self.refine_steps, OUTLIER_STEPS) if self.reject_outliers else self.refine_steps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fusion:
+    """The people of one slot and where they come from, the best supported person first.
+
+    Attributes:
+        poses: joints in metres. The score of a joint is the mean score of the keypoints that saw
+            it, each multiplied by how far it was believed (1 unless outliers are rejected).
+        members: `(num_persons, num_cameras)` row of the person in each view, -1 if not in it.
+        reprojection_error_px: `(num_persons, num_joints)` mean over the views that saw the joint,
+            in undistorted pixels; NaN where the joint is missing.
+    """
+
+    poses: Poses3D
+    members: Integers
+    reprojection_error_px: Floats
+
+
+class Fuser:
+    """Fuses slot after slot of one rig; holds what is computed once per rig, and no history.
+
+    Args:
+        rig: the calibrated cameras.
+        num_joints: joints of every pose.
+        settings: thresholds.
+
+    A fuser reuses its working memory, so it must not be shared between threads.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        num_joints: int,
+        settings: FusionSettings | None = None,
+    ) -> None:
+        if num_joints < 1:
+            raise InputError(f"fusion: num_joints: found {num_joints}, expected 1 or more")
+        self.rig = rig
+        self.num_joints = num_joints
+        self.settings = settings or FusionSettings()
+        self._run: Callable[[Floats, Floats, Integers], Fused] = self._compiled()
+
+    def _compiled(self) -> Callable[[Floats, Floats, Integers], Fused]:
+        from e3pose.estimate.per_slot.slot import SlotKernel
+
+        return SlotKernel(self.rig, self.num_joints, self.settings)
+
+    def warm_up(self) -> None:
+        """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""
+        shape = (len(self.rig), 1, self.num_joints)
+        for score in (0.0, 1.0):
+            self.fuse_arrays(
+                np.zeros((*shape, 2)), np.full(shape, score), np.ones(len(self.rig), np.int64)
+            )
+
+    def fuse(self, views: Mapping[int, Poses2D]) -> Fusion:
+        """Fuse the views that arrived; cameras without a view are simply absent.
+
+        Args:
+            views: camera index to what it saw.
+
+        Raises:
+            InputError: on an unknown camera, another number of joints, or more than `MAX_POSES`.
+        """
+        for camera, view in views.items():
+            if not 0 <= camera < len(self.rig):
+                raise InputError(
+                    f"fusion: view of camera {camera}: expected 0 to {len(self.rig) - 1}"
+                )
+            if view.scores.shape[1] != self.num_joints:
+                raise InputError(
+                    f"camera {self.rig.cameras[camera].camera_id}: found {view.scores.shape[1]} "
+                    f"joints, expected {self.num_joints}"
+                )
+        counts = np.zeros(len(self.rig), np.int64)
+        for camera, view in views.items():
+            counts[camera] = len(view)
+        _check_total(int(counts.sum()))
+        shape = (len(self.rig), int(counts.max()), self.num_joints)
+        keypoints = np.full((*shape, 2), np.nan)
+        scores = np.zeros(shape)
+        for camera, view in views.items():
+            keypoints[camera, : len(view)] = view.keypoints_px
+            scores[camera, : len(view)] = view.scores
+        return self.fuse_arrays(keypoints, scores, counts)
+
+    def fuse_arrays(
+        self,
+        keypoints_px: NDArray[np.floating],
+        scores: NDArray[np.floating],
+        counts: NDArray[np.integer],
+    ) -> Fusion:
+        """Fuse views that are already in one array: the fast path.
+
+        Args:
+            keypoints_px: `(num_cameras, max_persons, num_joints, 2)` pixels in the real images.
+            scores: `(num_cameras, max_persons, num_joints)` in [0, 1]. A keypoint counts as missing
+                where its score is NaN or below `pose.MIN_SCORE`, or its pixels are not finite; a
+                score above 1 is 1.
+            counts: `(num_cameras,)` people in each view; rows from there on are ignored.
+
+        Raises:
+            InputError: on a wrong shape or count, or more than `MAX_POSES` poses.
+        """
+        keypoints = np.ascontiguousarray(keypoints_px, dtype=np.float64)
+        joint_scores = np.ascontiguousarray(scores, dtype=np.float64)
+        people = np.ascontiguousarray(counts, dtype=np.int64)
+        shape = joint_scores.shape
+        if (
+            len(shape) != 3
+            or shape[0] != len(self.rig)
+            or shape[2] != self.num_joints
+            or keypoints.shape != (*shape, 2)
+            or people.shape != shape[:1]
+        ):
+            raise InputError(
+                f"fusion: found arrays of shapes {keypoints.shape}, {shape} and {people.shape}, "
+                f"expected ({len(self.rig)}, max_persons, {self.num_joints}, 2), the same without "
+                f"the 2, and ({len(self.rig)},)"
+            )
+        listed = people.tolist()
+        if min(listed) < 0 or max(listed) > shape[1]:
+            raise InputError(f"fusion: counts: found {listed}, expected 0 to {shape[1]} people")
+        _check_total(sum(listed))
+        joints, joint_scores, members, error = self._run(keypoints, joint_scores, people)
+        return Fusion(_trusted(joints, joint_scores), members, error)
+
+
+def _trusted(joints_m: Floats, scores: Floats) -> Poses3D:
+    """Make poses without checking them, which would take a fifth of the time of a small slot."""
+    poses = object.__new__(Poses3D)
+    object.__setattr__(poses, "joints_m", joints_m)
+    object.__setattr__(poses, "scores", scores)
+    return poses
+
+
+def _check_total(total: int) -> None:
+    if total > MAX_POSES:
+        raise InputError(f"fusion: found {total} poses in one slot, expected at most {MAX_POSES}")

@@ -1,0 +1,122 @@
+"""Match 2D poses across views: which poses of different cameras show the same person.
+
+The epipolar constraint is tested in the world: two keypoints of one joint span two rays, and the
+rays of the same point pass each other closely. Its distance is in metres, so one threshold serves
+near and far people and every camera. `docs/decisions/0001-matching.md` explains the choice.
+
+Every pose begins as a group of its own. Again and again the two closest groups are merged, by the
+mean ray distance over all their pairs of poses and joints (average link), unless both hold a pose
+of the same view, until the closest two are further apart than `max_distance_m`. No view comes
+first, so the order of views and people does not matter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+# So many certain joints at the distance `cap_m` are added to what two groups have in common: a
+# scrap of two joints needs more than a lucky coincidence, and larger groups merge before smaller.
+PRIOR_JOINTS = 1.0
+
+
+@kernel
+def group_poses(
+    num_poses: int,
+    sums: Floats,
+    weights: Floats,
+    max_distance_m: float,
+    cap_m: float,
+    labels: Integers,
+    nearest: Integers,
+    distance: Floats,
+    alive: Integers,
+) -> None:
+    """Fill `labels` with the smallest pose index of each pose's group.
+
+    `sums` and `weights` come from `measure_pairs` and are used up; `nearest`, `distance` and
+    `alive` are scratch of `num_poses` each.
+    """
+    num_alive = num_poses
+    for pose in range(num_poses):
+        labels[pose] = pose
+        alive[pose] = pose
+    for pose in range(num_poses):
+        _find_nearest(pose, num_alive, alive, sums, weights, cap_m, nearest, distance)
+    while True:
+        first = -1
+        smallest = np.inf
+        for index in range(num_alive):
+            if distance[alive[index]] < smallest:
+                first = alive[index]
+                smallest = distance[first]
+        if first < 0 or smallest > max_distance_m:
+            return
+        second = nearest[first]
+        first, second = min(first, second), max(first, second)
+        for pose in range(num_poses):
+            if labels[pose] == second:
+                labels[pose] = first
+        kept = 0
+        for index in range(num_alive):
+            if alive[index] != second:
+                alive[kept] = alive[index]
+                kept += 1
+        num_alive = kept
+        _merge(first, second, num_alive, alive, sums, weights, cap_m, nearest, distance)
+
+
+@kernel
+def _find_nearest(
+    pose: int,
+    num_alive: int,
+    alive: Integers,
+    sums: Floats,
+    weights: Floats,
+    cap_m: float,
+    nearest: Integers,
+    distance: Floats,
+) -> None:
+    nearest[pose] = pose
+    smallest = np.inf
+    for index in range(num_alive):
+        other = alive[index]
+        link = (sums[pose, other] + PRIOR_JOINTS * cap_m) / (weights[pose, other] + PRIOR_JOINTS)
+        if link < smallest:
+            smallest = link
+            nearest[pose] = other
+    distance[pose] = smallest
+
+
+@kernel
+def _merge(
+    first: int,
+    second: int,
+    num_alive: int,
+    alive: Integers,
+    sums: Floats,
+    weights: Floats,
+    cap_m: float,
+    nearest: Integers,
+    distance: Floats,
+) -> None:
+    for index in range(num_alive):
+        other = alive[index]
+        if other == first:
+            continue
+        total = sums[first, other] + sums[second, other]
+        weight = weights[first, other] + weights[second, other]
+        sums[first, other] = sums[other, first] = total
+        weights[first, other] = weights[other, first] = weight
+        link = (total + PRIOR_JOINTS * cap_m) / (weight + PRIOR_JOINTS)
+        if link < distance[other]:
+            distance[other] = link
+            nearest[other] = first
+        elif nearest[other] == first or nearest[other] == second:
+            _find_nearest(other, num_alive, alive, sums, weights, cap_m, nearest, distance)
+    _find_nearest(first, num_alive, alive, sums, weights, cap_m, nearest, distance)

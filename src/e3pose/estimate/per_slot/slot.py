@@ -1,0 +1,272 @@
+"""One slot in one compiled call, with the working memory that it needs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.per_slot.dissolve import dissolve_groups, weigh_groups
+from e3pose.estimate.per_slot.group import group_poses
+from e3pose.estimate.per_slot.pairs import PLANES, gather, measure_pairs
+from e3pose.estimate.per_slot.triangulate import (
+    MIN_VIEWS,
+    refine_person,
+    score_person,
+    triangulate_person,
+)
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.undistort import make_lenses, undistort_slot
+from e3pose.kernel import LANES, kernel
+
+if TYPE_CHECKING:
+    from e3pose.estimate.per_slot.fuse import Fused, FusionSettings
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Memory(NamedTuple):
+    """Scratch of a slot of at most `capacity` poses, allocated once."""
+
+    pixels: Floats  # (capacity, num_joints, 2)
+    scores: Floats  # (capacity, num_joints)
+    tiles: Floats
+    tile_centers: Floats
+    lanes: Floats
+    sums: Floats  # (capacity, capacity)
+    weights: Floats  # (capacity, capacity)
+    distance: Floats  # (capacity,)
+    strength: Floats  # (capacity,)
+    precisions: Floats  # (capacity, num_joints)
+    small: Floats  # (4, 4, 4)
+    integers: Integers  # (7, capacity)
+    joints_m: Floats  # (capacity // 2, num_joints, 3)
+    joint_scores: Floats  # (capacity // 2, num_joints)
+    errors_px: Floats  # (capacity // 2, num_joints)
+    members: Integers  # (capacity // 2, num_cameras)
+
+
+def make_memory(num_cameras: int, num_joints: int, capacity: int) -> Memory:
+    """Allocate scratch; `capacity` is rounded up to whole tiles."""
+    num_tiles = max(1, -(-capacity // LANES))
+    capacity = num_tiles * LANES
+    people = capacity // MIN_VIEWS
+    return Memory(
+        pixels=np.zeros((capacity, num_joints, 2)),
+        scores=np.zeros((capacity, num_joints)),
+        tiles=np.zeros((num_tiles, num_joints * PLANES * LANES)),
+        tile_centers=np.zeros((num_tiles, 3 * LANES)),
+        lanes=np.zeros(6 * LANES),
+        sums=np.zeros((capacity, capacity)),
+        weights=np.zeros((capacity, capacity)),
+        distance=np.zeros(capacity),
+        strength=np.zeros(capacity),
+        precisions=np.zeros((capacity, num_joints)),
+        small=np.zeros((4, 4, 4)),
+        integers=np.zeros((7, capacity), np.int64),
+        joints_m=np.zeros((people, num_joints, 3)),
+        joint_scores=np.zeros((people, num_joints)),
+        errors_px=np.zeros((people, num_joints)),
+        members=np.zeros((people, num_cameras), np.int64),
+    )
+
+
+class SlotKernel:
+    """What `Fuser` runs: keeps what is constant per rig, and the working memory."""
+
+    def __init__(self, rig: Rig, num_joints: int, settings: FusionSettings) -> None:
+        self._rig = (
+            np.ascontiguousarray(rig.ray_matrices),
+            np.ascontiguousarray(rig.centers_m),
+            np.ascontiguousarray(rig.projections),
+            *make_lenses(rig),
+        )
+        self._call: Any = fuse_slot
+        self._settings = (
+            settings.max_distance_m,
+            settings.cap_m,
+            settings.duplicate_m,
+            min(settings.min_joints, num_joints),
+            settings.steps,
+            settings.reject_outliers,
+        )
+        self._memory = make_memory(len(rig), num_joints, 8 * len(rig))
+
+    def __call__(self, keypoints_px: Floats, scores: Floats, counts: Integers) -> Fused:
+        """Fuse one slot; the arguments are those of `Fuser.fuse_arrays`."""
+        memory = self._memory
+        if counts.sum() > len(memory.strength):
+            num_cameras, num_joints = len(counts), scores.shape[2]
+            memory = make_memory(num_cameras, num_joints, 2 * int(counts.sum()))
+            self._memory = memory
+        people: int = self._call(keypoints_px, scores, counts, *self._rig, *self._settings, memory)
+        return (
+            memory.joints_m[:people].copy(),
+            memory.joint_scores[:people].copy(),
+            memory.members[:people].copy(),
+            memory.errors_px[:people].copy(),
+        )
+
+
+@kernel
+def fuse_slot(
+    keypoints_px: Floats,
+    scores: Floats,
+    counts: Integers,
+    ray_matrices: Floats,
+    centers_m: Floats,
+    projections: Floats,
+    lens_models: Integers,
+    lens_numbers: Floats,
+    lens_tables: Floats,
+    max_distance_m: float,
+    cap_m: float,
+    duplicate_m: float,
+    min_joints: int,
+    steps: int,
+    reject_outliers: bool,
+    memory: Memory,
+) -> int:
+    """Match and triangulate one slot into the last four arrays of `memory`; return the people."""
+    cameras, rows, labels, nearest, alive, sizes, in_group = (
+        memory.integers[0],
+        memory.integers[1],
+        memory.integers[2],
+        memory.integers[3],
+        memory.integers[4],
+        memory.integers[5],
+        memory.integers[6],
+    )
+    undistort_slot(
+        keypoints_px,
+        scores,
+        counts,
+        lens_models,
+        lens_numbers,
+        lens_tables,
+        memory.lanes,
+        memory.pixels,
+    )
+    num_poses = gather(
+        scores,
+        counts,
+        ray_matrices,
+        centers_m,
+        memory.pixels,
+        memory.scores,
+        memory.precisions,
+        cameras,
+        rows,
+        memory.tiles,
+        memory.tile_centers,
+    )
+    measure_pairs(
+        num_poses,
+        scores.shape[2],
+        cameras,
+        memory.tiles,
+        memory.tile_centers,
+        cap_m,
+        memory.lanes,
+        memory.sums,
+        memory.weights,
+    )
+    group_poses(
+        num_poses,
+        memory.sums,
+        memory.weights,
+        max_distance_m,
+        cap_m,
+        labels,
+        nearest,
+        memory.distance,
+        alive,
+    )
+    weigh_groups(num_poses, labels, memory.scores, sizes, memory.strength)
+    dissolve_groups(
+        num_poses,
+        cameras,
+        memory.scores,
+        memory.tiles,
+        memory.tile_centers,
+        memory.lanes,
+        max_distance_m,
+        cap_m,
+        labels,
+        sizes,
+        nearest,
+        memory.strength,
+        memory.distance,
+        memory.weights[0],
+    )
+    people = 0
+    while True:
+        label = -1
+        for pose in range(num_poses):
+            strongest = label < 0 or memory.strength[pose] > memory.strength[label]
+            if sizes[pose] >= MIN_VIEWS and strongest:
+                label = pose
+        if label < 0:
+            return people
+        group = in_group[: sizes[label]]
+        count = 0
+        for pose in range(num_poses):  # poses are stored by camera, so the group is too
+            if labels[pose] == label:
+                group[count] = pose
+                count += 1
+        sizes[label] = 0
+        joints_m = memory.joints_m[people]
+        found = triangulate_person(
+            group, cameras, memory.pixels, memory.scores, projections, memory.small, joints_m
+        )
+        if found < min_joints:
+            continue
+        if steps > 0:
+            refine_person(
+                group,
+                cameras,
+                memory.pixels,
+                memory.precisions,
+                projections,
+                steps,
+                reject_outliers,
+                joints_m,
+            )
+        if _is_duplicate(memory.joints_m, people, duplicate_m):
+            continue
+        score_person(
+            group,
+            cameras,
+            memory.pixels,
+            memory.scores,
+            memory.precisions,
+            projections,
+            reject_outliers,
+            joints_m,
+            memory.joint_scores[people],
+            memory.errors_px[people],
+        )
+        memory.members[people] = -1
+        for index in range(len(group)):
+            memory.members[people, cameras[group[index]]] = rows[group[index]]
+        people += 1
+
+
+@kernel
+def _is_duplicate(joints_m: Floats, person: int, duplicate_m: float) -> bool:
+    for other in range(person):
+        shared = 0
+        total = 0.0
+        for joint in range(joints_m.shape[1]):
+            squares = 0.0
+            for axis in range(3):
+                squares += (joints_m[person, joint, axis] - joints_m[other, joint, axis]) ** 2
+            if math.isfinite(squares):
+                shared += 1
+                total += math.sqrt(squares)
+        if shared > 0 and total < duplicate_m * shared:
+            return True
+    return False

@@ -1,0 +1,125 @@
+"""Keep identities over time: associate the 3D poses of a slot with the tracks of the slots before.
+
+This is the paper's data plane, which has no filter: a track's joints are the triangulated ones, and
+its history is what the predictor is given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from e3pose.model.pose import Poses3D
+
+Floats = NDArray[np.float64]
+
+GATE_M = 0.4  # mean joint distance explained by estimation noise of two triangulated poses
+GATE_SPEED_MPS = 4.0  # how fast a person may move away from where they were last seen
+GATE_LIMIT_M = 1.5  # beyond this two poses are never the same person, however long ago
+END_AFTER_S = 1.0  # a track without a pose for this long ends
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracks:
+    """People followed over slots.
+
+    Attributes:
+        track_ids: `(num_tracks,)` unique within a run, rising.
+        history_m: `(num_slots, num_tracks, num_joints, 3)` oldest first, the last being the newest
+            slot; NaN where a joint was not estimated or the person was not there yet.
+        unseen: `(num_tracks,)` slots since the last pose; 0 when seen in the newest slot.
+        next_id: the id that the next new person gets.
+    """
+
+    track_ids: NDArray[np.int64]
+    history_m: Floats
+    unseen: NDArray[np.int64]
+    next_id: int = 0
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
+
+    @classmethod
+    def empty(cls, num_slots: int, num_joints: int) -> Tracks:
+        """Return no tracks, with room for a history of `num_slots`."""
+        none = np.zeros(0, dtype=np.int64)
+        return cls(none, np.zeros((num_slots, 0, num_joints, 3)), none)
+
+    def last_known_m(self) -> Floats:
+        """Return `(num_tracks, num_joints, 3)`: each joint where it was last estimated."""
+        known: Floats = self.history_m[-1]
+        for earlier in self.history_m[-2::-1]:
+            known = np.where(np.isnan(known), earlier, known)
+        return known
+
+
+def update_tracks(
+    tracks: Tracks, poses: Poses3D, interval_s: float
+) -> tuple[Tracks, NDArray[np.int64]]:
+    """Associate one slot's poses with the tracks, start new tracks and end old ones.
+
+    Args:
+        tracks: the tracks after the previous slot.
+        poses: the people of this slot.
+        interval_s: seconds a slot.
+
+    Returns:
+        The tracks after this slot, and `(num_persons,)` the track id of every pose.
+    """
+    rows, columns = associate(tracks, poses, interval_s)
+    ids = np.full(len(poses), -1, dtype=np.int64)
+    ids[columns] = tracks.track_ids[rows]
+    new = np.flatnonzero(ids < 0)
+    ids[new] = tracks.next_id + np.arange(len(new))
+
+    num_slots, _, num_joints, _ = tracks.history_m.shape
+    newest = np.full((len(tracks), num_joints, 3), np.nan)
+    newest[rows] = poses.joints_m[columns]
+    history = np.concatenate([tracks.history_m[1:], newest[None]])
+    unseen = tracks.unseen + 1
+    unseen[rows] = 0
+    keep = unseen * interval_s <= END_AFTER_S
+
+    started = np.full((num_slots, len(new), num_joints, 3), np.nan)
+    started[-1] = poses.joints_m[new]
+    return (
+        Tracks(
+            np.concatenate([tracks.track_ids[keep], ids[new]]),
+            np.concatenate([history[:, keep], started], axis=1),
+            np.concatenate([unseen[keep], np.zeros(len(new), dtype=np.int64)]),
+            tracks.next_id + len(new),
+        ),
+        ids,
+    )
+
+
+def associate(
+    tracks: Tracks, poses: Poses3D, interval_s: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows of tracks and of poses that are the same person, by least total distance."""
+    distance = _distances(tracks.last_known_m(), poses.joints_m)
+    gate = np.minimum(GATE_M + GATE_SPEED_MPS * interval_s * (tracks.unseen + 1), GATE_LIMIT_M)
+    excess = np.where(distance <= gate[:, None], distance, GATE_LIMIT_M * 100)
+    rows, columns = linear_sum_assignment(excess)
+    accepted = distance[rows, columns] <= gate[rows]
+    return rows[accepted].astype(np.int64), columns[accepted].astype(np.int64)
+
+
+def _distances(first_m: Floats, second_m: Floats) -> Floats:
+    """Mean distance over shared joints; between centroids where there is none; else inf."""
+    apart = np.linalg.norm(first_m[:, None] - second_m[None], axis=-1)
+    shared = np.isfinite(apart)
+    count = shared.sum(axis=-1)
+    by_joint = np.where(shared, apart, 0.0).sum(axis=-1) / np.maximum(count, 1)
+    centroids = np.linalg.norm(_centroids(first_m)[:, None] - _centroids(second_m)[None], axis=-1)
+    return np.where(count > 0, by_joint, np.where(np.isfinite(centroids), centroids, np.inf))
+
+
+def _centroids(joints_m: Floats) -> Floats:
+    present = np.asarray(np.isfinite(joints_m).all(axis=-1))
+    total = np.where(present[..., None], joints_m, 0.0).sum(axis=-2)
+    count = present.sum(axis=-1)
+    return np.where(count[..., None] > 0, total / np.maximum(count, 1)[..., None], np.nan)

@@ -1,0 +1,260 @@
+"""Triangulate and refine the joints of one person: the paper's weighted DLT, and its refinement.
+
+Each row of the DLT's matrix (paper eq. (1) to (3)) is divided by its norm and multiplied by the
+keypoint's score. The norm depends on the scale of the projections and on the world's origin, as in
+the paper. The DLT minimises an algebraic error; a few Gauss-Newton steps on the errors in pixels,
+each divided by the noise that its score promises, give the most likely point instead. Rejecting
+outliers reweights each view by 1 / (1 + r^2) at every step, r being its error in units of
+`OUTLIER_SIGMAS` standard deviations.
+
+Each function handles all joints of a person and indexes whole arrays: a call with arrays, or a
+slice of one, costs as much as a few rows of arithmetic.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.per_slot.nullspace import null_vector
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MIN_VIEWS = 2
+# Standard deviation in pixels of a keypoint by its score. Detectors guess below a score of about
+# 0.4 (joints that are hidden), where errors are five times those of joints that are clearly seen.
+NOISE_SCORES = (0.4, 0.6, 1.0)
+NOISE_PX = (15.0, 3.0, 2.3)
+# Residual, in standard deviations, at which a keypoint's weight is halved when outliers are
+# rejected: 2.5 is the usual compromise, 1 % of normal errors are larger.
+OUTLIER_SIGMAS = 2.5
+# Beyond these a Gauss-Newton step says nothing: its linear picture of a camera holds over a small
+# part of the distance to it. Estimates that break them are left as the DLT made them.
+MIN_DEPTH_M = 0.2
+MAX_STEP_M = 0.5
+LOW, MIDDLE, HIGH = NOISE_SCORES
+LOW_PX, MIDDLE_PX, HIGH_PX = NOISE_PX
+
+
+@kernel
+def noise_px(score: float) -> float:
+    """Return the expected error in pixels of a keypoint with this score."""
+    if score <= LOW:
+        return LOW_PX
+    if score <= MIDDLE:
+        return LOW_PX + (MIDDLE_PX - LOW_PX) * ((score - LOW) / (MIDDLE - LOW))
+    return MIDDLE_PX + (HIGH_PX - MIDDLE_PX) * ((score - MIDDLE) / (HIGH - MIDDLE))
+
+
+@kernel
+def triangulate_person(
+    group: Integers,
+    cameras: Integers,
+    pixels: Floats,
+    scores: Floats,
+    projections: Floats,
+    scratch: Floats,
+    joints_m: Floats,
+) -> int:
+    """Write the paper's DLT of the poses in `group` to `joints_m`; return how many are not NaN.
+
+    `pixels` and `scores` are of all poses, `scratch` is `(4, 4, 4)`, `joints_m` `(num_joints, 3)`.
+    """
+    m, out, rest = scratch[0], scratch[1, 0], scratch[2:]
+    found = 0
+    for joint in range(scores.shape[1]):
+        m00 = m01 = m02 = m03 = m11 = m12 = m13 = m22 = m23 = m33 = 0.0
+        num_views = 0
+        for index in range(len(group)):
+            pose = group[index]
+            score = scores[pose, joint]
+            if score <= 0:
+                continue
+            num_views += 1
+            k = cameras[pose]
+            for axis in range(2):
+                at = pixels[pose, joint, axis]
+                a = at * projections[k, 2, 0] - projections[k, axis, 0]
+                b = at * projections[k, 2, 1] - projections[k, axis, 1]
+                c = at * projections[k, 2, 2] - projections[k, axis, 2]
+                d = at * projections[k, 2, 3] - projections[k, axis, 3]
+                weight = score * score / (a * a + b * b + c * c + d * d)
+                wa, wb, wc = weight * a, weight * b, weight * c
+                m00 += wa * a
+                m01 += wa * b
+                m02 += wa * c
+                m03 += wa * d
+                m11 += wb * b
+                m12 += wb * c
+                m13 += wb * d
+                m22 += wc * c
+                m23 += wc * d
+                m33 += weight * d * d
+        joints_m[joint, 0] = joints_m[joint, 1] = joints_m[joint, 2] = np.nan
+        if num_views < MIN_VIEWS:
+            continue
+        m[0, 0], m[0, 1], m[0, 2], m[0, 3] = m00, m01, m02, m03
+        m[1, 1], m[1, 2], m[1, 3] = m11, m12, m13
+        m[2, 2], m[2, 3], m[3, 3] = m22, m23, m33
+        null_vector(m, rest, out)
+        x, y, z = out[0] / out[3], out[1] / out[3], out[2] / out[3]
+        usable = math.isfinite(x + y + z)
+        for index in range(len(group)):
+            if scores[group[index], joint] > 0:
+                k = cameras[group[index]]
+                usable &= _depth(projections, k, x, y, z) > 0
+        if usable:
+            joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2] = x, y, z
+            found += 1
+    return found
+
+
+@kernel
+def refine_person(
+    group: Integers,
+    cameras: Integers,
+    pixels: Floats,
+    precisions: Floats,
+    projections: Floats,
+    steps: int,
+    reject_outliers: bool,
+    joints_m: Floats,
+) -> None:
+    """Move `joints_m` `(num_joints, 3)` by Gauss-Newton steps, unless that makes them worse.
+
+    `precisions` `(num_poses, num_joints)` are reciprocals of the noise in pixels, 0 where not seen.
+    """
+    robust = 1.0 / OUTLIER_SIGMAS**2 if reject_outliers else 0.0
+    for joint in range(joints_m.shape[0]):
+        x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
+        if math.isnan(x):
+            continue
+        first_loss = last_loss = 1.0
+        for step in range(steps + 1):
+            n00 = n01 = n02 = n11 = n12 = n22 = g0 = g1 = g2 = 0.0
+            product = 1.0
+            total = 0.0
+            far_enough = True
+            for index in range(len(group)):
+                pose = group[index]
+                weight = precisions[pose, joint] ** 2
+                if weight == 0:
+                    continue
+                k = cameras[pose]
+                depth = _depth(projections, k, x, y, z)
+                far_enough &= depth >= MIN_DEPTH_M
+                inverse = 1.0 / depth
+                u = inverse * (
+                    projections[k, 0, 0] * x
+                    + projections[k, 0, 1] * y
+                    + projections[k, 0, 2] * z
+                    + projections[k, 0, 3]
+                )
+                v = inverse * (
+                    projections[k, 1, 0] * x
+                    + projections[k, 1, 1] * y
+                    + projections[k, 1, 2] * z
+                    + projections[k, 1, 3]
+                )
+                error_u, error_v = u - pixels[pose, joint, 0], v - pixels[pose, joint, 1]
+                squares = weight * (error_u * error_u + error_v * error_v)
+                total += squares
+                if reject_outliers:
+                    product *= 1.0 + robust * squares
+                    weight /= 1.0 + robust * squares
+                if step == steps:
+                    continue
+                ua = (projections[k, 0, 0] - u * projections[k, 2, 0]) * inverse
+                ub = (projections[k, 0, 1] - u * projections[k, 2, 1]) * inverse
+                uc = (projections[k, 0, 2] - u * projections[k, 2, 2]) * inverse
+                va = (projections[k, 1, 0] - v * projections[k, 2, 0]) * inverse
+                vb = (projections[k, 1, 1] - v * projections[k, 2, 1]) * inverse
+                vc = (projections[k, 1, 2] - v * projections[k, 2, 2]) * inverse
+                n00 += weight * (ua * ua + va * va)
+                n01 += weight * (ua * ub + va * vb)
+                n02 += weight * (ua * uc + va * vc)
+                n11 += weight * (ub * ub + vb * vb)
+                n12 += weight * (ub * uc + vb * vc)
+                n22 += weight * (uc * uc + vc * vc)
+                g0 += weight * (ua * error_u + va * error_v)
+                g1 += weight * (ub * error_u + vb * error_v)
+                g2 += weight * (uc * error_u + vc * error_v)
+            if not far_enough:
+                break
+            last_loss = product if reject_outliers else total
+            if step == 0:
+                first_loss = last_loss
+            if step == steps:
+                if last_loss <= first_loss:
+                    joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2] = x, y, z
+                break
+            c00 = n11 * n22 - n12 * n12
+            c01 = n02 * n12 - n01 * n22
+            c02 = n01 * n12 - n02 * n11
+            scale = 1.0 / (n00 * c00 + n01 * c01 + n02 * c02)
+            c12 = n01 * n02 - n00 * n12
+            dx = scale * (c00 * g0 + c01 * g1 + c02 * g2)
+            dy = scale * (c01 * g0 + (n00 * n22 - n02 * n02) * g1 + c12 * g2)
+            dz = scale * (c02 * g0 + c12 * g1 + (n00 * n11 - n01 * n01) * g2)
+            if not dx * dx + dy * dy + dz * dz <= MAX_STEP_M**2:
+                break
+            x, y, z = x - dx, y - dy, z - dz
+
+
+@kernel
+def score_person(
+    group: Integers,
+    cameras: Integers,
+    pixels: Floats,
+    scores: Floats,
+    precisions: Floats,
+    projections: Floats,
+    reject_outliers: bool,
+    joints_m: Floats,
+    joint_scores: Floats,
+    errors_px: Floats,
+) -> None:
+    """Write score `(num_joints,)` and mean reprojection error in pixels `(num_joints,)`."""
+    robust = 1.0 / OUTLIER_SIGMAS**2 if reject_outliers else 0.0
+    for joint in range(joints_m.shape[0]):
+        x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
+        joint_scores[joint] = 0.0
+        errors_px[joint] = np.nan
+        if math.isnan(x):
+            continue
+        num_views = 0
+        total = error_sum = 0.0
+        for index in range(len(group)):
+            pose = group[index]
+            if scores[pose, joint] <= 0:
+                continue
+            num_views += 1
+            k = cameras[pose]
+            inverse = 1.0 / _depth(projections, k, x, y, z)
+            squares = 0.0
+            for axis in range(2):
+                at = inverse * (
+                    projections[k, axis, 0] * x
+                    + projections[k, axis, 1] * y
+                    + projections[k, axis, 2] * z
+                    + projections[k, axis, 3]
+                )
+                squares += (at - pixels[pose, joint, axis]) ** 2
+            error_sum += math.sqrt(squares)
+            total += scores[pose, joint] / (1.0 + squares * robust * precisions[pose, joint] ** 2)
+        joint_scores[joint] = total / num_views
+        errors_px[joint] = error_sum / num_views
+
+
+@kernel
+def _depth(projections: Floats, k: int, x: float, y: float, z: float) -> float:
+    return float(
+        projections[k, 2, 0] * x
+        + projections[k, 2, 1] * y
+        + projections[k, 2, 2] * z
+        + projections[k, 2, 3]
+    )

@@ -1,0 +1,1 @@
+"""A detector's noise, measured on recordings without labels."""

@@ -1,0 +1,216 @@
+"""Measure a detector's noise on a recording, without labels (docs/noise.md).
+
+all-camera replay -> tracks -> their detections -> leave one view out -> sigma by score
+                                                        |                  |
+                                    made-up noise of that sigma, the same way: what comes back?
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.evaluate.noise.residuals import MIN_SLOTS, Sighted, leave_one_out, sight
+from e3pose.evaluate.noise.statistics import Statistics, describe, falling
+from e3pose.evaluate.smoother import project_all, smooth
+from e3pose.geometry.camera import Rig
+from e3pose.model.noise import OPENPOSE, Noise
+from e3pose.recording import Recording, ViewSeries
+from e3pose.simulate.noise import GROSS_MEMORY, GROSS_SIGMA_PX, correlated, normal_cdf
+
+if TYPE_CHECKING:
+    from e3pose.pipeline import SlotRecord
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Replayed = Callable[[Iterable["SlotRecord"]], Iterable["SlotRecord"]]
+Told = Callable[[str, int, int], None]  # what is done, how much of it, of how much
+
+LEAST_CAMERAS = 3
+PASSES = 2  # the reference weighs keypoints by the noise that the pass before found
+# A view's shift bends the reference of all others, so it is taken out in steps.
+SHIFT_PASSES, SHIFT_STEP = 6, 0.7
+ROUNDS = 2  # of making noise up and looking what comes back
+LEAST_SIGMA_PX = 0.1  # of an image of 1000 pixels: exact detections have no noise at all
+BELIEVABLE = (0.3, 2.0)  # of the sigma that was made up, what may come back
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibrated:
+    """The noise of a detector as one recording shows it.
+
+    Attributes:
+        noise: sigma by score, corrected for the error of the reference.
+        measured: what the residuals themselves are like.
+        shifts_px: `(num_cameras, 2)` what was taken out of every keypoint of a camera.
+        people: tracks that were compared.
+        slots: of the recording.
+        learned: `(num_cameras,)` what the estimator found while it ran, over the noise file of the
+            detector that the recording names; NaN where it saw too little.
+    """
+
+    noise: Noise
+    measured: Statistics
+    shifts_px: Floats
+    people: int
+    slots: int
+    learned: Floats
+
+
+def calibrate_noise(
+    recording: Recording,
+    *,
+    start: Noise = OPENPOSE,
+    seconds: float = 120.0,
+    without_shifts: bool = False,
+    seed: int = 0,
+    replayed: Replayed = iter,
+    told: Told = lambda what, done, total: None,
+) -> Calibrated:
+    """Measure the noise of the detector that made a recording.
+
+    Args:
+        recording: with three cameras or more; its truth is not looked at.
+        start: what is believed of the detector at first.
+        seconds: how much of the recording is used, from its start.
+        without_shifts: take out what shifts all keypoints of a camera alike, as wrong calibration
+            does: it is of this rig and not of the detector.
+        seed: of the noise that is made up to see what comes back.
+        replayed: wraps the slots of the replay.
+        told: hears how the rest goes on.
+
+    Raises:
+        InputError: when the recording has too few cameras or shows too little.
+    """
+    rig = recording.rig
+    if len(rig) < LEAST_CAMERAS:
+        raise InputError(
+            f"{recording.name}: found {len(rig)} cameras, expected at least {LEAST_CAMERAS}: "
+            "a view is compared with what two others say"
+        )
+    num_slots = min(recording.num_slots, max(1, round(seconds / recording.interval_s)))
+    tracks, learned = all_camera_tracks(recording, num_slots, replayed)
+    people = list(sight(recording, tracks, num_slots))
+    image_px = float(max(max(camera.image_size) for camera in rig.cameras))
+    noise = _resized(start, image_px)
+    scales = np.array([max(camera.image_size) for camera in rig.cameras]) / image_px
+
+    def compared(what: str, whom: Sequence[Sighted], belief: Noise) -> Statistics:
+        residuals = leave_one_out(
+            whom, rig, belief, recording.interval_s, lambda n: told(what, n, len(whom))
+        )
+        return describe(residuals, recording.interval_s, image_px)
+
+    shifts = np.zeros((len(rig), 2))
+    for number in range(SHIFT_PASSES if without_shifts else PASSES):
+        measured = compared(f"comparing, pass {number + 1}", people, noise)
+        noise = _noise(measured.scores, measured.sigma_px, image_px)
+        if without_shifts and number < SHIFT_PASSES - 1:
+            found = np.zeros_like(shifts)
+            for camera, view in measured.views.items():
+                found[camera] = SHIFT_STEP * view.shift_px
+            shifts += found
+            people = [_shifted(each, found * scales[:, None]) for each in people]
+    corrected = noise
+    for number in range(ROUNDS):
+        rng = np.random.default_rng([seed, number])
+        made_up = [
+            _made_up(each, rig, noise, corrected, measured, recording, rng) for each in people
+        ]
+        again = compared(f"checking, round {number + 1}", made_up, noise)
+        back = np.interp(measured.scores, again.scores, again.sigma_px)
+        ratio = np.clip(back / corrected.of(measured.scores), *BELIEVABLE)
+        sigma = falling(measured.sigma_px / ratio, measured.counts)
+        corrected = _noise(measured.scores, sigma, image_px)
+    return Calibrated(corrected, measured, shifts, len(people), num_slots, learned)
+
+
+def all_camera_tracks(
+    recording: Recording, num_slots: int, replayed: Replayed = iter
+) -> tuple[list[tuple[Ints, Floats]], Floats]:
+    """Return what the estimator with a memory finds with all cameras on.
+
+    Returns:
+        The slots and joints of everybody who stays, and `(num_cameras,)` the noise that it learned,
+        over that of the noise file.
+    """
+    from e3pose.evaluate.replay import ReplaySettings, replay
+
+    part = replace(recording, truth=None, num_slots=num_slots, views=_cut(recording, num_slots))
+    part = replace(part, scored_slots=None)
+    settings = ReplaySettings(
+        pipeline="memory", policy="all", num_selected=len(recording.rig), predictor="zero-velocity"
+    )
+    slots: dict[int, list[int]] = {}
+    poses: dict[int, list[Floats]] = {}
+    learned = np.full(len(recording.rig), np.nan)
+    for record in replayed(replay(part, settings)):
+        if record.noise_factors is not None:
+            learned = record.noise_factors
+        for track, joints_m in zip(record.track_ids.tolist(), record.poses.joints_m, strict=True):
+            slots.setdefault(track, []).append(record.slot)
+            poses.setdefault(track, []).append(joints_m)
+    long = [track for track, there in slots.items() if len(there) >= MIN_SLOTS]
+    return [(np.array(slots[track]), np.stack(poses[track])) for track in long], learned
+
+
+def _made_up(
+    person: Sighted,
+    rig: Rig,
+    belief: Noise,
+    noise: Noise,
+    measured: Statistics,
+    recording: Recording,
+    rng: np.random.Generator,
+) -> Sighted:
+    """Return the person with keypoints of known errors, in the same views with the same scores."""
+    scales = np.array([max(c.image_size) for c in rig.cameras]) / noise.image_px
+    seen = person.scores > 0
+    sigma = np.where(seen, belief.of(person.scores, scales[:, None]), np.inf)
+    path = smooth(
+        person.keypoints_px, sigma, rig.projections, person.joints_m, recording.interval_s
+    )
+    pixels = project_all(path, rig.projections)[0]
+    memory = tuple(zip(measured.memory, (0.0, 0.1, 2.5), strict=True))
+    direction = correlated(rng, pixels.shape, recording.interval_s, memory)
+    wild = normal_cdf(
+        correlated(rng, person.scores.shape, recording.interval_s, GROSS_MEMORY)
+    ) < np.interp(person.scores, measured.scores, measured.gross_share)
+    spread = np.where(wild, GROSS_SIGMA_PX * noise.image_px / 1032, noise.of(person.scores))
+    errors = direction * (spread * scales[:, None])[..., None]
+    return replace(person, keypoints_px=np.where(seen[..., None], pixels + errors, np.nan))
+
+
+def _shifted(person: Sighted, shifts_px: Floats) -> Sighted:
+    return replace(person, keypoints_px=person.keypoints_px - shifts_px[:, None])
+
+
+def _noise(scores: Floats, sigma_px: Floats, image_px: float) -> Noise:
+    return Noise(scores, np.maximum(sigma_px, LEAST_SIGMA_PX * image_px / 1000), image_px)
+
+
+def _resized(noise: Noise, image_px: float) -> Noise:
+    return Noise(noise.scores, noise.sigma_px * image_px / noise.image_px, image_px)
+
+
+def _cut(recording: Recording, num_slots: int) -> tuple[ViewSeries, ...]:
+    """Return the views before `num_slots`."""
+    cut = []
+    for series in recording.views:
+        frames = int(np.searchsorted(series.slots, num_slots))
+        poses = int(series.starts[frames])
+        cut.append(
+            ViewSeries(
+                series.slots[:frames],
+                series.times_s[:frames],
+                series.starts[: frames + 1],
+                series.keypoints_px[:poses],
+                series.scores[:poses],
+            )
+        )
+    return tuple(cut)

@@ -1,0 +1,1 @@
+"""How well predictors foresee the motion of recordings."""

@@ -1,0 +1,363 @@
+"""Cameras and rigs: where a world point lands in an image, and which ray a pixel looks along.
+
+Conventions: world in metres, z up; camera frame x right, y down, z forward; pixel (0, 0) is the
+centre of the top-left pixel. `T_world_camera` maps camera coordinates to world coordinates.
+Distortion follows OpenCV (`distortion.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from e3pose.errors import InputError
+from e3pose.geometry.distortion import LENGTHS, Distortion
+
+Floats = NDArray[np.float64]
+
+CAMERA_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
+MIN_DEPTH_M = 1e-6  # nearer than this a point is as good as inside the lens
+MAX_DISTANCE_M = 1000.0
+MAX_COEFFICIENT = 1e6
+ROTATION_TOLERANCE = 1e-3  # a rotation printed with four digits is a rotation
+
+
+def check_camera_id(camera_id: object) -> str:
+    """Return `camera_id` if it may name a camera, and so a file; raise `InputError` if not."""
+    if not isinstance(camera_id, str) or not CAMERA_ID.fullmatch(camera_id):
+        raise InputError(
+            f"camera id {str(camera_id)[:80]!r}: expected 1 to 64 letters, digits, '_', '-' or "
+            "'.', not starting with '-' or '.'"
+        )
+    return camera_id
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One calibrated camera.
+
+    Attributes:
+        camera_id: stable name, safe as a file name.
+        image_size: `(width, height)` in pixels.
+        K: `(3, 3)` intrinsic matrix in pixels.
+        T_world_camera: `(4, 4)` camera-to-world transform, metres.
+        distortion: `(0,)`, `(4,)`, `(5,)` or `(8,)` OpenCV coefficients; `(4,)` if `fisheye`.
+        fisheye: whether `distortion` is OpenCV's fisheye (equidistant) model.
+
+    Raises:
+        InputError: naming the camera and the field that is wrong.
+    """
+
+    camera_id: str
+    image_size: tuple[int, int]
+    K: Floats
+    T_world_camera: Floats
+    distortion: Floats = field(default_factory=lambda: np.zeros(0))
+    fisheye: bool = False
+
+    def __post_init__(self) -> None:
+        check_camera_id(self.camera_id)
+        object.__setattr__(self, "image_size", self._checked_size())
+        object.__setattr__(self, "K", self._checked_matrix("K", (3, 3)))
+        self._check_intrinsics()
+        T_world_camera = self._checked_matrix("T_world_camera", (4, 4))
+        object.__setattr__(self, "T_world_camera", self._checked_rigid(T_world_camera))
+        object.__setattr__(self, "distortion", self._checked_distortion())
+
+    @classmethod
+    def from_world_to_camera(
+        cls,
+        camera_id: str,
+        image_size: tuple[int, int],
+        K: ArrayLike,
+        R: ArrayLike,
+        t: ArrayLike,
+        distortion: ArrayLike = (),
+        fisheye: bool = False,
+    ) -> Camera:
+        """Make a camera from the textbook extrinsics `x_camera = R @ x_world + t` (metres)."""
+        rotation = np.asarray(R, dtype=np.float64)
+        translation = np.asarray(t, dtype=np.float64).reshape(-1)
+        if rotation.shape != (3, 3) or translation.shape != (3,):
+            raise InputError(
+                f"camera {camera_id}: rotation and translation have shapes {rotation.shape} and "
+                f"{translation.shape}, expected (3, 3) and (3,)"
+            )
+        if not np.isfinite(rotation).all():
+            raise InputError(
+                f"camera {camera_id}: rotation: found a value that is not finite, expected numbers"
+            )
+        T_world_camera = np.eye(4)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are refused below
+            if np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE):
+                rotation = _nearest_rotation(rotation)
+            T_world_camera[:3, :3] = rotation.T
+            T_world_camera[:3, 3] = -rotation.T @ translation
+        return cls(
+            camera_id,
+            image_size,
+            np.asarray(K, dtype=np.float64),
+            T_world_camera,
+            np.asarray(distortion, dtype=np.float64),
+            fisheye,
+        )
+
+    @cached_property
+    def R(self) -> Floats:
+        """`(3, 3)` world-to-camera rotation."""
+        rotation: Floats = self.T_world_camera[:3, :3].T
+        return rotation
+
+    @cached_property
+    def t(self) -> Floats:
+        """`(3,)` world-to-camera translation in metres."""
+        return np.asarray(-self.R @ self.center_m, dtype=np.float64)
+
+    @property
+    def center_m(self) -> Floats:
+        """`(3,)` optical centre in the world."""
+        return self.T_world_camera[:3, 3]
+
+    @cached_property
+    def projection(self) -> Floats:
+        """`(3, 4)` pixel-from-world matrix of the undistorted image: the paper's P_n."""
+        return np.asarray(self.K @ np.column_stack([self.R, self.t]), dtype=np.float64)
+
+    @cached_property
+    def lens(self) -> Distortion:
+        """The distortion model, on normalised points."""
+        return Distortion(self.distortion, self.fisheye)
+
+    def project(self, points_m: ArrayLike) -> Floats:
+        """Project world points into the distorted image.
+
+        Args:
+            points_m: `(*batch, 3)` metres.
+
+        Returns:
+            `(*batch, 2)` pixels; NaN for a point behind the camera, beyond the angle at which the
+            distortion model folds back, or NaN itself. Points outside the image keep their pixels.
+        """
+        points = np.asarray(points_m, dtype=np.float64)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurdly far points become NaN
+            in_camera = points @ self.R.T + self.t
+            depth = np.where(in_camera[..., 2:] >= MIN_DEPTH_M, in_camera[..., 2:], np.nan)
+            pixels = self._pixels(self.lens.distort(in_camera[..., :2] / depth))
+            return np.where(np.isfinite(pixels).all(axis=-1, keepdims=True), pixels, np.nan)
+
+    def undistort(self, keypoints_px: ArrayLike) -> Floats:
+        """Move pixels to where a camera without distortion, with the same `K`, would see them.
+
+        Args:
+            keypoints_px: `(*batch, 2)` pixels in the real image.
+
+        Returns:
+            `(*batch, 2)` pixels that `projection` explains; NaN where the model has no inverse.
+        """
+        pixels = np.asarray(keypoints_px, dtype=np.float64)
+        if len(self.distortion) == 0:
+            return np.array(pixels)
+        return self._pixels(self.lens.undistort(self._normalised(pixels)))
+
+    def rays(self, keypoints_px: ArrayLike) -> Floats:
+        """Return the unit world directions in which real pixels look.
+
+        Args:
+            keypoints_px: `(*batch, 2)` pixels in the real image.
+
+        Returns:
+            `(*batch, 3)`; NaN where the model has no inverse.
+        """
+        pixels = np.asarray(keypoints_px, dtype=np.float64)
+        normalised = self.lens.undistort(self._normalised(pixels))
+        directions = np.concatenate([normalised, np.ones_like(normalised[..., :1])], axis=-1)
+        directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
+        return np.asarray(directions @ self.R, dtype=np.float64)
+
+    def sees(self, points_m: ArrayLike) -> NDArray[np.bool_]:
+        """Return whether world points fall inside the image, whatever may stand in the way.
+
+        Args:
+            points_m: `(*batch, 3)` metres.
+
+        Returns:
+            `(*batch,)`; False for NaN.
+        """
+        pixels = self.project(points_m)
+        inside = (pixels >= -0.5) & (pixels < np.array(self.image_size) - 0.5)
+        return np.asarray(inside.all(axis=-1))
+
+    def _pixels(self, normalised: Floats) -> Floats:
+        return np.asarray(normalised @ self.K[:2, :2].T + self.K[:2, 2], dtype=np.float64)
+
+    def _normalised(self, pixels: Floats) -> Floats:
+        fx, skew, fy = self.K[0, 0], self.K[0, 1], self.K[1, 1]
+        y = (pixels[..., 1] - self.K[1, 2]) / fy
+        x = (pixels[..., 0] - self.K[0, 2] - skew * y) / fx
+        return np.stack([x, y], axis=-1)
+
+    def _checked_size(self) -> tuple[int, int]:
+        expected = "(width, height) in pixels, 1 to 100000"
+        try:
+            width, height = (int(v) for v in self.image_size)
+        except (TypeError, ValueError, OverflowError):
+            raise self._error("image size", f"{self.image_size!r:.60}", expected) from None
+        if not (1 <= width <= 100_000 and 1 <= height <= 100_000):
+            raise self._error("image size", f"{(width, height)!r:.60}", expected)
+        return width, height
+
+    def _checked_matrix(self, name: str, shape: tuple[int, ...]) -> Floats:
+        try:
+            matrix = np.array(getattr(self, name), dtype=np.float64)
+        except (TypeError, ValueError):
+            raise self._error(name, "something else", f"numbers of shape {shape}") from None
+        if matrix.shape != shape:
+            raise self._error(name, f"shape {matrix.shape}", f"{shape}")
+        if not np.isfinite(matrix).all():
+            raise self._error(name, "a value that is not finite", "numbers")
+        matrix.flags.writeable = False
+        return matrix
+
+    def _checked_distortion(self) -> Floats:
+        lengths = (4,) if self.fisheye else LENGTHS
+        expected = f"{' or '.join(map(str, lengths))} coefficients"
+        try:
+            distortion = np.array(self.distortion, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError):
+            raise self._error("distortion", "something else", expected) from None
+        if len(distortion) not in lengths:
+            raise self._error("distortion", f"{len(distortion)} coefficients", expected)
+        if not (np.abs(distortion) <= MAX_COEFFICIENT).all():
+            raise self._error(
+                "distortion", f"{distortion.tolist()}", f"numbers within {MAX_COEFFICIENT:g}"
+            )
+        distortion.flags.writeable = False
+        return distortion
+
+    def _check_intrinsics(self) -> None:
+        (fx, _, cx), (below, fy, cy), last = self.K
+        if not (fx > 0 and fy > 0) or not np.isfinite(self.K).all():
+            raise self._error(
+                "K", f"{self.K.tolist()}", "an invertible matrix with positive focal lengths"
+            )
+        if below != 0 or last.tolist() != [0, 0, 1]:
+            raise self._error("K", f"{self.K.tolist()}", "[[fx, s, cx], [0, fy, cy], [0, 0, 1]]")
+        longest = max(self.image_size)
+        if min(fx, fy) < 0.05 * longest or max(fx, fy) > 1000 * longest:
+            raise self._error(
+                "K",
+                f"focal lengths {fx:g} and {fy:g} for an image of {longest} pixels",
+                "pixels, not millimetres or a share of the image",
+            )
+        if np.abs(self.K[:2, 1:]).max() > 1000 * longest:
+            raise self._error("K", f"principal point ({cx:g}, {cy:g})", "pixels near the image")
+
+    def _checked_rigid(self, T_world_camera: Floats) -> Floats:
+        rotation, center = T_world_camera[:3, :3], T_world_camera[:3, 3]
+        if np.abs(rotation).max() > 2 or not np.allclose(
+            rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE
+        ):
+            raise self._error("rotation", f"{rotation.tolist()}", "an orthonormal matrix")
+        if np.linalg.det(rotation) < 0:
+            raise self._error("rotation", "determinant -1 (a mirror)", "determinant +1")
+        if T_world_camera[3].tolist() != [0, 0, 0, 1]:
+            raise self._error(
+                "T_world_camera", "a last row that is not 0 0 0 1", "a rigid transform"
+            )
+        if np.abs(center).max() > MAX_DISTANCE_M:
+            raise self._error(
+                "translation",
+                f"a centre {np.abs(center).max():.4g} m from the origin",
+                "metres within 1 km; is the file in millimetres or centimetres?",
+            )
+        rigid = np.array(T_world_camera)
+        rigid[:3, :3] = _nearest_rotation(rotation)
+        rigid.flags.writeable = False
+        return rigid
+
+    def _error(self, name: str, found: str, expected: str) -> InputError:
+        return InputError(f"camera {self.camera_id}: {name}: found {found}, expected {expected}")
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """All cameras of a site, in one world frame; their order is the camera axis everywhere.
+
+    Raises:
+        InputError: when two cameras share an id or there is none.
+    """
+
+    cameras: tuple[Camera, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cameras", tuple(self.cameras))
+        ids = self.camera_ids
+        if not ids:
+            raise InputError("rig: found no camera, expected at least one")
+        doubles = sorted({i for i in ids if ids.count(i) > 1})
+        if doubles:
+            raise InputError(f"rig: camera id {doubles[0]!r} appears twice, expected unique ids")
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    @property
+    def camera_ids(self) -> tuple[str, ...]:
+        """Camera ids in camera-axis order."""
+        return tuple(camera.camera_id for camera in self.cameras)
+
+    def index(self, camera_id: str) -> int:
+        """Return where `camera_id` stands on the camera axis; raise `InputError` if nowhere."""
+        try:
+            return self.camera_ids.index(camera_id)
+        except ValueError:
+            known = ", ".join(self.camera_ids)
+            raise InputError(f"camera {camera_id!r} is not in the rig, which has {known}") from None
+
+    def subset(self, indices: Sequence[int]) -> Rig:
+        """Return the rig of the cameras at `indices`, in that order."""
+        return Rig(tuple(self.cameras[i] for i in indices))
+
+    @cached_property
+    def projections(self) -> Floats:
+        """`(num_cameras, 3, 4)` pixel-from-world matrices of the undistorted images."""
+        return np.stack([camera.projection for camera in self.cameras])
+
+    @cached_property
+    def centers_m(self) -> Floats:
+        """`(num_cameras, 3)` optical centres in the world."""
+        return np.stack([camera.center_m for camera in self.cameras])
+
+    @cached_property
+    def ray_matrices(self) -> Floats:
+        """`(num_cameras, 3, 3)` undistorted homogeneous pixels to world directions."""
+        return np.stack([camera.R.T @ np.linalg.inv(camera.K) for camera in self.cameras])
+
+    def project(self, points_m: ArrayLike) -> Floats:
+        """Project `(*batch, 3)` points into every camera: `(num_cameras, *batch, 2)` pixels."""
+        return np.stack([camera.project(points_m) for camera in self.cameras])
+
+    def fundamental(self, first: int, second: int) -> Floats:
+        """Return `(3, 3)` F: `x_second^T F x_first = 0` for undistorted pixels of one point."""
+        a, b = self.cameras[first], self.cameras[second]
+        rotation = b.R @ a.R.T
+        translation = b.t - rotation @ a.t
+        essential = _cross_matrix(translation) @ rotation
+        return np.asarray(np.linalg.inv(b.K).T @ essential @ np.linalg.inv(a.K), dtype=np.float64)
+
+
+def _cross_matrix(v: Floats) -> Floats:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+
+
+def _nearest_rotation(matrix: Floats) -> Floats:
+    """Return the orthonormal matrix nearest to one that is almost so, or the matrix itself."""
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-12:
+        return matrix
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right, dtype=np.float64)

@@ -1,0 +1,92 @@
+"""How every kernel is compiled, and when a compiled kernel on disk may be used again."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar, cast
+
+import numba
+
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+
+_PACKAGE = Path(__file__).resolve().parent
+FILTER = "e3pose.estimate.filter."  # how the names of the filter's kernels begin
+LANES = 16  # the innermost loops run over so many poses, which fills a vector register
+# What is compiled, and the modules whose constants it takes over.
+SOURCES = (
+    *sorted((_PACKAGE / "geometry").glob("*.py")),
+    *sorted((_PACKAGE / "estimate" / "per_slot").glob("*.py")),
+    _PACKAGE / "model" / "pose.py",
+    _PACKAGE / "kernel.py",
+)
+# The filter's kernels call the others, but not the other way round.
+_FILTER = _PACKAGE / "estimate" / "filter"
+FILTER_SOURCES = (
+    *SOURCES,
+    *sorted((_FILTER / "kernels").glob("*.py")),
+    *(_FILTER / f"{name}.py" for name in ("bias", "blindness", "learned_noise", "motion", "state")),
+)
+
+
+def sources_stamp(sources: tuple[Path, ...] = SOURCES) -> str:
+    """Return a digest of everything that is compiled into a kernel."""
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sources:
+        digest.update(path.read_bytes() if path.exists() else b"")
+    return digest.hexdigest()
+
+
+_STAMP = sources_stamp()
+
+
+@cache
+def _filter_stamp() -> str:
+    return sources_stamp(FILTER_SOURCES)
+
+
+def _or_nothing(load_index: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
+    """Take what is on disk as stale where it cannot be read.
+
+    numba looks at the stamp only after it has loaded the types of the arguments, one of which an
+    older version may have called differently.
+    """
+
+    def load() -> dict[Any, str]:
+        try:
+            return load_index()
+        except (pickle.UnpicklingError, AttributeError, ImportError, TypeError, EOFError):
+            return {}
+
+    return load
+
+
+def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """Compile a function: cached on disk, free of the interpreter lock, division as in numpy.
+
+    Of the fast-math flags only `contract` is safe: it fuses a product and a sum, with one rounding
+    where the reference has two. Reordering or ignoring NaN would break the agreement.
+    """
+    options: dict[str, Any] = {
+        "nogil": True,
+        "error_model": "numpy",
+        "fastmath": {"contract"},
+    }
+    try:
+        dispatcher: Any = numba.njit(cache=True, **options)(function)
+        cache_file = dispatcher._cache._cache_file
+        # numba asks only whether the file of the outermost function changed. A kernel that was
+        # inlined from another file would stay as it was, and disagree with its caller about the
+        # layout of memory.
+        if not hasattr(cache_file, "_source_stamp"):
+            raise AttributeError("numba keeps its stamp elsewhere")
+        of_filter = function.__module__.startswith(FILTER)
+        cache_file._source_stamp = _filter_stamp() if of_filter else _STAMP
+        cache_file._load_index = _or_nothing(cache_file._load_index)
+    except (RuntimeError, AttributeError):  # nowhere to write, or another numba: compile each time
+        dispatcher = numba.njit(**options)(function)
+    return cast(Callable[Parameters, Result], dispatcher)

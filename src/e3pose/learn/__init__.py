@@ -1,0 +1,1 @@
+"""Learning: the predictor from recordings, and beside a running system."""

@@ -1,0 +1,5 @@
+"""Learning beside a running edge: collect, train elsewhere, swap only what is better. No torch."""
+
+from e3pose.learn.online.learner import OnlineTrainer as OnlineTrainer
+from e3pose.learn.online.settings import LearningSettings as LearningSettings
+from e3pose.learn.online.versions import Version as Version

@@ -1,0 +1,99 @@
+"""What a recording teaches: its truth or its estimates, without the slots that judge systems."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from e3pose.errors import InputError
+from e3pose.learn.train.clips import clips_of
+from e3pose.learn.train.estimates import EstimateSettings, estimated_clips
+from e3pose.learn.train.parallel import Workers
+from e3pose.learn.train.windows import Clip
+from e3pose.recording import Recording
+
+Target = Literal["auto", "truth", "estimates"]
+Stretch = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class LessonSettings:
+    """What to learn from recordings.
+
+    Attributes:
+        target: `truth`, `estimates` (what all cameras together see), or `auto`: the truth of
+            recordings that have it outside their scored slots, else estimates.
+        include_scored: learn from slots in which systems are evaluated too.
+        estimates: what to make of the cameras.
+    """
+
+    target: Target = "auto"
+    include_scored: bool = False
+    estimates: EstimateSettings = field(default_factory=EstimateSettings)
+
+
+def lessons(
+    recording: Recording,
+    shortest: int,
+    settings: LessonSettings,
+    workers: Workers,
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[Clip]:
+    """Return the motion that a recording teaches.
+
+    Args:
+        recording: with truth, or with detections of two cameras or more.
+        shortest: slots of the shortest clip of use.
+        settings: what to learn.
+        workers: who fuses the cameras.
+        progress: called with the share of the fusing that is done.
+
+    Raises:
+        InputError: when the recording has neither what is asked for, nor slots to learn it from.
+    """
+    true = settings.target == "truth" or (settings.target == "auto" and _has_truth(recording))
+    stretches = free_stretches(recording, settings.include_scored)
+    if not stretches:
+        raise InputError(
+            f"recording {recording.name}: found no slot that is not scored, expected some; "
+            "--include-scored learns from them all the same, and the model card says so"
+        )
+    if true:
+        clips = clips_of(recording, shortest, stretches)
+    else:
+        _check_views(recording)
+        clips = estimated_clips(
+            recording, shortest, stretches, settings.estimates, workers, progress
+        )
+    scored = settings.include_scored and recording.scored_slots is not None
+    return [replace(clip, scored=scored) for clip in clips]
+
+
+def free_stretches(recording: Recording, include_scored: bool) -> list[Stretch]:
+    """Return the half-open ranges of slots that may be learned from.
+
+    The slots that a recording declares scored may not, unless `include_scored`.
+    """
+    if include_scored or recording.scored_slots is None:
+        return [(0, recording.num_slots)]
+    first, stop = recording.scored_slots
+    return [(a, b) for a, b in ((0, first), (stop, recording.num_slots)) if a < b]
+
+
+def _has_truth(recording: Recording) -> bool:
+    if recording.truth is None:
+        return False
+    known = np.asarray(recording.truth.annotated.any(axis=(1, 2)))
+    return any(known[a:b].any() for a, b in free_stretches(recording, False))
+
+
+def _check_views(recording: Recording) -> None:
+    seeing = sum(bool(np.any(series.scores > 0)) for series in recording.views)
+    if seeing < 2:
+        raise InputError(
+            f"recording {recording.name}: detections: found those of {seeing} cameras, expected "
+            "two or more, or truth"
+        )

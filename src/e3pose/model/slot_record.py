@@ -1,0 +1,77 @@
+"""What one slot leaves behind: who was found, who looked, who looks next and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.model.pose import Poses3D
+
+Floats = NDArray[np.float64]
+Selection = NDArray[np.bool_]  # (num_cameras,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reasons:
+    """Why cameras were chosen for a slot.
+
+    Attributes:
+        slot: the slot they were chosen for.
+        gain_nats: `(num_cameras,)` information a joint that each camera adds to, or would add to,
+            the others that were chosen.
+        price: `(num_cameras,)` what its queue asked for.
+        error_m: mean distance of joints from the truth expected with the chosen cameras; NaN when
+            nobody is known.
+    """
+
+    slot: int
+    gain_nats: Floats
+    price: Floats
+    error_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlotRecord:
+    """What one slot left behind.
+
+    Attributes:
+        slot: index of the slot.
+        time_s: its time since the start.
+        selected: `(num_cameras,)` cameras that were ordered to detect in this slot and were online.
+        arrived: `(num_cameras,)` selected cameras whose view came.
+        poses: the people estimated, world metres.
+        track_ids: `(num_persons,)` their identities.
+        occlusion: `(num_cameras,)` paper eq. (4) predicted for slot + lead.
+        deficit: `(num_cameras,)` queues after the decision for slot + lead.
+        next_selection: `(num_cameras,)` the decision for slot + lead.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of the joints of `poses`; NaN if unknown.
+        measured: `(num_persons, num_joints)` whether a view of this slot measured the joint.
+        reasons: for `next_selection`; None unless the pipeline foresees.
+        stage_s: seconds spent in the estimator's stages, predict, occlusion, select.
+        noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
+            states; NaN where too little is seen, None of an estimator that does not learn it.
+    """
+
+    slot: int
+    time_s: float
+    selected: Selection
+    arrived: Selection
+    poses: Poses3D
+    track_ids: NDArray[np.int64]
+    occlusion: Floats
+    deficit: Floats
+    next_selection: Selection
+    covariance_m2: Floats = field(default_factory=lambda: np.zeros((0, 0, 3, 3)))
+    measured: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
+    reasons: Reasons | None = None
+    stage_s: Mapping[str, float] = field(default_factory=dict)
+    noise_factors: Floats | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.poses.scores.shape
+        if self.measured.shape != shape:  # whoever made the record does not know
+            object.__setattr__(self, "covariance_m2", np.full((*shape, 3, 3), np.nan))
+            object.__setattr__(self, "measured", self.poses.scores > 0)

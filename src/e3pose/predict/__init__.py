@@ -1,0 +1,68 @@
+"""Predictors: recent 3D poses -> 3D poses a few slots ahead."""
+
+import logging
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+from e3pose.errors import InputError
+from e3pose.model.skeleton import COCO17, Skeleton
+from e3pose.predict.base import Prediction as Prediction
+from e3pose.predict.base import Predictor as Predictor
+from e3pose.predict.constant_velocity import ConstantVelocity
+from e3pose.predict.damped_velocity import DampedVelocity
+from e3pose.predict.zero_velocity import ZeroVelocity
+
+FALLBACK = "constant-velocity"
+WEIGHTS_ENDING = ".onnx"  # what `e3pose train` and `e3pose learn` leave behind
+
+
+def _attention_lstm(skeleton: Skeleton) -> Predictor:
+    from e3pose.predict.attention_lstm import AttentionLstm
+
+    return AttentionLstm(skeleton)
+
+
+# A predictor is made for the skeleton of the poses that it will be given.
+PREDICTORS: dict[str, Callable[[Skeleton], Predictor]] = {
+    "zero-velocity": lambda skeleton: ZeroVelocity(),
+    "constant-velocity": lambda skeleton: ConstantVelocity(),
+    "damped-velocity": lambda skeleton: DampedVelocity(),
+    "attention-lstm": _attention_lstm,
+}
+
+
+def make_predictor(name: str, skeleton: Skeleton = COCO17) -> Predictor:
+    """Return the predictor called `name`, or that of a file of weights, `.onnx`.
+
+    Raises:
+        InputError: listing the known names, or saying what is wrong with the file.
+    """
+    if name.endswith(WEIGHTS_ENDING):
+        from e3pose.predict.attention_lstm import AttentionLstm
+
+        return AttentionLstm(skeleton, Path(name))
+    if name not in PREDICTORS:
+        raise InputError(
+            f"predictor {name[:40]!r} is unknown, expected one of {', '.join(PREDICTORS)}, or a "
+            f"file of weights that ends in {WEIGHTS_ENDING}"
+        )
+    return PREDICTORS[name](skeleton)
+
+
+def make_predictor_or_fallback(name: str, skeleton: Skeleton = COCO17) -> Predictor:
+    """Return the predictor called `name`, or `FALLBACK`, saying so, where it cannot be had.
+
+    It cannot be had when its weights are missing, damaged or made for other joints, or when the
+    library that runs it is not installed; a running edge goes on all the same.
+    """
+    try:
+        return make_predictor(name, skeleton)
+    except (InputError, ImportError) as error:
+        _say_once(f"predictor {name} cannot be had, {FALLBACK} predicts instead: {error}")
+        return make_predictor(FALLBACK, skeleton)
+
+
+@lru_cache(maxsize=64)
+def _say_once(message: str) -> None:
+    logging.getLogger(__name__).warning(message)

@@ -1,0 +1,148 @@
+"""OpenPose JSON: `<camera>/<frame>_keypoints.json`, one file per camera and frame."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibration import load_rig
+from e3pose.errors import InputError
+from e3pose.files.bounded import read_bytes
+from e3pose.geometry.camera import Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import BODY25, COCO17, COCO18, Skeleton
+from e3pose.recording import Recording
+from e3pose.recording.datasets.folders import match_folders
+from e3pose.recording.datasets.views import check_fps, poses_from_triples, series_from_frames
+
+MAX_FILE_BYTES = 64 * 2**20
+SKELETONS_BY_COUNT = {3 * len(s): s for s in (BODY25, COCO18, COCO17)}
+FRAME_NUMBER = re.compile(r"(\d{1,18})(?!.*\d)")
+
+Floats = NDArray[np.float64]
+Progress = Callable[[Sequence[Path]], Iterable[Path]]
+
+
+class _Person(msgspec.Struct):
+    pose_keypoints_2d: list[float]
+
+
+class _File(msgspec.Struct):
+    people: list[_Person]
+
+
+_DECODER = msgspec.json.Decoder(_File)
+
+
+def import_openpose(
+    source: Path,
+    calibration: Path,
+    fps: float,
+    folders: Mapping[str, str] | None = None,
+    progress: Progress = iter,
+) -> Recording:
+    """Read a folder of OpenPose JSON files.
+
+    Args:
+        source: a folder with one folder per camera, which holds `<frame>_keypoints.json` files.
+        calibration: the rig, in any format that `e3pose.calibration` reads.
+        fps: frames a second of the cameras.
+        folders: camera id to folder name, where names alone do not tell.
+        progress: wraps the list of files that is read.
+
+    Returns:
+        A recording whose slot 0 is the lowest frame number of any camera.
+
+    Raises:
+        InputError: naming the file and field that is wrong.
+    """
+    check_fps(fps)
+    rig = load_rig(calibration)
+    skeleton, frames = read_detections(source, rig, folders or {}, progress)
+    num_slots, views = series_from_frames(frames, fps, len(skeleton), str(source))
+    return Recording(
+        name=_title(source),
+        rig=rig,
+        fps=fps,
+        num_slots=num_slots,
+        skeleton=skeleton,
+        views=views,
+        source=f"OpenPose JSON, {skeleton.name}",
+    )
+
+
+def read_detections(
+    source: Path, rig: Rig, folders: Mapping[str, str], progress: Progress = iter
+) -> tuple[Skeleton, list[dict[int, Poses2D]]]:
+    """Return the skeleton and, per camera of `rig`, frame number to view."""
+    matched = match_folders(source, rig.camera_ids, folders)
+    files = {
+        path: camera
+        for camera, camera_id in enumerate(rig.camera_ids)
+        for path in sorted(matched[camera_id].glob("*.json"))
+    }
+    people: dict[Path, Floats] = {}
+    count = 0
+    example: Path | None = None
+    for path in progress(list(files)):
+        people[path] = read_people(path)
+        if len(people[path]) == 0:
+            continue
+        numbers = people[path].shape[1]
+        if count and numbers != count:
+            raise InputError(
+                f"{path}: pose_keypoints_2d: found {numbers} numbers, expected {count} "
+                f"as in {example}"
+            )
+        count, example = numbers, path
+    if not count:
+        raise InputError(f"{source}: found nobody in {len(files)} files, expected a person")
+    skeleton = SKELETONS_BY_COUNT[count]
+    frames: list[dict[int, Poses2D]] = [{} for _ in rig.camera_ids]
+    for path, camera in files.items():
+        number = frame_number(path.name)
+        if number in frames[camera]:
+            raise InputError(f"{path}: frame number {number} appears twice in this folder")
+        triples = people[path].reshape(-1, len(skeleton), 3)
+        frames[camera][number] = poses_from_triples(triples, str(path))
+    return skeleton, frames
+
+
+def read_people(path: Path) -> Floats:
+    """Return `(num_persons, numbers)` x, y, score, x, ... of the people of a file with a body."""
+    content = read_bytes(path, MAX_FILE_BYTES)
+    try:
+        people = _DECODER.decode(content).people
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        found = "an empty file" if not content.strip() else str(error)[:200]
+        raise InputError(f"{path}: {found}, expected OpenPose JSON") from None
+    for index, person in enumerate(people):
+        count = len(person.pose_keypoints_2d)
+        if count not in SKELETONS_BY_COUNT and count != 0:
+            raise InputError(
+                f"{path}: people[{index}].pose_keypoints_2d: found {count} numbers, "
+                "expected 75 (BODY_25), 54 (COCO-18) or 51 (COCO-17)"
+            )
+    bodies = [person.pose_keypoints_2d for person in people if person.pose_keypoints_2d]
+    if len({len(body) for body in bodies}) > 1:
+        raise InputError(f"{path}: pose_keypoints_2d: found people with different skeletons")
+    return np.array(bodies, dtype=np.float64)
+
+
+def frame_number(file_name: str) -> int:
+    """Return the last number in a file name such as `walk_000000000012_keypoints.json`."""
+    # The length is checked first: the search takes time with its square.
+    match = FRAME_NUMBER.search(file_name.rsplit(".", 1)[0]) if len(file_name) < 300 else None
+    if match is None:
+        raise InputError(f"{file_name[:120]!r}: found no frame number in the file name")
+    return int(match[1])
+
+
+def _title(source: Path) -> str:
+    name = "".join(char for char in source.resolve().name if char.isprintable())
+    return name[:200] or "openpose"

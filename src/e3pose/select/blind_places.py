@@ -1,0 +1,28 @@
+"""What a camera is worth where it seldom shows people: walls and shelves, which no rig tells of.
+
+A rig's geometry says which places lie inside an image, but not what stands between. The estimator
+counts which of a camera's looks at people who were there showed them, by place
+(`filter.blindness`), and keeps that longer than any track: somebody new, or somebody who comes
+round a corner, is not expected of a camera that showed nobody there before.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from e3pose.estimate.filter.outlook import Outlook
+
+# A view in plain sight knows a joint to about 2 cm, an unseen one may be off by 20 cm: a view adds
+# 100 times the information there was.
+INFORMATION_RATIO = 100.0
+
+
+def with_coverage(outlook: Outlook) -> Outlook:
+    """Expect less of cameras that seldom showed somebody where people will be.
+
+    A camera that shows somebody with probability p and otherwise nothing is worth p log(1 + W) nats
+    where one that always shows W times what is known is worth log(1 + W): as much as one that
+    always shows ((1 + W)^p - 1) / W of that.
+    """
+    worth = ((1 + INFORMATION_RATIO) ** outlook.shows - 1) / INFORMATION_RATIO
+    return replace(outlook, delivered=outlook.delivered * worth)

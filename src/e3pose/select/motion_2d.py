@@ -1,0 +1,74 @@
+"""What a camera can foresee by itself: 2D motion vectors of the boxes it saw last.
+
+The paper's ID baseline and the centrally controlled alternative of its timeline figure decide from
+this, and from nothing that other cameras saw.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.geometry.camera import Rig
+from e3pose.model.pose import Poses2D
+from e3pose.select.occlusion import box_iou, occlusion, person_boxes
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """One camera's memory of its own views.
+
+    Attributes:
+        slot: when it last looked; -1 if never.
+        boxes: `(num_persons, 4)` what it saw then, left, top, right, bottom in pixels.
+        motion: `(num_persons, 4)` pixels a slot, from its two newest views; 0 for newcomers.
+    """
+
+    slot: int
+    boxes: Floats
+    motion: Floats
+
+    @classmethod
+    def none(cls) -> Sight:
+        """Return the sight of a camera that never looked."""
+        return cls(-1, np.zeros((0, 4)), np.zeros((0, 4)))
+
+
+def look(sight: Sight, view: Poses2D, slot: int, image_size: tuple[int, int]) -> Sight:
+    """Return the camera's memory after it detected `view` in `slot`."""
+    boxes = person_boxes(view.keypoints_px, image_size)
+    boxes = boxes[np.isfinite(boxes).all(axis=-1)]
+    motion = np.zeros_like(boxes)
+    if sight.slot >= 0 and len(sight.boxes) and len(boxes):
+        elapsed = slot - sight.slot
+        similarity = box_iou(sight.boxes[:, None], boxes[None])
+        while similarity.max() > 0:  # greedily, the best overlap first
+            old, new = np.unravel_index(np.argmax(similarity), similarity.shape)
+            motion[new] = (boxes[new] - sight.boxes[old]) / elapsed
+            similarity[old, :] = 0
+            similarity[:, new] = 0
+    return Sight(slot, boxes, motion)
+
+
+def own_occlusion(sights: Sequence[Sight], slot: int, rig: Rig) -> Floats:
+    """Return `(num_cameras,)`: the occlusion, eq. (4), that each camera itself expects in `slot`.
+
+    Boxes that have left the image by then do not count, nor do their parts outside it; NaN for a
+    camera that never looked.
+    """
+    slots = np.array([sight.slot for sight in sights])
+    boxes = np.full(
+        (len(sights), max((len(sight.boxes) for sight in sights), default=0), 4), np.nan
+    )
+    for row, sight in zip(boxes, sights, strict=True):
+        row[: len(sight.boxes)] = sight.boxes + (slot - sight.slot) * sight.motion
+    sizes = np.array([camera.image_size * 2 for camera in rig.cameras], dtype=np.float64)
+    with np.errstate(invalid="ignore"):
+        boxes = np.minimum(np.maximum(boxes, -0.5), sizes[:, None] - 0.5)
+        in_view = (boxes[..., 2:] > boxes[..., :2]).all(axis=-1)
+    return np.where(slots < 0, np.nan, occlusion(np.where(in_view[..., None], boxes, np.nan)))

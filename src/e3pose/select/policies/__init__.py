@@ -1,0 +1,125 @@
+"""Policies: the situation before a slot -> the cameras that detect in it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from e3pose.errors import InputError
+from e3pose.select.policies.base import Policy as Policy
+from e3pose.select.policies.base import Selection as Selection
+from e3pose.select.policies.base import Situation as Situation
+from e3pose.select.policies.drift_plus_penalty import Central2D, DriftPlusPenalty
+from e3pose.select.policies.fixed import All, Random, RoundRobin
+from e3pose.select.policies.independent import Independent
+from e3pose.select.policies.information import Information
+
+INFORMATION_WEIGHT = 10.0  # simulated: docs/choice.md
+
+
+@dataclass(frozen=True, slots=True)
+class PolicySettings:
+    """What a user may say about a policy.
+
+    Attributes:
+        num_selected: the paper's C, cameras a slot; a mean if it is no whole number.
+        quality_weight: the paper's V; the policy's own by default.
+        target_error_m: of policies that aim: the expected error to keep with the fewest cameras.
+        seed: of random choices.
+        phase: offset of turns and ties.
+        occlusion_limit: of `independent`.
+        round_trip_s: of `central-2d`.
+        order: in which cameras take turns; rig order if empty.
+    """
+
+    num_selected: float = 3
+    quality_weight: float | None = None
+    target_error_m: float | None = None
+    seed: int = 0
+    phase: int = 0
+    occlusion_limit: float = 0.1
+    round_trip_s: float = 0.05
+    order: tuple[int, ...] = ()
+
+    def weight(self, usual: float = 1.0) -> float:
+        """Return the quality weight, or the `usual` one of a policy if none was asked for."""
+        return usual if self.quality_weight is None else self.quality_weight
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyRow:
+    """One policy of the table.
+
+    Attributes:
+        make: settings -> policy.
+        counts: whether it wakes exactly `num_selected` cameras in every slot, or all that are
+            online if they are fewer.
+        asks_count: whether `num_selected` means anything to it.
+        budgeted: whether it keeps every camera within its budget in the long run.
+        predictor: the predictor it uses unless told otherwise.
+        holds: whether slots without a view show the poses of the slot before, being lost frames of
+            a lower frame rate rather than failed estimates.
+        foresees: whether it needs to know what each camera is expected to tell.
+        aims: whether it can choose the number of cameras by the error that it expects.
+        about: one line for `--help` and tables.
+    """
+
+    make: Callable[[PolicySettings], Policy]
+    about: str
+    counts: bool = True
+    asks_count: bool = True
+    budgeted: bool = True
+    predictor: str = "constant-velocity"
+    holds: bool = False
+    foresees: bool = False
+    aims: bool = False
+
+
+POLICIES: dict[str, PolicyRow] = {
+    "all": PolicyRow(
+        lambda s: All(),
+        "every camera in every slot (SA)",
+        counts=False,
+        asks_count=False,
+        budgeted=False,
+    ),
+    "random": PolicyRow(lambda s: Random(s.num_selected, s.seed), "C cameras at random (RS)"),
+    "round-robin": PolicyRow(
+        lambda s: RoundRobin(s.num_selected, s.phase, s.order),
+        "C cameras in turn, one after another from directions far apart",
+    ),
+    "independent": PolicyRow(
+        lambda s: Independent(s.occlusion_limit),
+        "each camera for itself, by its own 2D motion vectors and a threshold (ID)",
+        counts=False,
+        asks_count=False,
+    ),
+    "central-2d": PolicyRow(
+        lambda s: Central2D(s.num_selected, s.weight(), s.round_trip_s, s.phase),
+        "cameras predict boxes, the edge selects, a round trip each time",
+        counts=False,
+        holds=True,
+    ),
+    "e3pose-mv": PolicyRow(
+        lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase),
+        "drift plus penalty on occlusion predicted by 3D motion vectors",
+    ),
+    "e3pose": PolicyRow(
+        lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase),
+        "drift plus penalty on occlusion predicted by the best predictor there is",
+        predictor="attention-lstm",
+    ),
+    "information": PolicyRow(
+        lambda s: Information(
+            s.num_selected, s.weight(INFORMATION_WEIGHT), s.target_error_m, s.phase
+        ),
+        "the cameras that are expected to tell most about everybody",
+        foresees=True,
+        aims=True,
+    ),
+}
+
+
+def policy_row(name: str) -> PolicyRow:
+    """Return the row of the policy called `name`; raise `InputError` listing the known ones."""
+    if name not in POLICIES:
+        raise InputError(f"policy {name[:40]!r} is unknown, expected one of {', '.join(POLICIES)}")
+    return POLICIES[name]

@@ -1,0 +1,81 @@
+"""What every policy is: a function from the situation before a slot to the cameras it wakes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import floor
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.model.slot_record import Selection as Selection
+from e3pose.select.expected_information import Foresight
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Situation:
+    """Everything a policy may look at before one slot.
+
+    Attributes:
+        slot: the slot that is decided for, `lead_slots` after the newest views.
+        interval_s: seconds a slot.
+        online: `(num_cameras,)` reachable and allowed to be selected.
+        occlusion: `(num_cameras,)` paper eq. (4) of the people predicted in 3D for `slot`.
+        own_occlusion: `(num_cameras,)` the same from each camera's own 2D motion vectors; NaN where
+            it never looked.
+        unseen_slots: `(num_cameras,)` slots since each camera last looked.
+        visibility: `(num_cameras, num_tracks)` share of the predicted joints inside the image.
+        deficit: `(num_cameras,)` the virtual queue: activity beyond the budget so far, in slots.
+        budget: `(num_cameras,)` the paper's E_n: the share of slots a camera may be active.
+        price: `(num_cameras,)` what waking a camera costs beside what it shows: the drift of the
+            queues, the paper's q_n where all cameras cost the same energy (`energy.price`).
+        foresight: what each camera is expected to tell; None where nobody asked for it.
+    """
+
+    slot: int
+    interval_s: float
+    online: Selection
+    occlusion: Floats
+    own_occlusion: Floats
+    unseen_slots: NDArray[np.int64]
+    visibility: Floats
+    deficit: Floats
+    budget: Floats
+    price: Floats
+    foresight: Foresight | None = None
+
+
+class Policy(Protocol):
+    """Decide which cameras detect in a slot, from the situation alone: policies keep no memory."""
+
+    def select(self, situation: Situation) -> Selection:
+        """Return `(num_cameras,)`: whether each camera detects in `situation.slot`."""
+        ...
+
+
+def count_at(slot: int, num_selected: float) -> int:
+    """Return how many cameras to wake in `slot` for a mean of `num_selected`, spread evenly.
+
+    This is the queue `max(q + num_selected, 0)` served by whole cameras, written without a memory:
+    over any slots in a row the total is within one camera of the mean.
+    """
+    return count_before(slot + 1, num_selected) - count_before(slot, num_selected)
+
+
+def count_before(slot: int, num_selected: float) -> int:
+    """Return how many cameras are woken in all slots before `slot`."""
+    return floor(slot * num_selected + 1e-6)
+
+
+def lowest(values: Floats, online: Selection, count: int, phase: int = 0) -> Selection:
+    """Select the `count` online cameras of lowest value; `phase` rotates who wins a tie."""
+    num_cameras = len(values)
+    turn = (np.arange(num_cameras) - phase) % num_cameras
+    order = np.lexsort((turn, values))
+    chosen = order[online[order]][:count]
+    selection = np.zeros(num_cameras, dtype=bool)
+    selection[chosen] = True
+    return selection

@@ -1,0 +1,36 @@
+"""The paper's Independent Decision (ID): every camera decides for itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from e3pose.select.policies.base import Selection, Situation
+
+DEFICIT_LIMIT = (
+    1.0 + 1e-9
+)  # one active slot ahead of the budget, the least that lets a camera start
+
+
+@dataclass(frozen=True, slots=True)
+class Independent:
+    """Wake every camera that foresees little occlusion in its own view and is within its budget.
+
+    Nobody counts the cameras, so that a slot may have none. A camera that has not looked for
+    `refresh_s` seconds looks again, since the boxes it carries on have become meaningless.
+
+    Attributes:
+        occlusion_limit: eq. (4) above which a camera sleeps; the paper does not state its own.
+        refresh_s: the longest a camera trusts its motion vectors.
+    """
+
+    occlusion_limit: float = 0.1
+    refresh_s: float = 0.5
+
+    def select(self, situation: Situation) -> Selection:
+        """See `Policy.select`."""
+        clear = np.nan_to_num(situation.own_occlusion, nan=0.0) <= self.occlusion_limit
+        stale = situation.unseen_slots * situation.interval_s >= self.refresh_s
+        affordable = situation.deficit <= DEFICIT_LIMIT
+        return np.asarray(situation.online & (clear | stale) & affordable)

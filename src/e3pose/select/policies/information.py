@@ -1,0 +1,129 @@
+"""The cameras that are expected to tell most about everybody, held to the energy budgets.
+
+    maximise  V * (information(S) + entrants(S) + sum_{c in S} watch_c) - sum_{c in S} price_c
+
+`information` grows with diminishing returns, prices and watches add up: where nobody comes in, a
+greedy choice of a given number of cameras, whose objective is shifted to be zero for no camera and
+to grow with every one, reaches 1 - 1/e of the best (Nemhauser, Wolsey and Fisher, 1978). Where
+there are few subsets all are tried. `docs/choice.md` has the method and what it is worth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.select.expected_information import Foresight
+from e3pose.select.policies.base import Selection, Situation, count_at
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+MOST_SUBSETS = 60  # that are all tried: any count of up to seven cameras, and 2 of 11
+WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
+WATCH_LIMIT_S = 5.0
+ENTRANT_NATS = 1.0  # of a person started
+UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
+LOOK_AGAIN_S = 0.2  # with a target, some camera looks at least this often, whoever is known
+BURST_S = 2.0  # with a target, how far ahead of its budget a camera may run
+NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
+NO_BETTER = 0.05  # a target that all cameras miss: go on while they lower the error by this share
+
+
+@dataclass(frozen=True, slots=True)
+class Information:
+    """Wake the cameras of most expected information: a number of them, or as few as suffice.
+
+    Attributes:
+        num_selected: cameras a slot; a mean if it is no whole number.
+        quality_weight: the paper's V; larger prefers information to even batteries.
+        target_error_m: wake the fewest cameras whose expected error meets this, in place of
+            `num_selected`.
+        phase: which camera wins a tie.
+    """
+
+    num_selected: float
+    quality_weight: float = 1.0
+    target_error_m: float | None = None
+    phase: int = 0
+
+    def select(self, situation: Situation) -> Selection:
+        """See `Policy.select`."""
+        foresight = situation.foresight
+        if foresight is None:
+            raise ValueError("the policy needs a foresight")
+        if self.target_error_m is not None:
+            return self._fewest(situation, foresight, self.target_error_m)
+        count = count_at(situation.slot, self.num_selected)
+        return self._best(situation, foresight, situation.online, count)
+
+    def _best(
+        self, situation: Situation, foresight: Foresight, allowed: Flags, count: int
+    ) -> Selection:
+        """Return the best `count` of the cameras `allowed`, or all if they are fewer."""
+        candidates = np.flatnonzero(np.roll(allowed, -self.phase))
+        candidates = (candidates + self.phase) % len(allowed)
+        count = min(count, len(candidates))
+        watch = self.quality_weight * watch_nats(situation)
+        worth = watch - situation.price
+        if comb(len(candidates), count) <= MOST_SUBSETS:
+            subsets = _subsets(len(candidates), count)
+            selections = np.zeros((len(subsets), len(allowed)), dtype=bool)
+            selections[:, candidates] = subsets
+            value = self.quality_weight * worth_nats(foresight, selections) + selections @ worth
+            return np.asarray(selections[int(np.argmax(self._rounded(value)))])
+        selection = np.zeros(len(allowed), dtype=bool)
+        for _ in range(count):
+            free = candidates[~selection[candidates]]
+            tried = np.repeat(selection[None], len(free), axis=0)
+            tried[np.arange(len(free)), free] = True
+            value = self.quality_weight * worth_nats(foresight, tried) + worth[free]
+            selection[free[int(np.argmax(self._rounded(value)))]] = True
+        return selection
+
+    def _rounded(self, value: Floats) -> Floats:
+        """Return values of which nearly equal ones are equal, so that the phase decides."""
+        step = max(NEAR_NATS * self.quality_weight, 1e-9)
+        return np.asarray(np.round(value / step))
+
+    def _fewest(self, situation: Situation, foresight: Foresight, target_m: float) -> Selection:
+        """Return the fewest cameras that are expected to meet the target, or that still help."""
+        affordable = situation.deficit <= max(1.0, BURST_S / situation.interval_s)
+        allowed = situation.online & affordable
+        everyone = self._best(situation, foresight, allowed, int(allowed.sum()))
+        all_error_m = foresight.expected_error_m(everyone[None])[0]
+        enough_m = max(target_m, all_error_m * (1 + NO_BETTER))
+        stale = situation.unseen_slots[allowed].min(initial=10**9) * situation.interval_s
+        least = 1 if stale >= LOOK_AGAIN_S or not foresight.confirmed.all() else 0
+        least = max(least, 2 if foresight.entrants.weights.sum() > UNMET_PEOPLE else 0)
+        for count in range(least, int(allowed.sum())):
+            selection = self._best(situation, foresight, allowed, count)
+            error_m = foresight.expected_error_m(selection[None])[0]
+            if np.isnan(error_m) or error_m <= enough_m:
+                return selection
+        return everyone
+
+
+def worth_nats(foresight: Foresight, subsets: Flags) -> Floats:
+    """Return `(num_subsets,)`: what sets of cameras tell of those known and of those to start."""
+    return foresight.information(subsets) + ENTRANT_NATS * foresight.entrants.starts(subsets)
+
+
+def watch_nats(situation: Situation) -> Floats:
+    """Return `(num_cameras,)` what each camera may show of people whom nobody has seen yet."""
+    unseen_s = np.minimum(situation.unseen_slots * situation.interval_s, WATCH_LIMIT_S)
+    return np.asarray(WATCH_NATS_PER_S * unseen_s)
+
+
+@lru_cache(maxsize=256)
+def _subsets(num_cameras: int, count: int) -> Flags:
+    chosen = list(combinations(range(num_cameras), count))
+    subsets = np.zeros((len(chosen), num_cameras), dtype=bool)
+    for row, each in enumerate(chosen):
+        subsets[row, list(each)] = True
+    return subsets

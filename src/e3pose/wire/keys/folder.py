@@ -1,0 +1,310 @@
+"""The folder of a site's certificates, and the list of who may do what.
+
+    keys/
+      keys.toml                 who there is: camera id -> common name, and who was revoked
+      authority.pem, .key       stay on this machine
+      edge.pem, .key            of the edge server
+      cameras/CAMERA/           carry it to the camera: authority.pem, camera.pem, camera.key
+      viewers/VIEWER/           likewise, for programs that only look
+      routers/ROUTER/           likewise, for a router before the edge, with a copy of keys.toml
+
+A common name holds a number that grows (`cam1#2`): a camera that was revoked and added again is
+somebody else, and the old certificate stays worthless. Access is by these names, so revoking needs
+no more than a line in this list.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import tomli_w
+
+from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_file, atomic_folder, check_free
+from e3pose.files.bounded import read_bytes, read_toml
+from e3pose.files.lock import hold
+from e3pose.files.private import make_folder
+from e3pose.geometry.camera import check_camera_id
+from e3pose.wire.access import Certificates, edge_name
+from e3pose.wire.topics import check_site
+
+FORMAT = "e3pose-keys"
+LIST = "keys.toml"
+WAIT_S = 5.0  # for another program that changes the list
+MAX_LIST_BYTES = 2**20
+MAX_PEM_BYTES = 2**16
+HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
+COMMON_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,51}#([0-9]{1,9})")
+MAX_COUNT = 10**9 - 1
+KEYS = ("format", "version", "site", "count", "revoked", "cameras", "viewers", "routers")
+Kind = Literal["camera", "viewer", "router"]
+
+
+@dataclass(frozen=True, slots=True)
+class Roll:
+    """Who may take part.
+
+    Attributes:
+        site: name of the site.
+        cameras: camera id to the common name of its certificate.
+        viewers: viewer to the common name of its certificate.
+        routers: router to the common name of its certificate.
+        revoked: common names that are worthless.
+        count: certificates made so far.
+    """
+
+    site: str
+    cameras: Mapping[str, str] = field(default_factory=dict)
+    viewers: Mapping[str, str] = field(default_factory=dict)
+    routers: Mapping[str, str] = field(default_factory=dict)
+    revoked: tuple[str, ...] = ()
+    count: int = 0
+
+
+def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datetime) -> Roll:
+    """Make the authority of a new site and the certificate of its edge server.
+
+    Args:
+        folder: to make; it must be free.
+        site: name of the site.
+        hosts: names and addresses under which cameras reach the edge; `localhost` is added.
+        now: the time from which they are valid.
+
+    Raises:
+        InputError: when the folder is not free, or a host is not a name or an address.
+    """
+    from e3pose.wire.keys.authority import make_authority, make_certificate
+
+    check_site(site)
+    _check_hosts(hosts)
+    if folder.is_dir() and any(folder.iterdir()):  # whose certificates would all be worthless
+        raise InputError(f"{folder}: folder exists and is not empty, expected a free name")
+    check_free(folder)
+    authority, authority_key = make_authority(site, now)
+    names = list(dict.fromkeys(["localhost", "127.0.0.1", *hosts]))
+    edge, edge_key = make_certificate(authority, authority_key, edge_name(site), names, now)
+    roll = Roll(site)
+    with atomic_folder(folder, private=True) as temporary:
+        for name, content in (
+            ("authority.pem", authority),
+            ("authority.key", authority_key),
+            ("edge.pem", edge),
+            ("edge.key", edge_key),
+        ):
+            _write(temporary / name, content)
+        _write_roll(temporary, roll)
+    folder.chmod(0o700)
+    return roll
+
+
+def add_keys(
+    folder: Path,
+    name: str,
+    now: datetime.datetime,
+    kind: Kind = "camera",
+    again: bool = False,
+    hosts: Sequence[str] = (),
+) -> Path:
+    """Make the certificate of a camera, a viewer or a router.
+
+    Args:
+        folder: of the site.
+        name: of the camera, viewer or router.
+        now: the time from which it is valid.
+        kind: which of the three.
+        again: whether it may replace an earlier one, which is then revoked.
+        hosts: names and addresses under which cameras reach a router.
+
+    Returns:
+        The folder to carry to that machine.
+
+    Raises:
+        InputError: when the name is taken, unless `again`, or another program changes the list.
+    """
+    check_camera_id(name)
+    _check_hosts(hosts)
+    with hold(folder / LIST, wait_s=WAIT_S):
+        return _add(folder, name, now, kind, again, hosts)
+
+
+def _add(
+    folder: Path,
+    name: str,
+    now: datetime.datetime,
+    kind: Kind,
+    again: bool,
+    hosts: Sequence[str],
+) -> Path:
+    from e3pose.wire.keys.authority import UNREADABLE, make_certificate
+
+    roll = read_roll(folder)
+    known = dict({"camera": roll.cameras, "viewer": roll.viewers, "router": roll.routers}[kind])
+    if name in known and not again:
+        raise InputError(
+            f"{folder}: {kind} {name} has a certificate already, "
+            "expected --again to replace it and revoke the old one"
+        )
+    authority = read_bytes(folder / "authority.pem", MAX_PEM_BYTES)
+    key = read_bytes(folder / "authority.key", MAX_PEM_BYTES)
+    number = roll.count + 1
+    if number > MAX_COUNT:
+        raise InputError(f"{folder}/keys.toml: count: found {roll.count}, expected fewer")
+    subject = f"{name[:52]}#{number}"
+    names = ["localhost", name] if kind != "router" else ["localhost", "127.0.0.1", name]
+    try:
+        certificate, private = make_certificate(
+            authority, key, subject, list(dict.fromkeys([*names, *hosts])), now
+        )
+    except UNREADABLE:
+        raise InputError(
+            f"{folder}: authority.pem, authority.key: found no certificate and its key, "
+            "expected those that `e3pose keys init` made"
+        ) from None
+    place = folder / f"{kind}s" / name
+    if place.is_symlink() or place.parent.is_symlink():
+        raise InputError(f"{place}: found a symbolic link, expected a folder")
+    make_folder(place)
+    _write(place / "authority.pem", authority)
+    _write(place / f"{kind}.pem", certificate)
+    _write(place / f"{kind}.key", private)
+    revoked = (*roll.revoked, known[name]) if name in known else roll.revoked
+    known[name] = subject
+    _write_roll(folder, replace(roll, **{f"{kind}s": known}, revoked=revoked, count=number))  # type: ignore[arg-type]
+    return place
+
+
+def revoke_keys(folder: Path, name: str) -> Roll:
+    """Make the certificate of a camera, viewer or router worthless.
+
+    Raises:
+        InputError: when there is none of that name.
+    """
+    check_camera_id(name)
+    with hold(folder / LIST, wait_s=WAIT_S):
+        return _revoke(folder, name)
+
+
+def _revoke(folder: Path, name: str) -> Roll:
+    roll = read_roll(folder)
+    everybody = (roll.cameras, roll.viewers, roll.routers)
+    lost = [people[name] for people in everybody if name in people]
+    if not lost:
+        known = ", ".join(name for people in everybody for name in people) or "nobody"
+        raise InputError(f"{folder}: found no certificate of {name}, expected one of: {known}")
+    roll = replace(
+        roll,
+        cameras={n: c for n, c in roll.cameras.items() if n != name},
+        viewers={n: c for n, c in roll.viewers.items() if n != name},
+        routers={n: c for n, c in roll.routers.items() if n != name},
+        revoked=(*roll.revoked, *lost),
+    )
+    _write_roll(folder, roll)
+    return roll
+
+
+def read_roll(folder: Path) -> Roll:
+    """Return the list of a site's folder.
+
+    Raises:
+        InputError: when it is missing or not what it should be.
+    """
+    path = folder / LIST
+    table = read_toml(path, MAX_LIST_BYTES)
+    if table.get("format") != FORMAT or table.get("version") != 1:
+        raise InputError(f"{path}: expected format {FORMAT!r}, version 1")
+    for key in table:
+        if key not in KEYS:
+            raise InputError(f"{path}: unknown key {key[:60]!r}, expected one of {', '.join(KEYS)}")
+    try:
+        groups = ("cameras", "viewers", "routers")
+        people = {group: _people(group, table.get(group, {})) for group in groups}
+        revoked = table.get("revoked", [])
+        if not isinstance(revoked, list):
+            raise InputError(f"revoked: found {str(revoked)[:60]!r}, expected a list of names")
+        known = [*(name for group in groups for name in people[group].values()), *revoked]
+        numbers = [_number(name) for name in known]
+        if len(set(known)) < len(known):
+            twice = next(name for name in known if known.count(name) > 1)
+            raise InputError(f"found {twice} twice, expected one name for each certificate")
+        count = table.get("count", 0)
+        if isinstance(count, bool) or not isinstance(count, int) or not 0 <= count <= MAX_COUNT:
+            raise InputError(f"count: found {str(count)[:60]!r}, expected 0 to {MAX_COUNT}")
+        site = check_site(table.get("site"))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    # A number is never given twice, whatever became of the count.
+    return Roll(site, **people, revoked=tuple(revoked), count=max([count, *numbers]))
+
+
+def _check_hosts(hosts: Sequence[str]) -> None:
+    for host in hosts:
+        if not HOST.fullmatch(host):
+            raise InputError(f"host {host[:80]!r}: expected a name or an address")
+
+
+def _people(group: str, found: object) -> dict[str, str]:
+    if not isinstance(found, dict):
+        raise InputError(f"{group}: found {str(found)[:60]!r}, expected a table of names")
+    for name, common_name in found.items():
+        check_camera_id(name)
+        _number(common_name)
+    return found
+
+
+def _number(common_name: object) -> int:
+    """Return the number in a common name, which makes it somebody's and nobody else's."""
+    match = COMMON_NAME.fullmatch(common_name) if isinstance(common_name, str) else None
+    if match is None:
+        raise InputError(f"found {str(common_name)[:80]!r}, expected a common name such as cam1#2")
+    return int(match[1])
+
+
+def certificates_in(
+    folder: Path, role: Literal["edge", "camera", "viewer", "router"]
+) -> Certificates:
+    """Return the files of a folder for a program; raise `InputError` naming what is missing."""
+    files = Certificates(folder / "authority.pem", folder / f"{role}.pem", folder / f"{role}.key")
+    for path in (files.authority, files.certificate, files.key):
+        read_bytes(path, MAX_PEM_BYTES)
+    return files
+
+
+def check_certificates(files: Certificates, now: datetime.datetime) -> None:
+    """Raise `InputError` saying what is wrong with certificates before a network hides it."""
+    from e3pose.wire.keys.authority import problem_with
+
+    certificate, key, authority = (
+        read_bytes(path, MAX_PEM_BYTES) for path in (files.certificate, files.key, files.authority)
+    )
+    problem = problem_with(certificate, key, authority, now)
+    if problem:
+        raise InputError(f"{files.certificate}: {problem}")
+
+
+def _write_roll(folder: Path, roll: Roll) -> None:
+    table: dict[str, Any] = {
+        "format": FORMAT,
+        "version": 1,
+        "site": roll.site,
+        "count": roll.count,
+        "revoked": list(roll.revoked),
+        "cameras": dict(roll.cameras),
+        "viewers": dict(roll.viewers),
+        "routers": dict(roll.routers),
+    }
+    written = tomli_w.dumps(table).encode()
+    _write(folder / LIST, written)
+    for name in roll.routers:  # to carry there: a router keeps the rules that the edge keeps
+        place = folder / "routers" / name
+        if place.is_dir() and not place.is_symlink():
+            _write(place / LIST, written)
+
+
+def _write(path: Path, content: bytes) -> None:
+    with atomic_file(path, private=path.suffix == ".key") as temporary:
+        temporary.write_bytes(content)

@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose.camera.pairing import pair_videos
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Camera, Rig
+
+
+def rig(*camera_ids: str) -> Rig:
+    K = np.array([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
+    return Rig(tuple(Camera(name, (64, 48), K, np.eye(4)) for name in camera_ids))
+
+
+@pytest.mark.parametrize(
+    ("camera_ids", "videos", "stems"),
+    [
+        (["cam1", "cam2"], ["b/cam2.mp4", "a/cam1.mkv"], ["cam1", "cam2"]),
+        (["Cam1", "Cam2"], ["CAM2.mp4", "cam1.mp4"], ["cam1", "CAM2"]),
+        (["cam1", "cam10"], ["walk_cam10.mp4", "walk_cam1.mp4"], ["walk_cam1", "walk_cam10"]),
+        (["int_cam01_img", "int_cam02_img"], ["cam01.mp4"], ["cam01"]),
+        (["cam_01", "cam_02"], ["GX2.mp4", "GX1.mp4"], ["GX1", "GX2"]),
+        (["left", "right"], ["right=x.mp4", "left=y.mp4"], ["y", "x"]),
+        (["left", "right"], ["right=x.mp4", "left.mp4"], ["left", "x"]),
+        (["a", "b", "c"], ["c.mp4", "a.mp4"], ["a", "c"]),
+    ],
+)
+def test_pairs_by_name(camera_ids: Sequence[str], videos: list[str], stems: list[str]) -> None:
+    pairs = pair_videos(videos, rig(*camera_ids))
+    assert [path.stem for path in pairs.values()] == stems
+    order = [camera_id for camera_id in camera_ids if camera_id in pairs]
+    assert list(pairs) == order
+
+
+@pytest.mark.parametrize(
+    "videos",
+    [
+        ["x.mp4", "y.mp4"],
+        ["cam1.mp4", "a/cam1.mp4"],
+        ["cam1.mp4", "cam2.mp4", "cam3.mp4"],
+        ["cam1_cam2.mp4"],
+        ["cam1=x.mp4", "cam1.mp4"],
+    ],
+)
+def test_doubt_is_an_error_that_lists_both_sides(videos: list[str]) -> None:
+    with pytest.raises(InputError, match="cannot tell which camera") as caught:
+        pair_videos(videos, rig("cam1", "cam2"))
+    text = str(caught.value)
+    assert "cam2" in text and Path(videos[-1]).name in text
+
+
+def test_wrong_camera_or_camera_twice_is_named() -> None:
+    with pytest.raises(InputError, match="'cam9' is not in the rig"):
+        pair_videos(["cam9=x.mp4"], rig("cam1"))
+    with pytest.raises(InputError, match="'cam1' is given twice"):
+        pair_videos(["cam1=x.mp4", "cam1=y.mp4"], rig("cam1", "cam2"))
+    with pytest.raises(InputError, match="found none"):
+        pair_videos([], rig("cam1"))
+
+
+def test_file_with_an_equals_sign_in_its_name_is_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "take=3_cam1.mp4"
+    file.touch()
+    assert pair_videos([str(file)], rig("cam1", "cam2")) == {"cam1": file}

@@ -1,0 +1,229 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from e3pose.camera.source import Frame, VideoSource, open_video
+from e3pose.errors import InputError
+
+WIDTH, HEIGHT = 64, 48
+CORNERS = np.array(
+    [[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0]]
+)  # red green / blue yellow
+
+
+def picture(value: int, size: tuple[int, int] = (WIDTH, HEIGHT)) -> np.ndarray[Any, Any]:
+    """An image whose brightness tells its number."""
+    return np.full((size[1], size[0], 3), 16 + value, dtype=np.uint8)
+
+
+def corners() -> np.ndarray[Any, Any]:
+    image = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
+    for i, colour in enumerate(CORNERS):
+        y, x = (i // 2) * HEIGHT // 2, (i % 2) * WIDTH // 2
+        image[y : y + HEIGHT // 2, x : x + WIDTH // 2] = colour
+    return image
+
+
+def write_video(
+    path: Path,
+    images: Sequence[np.ndarray[Any, Any]],
+    times_ms: Sequence[int] | None = None,
+    rotation: int | None = None,
+    hflip: bool = False,
+    options: dict[str, str] | None = None,
+    gop: int = 10,
+) -> Path:
+    with av.open(str(path), "w", options=options or {}) as container:
+        stream = container.add_stream("mpeg4", rate=20)
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt, stream.gop_size, stream.bit_rate = "yuv420p", gop, 2_000_000
+        stream.codec_context.time_base = Fraction(1, 1000)
+        stream.time_base = Fraction(1, 1000)
+        if rotation is not None:
+            stream.set_display_rotation(rotation, hflip=hflip)
+        for i, image in enumerate(images):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts = 50 * i if times_ms is None else times_ms[i]
+            frame.time_base = Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+def noisy(count: int) -> list[np.ndarray[Any, Any]]:
+    """Images that do not compress away, so that a cut file is cut inside a frame."""
+    rng = np.random.default_rng(0)
+    return [rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8) for _ in range(count)]
+
+
+def test_frames_come_in_order_with_their_pictures(tmp_path: Path) -> None:
+    video = open_video(write_video(tmp_path / "a.mp4", [picture(8 * i) for i in range(12)]))
+    frames = list(video)
+    assert video.image_size == (WIDTH, HEIGHT)
+    assert video.num_frames == len(frames) == 12
+    assert video.rate == pytest.approx(20, rel=0.01)
+    assert [f.index for f in frames] == list(range(12))
+    np.testing.assert_allclose([f.time_s for f in frames], np.arange(12) / 20, atol=1e-3)
+    assert frames[0].image.shape == (HEIGHT, WIDTH, 3) and frames[0].image.dtype == np.uint8
+    levels = [float(f.image.mean()) for f in frames]
+    np.testing.assert_allclose(levels, 16 + 8.0 * np.arange(12), atol=3)
+    assert video.damage == "" and video.lost_frames == 0
+
+
+def test_can_be_read_twice(tmp_path: Path) -> None:
+    video = open_video(write_video(tmp_path / "a.mp4", [picture(i) for i in range(5)]))
+    assert len(list(video)) == len(list(video)) == 5
+
+
+def test_variable_rate_keeps_the_true_times(tmp_path: Path) -> None:
+    times = [1000, 1020, 1100, 1110, 1400, 1433]
+    path = write_video(tmp_path / "a.mkv", [picture(9 * i) for i in range(6)], times)
+    got = [frame.time_s for frame in open_video(path)]
+    np.testing.assert_allclose(got, (np.array(times) - 1000) / 1000, atol=1e-6)
+
+
+@pytest.mark.parametrize("rotation", [None, 90, 180, -90])
+def test_rotation_agrees_with_opencv(tmp_path: Path, rotation: int | None) -> None:
+    path = write_video(tmp_path / "a.mp4", [corners()] * 3, rotation=rotation)
+    video = open_video(path)
+    image = next(iter(video)).image
+    capture = cv2.VideoCapture(str(path))
+    ok, expected = capture.read()
+    capture.release()
+    assert ok and image.shape == expected.shape
+    assert np.abs(image.astype(int) - expected[..., ::-1].astype(int)).mean() < 8
+    turned = rotation in (90, -90)
+    assert video.turned == turned
+    assert video.image_size == ((HEIGHT, WIDTH) if turned else (WIDTH, HEIGHT))
+
+
+@pytest.mark.parametrize(
+    ("rotation", "hflip", "order"),
+    [
+        (0, False, [0, 1, 2, 3]),
+        (90, False, [1, 3, 0, 2]),  # a counter-clockwise quarter turn: green goes to the left top
+        (-90, False, [2, 0, 3, 1]),
+        (180, False, [3, 2, 1, 0]),
+        (0, True, [1, 0, 3, 2]),
+    ],
+)
+def test_corners_land_where_the_display_matrix_puts_them(
+    tmp_path: Path, rotation: int, hflip: bool, order: list[int]
+) -> None:
+    path = write_video(tmp_path / "a.mp4", [corners()] * 2, rotation=rotation, hflip=hflip)
+    image = next(iter(open_video(path))).image
+    height, width = image.shape[:2]
+    quarters = [(height // 4, width // 4), (height // 4, 3 * width // 4)]
+    quarters += [(3 * height // 4, x) for _, x in quarters]
+    seen = [
+        int(np.abs(CORNERS - image[y, x].astype(int)).sum(axis=1).argmin()) for y, x in quarters
+    ]
+    assert seen == order
+
+
+def test_start_jumps_to_the_same_frames(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.mp4", [picture(4 * i) for i in range(45)], gop=7)
+    video = open_video(path)
+    every = list(video)
+    for first in (1, 6, 7, 13, 44):
+        late = list(video.frames(start_s=first / 20))
+        assert [f.time_s for f in late] == [f.time_s for f in every[first:]]
+        assert float(np.abs(late[0].image.astype(int) - every[first].image).max()) <= 1
+    assert list(video.frames(start_s=99.0)) == []
+
+
+@pytest.mark.parametrize("name", ["a.mkv", "a.avi", "a.mp4"])
+def test_cut_file_yields_what_is_there_and_says_so(tmp_path: Path, name: str) -> None:
+    options = {"movflags": "faststart"} if name.endswith("mp4") else None
+    path = write_video(tmp_path / name, noisy(40), options=options)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(0.6 * len(whole))])
+    video = open_video(path)
+    frames = list(video)
+    assert 15 <= len(frames) <= 30
+    np.testing.assert_allclose(np.diff([f.time_s for f in frames]), 0.05, atol=2e-3)
+    assert "header announces" in video.damage
+
+
+def test_damage_in_the_middle_costs_frames_but_no_time(tmp_path: Path) -> None:
+    path = write_video(tmp_path / "a.avi", noisy(40))
+    whole = bytearray(path.read_bytes())
+    middle = len(whole) // 2
+    whole[middle : middle + 4000] = bytes(4000)
+    path.write_bytes(whole)
+    video = open_video(path)
+    frames = list(video)
+    assert 20 <= len(frames) < 40
+    assert frames[-1].time_s == pytest.approx(39 / 20, abs=0.06)
+    assert video.lost_frames > 0 and "damaged" in video.damage
+
+
+def song(path: Path) -> None:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("aac", rate=48000)
+        samples = np.zeros((1, 4096), dtype=np.float32)
+        frame = av.AudioFrame.from_ndarray(samples, format="fltp", layout="mono")
+        frame.sample_rate = 48000
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
+def header_only(path: Path) -> None:
+    write_video(path, noisy(10), options={"movflags": "faststart"})
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(b"mdat") + 8])
+
+
+def no_index(path: Path) -> None:
+    data = write_video(path, noisy(10)).read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "words"),
+    [
+        ("missing.mp4", lambda path: None, "no file"),
+        ("folder.mp4", lambda path: path.mkdir(), "a folder"),
+        ("empty.mp4", lambda path: path.write_bytes(b""), "empty"),
+        ("text.txt", lambda path: path.write_text("hello\n" * 99), "cannot be read as a video"),
+        ("list.m3u8", lambda path: path.write_text("#EXTM3U\na.mp4\n"), "cannot be read"),
+        ("noise.mp4", lambda path: path.write_bytes(bytes(range(256)) * 20), "cannot be read"),
+        ("song.m4a", song, "audio but no video track"),
+        ("header.mp4", header_only, "no frame of it can be decoded"),
+        ("cut.mp4", no_index, "cannot be read as a video"),
+        ("photo.png", lambda path: cv2.imwrite(str(path), picture(0)), "cannot be read"),
+    ],
+)
+def test_what_is_not_a_video_is_named_in_one_line(
+    tmp_path: Path, name: str, make: Any, words: str
+) -> None:
+    make(tmp_path / name)
+    with pytest.raises(InputError, match=words) as caught:
+        open_video(tmp_path / name)
+    assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_image_is_converted_only_when_asked(tmp_path: Path) -> None:
+    frame: Frame = next(iter(open_video(write_video(tmp_path / "a.mp4", [picture(0)] * 2))))
+    assert frame.image is not frame.image
+
+
+def test_source_without_timestamps_counts(tmp_path: Path) -> None:
+    path = tmp_path / "a.h264"
+    with av.open(str(path), "w", format="h264") as container:
+        stream = container.add_stream("h264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for i in range(10):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(i), format="rgb24")))
+        container.mux(stream.encode())
+    video: VideoSource = open_video(path)
+    times = [frame.time_s for frame in video]
+    np.testing.assert_allclose(times, np.arange(10) / video.rate, atol=1e-6)

@@ -1,0 +1,179 @@
+"""Budgets in every spelling become joules a slot, and batteries that end together."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from depletion import BatteryCamera, deplete
+from e3pose.energy.budgets import (
+    FOREVER_S,
+    Budget,
+    Supply,
+    allowance_j,
+    common_lifetime,
+    lifetime_s,
+    parse_budget,
+    slot_shares,
+)
+from e3pose.energy.queues import advance_deficit
+from e3pose.errors import InputError
+
+HOME = timezone(timedelta(hours=1))
+NOW = datetime(2026, 11, 21, 14, 30, tzinfo=HOME)
+ACTIVE_W, IDLE_W = 10.0, 4.0
+SLOT_S = 0.04
+
+
+@pytest.mark.parametrize(
+    ("words", "kind", "value"),
+    [
+        ("0.6", "duty", 0.6),
+        ("60%", "duty", 0.6),
+        ("0.3J", "joules", 0.3),
+        ("300 mJ", "joules", 0.3),
+        ("4.5W", "watts", 4.5),
+        ("until 18:00", "until", datetime(2026, 11, 21, 18, tzinfo=HOME).timestamp()),
+        ("until 09:15", "until", datetime(2026, 11, 22, 9, 15, tzinfo=HOME).timestamp()),
+        ("until 2026-11-22T06:00Z", "until", datetime(2026, 11, 22, 7, tzinfo=HOME).timestamp()),
+        ("for 8h", "until", NOW.timestamp() + 8 * 3600),
+        ("together", "together", 0.0),
+    ],
+)
+def test_spellings(words: str, kind: str, value: float) -> None:
+    budget = parse_budget(words, NOW)
+    assert budget.kind == kind
+    assert budget.value == pytest.approx(value)
+
+
+@pytest.mark.parametrize(
+    "words", ["", "0", "1.5", "150%", "-2W", "4", "until 25:00", "until 2020-01-01", "for 3", "all"]
+)
+def test_anything_else_is_refused(words: str) -> None:
+    with pytest.raises(InputError, match="budget: found"):
+        parse_budget(words, NOW)
+
+
+def shares_of(budget: Budget, supply: Supply, now_s: float = 0.0) -> float:
+    active_j, idle_j = [ACTIVE_W * SLOT_S], [IDLE_W * SLOT_S]
+    allowed = allowance_j([budget], [supply], active_j, idle_j, SLOT_S, now_s, 1)
+    return float(slot_shares(allowed, active_j, idle_j)[0])
+
+
+@pytest.mark.parametrize(
+    ("budget", "supply", "share"),
+    [
+        (Budget("duty", 0.35), Supply(), 0.35),
+        (Budget("joules", 0.28), Supply(), 0.5),  # 7 W on average
+        (Budget("watts", 5.5), Supply(), 0.25),
+        (Budget("watts", 50.0), Supply(), 1.0),
+        (Budget("watts", 2.0), Supply(), 1e-3),  # less than an idle camera draws
+        (Budget("until", 3600.0), Supply(7.0 * 3600), 0.5),
+        (Budget("until", 3600.0), Supply(7.0 * 3600, 1.5), 0.75),  # the sun raises it
+        (Budget("until", 3600.0), Supply(0.0, 10.0), 1.0),
+        (Budget("until", 3600.0), Supply(), 1.0),  # on mains
+    ],
+)
+def test_share_that_a_budget_pays_for(budget: Budget, supply: Supply, share: float) -> None:
+    assert shares_of(budget, supply) == pytest.approx(share)
+
+
+def test_nothing_is_saved_once_the_time_has_come() -> None:
+    assert shares_of(Budget("until", 3600.0), Supply(10.0), now_s=3600.0) == 1.0
+
+
+def test_battery_lasts_exactly_until_its_time() -> None:
+    """Follow the share, reckoned every minute, and the battery is empty at the time named."""
+    battery_j, now_s, end_s = 6.3 * 7200, 0.0, 7200.0
+    while battery_j > 0 and now_s < 2 * end_s:
+        share = shares_of(Budget("until", end_s), Supply(battery_j), now_s)
+        battery_j -= 60 * (IDLE_W + share * (ACTIVE_W - IDLE_W))
+        now_s += 60
+    assert now_s == pytest.approx(end_s, abs=60)
+
+
+def test_queue_keeps_the_joules_that_were_allowed() -> None:
+    """The paper's queue with that share spends the allowance, over many slots."""
+    active_j, idle_j = np.array([0.4, 0.5]), np.array([0.1, 0.2])
+    budgets = [Budget("joules", 0.22), Budget("watts", 0.35 / SLOT_S)]
+    allowed = allowance_j(budgets, [Supply()] * 2, active_j, idle_j, SLOT_S, 0.0, 1)
+    shares = slot_shares(allowed, active_j, idle_j)
+    deficit, spent_j = np.zeros(2), np.zeros(2)
+    for _ in range(5000):
+        selected = deficit < 1.0
+        deficit = advance_deficit(deficit, shares, selected)
+        spent_j += np.where(selected, active_j, idle_j)
+    np.testing.assert_allclose(spent_j / 5000, [0.22, 0.35], rtol=0.01)
+
+
+@settings(max_examples=80, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.floats(1e3, 1e6), st.floats(1.0, 5.0), st.floats(0.5, 10.0), st.floats(0, 6)),
+        min_size=1,
+        max_size=8,
+    ),
+    st.floats(0.5, 4.0),
+)
+def test_common_lifetime_is_the_longest(
+    cameras: list[tuple[float, float, float, float]], num_selected: float
+) -> None:
+    supplies = [Supply(battery_j, sun_w) for battery_j, _, _, sun_w in cameras]
+    idle_w = np.array([idle for _, idle, _, _ in cameras])
+    active_w = idle_w + [extra for _, _, extra, _ in cameras]
+    shares, seconds = common_lifetime(supplies, active_w, idle_w, num_selected)
+    wanted = min(num_selected, len(cameras))
+    assert ((shares >= 0) & (shares <= 1 + 1e-9)).all()
+    assert shares.sum() == pytest.approx(wanted, rel=1e-6)
+    for supply, share, active, idle in zip(supplies, shares, active_w, idle_w, strict=True):
+        lasts_s = lifetime_s(supply, idle + share * (active - idle))
+        if share > 1e-6:  # one that may not even be idle so long gets nothing
+            assert lasts_s >= seconds * (1 - 1e-6)
+        if 1e-6 < share < 1 - 1e-6 and seconds < FOREVER_S:
+            assert lasts_s == pytest.approx(seconds, rel=1e-6)
+
+
+def test_those_with_budgets_of_their_own_count() -> None:
+    active_j, idle_j = np.full(3, 0.4), np.full(3, 0.1)
+    budgets = [Budget("duty", 0.9), Budget("together"), Budget("together")]
+    supplies = [Supply(), Supply(36_000.0), Supply(36_000.0)]
+    allowed = allowance_j(budgets, supplies, active_j, idle_j, SLOT_S, 0.0, 2.0)
+    np.testing.assert_allclose(slot_shares(allowed, active_j, idle_j), [0.9, 0.55, 0.55])
+
+
+def test_unequal_batteries_run_out_together_instead_of_one_by_one() -> None:
+    """36 to 60 Wh: the paper's equal budgets lose the first camera long before the last."""
+    cameras = [BatteryCamera(wh / 10, 12.5, 6.25) for wh in (36, 42, 50, 55, 60)]
+    equal = deplete(cameras, 3, "equal")
+    together = deplete(cameras, 3, "together")
+    # 243 Wh/10 for 3 active and 2 idle cameras of 50 W in all: no policy can do better than this.
+    ideal_h = 24.3 / 50
+    np.testing.assert_allclose(together.empty_h, ideal_h, rtol=0.02)
+    assert together.full_h == pytest.approx(ideal_h, rel=0.02)
+    assert equal.full_h < 0.8 * ideal_h
+    assert np.ptp(equal.empty_h) > 10 * np.ptp(together.empty_h)
+    assert np.all(np.diff(together.duty) > 0), "who has more does more"
+
+
+def test_different_devices_run_out_together_too() -> None:
+    cameras = [
+        BatteryCamera(4.0, 12.5, 6.25),
+        BatteryCamera(3.6, 8.0, 4.0),
+        BatteryCamera(5.2, 15.0, 7.0),
+        BatteryCamera(3.0, 6.0, 3.0),
+    ]
+    together = deplete(cameras, 2, "together")
+    assert np.ptp(together.empty_h) < 0.03 * np.mean(together.empty_h)
+    assert np.ptp(deplete(cameras, 2, "equal").empty_h) > 5 * np.ptp(together.empty_h)
+
+
+def test_sun_on_one_camera_is_worked_for_all() -> None:
+    shade = [BatteryCamera(3.0, 12.0, 6.0) for _ in range(4)]
+    sunny = [BatteryCamera(3.0, 12.0, 6.0, lambda hours: 3.0), *shade[1:]]
+    without, with_sun = (deplete(site, 2, "together") for site in (shade, sunny))
+    assert with_sun.duty[0] > without.duty[0] + 0.2
+    assert with_sun.full_h > 1.05 * without.full_h, "the others are spared"

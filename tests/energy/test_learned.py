@@ -1,0 +1,108 @@
+"""What an active slot costs, found from stretches whose cost is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from e3pose.energy.learned_cost import LearnedCost, learn, slot_cost, unlearned
+from e3pose.energy.profiles import load_profile
+
+PROFILE = load_profile("generic")  # 10 W active, 5.2 W in power-saving
+ACTIVE_W, IDLE_W = 7.3, 3.1  # the device at hand
+SLOT_S = 0.04
+
+
+def fed(
+    cost: LearnedCost,
+    spans: int,
+    *,
+    active_w: float = ACTIVE_W,
+    idle_w: float = IDLE_W,
+    noise_w: float = 0.2,
+    duty: tuple[float, float] = (0.2, 0.9),
+    broken: float = 0.0,
+    seed: int = 0,
+) -> LearnedCost:
+    """Take in heartbeats of half a second, some of which are far off."""
+    rng = np.random.default_rng(seed)
+    for _ in range(spans):
+        share = rng.uniform(*duty)
+        energy_j = 0.5 * (share * active_w + (1 - share) * idle_w + noise_w * rng.normal())
+        if rng.random() < broken:
+            energy_j *= 8
+        cost = learn(cost, energy_j, 0.5 * share, 0.5 * (1 - share))
+    return cost
+
+
+def test_profile_is_what_is_said_before_anything_was_measured() -> None:
+    cost = slot_cost(unlearned(PROFILE), SLOT_S)
+    assert cost.active_j == pytest.approx(10.0 * SLOT_S)
+    assert cost.idle_j == pytest.approx(5.2 * SLOT_S)
+    assert not cost.measured
+    assert cost.why.startswith("modelled: 0 measurements")
+
+
+def test_truth_is_found_within_its_uncertainty() -> None:
+    """After five minutes of heartbeats, whatever the profile said."""
+    misses = []
+    for seed in range(30):
+        cost = slot_cost(fed(unlearned(PROFILE), 600, seed=seed), SLOT_S)
+        assert cost.measured
+        assert cost.active_j == pytest.approx(ACTIVE_W * SLOT_S, rel=0.05)
+        assert cost.idle_j == pytest.approx(IDLE_W * SLOT_S, rel=0.05)
+        misses.append((cost.active_j - ACTIVE_W * SLOT_S) / cost.active_sigma_j)
+        misses.append((cost.idle_j - IDLE_W * SLOT_S) / cost.idle_sigma_j)
+    # As many standard deviations off as a standard deviation means: within a factor of two.
+    assert 0.5 < np.sqrt(np.mean(np.square(misses))) < 2.0
+
+
+def test_joules_and_seconds_give_what_slots_give() -> None:
+    """A minute told in one heartbeat says the same as told in a hundred and twenty."""
+    cost = unlearned(PROFILE)
+    for share in np.linspace(0.1, 0.9, 60):
+        cost = learn(
+            cost, 60 * (share * ACTIVE_W + (1 - share) * IDLE_W), 60 * share, 60 - 60 * share
+        )
+    found = slot_cost(cost, 1.0)
+    assert found.active_j == pytest.approx(ACTIVE_W, rel=0.01)
+    assert found.idle_j == pytest.approx(IDLE_W, rel=0.01)
+
+
+def test_broken_measurements_pull_little() -> None:
+    clean = slot_cost(fed(unlearned(PROFILE), 400), 1.0)
+    broken = slot_cost(fed(unlearned(PROFILE), 400, broken=0.03), 1.0)
+    assert broken.active_j == pytest.approx(clean.active_j, rel=0.15)
+    mean_w = 0.55 * ACTIVE_W + 0.45 * IDLE_W
+    least_squares_pull = 0.03 * 7 * mean_w / mean_w
+    assert abs(broken.active_j / clean.active_j - 1) < least_squares_pull / 1.5
+
+
+@pytest.mark.parametrize("duty", [(1.0, 1.0), (0.0, 0.0), (0.6, 0.6)])
+def test_camera_that_never_changes_stays_modelled(duty: tuple[float, float]) -> None:
+    cost = slot_cost(fed(unlearned(PROFILE), 3000, duty=duty), SLOT_S)
+    assert not cost.measured
+    assert "hardly been seen apart" in cost.why
+    assert np.isfinite(cost.active_sigma_j)
+
+
+def test_device_that_changes_is_followed() -> None:
+    cost = fed(unlearned(PROFILE), 1000)
+    cost = fed(cost, 7200, active_w=9.0, idle_w=3.1, seed=1)  # an hour later
+    assert slot_cost(cost, 1.0).active_j == pytest.approx(9.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("energy_j", "active_s", "idle_s"),
+    [
+        (np.nan, 1.0, 1.0),
+        (-1.0, 1.0, 1.0),
+        (5.0, -1.0, 2.0),
+        (5.0, 0.0, 0.0),
+        (5.0, np.inf, 1.0),
+        (1e6, 1e6, 0.0),
+    ],
+)
+def test_impossible_stretches_say_nothing(energy_j: float, active_s: float, idle_s: float) -> None:
+    cost = fed(unlearned(PROFILE), 20)
+    assert learn(cost, energy_j, active_s, idle_s) is cost

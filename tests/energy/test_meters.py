@@ -1,0 +1,245 @@
+"""Counters, gauges, samplers and the command, against trees of files laid out as the kernel's."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.energy.trees import (
+    AGX_ORIN,
+    GENERIC,
+    ORIN_NX,
+    XAVIER_NX,
+    battery,
+    lay_out,
+    rapl,
+)
+
+from e3pose.cli import main
+from e3pose.energy.meters.base import Meter, MeterError
+from e3pose.energy.meters.battery import BatteryMeter, read_charge
+from e3pose.energy.meters.choose import choose_meter
+from e3pose.energy.meters.rapl import RaplMeter, counted_j
+from e3pose.energy.meters.sampler import PowerSampler
+
+
+def test_energy_counters_and_their_wrap(tmp_path: Path) -> None:
+    now_s = [100.0]
+    zones = {"0": ("package-0", 5e6), "0_0": ("core", 3e6), "0_1": ("dram", 1e6)}
+    lay_out(tmp_path, rapl(**zones))
+    lay_out(
+        tmp_path,
+        {
+            "sys/class/powercap/intel-rapl-mmio:0/name": "package-0",
+            "sys/class/powercap/intel-rapl-mmio:0/energy_uj": 5_000_000,
+        },
+    )
+    meter = RaplMeter(tmp_path, lambda: now_s[0])
+    now_s[0] += 2.0
+    after = {"0": ("package-0", 35e6), "0_0": ("core", 15e6), "0_1": ("dram", 5e6)}
+    lay_out(tmp_path, rapl(**after))
+    reading = meter.read("active")
+    assert reading.energy_j == pytest.approx(30 + 4), "a package and its memory, not its cores"
+    assert reading.watts == pytest.approx(17.0)
+    watts = {rail.name: rail.watts for rail in reading.rails}
+    assert watts == pytest.approx({"package-0": 15.0, "package-0 core": 6.0, "package-0 dram": 2.0})
+    assert "processor and memory only" in reading.how
+    now_s[0] += 0.5
+    wrapped = {"0": ("package-0", 2e6), "0_0": ("core", 16e6), "0_1": ("dram", 5.5e6)}
+    lay_out(tmp_path, rapl(**wrapped))
+    with pytest.raises(MeterError, match="package-0: found 2621"):
+        meter.read("active")  # a wrap that would be half a megawatt is no wrap but a reset
+    assert counted_j(262_143_000_000, 500_000, 262_143_328_850) == pytest.approx(0.82885)
+
+
+def test_counter_that_wraps_goes_on(tmp_path: Path) -> None:
+    now_s = [0.0]
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 262_140_000_000)}))
+    meter = RaplMeter(tmp_path, lambda: now_s[0])
+    now_s[0] = 1.0
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 6_671_150)}))
+    assert meter.read("active").energy_j == pytest.approx(10.0)
+
+
+def test_platform_counter_contains_the_others(tmp_path: Path) -> None:
+    now_s = [0.0]
+    tree = {"0": ("package-0", 0.0), "0_0": ("dram", 0.0), "1": ("psys", 0.0)}
+    lay_out(tmp_path, rapl(**tree))
+    meter = RaplMeter(tmp_path, lambda: now_s[0])
+    now_s[0] = 1.0
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 7e6), "0_0": ("dram", 2e6), "1": ("psys", 13e6)}))
+    reading = meter.read("active")
+    assert reading.energy_j == pytest.approx(13.0)
+    assert "RAPL psys (the platform)" in reading.how
+
+
+def test_counters_that_were_away_are_begun_again(tmp_path: Path) -> None:
+    now_s = [0.0]
+    lay_out(tmp_path, rapl(**{"0": ("package-0", 1e6)}))
+    meter = RaplMeter(tmp_path, lambda: now_s[0])
+    file = tmp_path / "sys/class/powercap/intel-rapl:0/energy_uj"
+    for content, energy_j in (("gone", None), ("900000000", None), ("903000000", 3.0)):
+        now_s[0] += 1.0
+        file.write_text(content)
+        if energy_j is None:
+            with pytest.raises(MeterError):
+                meter.read("active")
+        else:
+            assert meter.read("active").energy_j == pytest.approx(energy_j)
+
+
+def test_gauge_in_watt_hours(tmp_path: Path) -> None:
+    tree = battery(
+        status="Discharging",
+        energy_now=31_000_000,  # uWh
+        energy_full=50_000_000,
+        power_now=8_250_000,  # uW
+        capacity=62,
+        voltage_now=11_400_000,
+    )
+    charge = read_charge(lay_out(tmp_path, tree))
+    assert charge.energy_j == pytest.approx(31.0 * 3600)
+    assert charge.full_j == pytest.approx(50.0 * 3600)
+    assert charge.share == pytest.approx(0.62)
+    assert (charge.status, charge.charging_w) == ("discharging", 0.0)
+    reading = BatteryMeter(tmp_path).read("active")
+    assert reading.watts == pytest.approx(8.25)
+    assert reading.measured
+
+
+def test_gauge_in_ampere_hours(tmp_path: Path) -> None:
+    tree = battery(
+        status="Discharging",
+        charge_now=2_500_000,  # uAh
+        charge_full=4_000_000,
+        current_now=-900_000,  # uA, out of the battery
+        voltage_now=12_300_000,  # uV
+        voltage_min_design=11_100_000,
+    )
+    charge = read_charge(lay_out(tmp_path, tree))
+    assert charge.energy_j == pytest.approx(2.5 * 11.1 * 3600)
+    assert charge.full_j == pytest.approx(4.0 * 11.1 * 3600)
+    assert charge.draining_w == pytest.approx(0.9 * 12.3)
+
+
+def test_charging_battery_says_what_goes_in_and_not_what_is_drawn(tmp_path: Path) -> None:
+    tree = battery(status="Charging", energy_now=20_000_000, power_now=15_500_000)
+    charge = read_charge(lay_out(tmp_path, tree))
+    assert charge.charging_w == pytest.approx(15.5)
+    assert charge.share is None
+    with pytest.raises(MeterError, match="charging"):
+        BatteryMeter(tmp_path).read("active")
+    reading = choose_meter(GENERIC, tmp_path).read("active")
+    assert not reading.measured
+    assert "battery charging" in reading.how
+
+
+def test_gauge_of_a_percentage_needs_to_know_the_battery(tmp_path: Path) -> None:
+    lay_out(tmp_path, battery(status="Discharging", capacity=80))
+    with pytest.raises(MeterError, match="known battery"):
+        read_charge(tmp_path)
+    charge = read_charge(tmp_path, capacity_wh=40.0)
+    assert charge.energy_j == pytest.approx(0.8 * 40 * 3600)
+    assert charge.share == pytest.approx(0.8)
+
+
+def test_two_batteries_add_up(tmp_path: Path) -> None:
+    tree = battery(
+        status="Discharging", energy_now=10_000_000, energy_full=20_000_000, power_now=3_000_000
+    )
+    other = {k.replace("BAT0", "BAT1"): v for k, v in tree.items() if "BAT0" in k}
+    other["sys/class/power_supply/BAT1/power_now"] = 4_000_000
+    charge = read_charge(lay_out(tmp_path, tree | other))
+    assert charge.energy_j == pytest.approx(20 * 3600)
+    assert charge.draining_w == pytest.approx(7.0)
+
+
+def test_rails_are_preferred_to_gauge_and_counters(tmp_path: Path) -> None:
+    gauge = battery(status="Discharging", energy_now=31_000_000, power_now=8_250_000)
+    counters = rapl(**{"0": ("package-0", 0.0)})
+    lay_out(tmp_path, counters)
+    assert "RAPL" in getattr(choose_meter(GENERIC, tmp_path), "_meter").how  # noqa: B009
+    lay_out(tmp_path, gauge)
+    assert choose_meter(GENERIC, tmp_path).read("active").how == "measured: battery gauge"
+    lay_out(tmp_path, ORIN_NX)
+    assert choose_meter(GENERIC, tmp_path).read("active").how == "measured: VDD_IN"
+
+
+def test_nothing_to_measure_is_modelled_by_mode(tmp_path: Path) -> None:
+    meter = choose_meter(GENERIC, tmp_path)
+    for mode in ("active", "power-saving", "aggressive-power-saving"):
+        reading = meter.read(mode)
+        assert not reading.measured
+        assert reading.watts == pytest.approx(GENERIC.watts(mode))
+        assert all(word in reading.how for word in ("INA3221", "no battery", "counters"))
+
+
+def test_sampler_adds_up_watts_and_states_what_is_measured(tmp_path: Path) -> None:
+    lay_out(tmp_path, XAVIER_NX)
+    lay_out(tmp_path, battery(status="Charging", energy_now=20_000_000, power_now=2_500_000))
+    current = tmp_path / "sys/bus/i2c/drivers/ina3221/7-0040/hwmon/hwmon3/curr1_input"
+    now_s = [0.0]
+    meter: Meter = choose_meter(GENERIC, tmp_path)
+    sampler = PowerSampler(meter, root=tmp_path, clock_s=lambda: now_s[0])
+    sampler.sample()
+    for milliamps in (2000, 2000, 1000):  # 10, 10, 5 W
+        now_s[0] += 2.0
+        current.write_text(str(milliamps))
+        sampler.sample()
+    fields = sampler()
+    expected_j = 2 * (11.05 + 10) / 2 + 2 * 10 + 2 * (10 + 5) / 2
+    assert fields["energy_j"] == pytest.approx(expected_j)
+    assert fields["power_w"] == pytest.approx(5.0)
+    assert fields["measured"] is True
+    assert fields["battery_j"] == pytest.approx(72_000)
+    assert fields["charging_w"] == pytest.approx(2.5)
+    now_s[0] += 1.0
+    current.unlink()
+    assert sampler()["measured"] is False
+    now_s[0] += 1.0
+    current.write_text("1000")
+    assert sampler()["measured"] is True, "of the time since it was asked"
+    now_s[0] += 3600.0  # the machine slept
+    assert sampler()["energy_j"] < expected_j + 30
+
+
+def test_sampler_thread_adds_up_by_itself(tmp_path: Path) -> None:
+    import time
+
+    with PowerSampler(choose_meter(GENERIC, tmp_path), lambda: "active", tmp_path) as sampler:
+        begin_s = time.monotonic()
+        while (energy_j := sampler.sample().energy_j) < 2.0:
+            assert time.monotonic() - begin_s < 60
+            time.sleep(0.05)
+        assert energy_j < GENERIC.watts("active") * (time.monotonic() - begin_s + 0.1)
+
+
+def run(*tokens: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([*tokens])
+        raise SystemExit(0)
+    return int(stop.value.code or 0)
+
+
+def test_command_prints_rails(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lay_out(tmp_path, AGX_ORIN)
+    assert run("power", "--root", str(tmp_path), "--seconds", "0.1") == 0
+    out = capsys.readouterr().out
+    assert "VDD_GPU_SOC" in out
+    assert "9.008" in out
+    assert "measured" in out
+    assert run("power", "--root", str(tmp_path), "--seconds", "0.1", "--json") == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["reading"]["watts"] == pytest.approx(9.00832)
+    assert content["charge"] is None
+
+
+def test_command_says_when_it_is_modelled(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("power", "--root", str(tmp_path), "--seconds", "0.1", "--profile", "tx2") == 0
+    assert "modelled: profile tx2" in capsys.readouterr().out
+    for options in (["--seconds", "0"], ["--profile", "toaster"], ["--root", "/nowhere"]):
+        assert run("power", *options) == 2
+        assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -1,0 +1,203 @@
+"""Heartbeats of cameras whose power is known become costs and budgets."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.energy.budgets import Budget
+from e3pose.energy.profiles import load_profile
+from e3pose.energy.site_energy import CameraEnergy, hear, new_camera, reckon
+from e3pose.pipeline import Pipeline
+from e3pose.select.policies.drift_plus_penalty import DriftPlusPenalty
+from e3pose.store import EnergyReading
+from e3pose.wire.messages import Heartbeat
+
+PROFILE = load_profile("generic")  # 10 W active, 5.2 W in power-saving
+BEAT_S = 0.5
+
+
+def lived(
+    camera: CameraEnergy,
+    *,
+    active_w: float = 7.0,
+    idle_w: float = 3.0,
+    beats: int = 600,
+    measured: bool = True,
+    battery_j: float | None = None,
+    charging_w: float = 0.0,
+    session: int = 1,
+    begin_s: float = 0.0,
+) -> CameraEnergy:
+    """Return a camera after heartbeats of half a second with changing duty."""
+    rng = np.random.default_rng(session)
+    energy_j = active_s = idle_s = 0.0
+    for number in range(beats):
+        beat = Heartbeat(
+            camera_id="c", session=session, sent_edge_ns=round((begin_s + number * BEAT_S) * 1e9),
+            mode="active", energy_j=energy_j, measured=measured, active_s=active_s, idle_s=idle_s,
+            battery_j=battery_j, charging_w=charging_w,
+        )  # fmt: skip
+        camera = hear(camera, beat)
+        share = rng.uniform(0.1, 0.9)
+        active_s += share * BEAT_S
+        idle_s += (1 - share) * BEAT_S
+        energy_j += BEAT_S * (share * active_w + (1 - share) * idle_w)
+    return camera
+
+
+def test_cost_is_learned_from_heartbeats() -> None:
+    camera = lived(new_camera(PROFILE))
+    (slot,) = reckon([camera], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
+    assert slot.measured
+    assert slot.active_j == pytest.approx(7.0 * 0.04, rel=0.02)
+    assert slot.idle_j == pytest.approx(3.0 * 0.04, rel=0.02)
+
+
+def test_modelled_energy_teaches_nothing() -> None:
+    (slot,) = reckon(
+        [lived(new_camera(PROFILE), measured=False)], [Budget("duty", 0.5)], 0.04, 0.0, 1
+    ).slots
+    assert not slot.measured
+    assert slot.why.startswith("modelled")
+    assert slot.active_j == pytest.approx(10.0 * 0.04)
+
+
+def test_restarted_camera_goes_on_learning() -> None:
+    camera = lived(lived(new_camera(PROFILE)), session=2, begin_s=400.0)
+    assert camera.cost.spans == 2 * 599
+    np.testing.assert_allclose(camera.cost.watts, [7.0, 3.0], rtol=0.02)
+
+
+def test_heartbeats_out_of_order_are_left_out() -> None:
+    camera = lived(new_camera(PROFILE), beats=10)
+    assert camera.beat is not None
+    assert hear(camera, camera.beat) is camera
+
+
+def test_budgets_follow_what_was_learned_and_the_batteries() -> None:
+    cameras = [
+        lived(new_camera(PROFILE), battery_j=5.0 * 3600),
+        lived(new_camera(PROFILE), battery_j=5.0 * 3600, charging_w=1.0),
+        lived(new_camera(PROFILE)),
+    ]
+    reckoning = reckon(cameras, [Budget("until", 3600.0)] * 3, 0.04, 0.0, 2)
+    # 5 W of a camera that draws 3 to 7: half of the slots; a watt of sun pays for a quarter more.
+    np.testing.assert_allclose(reckoning.budget, [0.5, 0.75, 1.0], atol=0.02)
+    np.testing.assert_allclose(reckoning.cost_j, 0.16, rtol=0.03)
+    np.testing.assert_allclose(
+        reckoning.spent_j(np.array([True, False, True])), [0.28, 0.12, 0.28], rtol=0.03
+    )
+
+
+def test_a_cloud_is_no_evening() -> None:
+    sunny = lived(new_camera(PROFILE), battery_j=1000.0, charging_w=4.0)
+    cloud = lived(sunny, battery_j=1000.0, begin_s=300.0, beats=60)  # half a minute
+    assert 3.5 < cloud.supply().charging_w < 4.0
+    evening = lived(sunny, battery_j=1000.0, begin_s=300.0, beats=7200)
+    assert evening.supply().charging_w < 0.05
+
+
+def test_ledger_takes_heartbeats_and_reckons_every_minute() -> None:
+    now_ns, kept = [0], list[EnergyReading]()
+    ledger = EnergyLedger(
+        ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("watts", 5.0)] * 2, 0.04, 1,
+        lambda: now_ns[0], kept.append,
+    )  # fmt: skip
+    before, new = ledger.reckoning()
+    assert new, "the first holds from the beginning"
+    assert not ledger.reckoning()[1]
+    assert [slot.measured for slot in before.slots] == [False, False]
+    rng = np.random.default_rng(0)
+    energy_j = active_s = 0.0
+    for number in range(200):
+        now_ns[0] = round(number * BEAT_S * 1e9)
+        for camera_id in ("a", "stranger"):
+            ledger.take(
+                Heartbeat(
+                    camera_id, 1, now_ns[0], "active", energy_j=energy_j, measured=True,
+                    active_s=active_s, idle_s=number * BEAT_S - active_s,
+                )
+            )  # fmt: skip
+        spent_s = BEAT_S * rng.uniform(0.1, 0.9)
+        active_s += spent_s
+        energy_j += 7.0 * spent_s + 3.0 * (BEAT_S - spent_s)
+    after, new = ledger.reckoning()
+    assert new
+    assert [slot.measured for slot in after.slots] == [True, False]
+    np.testing.assert_allclose(after.budget[0], 0.5, atol=0.02)  # 5 W between 3 and 7
+    assert not ledger.reckoning()[1]
+    np.testing.assert_allclose(ledger.spent_j(np.array([True, True])), [0.28, 0.4], rtol=0.02)
+    assert len(kept) == 199
+    last_j = energy_j - (7.0 * spent_s + 3.0 * (BEAT_S - spent_s))  # what was told in the end
+    assert sum(reading.energy_j for reading in kept) == pytest.approx(last_j)
+    assert {reading.source for reading in kept} == {"measured"}
+    assert {reading.span_s for reading in kept} == {BEAT_S}
+
+
+def test_pipeline_follows_the_reckoning() -> None:
+    """A battery that does not pay for two cameras a slot gets fewer, and other budgets."""
+    now_ns = [0]
+    ledger = EnergyLedger(
+        ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("until", 3600.0)] * 2, 0.04, 2,
+        lambda: now_ns[0],
+    )  # fmt: skip
+    pipeline = Pipeline(
+        rig=cast(Any, None), num_joints=17, interval_s=0.04, estimator=cast(Any, None),
+        predictor=cast(Any, None), policy=DriftPlusPenalty(2), budget=np.ones(2),
+        clock=lambda: 0.0,
+    )  # fmt: skip
+    on_mains, news = ledger.reckoned(pipeline)
+    assert news == []
+    np.testing.assert_array_equal(on_mains.budget, [1.0, 1.0])
+    assert on_mains.policy == DriftPlusPenalty(2)
+    again, _ = ledger.reckoned(on_mains)
+    assert again is on_mains, "nothing changes within a minute"
+    energy_j = active_s = 0.0
+    rng = np.random.default_rng(0)
+    for number in range(300):
+        now_ns[0] = round(number * BEAT_S * 1e9)
+        spent_s = BEAT_S * rng.uniform(0.1, 0.9)
+        active_s += spent_s
+        energy_j += 7.0 * spent_s + 3.0 * (BEAT_S - spent_s)
+        for camera_id in "ab":
+            ledger.take(
+                Heartbeat(
+                    camera_id, 1, now_ns[0], "active", energy_j=energy_j, measured=True,
+                    active_s=active_s, idle_s=(number + 1) * BEAT_S - active_s,
+                    battery_j=5.0 * (3600 - now_ns[0] / 1e9),
+                )
+            )  # fmt: skip
+    changed, news = ledger.reckoned(on_mains)
+    np.testing.assert_allclose(changed.budget, 0.5, atol=0.02)  # 5 W between 3 and 7
+    assert isinstance(changed.policy, DriftPlusPenalty)
+    assert changed.policy.num_selected == pytest.approx(0.95, abs=0.04)
+    assert changed.cost_j is not None
+    np.testing.assert_allclose(changed.cost_j, 0.16, rtol=0.03)
+    assert [camera_id for camera_id, _ in news] == ["a", "b", None]
+    assert "measured" in news[0][1]
+    assert re.fullmatch(r"budgets pay for 0\.9\d cameras a slot, 2 were asked for", news[2][1])
+
+
+def test_battery_that_cannot_last_is_told_once() -> None:
+    """4 W for a camera that draws 5.2 W when idle."""
+    now_ns = [0]
+    ledger = EnergyLedger(
+        ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("watts", 4.0), Budget("duty", 1)],
+        0.04, 1, lambda: now_ns[0],
+    )  # fmt: skip
+    pipeline = Pipeline(
+        rig=cast(Any, None), num_joints=17, interval_s=0.04, estimator=cast(Any, None),
+        predictor=cast(Any, None), policy=DriftPlusPenalty(1), budget=np.ones(2),
+        clock=lambda: 0.0,
+    )  # fmt: skip
+    _, news = ledger.reckoned(pipeline)
+    ((camera_id, line),) = news
+    assert camera_id == "a"
+    assert "pays for no active slot, idle ones alone draw 5.2 W" in line
+    now_ns[0] = 61 * 10**9
+    assert ledger.reckoned(pipeline)[1] == []

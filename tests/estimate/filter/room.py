@@ -1,0 +1,111 @@
+"""A room with five cameras around people who stand or walk, with truth known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter import Belief, Estimate, Model
+from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+
+Floats = NDArray[np.float64]
+
+
+Views = Mapping[int, Poses2D]
+step = StepKernel()
+
+
+NUM_CAMERAS = 5
+
+
+# A standing person, facing +x: x, y, z of the 17 joints in metres.
+BODY = np.array(
+    [
+        [0.12, 0, 1.62], [0.1, 0.03, 1.65], [0.1, -0.03, 1.65], [0, 0.08, 1.62], [0, -0.08, 1.62],
+        [0, 0.2, 1.42], [0, -0.2, 1.42], [0.02, 0.25, 1.12], [0.02, -0.25, 1.12],
+        [0.1, 0.25, 0.88], [0.1, -0.25, 0.88], [0, 0.12, 0.92], [0, -0.12, 0.92],
+        [0.03, 0.12, 0.5], [0.03, -0.12, 0.5], [0, 0.12, 0.08], [0, -0.12, 0.08],
+    ]
+)  # fmt: skip
+
+
+def ring(distortion: tuple[float, ...] = ()) -> Rig:
+    K = np.array([[900.0, 0, 515.5], [0, 900, 387.5], [0, 0, 1]])
+    cameras = []
+    for index, angle in enumerate(np.linspace(0, 2 * np.pi, NUM_CAMERAS, endpoint=False)):
+        centre = np.array([5 * np.cos(angle), 5 * np.sin(angle), 2.2])
+        forward = np.array([0, 0, 0.9]) - centre
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        cameras.append(
+            Camera.from_world_to_camera(
+                f"cam{index}", (1032, 776), K, R, -R @ centre, distortion=distortion
+            )
+        )
+    return Rig(tuple(cameras))
+
+
+RIG = ring()
+
+
+MODEL = Model(RIG, COCO17)
+
+
+ALL = tuple(range(NUM_CAMERAS))
+
+
+def standing(*places: tuple[float, float]) -> Floats:
+    """Return people `(num_persons, 17, 3)` standing at these places."""
+    return np.array([BODY + [x, y, 0] for x, y in places]).reshape(-1, 17, 3)
+
+
+def see(
+    people: Floats,
+    cameras: Iterable[int] = ALL,
+    noise_px: float = 0.0,
+    rng: np.random.Generator | None = None,
+    rig: Rig = RIG,
+    score: float = 0.9,
+) -> dict[int, Poses2D]:
+    """Return what the cameras see of people."""
+    views = {}
+    for camera in cameras:
+        pixels = rig.cameras[camera].project(people)
+        if rng is not None:
+            pixels = pixels + rng.normal(scale=noise_px, size=pixels.shape)
+        views[camera] = Poses2D(pixels, np.full(pixels.shape[:2], score))
+    return views
+
+
+def run(
+    slots: Iterable[Views], fps: float = 25.0, model: Model = MODEL, belief: Belief | None = None
+) -> tuple[Belief, list[Estimate]]:
+    belief = Belief.empty(model) if belief is None else belief
+    start = 0.0 if np.isnan(belief.time_s) else belief.time_s + 1 / fps
+    estimates = []
+    for slot, views in enumerate(slots):
+        belief, estimate = step(model, belief, views, start + slot / fps)
+        estimates.append(estimate)
+    return belief, estimates
+
+
+def error_m(estimate: Estimate, people: Floats) -> Floats:
+    """Return `(num_estimated, num_people)` mean joint distances."""
+    return np.asarray(
+        np.linalg.norm(estimate.joints_m[:, None] - people[None], axis=-1).mean(axis=-1)
+    )
+
+
+def spread_m(estimate: Estimate) -> float:
+    return float(np.sqrt(np.trace(estimate.covariance_m2[0], axis1=1, axis2=2)).mean())
+
+
+def turn(slot: int) -> tuple[int]:
+    return (slot * 2 % NUM_CAMERAS,)

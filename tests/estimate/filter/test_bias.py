@@ -1,0 +1,60 @@
+"""Slow errors of a view, and what the next look is worth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.reference import filter_bias
+
+from e3pose.estimate.filter import bias
+
+
+def test_lasting_error_is_learned_and_fades() -> None:
+    true = np.full((1, 17, 2), 6.0)
+    learned = np.zeros((1, 17, 2))
+    sigma, sure, since = np.full((1, 17), 8.0), np.zeros((1, 17)), np.array([0.2])
+    for _ in range(60):
+        learned = filter_bias.fade(learned, 0.2)
+        learned = filter_bias.learn(learned, true - learned, sigma, sure, since)
+    assert 0.6 < (learned / true).mean() < 1.0  # the fading holds it back
+    assert np.allclose(filter_bias.fade(learned, bias.LASTS_S), learned * np.exp(-1))
+
+
+def test_first_look_teaches_no_more_than_what_lasts() -> None:
+    error = np.full((1, 17, 2), 4.0)
+    learned = filter_bias.learn(
+        np.zeros((1, 17, 2)), error, np.full((1, 17), 8.0), np.zeros((1, 17)), np.array([np.inf])
+    )
+    np.testing.assert_allclose(learned, bias.MOST * error)
+
+
+def test_doubtful_people_and_wild_keypoints_teach_little() -> None:
+    def taught(error_px: float, doubt_px2: float) -> float:
+        learned = filter_bias.learn(
+            np.zeros((1, 1, 2)),
+            np.array([[[error_px, 0.0]]]),
+            np.full((1, 1), 5.0),
+            np.full((1, 1), doubt_px2),
+            np.array([0.2]),
+        )
+        return float(learned[0, 0, 0])
+
+    assert taught(5, 1000) < 0.1 * taught(5, 0)
+    assert taught(500, 0) == pytest.approx(taught(5.0 * bias.CLIP_SIGMAS, 0))
+
+
+def test_looks_in_quick_succession_are_worth_less() -> None:
+    factors = bias.inflation(np.array([0.0, 1 / 60, 1 / 25, 0.2, 2.0, np.inf]))
+    assert np.isfinite(factors).all()
+    assert (np.diff(factors) <= 0).all()
+    assert factors[-1] == pytest.approx(bias.FRESH + bias.QUICK, rel=1e-3)
+
+
+def test_inflation_is_that_of_a_noise_with_memory() -> None:
+    """The mean of n looks of an AR(1) noise has the variance that n inflated looks have."""
+    n, step_s = 4000, 0.04
+    keep = np.exp(-step_s / bias.QUICK_S)
+    lags = np.arange(1, n)
+    variance = (1 + 2 * ((1 - lags / n) * keep**lags).sum()) / n
+    inflated = (bias.inflation(np.array(step_s)) - bias.FRESH) / bias.QUICK / n
+    assert inflated == pytest.approx(variance, rel=0.01)

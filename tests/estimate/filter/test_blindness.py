@@ -1,0 +1,162 @@
+"""What a miss proves: a camera behind a wall says nothing, one in plain sight as much as ever."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from tests.estimate.filter.room import step
+from tests.reference import filter_blindness
+
+from e3pose.estimate.filter import Belief, Model
+from e3pose.estimate.filter import blindness as blind
+from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.pose import Poses2D
+from e3pose.recording import Recording
+from e3pose.simulate import SceneSettings, simulate
+
+Floats = NDArray[np.float64]
+
+CLEAN: Recording = simulate(SceneSettings("crossing", people=1, seconds=6), seed=3)
+MODEL = Model(CLEAN.rig, CLEAN.skeleton)
+CORNER = blind.corner_m(CLEAN.rig)
+EVERYBODY = np.arange(len(CLEAN.rig))
+PLACE = np.array([[0.4, -0.3]])
+
+
+def taught(looks: float, shown: float, times: int = 1) -> Floats:
+    """Return counts after a person at `PLACE` was looked at by camera 1."""
+    sights = blind.nothing_known(CLEAN.rig)
+    row = np.zeros((1, len(CLEAN.rig)))
+    row[0, 1] = 1.0
+    for _ in range(times):
+        sights = filter_blindness.learn(sights, PLACE, looks * row, shown * row, CORNER)
+    return sights
+
+
+def at(sights: Floats, place_m: Floats = PLACE) -> Floats:
+    return blind.proof(sights, EVERYBODY, place_m, CORNER)[:, 0]
+
+
+def test_unknown_places_are_in_plain_sight() -> None:
+    np.testing.assert_allclose(at(blind.nothing_known(CLEAN.rig)), 1.0)
+
+
+def test_misses_of_people_who_were_there_prove_ever_less_of_that_camera_there_only() -> None:
+    proofs = [at(taught(1, 0, times))[1] for times in (0, 2, 5, 20, 100)]
+    assert np.all(np.diff(proofs) < 0)
+    assert proofs[-1] < 0.05
+    sights = taught(1, 0, 100)
+    np.testing.assert_allclose(np.delete(at(sights), 1), 1.0)
+    np.testing.assert_allclose(at(sights, PLACE + 2 * blind.CELL_M), 1.0)
+
+
+def test_a_camera_that_always_shows_people_proves_no_more_than_before() -> None:
+    np.testing.assert_allclose(at(taught(1, 1, 50)), 1.0)
+
+
+def test_half_a_chance_is_worth_the_share_of_the_logarithms() -> None:
+    # So many looks that the prior is a thirtieth: p = (30 + 1.8) / 62 where all weight is.
+    cells = np.round((PLACE - CORNER) / blind.CELL_M - 0.5)
+    middle = CORNER + (cells + 0.5) * blind.CELL_M
+    row = np.zeros((1, len(CLEAN.rig)))
+    row[0, 1] = 60.0
+    sights = filter_blindness.learn(blind.nothing_known(CLEAN.rig), middle, row, row / 2, CORNER)
+    expected = np.log(1 - 31.8 / 62) / np.log(0.1)
+    np.testing.assert_allclose(at(sights, middle)[1], expected, rtol=1e-12)
+
+
+def test_things_get_moved_and_what_was_blind_sees_again() -> None:
+    sights = taught(1, 0, 1000)
+    assert sights[..., blind.LOOKS].max() <= blind.MOST_LOOKS
+    row = np.zeros((1, len(CLEAN.rig)))
+    row[0, 1] = 1.0
+    for _ in range(300):
+        sights = filter_blindness.learn(sights, PLACE, row, row, CORNER)
+    assert at(sights)[1] > 0.6
+
+
+def test_learning_changes_nothing_it_was_given_and_far_places_have_a_cell() -> None:
+    before = taught(1, 0, 3)
+    kept = before.copy()
+    row = np.ones((1, len(CLEAN.rig)))
+    after = filter_blindness.learn(before, np.array([[1e6, -1e6]]), row, row, CORNER)
+    np.testing.assert_array_equal(before, kept)
+    assert after.sum() > before.sum()
+    assert np.isfinite(at(after, np.array([[1e6, -1e6]]))).all()
+
+
+def follow(walled: tuple[int, ...], turns: int) -> list[list[int]]:
+    """Return who is shown in each slot when some cameras see the scene, but never the person."""
+    kernel, belief, shown = StepKernel(), Belief.empty(MODEL), []
+    for slot in range(CLEAN.num_slots):
+        views = {}
+        for turn in range(turns if slot >= 10 else len(CLEAN.rig)):
+            camera = (slot * turns + turn) % len(CLEAN.rig)
+            view = CLEAN.view(slot, camera)
+            views[camera] = Poses2D.empty(17) if camera in walled or view is None else view
+        belief, people = kernel(MODEL, belief, views, slot * CLEAN.interval_s)
+        shown.append(people.track_ids.tolist())
+    return shown
+
+
+def test_person_whom_three_of_five_cameras_cannot_see_keeps_the_identity() -> None:
+    shown = follow(walled=(1, 2, 4), turns=1)
+    late = shown[len(shown) // 3 :]
+    assert np.mean([len(ids) == 1 for ids in late]) > 0.95
+    assert len({i for ids in late for i in ids}) == 1
+
+
+def test_who_leaves_is_soon_gone_although_some_cameras_were_blind() -> None:
+    belief = Belief.empty(MODEL)
+    slots = CLEAN.num_slots // 2
+    for slot in range(slots):
+        views = {
+            camera: Poses2D.empty(17) if camera in (1, 2) or view is None else view
+            for camera in range(len(CLEAN.rig))
+            if (view := CLEAN.view(slot, camera)) is not None
+        }
+        belief, people = step(MODEL, belief, views, slot * CLEAN.interval_s)
+    assert len(people) == 1
+    for slot in range(slots, slots + 15):  # three looks of every camera
+        belief, people = step(MODEL, belief, {slot % 5: Poses2D.empty(17)}, slot * CLEAN.interval_s)
+    assert len(belief) == 0
+
+
+def test_misses_of_a_track_that_ends_teach_nothing() -> None:
+    belief = Belief.empty(MODEL)
+    for slot in range(20):
+        views = {c: v for c in range(5) if (v := CLEAN.view(slot, c)) is not None}
+        belief, _ = step(MODEL, belief, views, slot * CLEAN.interval_s)
+    sights = belief.sights
+    while len(belief):
+        slot += 1
+        views = {c: Poses2D.empty(17) for c in range(5)}
+        belief, _ = step(MODEL, belief, views, slot * CLEAN.interval_s)
+    np.testing.assert_array_equal(belief.sights, sights)
+
+
+def test_a_long_pause_forgets_people_but_not_where_cameras_are_blind() -> None:
+    belief = Belief.empty(MODEL)
+    for slot in range(20):
+        views = {c: v for c in range(5) if (v := CLEAN.view(slot, c)) is not None}
+        belief, _ = step(MODEL, belief, views, slot * CLEAN.interval_s)
+    later, _ = step(MODEL, belief, {}, 1000.0)
+    assert len(later) == 0
+    np.testing.assert_array_equal(later.sights, belief.sights)
+
+
+def test_what_one_camera_alone_shows_proves_no_other_camera_blind() -> None:
+    belief = Belief.empty(MODEL)
+    for slot in range(20):
+        views = {c: v for c in range(5) if (v := CLEAN.view(slot, c)) is not None}
+        belief, _ = step(MODEL, belief, views, slot * CLEAN.interval_s)
+    looks = belief.sights[..., blind.LOOKS]
+    before = looks.sum(axis=(1, 2))
+    for slot in range(20, 100):
+        views = {c: Poses2D.empty(17) for c in range(5)}
+        if (view := CLEAN.view(slot, 0)) is not None and slot < 60:
+            views[0] = view
+        belief, _ = step(MODEL, belief, views, slot * CLEAN.interval_s)
+    gained = belief.sights[..., blind.LOOKS].sum(axis=(1, 2)) - before
+    assert gained.max() < 1.2 * blind.PROOF_S / CLEAN.interval_s
+    assert len(belief) == 0

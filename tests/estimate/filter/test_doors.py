@@ -1,0 +1,121 @@
+"""Where people come and go: learned from their ends, and what it says of somebody unseen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.estimate.filter.room import ALL, MODEL, run, see, standing, turn
+
+from e3pose.estimate.filter import Belief, doors
+from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.pose import Poses2D
+
+Floats = NDArray[np.float64]
+
+FPS = 12.5
+DOOR, MIDDLE = (2.0, 0.0), (-0.5, 0.5)
+NOBODY = {camera: Poses2D.empty(17) for camera in ALL}
+
+
+def walk(start: tuple[float, float], end: tuple[float, float], seconds: float) -> list[Floats]:
+    """Return a person `(1, 17, 3)` in every slot of a straight way."""
+    steps = np.linspace(0, 1, round(seconds * FPS))[:, None]
+    ways = (1 - steps) * np.array(start) + steps * np.array(end)
+    return [standing((x, y)) for x, y in ways.tolist()]
+
+
+def visits(belief: Belief | None, times: int) -> Belief:
+    """Let people come in through the door, stand in the middle and leave through the door."""
+    for _ in range(times):
+        way = [*walk(DOOR, MIDDLE, 2.0), *walk(MIDDLE, MIDDLE, 4.0), *walk(MIDDLE, DOOR, 2.0)]
+        belief, _ = run((see(person) for person in way), FPS, belief=belief)
+        belief, _ = run([NOBODY] * 20, FPS, belief=belief)
+        assert len(belief) == 0
+    assert belief is not None
+    return belief
+
+
+VISITED = visits(None, 3)
+
+
+def hazard_at(belief: Belief, place: tuple[float, float]) -> float:
+    return float(doors.hazard_hz(belief.doors, np.array([place]), MODEL.corner_m)[0])
+
+
+def looks_until_hidden(belief: Belief, place: tuple[float, float]) -> int:
+    """Return how many looks, of one camera each, miss somebody at a place who is still shown."""
+    belief, estimates = run((see(p) for p in walk((0.8, 0.3), place, 2.0)), FPS, belief=belief)
+    assert len(estimates[-1]) == 1
+    _, estimates = run(({turn(s)[0]: Poses2D.empty(17)} for s in range(8)), FPS, belief=belief)
+    return [len(estimate) for estimate in estimates].index(0)
+
+
+def test_hazard_is_high_where_people_came_and_left_and_low_where_they_stayed() -> None:
+    assert hazard_at(VISITED, DOOR) > 10 * doors.PRIOR_HZ
+    assert hazard_at(VISITED, MIDDLE) < doors.PRIOR_HZ
+    assert hazard_at(VISITED, (-3.0, -3.0)) == pytest.approx(doors.PRIOR_HZ)
+
+
+def test_who_leaves_through_a_learned_door_is_gone_sooner_than_who_is_lost_in_the_middle() -> None:
+    assert looks_until_hidden(VISITED, DOOR) == 1
+    assert looks_until_hidden(VISITED, MIDDLE) >= 2
+    assert looks_until_hidden(Belief.empty(MODEL), DOOR) >= 2  # nobody knows yet that it is one
+
+
+def test_who_is_hidden_behind_a_pillar_stays() -> None:
+    """Two of five cameras never show the middle; people there were seen by the others."""
+    person = standing(MIDDLE)
+    hidden = {0: Poses2D.empty(17), 3: Poses2D.empty(17)}
+    belief, _ = run((see(person) | hidden for _ in range(50)), FPS, belief=VISITED)
+    _, estimates = run([hidden] * 2, FPS, belief=belief)
+    assert [len(estimate) for estimate in estimates] == [1, 1]
+    _, estimates = run([NOBODY] * 2, FPS, belief=belief)
+    assert len(estimates[0]) == 0
+
+
+def test_everybody_who_is_there_at_the_start_came_through_no_door() -> None:
+    belief, _ = run((see(standing(MIDDLE)) for _ in range(30)), FPS)
+    assert belief.doors[..., doors.PASSED].sum() == 0
+    assert belief.doors[..., doors.FOLLOWED].sum() == pytest.approx(29 / FPS, abs=0.2)
+
+
+def test_a_second_track_of_somebody_there_leaves_through_no_door() -> None:
+    belief, _ = run((see(standing(MIDDLE)) for _ in range(10)), FPS)
+    columns = {name: np.repeat(c, 2, axis=0) for name, c in belief.columns().items()}
+    columns["track_ids"] = np.array([0, 1])
+    before = replace(belief, next_id=2, **columns)  # type: ignore[arg-type]
+    assert doors.learn(before, belief, MODEL)[..., doors.PASSED].sum() == 0
+    alone = replace(before, **{n: c[:0] for n, c in belief.columns().items()})  # type: ignore[arg-type]
+    assert doors.learn(before, alone, MODEL)[..., doors.PASSED].sum() > 0
+
+
+def test_a_door_that_is_locked_is_forgotten() -> None:
+    belief, _ = run((see(standing(DOOR)) for _ in range(300)), FPS, belief=VISITED)
+    assert hazard_at(belief, DOOR) < 0.3 * hazard_at(VISITED, DOOR)
+    assert belief.doors[..., doors.FOLLOWED].max() <= doors.MOST_S + 1e-9
+
+
+def test_place_where_somebody_was_last_measured_is_found_back() -> None:
+    way = walk((-1.0, 0.0), (1.0, 0.0), 2.0)
+    belief, _ = run((see(person) for person in way), FPS)
+    place = belief.state[:, MODEL.tree.levels[0][0], :2]
+    later, _ = run([{}] * 4, FPS, belief=belief)
+    assert np.linalg.norm(later.state[0, MODEL.tree.levels[0][0], :2] - place) > 0.2
+    np.testing.assert_allclose(doors.measured_m(later, np.array([0]), MODEL), place, atol=0.01)
+
+
+def test_doors_outlast_a_long_pause_and_are_the_same_compiled() -> None:
+    kernel, plain, fast = StepKernel(), VISITED, VISITED
+    later, _ = run([{}], 0.001, belief=VISITED)
+    np.testing.assert_array_equal(later.doors, VISITED.doors)
+    way = [see(p) for p in walk(MIDDLE, DOOR, 2.0)] + [NOBODY] * 20 + [{}]
+    times = [VISITED.time_s + (i + 1) / FPS for i in range(len(way))]
+    times[-1] += 60.0
+    for views, time_s in zip(way, times, strict=True):
+        plain, _ = run([views], 1 / (time_s - plain.time_s), belief=plain)
+        fast, _ = kernel(MODEL, fast, views, time_s)
+    assert plain.doors[..., doors.PASSED].sum() > VISITED.doors[..., doors.PASSED].sum()
+    np.testing.assert_allclose(fast.doors, plain.doors, atol=1e-9)

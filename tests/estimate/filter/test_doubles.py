@@ -1,0 +1,77 @@
+"""Two tracks of one person become one; two people who are close stay two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.reference.filter_step import step
+
+from e3pose.estimate.filter import Belief, Model
+from e3pose.estimate.filter.estimator import FilterStep
+from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.pose import Poses2D
+from e3pose.simulate import SceneSettings, simulate
+
+Floats = NDArray[np.float64]
+SPREAD = 1.5
+SCENE = simulate(SceneSettings("ring", people=1, seconds=4, cameras=4, fps=25), seed=3)
+MODEL = Model(SCENE.rig, SCENE.skeleton)
+
+
+def people_shown(
+    advance: FilterStep,
+    rows_of: Callable[[int], list[int]],
+    other_of: Callable[[Floats], Floats],
+) -> list[int]:
+    """Return how many people are shown in each slot.
+
+    Somebody walks, and there is what may be somebody else: a view shows the rows of the two that
+    `rows_of` its camera gives.
+    """
+    assert SCENE.truth is not None and SCENE.truth.skeleton == SCENE.skeleton
+    rng, belief, numbers = np.random.default_rng(1), Belief.empty(MODEL), []
+    for slot in range(SCENE.num_slots):
+        person = wide(SCENE.truth.joints_m[slot, 0])
+        views = {}
+        for index, camera in enumerate(SCENE.rig.cameras):
+            pair = camera.project(np.stack([person, other_of(person)]))
+            pair += rng.normal(scale=3.0, size=pair.shape)
+            rows = rows_of(index)
+            views[index] = Poses2D(pair[rows], np.full(pair[rows].shape[:2], 0.8))
+        belief, estimate = advance(MODEL, belief, views, slot / SCENE.fps)
+        numbers.append(len(estimate))
+    return numbers
+
+
+def wide(person: Floats) -> Floats:
+    """Return somebody whose arms and legs are spread."""
+    middle = person.mean(axis=0)
+    return np.asarray(middle + (person - middle) * [SPREAD, SPREAD, 1.0])
+
+
+def mirrored(person: Floats) -> Floats:
+    """Return the joints of somebody of whom a detector takes the front for the back."""
+    swap = {"left": "right", "right": "left"}
+    names = [name.split("_", 1) for name in SCENE.skeleton.joints]
+    others = ["_".join([swap.get(name[0], name[0]), *name[1:]]) for name in names]
+    return np.asarray(person[[SCENE.skeleton.index(name) for name in others]])
+
+
+@pytest.mark.parametrize("advance", [step, StepKernel()])
+def test_cameras_that_take_front_for_back_show_one_person(advance: FilterStep) -> None:
+    numbers = people_shown(advance, lambda camera: [int(camera in (0, 1))], mirrored)
+    assert max(numbers) >= 1
+    assert numbers[-50:] == [1] * 50
+
+
+@pytest.mark.parametrize("advance", [step, StepKernel()])
+def test_people_arm_in_arm_stay_two(advance: FilterStep) -> None:
+    rng = np.random.default_rng(2)  # often one hides the other, and the view shows one of them
+    rows = [[0, 1], [0, 1], [0], [1], [1]]
+    numbers = people_shown(
+        advance, lambda camera: rows[rng.integers(5)], lambda person: person + [0.31, 0.0, 0.0]
+    )
+    assert numbers[-50:] == [2] * 50

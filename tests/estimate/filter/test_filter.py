@@ -1,0 +1,221 @@
+"""The estimator with a memory, on people whose true positions are known."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.estimate.filter.room import MODEL, Floats, error_m, ring, run, see, standing, step, turn
+from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
+
+from e3pose.errors import InputError
+from e3pose.estimate.filter import Belief, Model, Noise
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+
+
+def test_standing_person_is_recovered_from_one_camera_at_a_time() -> None:
+    person = standing((0.3, -0.2))
+    _, estimates = run(see(person, turn(slot)) for slot in range(30))
+    assert len(estimates[-1]) == 1
+    assert error_m(estimates[-1], person)[0, 0] < 0.002
+    assert estimates[-1].measured.all()
+
+
+def test_walking_person_is_recovered_from_one_noisy_camera_at_a_time() -> None:
+    rng = np.random.default_rng(0)
+    paths = [standing((-1.2 + 1.2 * slot / 25, 0.3)) for slot in range(50)]
+    _, estimates = run(see(p, turn(i), 2.0, rng) for i, p in enumerate(paths))
+    errors = [error_m(e, p)[0, 0] for e, p in zip(estimates[20:], paths[20:], strict=True)]
+    assert np.mean(errors) < 0.04
+    assert {tuple(e.track_ids.tolist()) for e in estimates[10:]} == {(0,)}
+
+
+def test_two_cameras_at_once_are_better_than_one() -> None:
+    paths = [standing((-1.2 + 1.2 * slot / 25, 0.3)) for slot in range(50)]
+
+    def mean_error(cameras: Callable[[int], tuple[int, ...]]) -> float:
+        rng = np.random.default_rng(1)
+        _, estimates = run(see(p, cameras(i), 2.0, rng) for i, p in enumerate(paths))
+        return float(
+            np.mean([error_m(e, p)[0, 0] for e, p in zip(estimates[20:], paths[20:], strict=True)])
+        )
+
+    assert mean_error(lambda i: (i % 5, (i + 2) % 5)) < mean_error(turn)
+
+
+def test_distorted_cameras_see_the_same_person() -> None:
+    rig = ring(distortion=(-0.2, 0.05, 0.001, -0.001))
+    person = standing((0.5, 0.4))
+    _, estimates = run((see(person, turn(i), rig=rig) for i in range(30)), model=Model(rig, COCO17))
+    assert error_m(estimates[-1], person)[0, 0] < 0.002
+
+
+@pytest.mark.parametrize("fps", [5, 10, 25, 60])
+def test_every_frame_rate_follows_a_walk(fps: int) -> None:
+    rng = np.random.default_rng(2)
+    paths = [standing((-1.0 + 1.0 * slot / fps, 0.0)) for slot in range(2 * fps)]
+    cameras = [(2 * i % 5, (2 * i + 2) % 5) for i in range(len(paths))]
+    slots = [see(p, c, 2.0, rng) for p, c in zip(paths, cameras, strict=True)]
+    _, estimates = run(slots, fps=fps)
+    late = range(fps, 2 * fps)
+    assert max(error_m(estimates[i], paths[i])[0, 0] for i in late) < 0.08
+    assert {tuple(estimates[i].track_ids.tolist()) for i in late} == {(0,)}
+
+
+def test_irregular_times_are_no_trouble() -> None:
+    rng = np.random.default_rng(3)
+    times = np.cumsum(rng.uniform(0.005, 0.12, 60))
+    belief = Belief.empty(MODEL)
+    for slot, time_s in enumerate(times.tolist()):
+        person = standing((-1.5 + 0.8 * time_s, 0.2))
+        cameras = (slot % 5, (slot + 2) % 5)
+        belief, estimate = step(MODEL, belief, see(person, cameras, 1.0, rng), time_s)
+    assert error_m(estimate, person)[0, 0] < 0.03
+    assert estimate.track_ids.tolist() == [0]
+
+
+def test_only_seen_joints_are_measured() -> None:
+    person = standing((0.0, 0.0))
+    belief, _ = run(see(person) for _ in range(10))
+    views = see(person, (0, 2))
+    keypoints, scores = views[0].keypoints_px.copy(), views[0].scores.copy()
+    keypoints[:, 9:11], scores[:, 9:11] = np.nan, 0.0
+    _, estimates = run([{0: Poses2D(keypoints, scores)}], belief=belief)
+    assert np.flatnonzero(~estimates[0].measured[0]).tolist() == [9, 10]
+
+
+def test_single_view_never_starts_a_person() -> None:
+    _, estimates = run(see(standing((0.1, 0.1), (1.0, 0.5)), (3,)) for _ in range(50))
+    assert all(len(e) == 0 for e in estimates)
+
+
+def test_ghost_in_one_view_stays_out_beside_real_people() -> None:
+    person, ghost = standing((0.0, 0.0)), standing((1.2, 0.6))
+    slots = [see(person, (0, 1, 3, 4)) | see(np.concatenate([person, ghost]), (2,))] * 40
+    _, estimates = run(slots)
+    assert estimates[-1].track_ids.tolist() == [0]
+
+
+@pytest.mark.parametrize("apart_m", [0.3, 0.5, 0.8])
+def test_identities_survive_a_crossing(apart_m: float) -> None:
+    rng = np.random.default_rng(4)
+    slots, paths = [], []
+    for slot in range(75):
+        x = -1.5 + slot / 25
+        paths.append(standing((x, -apart_m / 2), (-x, apart_m / 2)))
+        slots.append(see(paths[-1], (slot % 5, (slot + 2) % 5), 2.0, rng))
+    _, estimates = run(slots)
+    first, last = error_m(estimates[15], paths[15]), error_m(estimates[-1], paths[-1])
+    assert first.argmin(axis=1).tolist() == last.argmin(axis=1).tolist()
+    assert sorted(last.argmin(axis=1).tolist()) == [0, 1]
+    assert estimates[15].track_ids.tolist() == estimates[-1].track_ids.tolist()
+
+
+def test_left_right_swap_in_one_view_does_little_harm() -> None:
+    person = standing((0.0, 0.0))
+    swapped = [0, 2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15]
+    belief, _ = run(see(person) for _ in range(20))
+    views = see(person)
+    views[1] = Poses2D(views[1].keypoints_px[:, swapped], views[1].scores)
+    _, estimates = run([views] * 10, belief=belief)
+    assert error_m(estimates[-1], person)[0, 0] < 0.02
+
+
+def test_saved_and_restored_goes_on_exactly() -> None:
+    rng = np.random.default_rng(5)
+    people = standing((0.0, 0.0), (1.0, 0.3))
+    slots = [see(people, turn(i), 2.0, rng) for i in range(30)]
+    half, _ = run(slots[:15])
+    file = io.BytesIO()
+    np.savez(file, **belief_to_arrays(half))  # type: ignore[arg-type]
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as arrays:
+        restored = belief_from_arrays(arrays, MODEL)
+    straight, _ = run(slots[15:], belief=half)
+    resumed, _ = run(slots[15:], belief=restored)
+    for name, array in belief_to_arrays(straight).items():
+        np.testing.assert_array_equal(belief_to_arrays(resumed)[name], array)
+
+
+def test_step_changes_nothing_it_was_given() -> None:
+    belief, _ = run(see(standing((0.0, 0.0))) for _ in range(5))
+    before = {name: np.array(array) for name, array in belief_to_arrays(belief).items()}
+    step(MODEL, belief, see(standing((0.1, 0.0))), belief.time_s + 0.04)
+    for name, array in belief_to_arrays(belief).items():
+        np.testing.assert_array_equal(array, before[name])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"existence": None}, "existence: not found"),
+        ({"state": np.zeros((1, 3, 6))}, "state: found shape"),
+        ({"hits": np.zeros(1)}, "hits: found float64"),
+    ],
+)
+def test_wrong_arrays_are_one_clear_line(change: dict[str, Floats | None], message: str) -> None:
+    arrays = belief_to_arrays(Belief.empty(MODEL)) | change
+    with pytest.raises(InputError, match=message):
+        belief_from_arrays({k: v for k, v in arrays.items() if v is not None}, MODEL)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.randoms(use_true_random=False))
+def test_order_of_views_and_people_does_not_matter(random: object) -> None:
+    seed = random.getrandbits(32)  # type: ignore[attr-defined]
+    rng, noise = np.random.default_rng(seed), np.random.default_rng(6)
+    people = standing((0.0, 0.0), (1.0, 0.3), (-0.7, 0.8))
+    plain, mixed = [], []
+    for slot in range(12):
+        views = see(people, (slot % 5, (slot + 2) % 5), 2.0, noise)
+        plain.append(views)
+        shuffled = {}
+        for camera in rng.permutation(list(views)).tolist():
+            order = rng.permutation(3)
+            view = views[camera]
+            shuffled[camera] = Poses2D(view.keypoints_px[order], view.scores[order])
+        mixed.append(shuffled)
+    for a, b in zip(run(plain)[1], run(mixed)[1], strict=True):
+        assert a.track_ids.tolist() == b.track_ids.tolist()
+        np.testing.assert_allclose(a.joints_m, b.joints_m, atol=1e-9)
+
+
+def test_covariance_covers_independent_errors() -> None:
+    rng = np.random.default_rng(7)
+    model = replace(MODEL, noise=Noise(np.array([0.5]), np.array([3.0]), 1032))
+    person = standing((0.2, 0.1))
+    inside = []
+    for trial in range(8):
+        slots = [see(person, ((i + trial) % 5, (i + trial + 2) % 5), 3.0, rng) for i in range(40)]
+        _, estimates = run(slots, model=model)
+        off = estimates[-1].joints_m[0] - person[0]
+        squared = np.einsum("ja,jab,jb->j", off, np.linalg.inv(estimates[-1].covariance_m2[0]), off)
+        inside.extend((squared < 6.25).tolist())  # 90 % of chi-squared with three degrees
+    assert 0.80 < np.mean(inside) <= 1.0
+
+
+def test_unknown_camera_wrong_joints_and_times_are_refused() -> None:
+    belief = Belief.empty(MODEL)
+    with pytest.raises(InputError, match="camera 7"):
+        step(MODEL, belief, {7: Poses2D.empty(17)}, 0.0)
+    with pytest.raises(InputError, match="camera cam1: keypoints"):
+        step(MODEL, belief, {1: Poses2D.empty(3)}, 0.0)
+    with pytest.raises(InputError, match="time"):
+        step(MODEL, belief, {}, float("nan"))
+    with pytest.raises(InputError, match="rising"):
+        Noise(np.array([0.5, 0.2]), np.array([1.0, 1.0]), 1000)
+
+
+def test_time_that_stands_still_or_runs_back_is_taken_as_now() -> None:
+    person = standing((0.0, 0.0))
+    belief, _ = run(see(person) for _ in range(10))
+    for time_s in (belief.time_s, belief.time_s - 1.0):
+        later, estimate = step(MODEL, belief, see(person), time_s)
+        assert later.time_s == belief.time_s
+        assert error_m(estimate, person)[0, 0] < 0.005

@@ -1,0 +1,128 @@
+"""Bodies that nobody looks at, against the same motion with all joints in one matrix."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from tests.estimate.filter.test_tree import random_prior
+from tests.reference.filter_motion import spread
+
+from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, WALKS_MPS, alone, places
+from e3pose.estimate.filter.tree import Tree, grow
+from e3pose.model.skeleton import COCO17, SKELETONS, Skeleton
+
+Floats = NDArray[np.float64]
+
+TREE = grow(COCO17)
+STILL = replace(TREE, swing_per_s2=np.zeros(17))
+HIP, KNEE, ANKLE = (COCO17.index(f"left_{part}") for part in ("hip", "knee", "ankle"))
+
+
+def everybody(tree: Tree, covariance: Floats, gains: Floats) -> Floats:
+    """Return the covariance of all joints together, of marginals and gains of one track."""
+    joints = len(tree.parents)
+    whole = np.zeros((joints, joints, 6, 6))
+    done: list[int] = []
+    for joint in np.concatenate(tree.levels).tolist():
+        parent = int(tree.parents[joint])
+        for other in done:
+            whole[joint, other] = gains[0, joint] @ whole[parent, other]
+            whole[other, joint] = whole[joint, other].T
+        whole[joint, joint] = covariance[0, joint]
+        done.append(joint)
+    return np.asarray(whole.transpose(0, 2, 1, 3).reshape(6 * joints, 6 * joints))
+
+
+def at_once(tree: Tree, dt: float) -> tuple[Floats, Floats]:
+    """Return the transition of all joints together and its noise (Van Loan's integral)."""
+    joints = len(tree.parents)
+    size = 6 * joints
+    beside = np.eye(joints)
+    beside[np.flatnonzero(tree.parents >= 0), tree.parents[tree.parents >= 0]] = -1
+    to_beside, to_world = (np.kron(m, np.eye(6)) for m in (beside, np.linalg.inv(beside)))
+    rate, noise = np.zeros((joints, 6, joints, 6)), np.zeros((joints, 6, joints, 6))
+    for joint in range(joints):
+        rate[joint, :3, joint, 3:] = np.eye(3)
+        rate[joint, 3:, joint, 3:] = -np.eye(3) / tree.lasts_s[joint]
+        noise[joint, 3:, joint, 3:] = np.eye(3) * tree.drift_m2ps4[joint] * ACCELERATION_LASTS_S
+    A = to_world @ rate.reshape(size, size) @ to_beside
+    Q = to_world @ noise.reshape(size, size) @ to_world.T
+    both = expm(np.block([[-A, Q], [np.zeros_like(A), A.T]]) * dt)
+    transition = both[size:, size:].T
+    return transition, transition @ both[:size, size:]
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
+@pytest.mark.parametrize("dt", [0.04, 0.5])
+def test_tree_moves_as_all_joints_in_one_matrix(skeleton: Skeleton, dt: float) -> None:
+    rng = np.random.default_rng(len(skeleton))
+    tree = grow(skeleton)
+    joints = len(skeleton)
+    tree = replace(tree, swing_per_s2=np.zeros(joints))
+    covariance, shared, made_of = random_prior(tree, rng)
+    state = rng.normal(size=(1, joints, 6))
+    moved = places(tree, state, dt)
+    after, with_parent = spread(tree, covariance, shared, dt)
+    transition, noise = at_once(tree, dt)
+    whole = transition @ everybody(tree, covariance, made_of.gains) @ transition.T + noise
+    blocks = whole.reshape(joints, 6, joints, 6)
+    np.testing.assert_allclose(moved.ravel(), transition @ state.ravel(), atol=1e-9)
+    for joint, parent in enumerate(tree.parents.tolist()):
+        np.testing.assert_allclose(after[0, joint], blocks[joint, :, joint], atol=1e-9)
+        if parent >= 0:
+            np.testing.assert_allclose(with_parent[0, joint], blocks[joint, :, parent], atol=1e-9)
+
+
+def test_nothing_moves_in_no_time() -> None:
+    covariance, shared, _ = random_prior(TREE, np.random.default_rng(1))
+    state = np.random.default_rng(2).normal(size=(1, 17, 6))
+    found = (places(TREE, state, 0.0), *spread(TREE, covariance, shared, 0.0))
+    for before, after in zip((state, covariance, shared), found, strict=True):
+        np.testing.assert_allclose(after, before, atol=1e-12)
+
+
+def walker(speed_mps: float) -> Floats:
+    """Return somebody on the way along x, whose left foot swings ahead of the knee."""
+    state = np.zeros((1, 17, 6))
+    state[..., 3] = speed_mps
+    state[0, ANKLE, 0] = 0.2
+    return state
+
+
+def test_foot_that_nobody_sees_goes_with_the_body() -> None:
+    state = walker(1.2)
+    state[0, ANKLE, 3] += 3.0
+    moved = places(STILL, state, 1.0)
+    assert moved[0, ANKLE, 3] == pytest.approx(moved[0, HIP, 3], abs=0.03)
+    assert moved[0, ANKLE, 0] - moved[0, HIP, 0] < 0.2 + 3.0 * TREE.lasts_s[ANKLE]
+    assert moved[0, HIP, 3] > 0.2  # the body itself goes on
+
+
+def test_limbs_of_who_walks_swing_and_of_who_stands_do_not() -> None:
+    for speed_mps, swings in ((0.0, False), (WALKS_MPS, True)):
+        state = walker(speed_mps)
+        moved = places(TREE, state, 0.1)
+        ahead = moved[0, ANKLE, 0] - moved[0, KNEE, 0]
+        assert (ahead < 0.195) == swings
+        assert (moved[0, ANKLE, 3] - moved[0, KNEE, 3] < -0.1) == swings
+        assert moved[0, ANKLE, 2] == state[0, ANKLE, 2]
+
+
+def test_swing_of_a_long_step_stays_below_the_parent() -> None:
+    moved = places(TREE, walker(WALKS_MPS), 5.0)
+    assert abs(moved[0, ANKLE, 0] - moved[0, KNEE, 0]) <= 0.2
+
+
+def test_a_joint_alone_is_about_as_uncertain_as_with_its_body() -> None:
+    drift, lasts_s = alone(TREE)
+    zero = np.zeros((1, 17, 6, 6))
+    known = zero + 1e-12 * np.eye(6)
+    for dt in (0.05, 0.2, 0.5):
+        expected = spread(TREE, known, zero, dt)[0][0, :, 0, 0]
+        gone = 1 - np.exp(-dt / lasts_s)
+        found = drift * lasts_s**2 * (dt - 2 * lasts_s * gone + lasts_s * gone * (2 - gone) / 2)
+        np.testing.assert_allclose(np.sqrt(found / expected), 1.0, atol=0.1)

@@ -1,0 +1,59 @@
+"""Who is shown: not those whom cameras look for and miss, nor whom one camera alone leads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from tests.estimate.filter.room import MODEL, run, see, standing
+
+from e3pose.estimate.filter import Belief
+from e3pose.estimate.filter.shown import shown
+from e3pose.model.pose import Poses2D
+
+FPS = 12.5
+PLACE = standing((0.3, 0.2))
+
+
+def followed() -> Belief:
+    belief, _ = run((see(PLACE) for _ in range(20)), FPS)
+    return belief
+
+
+def led_by_one_camera(speed_mps: float, since_s: float) -> Belief:
+    """Return a belief of a person whom camera 0 shows, and another one showed `since_s` ago."""
+    belief = followed()
+    state = belief.state.copy()
+    state[..., 3:] = [speed_mps, 0.0, 0.0]
+    last_seen_s = np.array([[0.0, since_s, 9.0, 9.0, 9.0]])
+    return replace(belief, state=state, last_seen_s=last_seen_s)
+
+
+def test_a_track_missed_in_plain_sight_is_hidden_and_found_again_with_the_same_id() -> None:
+    miss = {camera: Poses2D.empty(17) for camera in (0, 2)}
+    belief, estimates = run([miss] * 2, FPS, belief=followed())
+    assert [len(estimate) for estimate in estimates] == [1, 0]
+    assert belief.track_ids.tolist() == [0]  # it is followed
+    _, estimates = run([see(PLACE, (1,))], FPS, belief=belief)
+    assert estimates[0].track_ids.tolist() == [0]
+
+
+def test_nobody_is_hidden_because_no_camera_looks() -> None:
+    _, estimates = run([{}] * 2, FPS, belief=followed())
+    assert [len(estimate) for estimate in estimates] == [1, 1]
+
+
+def test_who_walks_is_hidden_when_one_camera_alone_has_led_for_long() -> None:
+    assert shown(led_by_one_camera(1.0, 0.5), MODEL).tolist() == [True]
+    assert shown(led_by_one_camera(1.0, 2.0), MODEL).tolist() == [False]
+    assert shown(led_by_one_camera(0.1, 9.0), MODEL).tolist() == [True]  # stands
+
+
+def test_a_second_camera_ends_the_doubt() -> None:
+    belief = led_by_one_camera(1.0, 3.0)
+    assert not shown(belief, MODEL).any()
+    assert shown(replace(belief, last_seen_s=belief.last_seen_s[:, ::-1] * 0), MODEL).all()
+
+
+def test_nobody_is_shown_of_nobody() -> None:
+    assert shown(Belief.empty(MODEL), MODEL).shape == (0,)

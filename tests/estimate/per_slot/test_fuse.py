@@ -1,0 +1,302 @@
+"""Whole slots against known people, compiled and in plain numpy."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tests.reference.fuse import ReferenceFuser
+
+from e3pose.errors import InputError
+from e3pose.estimate.per_slot.fuse import MAX_POSES, Fuser, Fusion, FusionSettings
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+
+Floats = NDArray[np.float64]
+Make = type[Fuser]
+FUSERS: tuple[Make, ...] = (Fuser, ReferenceFuser)
+
+NUM_JOINTS = 17
+BODY = np.random.default_rng(7).uniform((-0.25, -0.25, 0.1), (0.25, 0.25, 1.7), (NUM_JOINTS, 3))
+
+
+def ring(num_cameras: int, distortion: tuple[float, ...] = (), fisheye: bool = False) -> Rig:
+    cameras = []
+    for index in range(num_cameras):
+        angle = 2.4 * index + 0.2
+        center = np.array([5 * np.cos(angle), 5 * np.sin(angle), 2.5 + 0.1 * index])
+        forward = np.array([0, 0, 1.0]) - center
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1.0])
+        right /= np.linalg.norm(right)
+        R = np.stack([right, np.cross(forward, right), forward])
+        K = np.array([[700, 0, 500], [0, 700, 400], [0, 0, 1.0]])
+        cameras.append(
+            Camera.from_world_to_camera(
+                f"c{index}", (1000, 800), K, R, -R @ center, distortion, fisheye
+            )
+        )
+    return Rig(tuple(cameras))
+
+
+def people(num_persons: int) -> Floats:
+    """`(num_persons, NUM_JOINTS, 3)`: equal bodies 1 m apart."""
+    spots = [(np.cos(2.0 * i) * 0.7 * (i > 0), np.sin(2.0 * i) * i * 0.5, 0) for i in range(4)]
+    return np.stack([BODY + spots[i] for i in range(num_persons)])
+
+
+def views_of(rig: Rig, joints_m: Floats, score: float = 0.8) -> dict[int, Poses2D]:
+    return {
+        index: Poses2D(camera.project(joints_m), np.full(joints_m.shape[:2], score))
+        for index, camera in enumerate(rig.cameras)
+    }
+
+
+def errors_m(fusion: Fusion, joints_m: Floats) -> Floats:
+    """Distance of each true person to the nearest found one, the mean over their joints."""
+    distance = np.linalg.norm(fusion.poses.joints_m[:, None] - joints_m[None], axis=-1)
+    return np.asarray(distance.mean(axis=-1).min(axis=0))
+
+
+@pytest.mark.parametrize("make", FUSERS)
+@pytest.mark.parametrize(
+    ("distortion", "fisheye"),
+    [
+        ((), False),
+        ((-0.2, 0.05, 0.001, -0.001), False),
+        ((-0.2, 0.05, 0.001, -0.001, 0.01), False),
+        ((0.1, 0.01, -0.002, 0.001), True),
+    ],
+)
+def test_people_seen_without_noise_are_found_where_they_are(
+    make: Make, distortion: tuple[float, ...], fisheye: bool
+) -> None:
+    rig, truth = ring(4, distortion, fisheye), people(3)
+    fusion = make(rig, NUM_JOINTS).fuse(views_of(rig, truth))
+    assert len(fusion.poses) == 3
+    assert errors_m(fusion, truth).max() < 1e-6
+    assert np.allclose(fusion.poses.scores, 0.8)
+    assert fusion.reprojection_error_px.max() < 1e-3
+    assert (np.sort(fusion.members, axis=0) == np.arange(3)[:, None]).all()
+    assert (fusion.members == fusion.members[:, :1]).all()
+
+
+@pytest.mark.parametrize("make", FUSERS)
+@pytest.mark.parametrize("num_views", [0, 1])
+def test_fewer_than_two_views_give_nobody(make: Make, num_views: int) -> None:
+    rig = ring(3)
+    views = views_of(rig, people(2))
+    fusion = make(rig, NUM_JOINTS).fuse({i: views[i] for i in range(num_views)})
+    assert fusion.poses.joints_m.shape == (0, NUM_JOINTS, 3)
+    assert fusion.members.shape == (0, 3)
+    assert fusion.reprojection_error_px.shape == (0, NUM_JOINTS)
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_views_of_nobody_are_normal(make: Make) -> None:
+    rig = ring(3)
+    empty = {i: Poses2D.empty(NUM_JOINTS) for i in range(3)}
+    assert len(make(rig, NUM_JOINTS).fuse(empty).poses) == 0
+    views = views_of(rig, people(1)) | {1: Poses2D.empty(NUM_JOINTS)}
+    fusion = make(rig, NUM_JOINTS).fuse(views)
+    assert fusion.members.tolist() == [[0, -1, 0]]
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_person_in_one_view_only_gives_no_3d_person(make: Make) -> None:
+    rig, truth = ring(3), people(2)
+    views = views_of(rig, truth[:1])
+    views[2] = views_of(rig, truth)[2]
+    fusion = make(rig, NUM_JOINTS).fuse(views)
+    assert fusion.members.tolist() == [[0, 0, 0]]
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_joint_seen_once_is_nan_with_score_0(make: Make) -> None:
+    rig, truth = ring(3), people(1)
+    views = views_of(rig, truth)
+    keypoints = [views[i].keypoints_px.copy() for i in range(3)]
+    keypoints[0][0, 4] = keypoints[1][0, 4] = np.nan
+    keypoints[0][0, 5] = np.nan
+    views = {i: Poses2D(keypoints[i], views[i].scores) for i in range(3)}
+    fusion = make(rig, NUM_JOINTS).fuse(views)
+    assert np.isnan(fusion.poses.joints_m[0, 4]).all()
+    assert fusion.poses.scores[0, 4] == 0
+    assert np.isnan(fusion.reprojection_error_px[0, 4])
+    assert np.linalg.norm(fusion.poses.joints_m[0, 5] - truth[0, 5]) < 1e-6
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_bad_numbers_count_as_missing(make: Make) -> None:
+    rig, truth = ring(3), people(1)
+    keypoints = rig.project(truth)
+    scores = np.full((3, 1, NUM_JOINTS), 0.5)
+    for joint, value in enumerate((np.nan, np.inf, -np.inf, 1e300, -1e9)):
+        keypoints[0, 0, joint] = value
+    scores[0, 0, 5] = np.nan
+    scores[0, 0, 6] = -1
+    scores[1, 0, 7] = 2.0
+    fusion = make(rig, NUM_JOINTS).fuse_arrays(keypoints, scores, np.ones(3, int))
+    assert errors_m(fusion, truth).max() < 1e-6
+    assert np.isclose(fusion.poses.scores[0, 7], 2 / 3)
+    assert fusion.poses.scores.max() <= 1
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_rows_beyond_the_count_are_ignored(make: Make) -> None:
+    rig, truth = ring(3), people(2)
+    keypoints, scores = rig.project(truth), np.ones((3, 2, NUM_JOINTS))
+    fuser = make(rig, NUM_JOINTS)
+    assert len(fuser.fuse_arrays(keypoints, scores, np.array([2, 2, 2])).poses) == 2
+    # The second slot must not see what the first left in memory.
+    fusion = fuser.fuse_arrays(keypoints, scores, np.array([2, 1, 1]))
+    assert fusion.members.tolist() == [[0, 0, 0]]
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(FUSERS))
+def test_order_of_cameras_and_people_changes_nothing(seed: int, make: Make) -> None:
+    rng = np.random.default_rng(seed)
+    rig = ring(5)
+    truth = people(3)
+    views = {}
+    for camera, view in views_of(rig, truth).items():
+        noisy = view.keypoints_px + rng.normal(size=view.keypoints_px.shape) * 4
+        scores = rng.uniform(0, 1, view.scores.shape)
+        views[camera] = Poses2D(noisy, np.where(scores < 0.1, 0.0, scores))
+    cameras = rng.permutation(5)
+    rows = [rng.permutation(3) for _ in range(5)]
+    mixed = {}
+    for new, old in enumerate(cameras):
+        view, row = views[int(old)], rows[new]
+        mixed[new] = Poses2D(view.keypoints_px[row], view.scores[row])
+    first = make(rig, NUM_JOINTS).fuse(views)
+    second = make(rig.subset(cameras.tolist()), NUM_JOINTS).fuse(mixed)
+    assert np.allclose(first.poses.joints_m, second.poses.joints_m, atol=1e-8, equal_nan=True)
+    assert np.allclose(first.poses.scores, second.poses.scores)
+    for new, old in enumerate(cameras):
+        column = second.members[:, new]
+        named = np.where(column < 0, -1, rows[new][column])
+        assert (named == first.members[:, old]).all()
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_person_split_in_one_view_is_found_once(make: Make) -> None:
+    rig, truth = ring(4), people(1)
+    views = views_of(rig, truth)
+    upper, lower = np.full((2, NUM_JOINTS), 0.8)
+    upper[8:], lower[:8] = 0, 0
+    for camera in (0, 1):
+        keypoints = np.repeat(views[camera].keypoints_px, 2, axis=0)
+        views[camera] = Poses2D(keypoints, np.stack([upper, lower]))
+    fusion = make(rig, NUM_JOINTS).fuse(views)
+    assert len(fusion.poses) == 1
+    assert errors_m(fusion, truth).max() < 1e-6
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_view_that_lies_is_outvoted_only_when_asked(make: Make) -> None:
+    rig, truth = ring(5), people(1)
+    views = views_of(rig, truth)
+    keypoints = views[3].keypoints_px.copy()
+    keypoints[0, 2] += [60, 40]
+    views[3] = Poses2D(keypoints, views[3].scores)
+    plain = make(rig, NUM_JOINTS).fuse(views)
+    robust = make(rig, NUM_JOINTS, FusionSettings(refine_steps=8, reject_outliers=True)).fuse(views)
+    error, robust_error = (
+        np.linalg.norm(f.poses.joints_m[0, 2] - truth[0, 2]) for f in (plain, robust)
+    )
+    assert error > 0.03
+    assert robust_error < 0.003
+    assert robust.poses.scores[0, 2] < 0.7 < robust.poses.scores[0, 3]
+
+
+@pytest.mark.parametrize(
+    ("keypoints", "scores", "counts", "named"),
+    [
+        ((3, 1, 17, 2), (3, 1, 17), [1, 1], "shapes"),
+        ((2, 1, 17, 2), (2, 1, 17), [1, 1], "shapes"),
+        ((3, 1, 16, 2), (3, 1, 16), [1, 1, 1], "shapes"),
+        ((3, 1, 17, 3), (3, 1, 17), [1, 1, 1], "shapes"),
+        ((3, 1, 17, 2), (3, 1, 17), [1, 2, 1], "counts"),
+        ((3, 1, 17, 2), (3, 1, 17), [1, -1, 1], "counts"),
+        ((3, 2000, 17, 2), (3, 2000, 17), [2000, 2000, 2000], f"at most {MAX_POSES}"),
+    ],
+)
+def test_wrong_arrays_get_one_line(
+    keypoints: tuple[int, ...], scores: tuple[int, ...], counts: list[int], named: str
+) -> None:
+    fuser = ReferenceFuser(ring(3), 17)
+    with pytest.raises(InputError, match=named) as caught:
+        fuser.fuse_arrays(np.zeros(keypoints), np.zeros(scores), np.array(counts))
+    assert "\n" not in str(caught.value)
+
+
+def test_wrong_views_get_one_line_naming_the_camera() -> None:
+    fuser = ReferenceFuser(ring(3), 17)
+    with pytest.raises(InputError, match="camera 3"):
+        fuser.fuse({3: Poses2D.empty(17)})
+    with pytest.raises(InputError, match="c1"):
+        fuser.fuse({1: Poses2D.empty(25)})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("max_distance_m", 0.0),
+        ("cap_m", float("nan")),
+        ("duplicate_m", -0.1),
+        ("min_joints", 0),
+        ("refine_steps", -1),
+    ],
+)
+def test_wrong_settings_are_named(name: str, value: float) -> None:
+    with pytest.raises(InputError, match=name):
+        FusionSettings(**{name: value})  # type: ignore[arg-type]
+
+
+def test_importing_loads_no_numba_until_something_is_fused() -> None:
+    code = (
+        "import sys, e3pose.estimate.per_slot.fuse as f, e3pose.geometry.camera as c, numpy as np\n"
+        "rig = c.Rig((c.Camera('a', (10, 10), np.diag([9., 9., 1.]), np.eye(4)),))\n"
+        "print('numba' in sys.modules)\n"
+        "f.Fuser(rig, 17)\n"
+        "print('numba' in sys.modules)\n"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert result.stdout.split() == ["False", "True"]
+
+
+@pytest.mark.shared
+@pytest.mark.parity
+@pytest.mark.parametrize(
+    ("workload", "recall", "precision", "mpjpe_mm"),
+    [("c5_k4", 0.99, 0.99, 8.7), ("c5_k8", 0.99, 0.99, 11.7), ("c5_k16", 0.985, 0.985, 18.1)]
+    + [("c12_k8", 0.99, 0.99, np.inf), ("c28_k8", 0.99, 0.99, np.inf)],
+)
+def test_workloads_reach_the_best_known_quality(
+    workload: str, recall: float, precision: float, mpjpe_mm: float
+) -> None:
+    folder = os.environ.get("E3POSE_SHARED")
+    if not folder:
+        pytest.skip("E3POSE_SHARED is not set")
+    path = Path(__file__).parents[3] / "benchmarks"
+    sys.path.insert(0, str(path))
+    try:
+        from bench_fuse import load_workload, quality, run
+    finally:
+        sys.path.remove(str(path))
+    bench = load_workload(Path(folder) / "bench" / f"workload_{workload}.npz")
+    found = quality(run(bench, FusionSettings()), bench.truth_m)
+    assert found["recall"] >= recall
+    assert found["precision"] >= precision
+    assert found["mpjpe_mm"] <= mpjpe_mm

@@ -1,0 +1,68 @@
+"""Identities over time, on people whose paths are known."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from e3pose.estimate.per_slot.track import END_AFTER_S, Tracks, update_tracks
+from e3pose.model.pose import Poses3D
+
+INTERVAL_S = 0.04
+BODY = np.random.default_rng(0).normal(scale=0.3, size=(17, 3)) + [0, 0, 1]
+
+
+def people(*positions: tuple[float, float]) -> Poses3D:
+    joints = np.array([BODY + [x, y, 0] for x, y in positions]).reshape(-1, 17, 3)
+    return Poses3D(joints, np.ones(joints.shape[:2]))
+
+
+def follow(slots: list[Poses3D]) -> tuple[Tracks, list[list[int]]]:
+    tracks, ids = Tracks.empty(5, 17), []
+    for poses in slots:
+        tracks, slot_ids = update_tracks(tracks, poses, INTERVAL_S)
+        ids.append(slot_ids.tolist())
+    return tracks, ids
+
+
+def test_identity_follows_the_person_not_the_order() -> None:
+    _, ids = follow([people((0, 0), (2, 0)), people((2.05, 0), (0.05, 0))])
+    assert ids == [[0, 1], [1, 0]]
+
+
+def test_people_passing_a_metre_apart_keep_their_identities() -> None:
+    slots = [people((0.05 * i, 0), (4 - 0.05 * i, 1)) for i in range(80)]
+    assert follow(slots)[1] == [[0, 1]] * 80
+
+
+def test_newcomer_gets_a_new_identity_and_nobody_inherits_an_old_one() -> None:
+    gone = int(END_AFTER_S / INTERVAL_S) + 2
+    slots = [people((0, 0))] + [people()] * gone + [people((0, 0))]
+    assert follow(slots)[1][-1] == [1]
+
+
+def test_short_gap_keeps_the_identity() -> None:
+    assert follow([people((0, 0)), people(), people(), people((0.1, 0))])[1][-1] == [0]
+
+
+def test_somebody_far_away_is_somebody_else() -> None:
+    assert follow([people((0, 0)), people((3, 0))])[1] == [[0], [1]]
+
+
+def test_history_is_newest_last_and_missing_where_unseen() -> None:
+    tracks, _ = follow([people((0, 0)), people(), people((0.1, 0))])
+    seen = np.isfinite(tracks.history_m[:, 0]).all(axis=(1, 2))
+    assert seen.tolist() == [False, False, True, False, True]
+    np.testing.assert_allclose(tracks.history_m[-1, 0], BODY + [0.1, 0, 0])
+
+
+def test_poses_without_a_shared_joint_are_told_by_their_centre() -> None:
+    first, second = people((0, 0), (3, 0)), people((3, 0), (0, 0))
+    upper, lower = np.arange(17) < 8, np.arange(17) >= 8
+    a = Poses3D(first.joints_m, first.scores * upper)
+    b = Poses3D(second.joints_m, second.scores * lower)
+    assert follow([a, b])[1] == [[0, 1], [1, 0]]
+
+
+def test_nobody_at_all_is_normal() -> None:
+    tracks, ids = follow([people(), people()])
+    assert len(tracks) == 0 and ids == [[], []]

@@ -1,0 +1,158 @@
+"""What every estimator promises, and what a replay with each of them finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+
+from e3pose.errors import InputError
+from e3pose.estimate import ESTIMATORS, EstimatorSettings, People, make_estimator
+from e3pose.estimate.per_slot.fuse import FusionSettings
+from e3pose.evaluate.expected_figures import expected_figures
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.model.pose import Poses2D
+from e3pose.recording import Recording
+from e3pose.select.expected_information import foresee
+from e3pose.simulate import SceneSettings, simulate
+
+SCENE = simulate(SceneSettings(scene="ring", people=3, seconds=4, cameras=5), seed=3)
+
+
+def run(
+    name: str, slots: Sequence[Mapping[int, Poses2D]], recording: Recording = SCENE
+) -> list[People]:
+    estimator = make_estimator(
+        name,
+        EstimatorSettings(
+            recording.rig,
+            recording.skeleton,
+            recording.interval_s,
+            5,
+            FusionSettings(),
+        ),
+    )
+    memory, found = estimator.begin(), []
+    for slot, views in enumerate(slots):
+        memory, people = estimator.estimate(memory, views, slot * recording.interval_s, lambda: 0.0)
+        found.append(people)
+    return found
+
+
+def views_of(slot: int, cameras: tuple[int, ...] = (0, 1, 2, 3, 4)) -> dict[int, Poses2D]:
+    views = {camera: SCENE.view(slot, camera) for camera in cameras}
+    return {camera: view for camera, view in views.items() if view is not None}
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_shapes_fit_and_history_ends_with_this_slot(name: str) -> None:
+    for people in run(name, [views_of(slot) for slot in range(20)]):
+        assert len(people.track_ids) == len(people.poses) == len(set(people.track_ids.tolist()))
+        assert people.history_m.shape[0] == 5
+        assert people.history_m.shape[2:] == (17, 3)
+        newest = people.history_m[-1]
+        for pose in people.poses.joints_m:
+            assert any(np.array_equal(pose, row, equal_nan=True) for row in newest)
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_slots_without_a_view_are_normal(name: str) -> None:
+    nothing: list[Mapping[int, Poses2D]] = [{}, {}, {2: Poses2D.empty(17)}]
+    for people in run(name, nothing):
+        assert len(people.poses) == 0
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_the_same_views_give_the_same_people(name: str) -> None:
+    slots = [views_of(slot, (slot % 5, (slot + 2) % 5)) for slot in range(20)]
+    for first, second in zip(run(name, slots), run(name, slots), strict=True):
+        np.testing.assert_array_equal(first.track_ids, second.track_ids)
+        np.testing.assert_array_equal(first.poses.joints_m, second.poses.joints_m)
+
+
+def test_memory_finds_with_one_camera_what_the_paper_cannot() -> None:
+    slots = [views_of(slot, (slot * 2 % 5,)) for slot in range(60)]
+    assert all(len(people.poses) == 0 for people in run("paper", slots))
+    truth = SCENE.truth
+    assert truth is not None
+    for slot, people in list(enumerate(run("memory", slots)))[40:]:
+        there = np.isfinite(truth.joints_m[slot]).all(axis=(1, 2))
+        apart = np.linalg.norm(
+            people.poses.joints_m[:, None] - truth.joints_m[slot][None, there], axis=-1
+        )
+        assert (np.nanmean(apart, axis=-1).min(axis=0) < 0.2).all()
+
+
+def test_a_replay_with_memory_counts_the_right_people() -> None:
+    settings = ReplaySettings(pipeline="memory", policy="round-robin", num_selected=2)
+    records = list(replay(SCENE, settings))
+    assert set(records[-1].stage_s) == {"estimate", "predict", "occlusion", "select"}
+    assert all(record.arrived.sum() <= 2 for record in records[10:])
+    poses = [record.poses for record in records]
+    assert len({len(p) for p in poses[15:]}) <= 2
+
+
+def test_unknown_estimator_is_refused() -> None:
+    settings = EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings())
+    with pytest.raises(InputError, match="'oracle' is unknown, expected one of paper, memory"):
+        make_estimator("oracle", settings)
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_every_joint_has_a_covariance_and_says_whether_it_was_measured(name: str) -> None:
+    for people in run(name, [views_of(slot, (slot % 5, (slot + 2) % 5)) for slot in range(20)]):
+        shape = people.poses.scores.shape
+        assert people.covariance_m2.shape == (*shape, 3, 3)
+        assert people.measured.shape == shape
+        assert not (people.measured & (people.poses.scores == 0)).any()
+        known = people.poses.scores > 0
+        assert (np.linalg.eigvalsh(people.covariance_m2[known]) > 0).all()
+        assert np.isnan(people.covariance_m2[~known]).all()
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str) -> None:
+    estimator = make_estimator(
+        name,
+        EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings()),
+    )
+    memory = estimator.begin()
+    for slot in range(20):
+        memory, people = estimator.estimate(memory, views_of(slot), slot * 0.04, lambda: 0.0)
+    soon, late = (estimator.outlook(memory, ahead_s) for ahead_s in (0.04, 0.4))
+    foresights = [foresee(SCENE.rig, soon, 0.04, np.zeros((n, 5), dtype=bool)) for n in (0, 9)]
+    assert set(people.history_ids.tolist()) <= set(soon.track_ids.tolist())
+    assert people.history_m.shape[1] == len(people.history_ids)
+    assert np.isfinite(soon.joints_m).all()
+    assert soon.delivered.shape == soon.last_seen_s.shape == (len(soon), 5)
+    assert (soon.delivered >= 0).all() and (soon.delivered <= 1).all()
+    assert late.joints_m.shape == soon.joints_m.shape
+    nobody = np.zeros((1, 5), dtype=bool)
+    errors_m = [float(foresight.expected_error_m(nobody)[0]) for foresight in foresights]
+    assert errors_m[1] >= errors_m[0] > 0
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_the_stated_uncertainty_is_honest(name: str) -> None:
+    """About nine of ten joints lie within the band, and the expected error is not far off."""
+    settings = ReplaySettings(pipeline=name, policy="round-robin", num_selected=3)
+    figures = expected_figures(SCENE, list(replay(SCENE, settings)))
+    assert 80 < figures["coverage_90"] < 99
+    assert 0.6 < figures["actual_mm"] / figures["matched_mm"] < 1.4
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_ids_left_out_are_given_to_nobody(name: str) -> None:
+    settings = EstimatorSettings(SCENE.rig, SCENE.skeleton, SCENE.interval_s, 5, FusionSettings())
+    estimator = make_estimator(name, settings)
+    found = []
+    for count in (0, 100):
+        memory = estimator.leave_out_ids(estimator.begin(), count)
+        for slot in range(12):
+            memory, people = estimator.estimate(
+                memory, views_of(slot), slot * SCENE.interval_s, lambda: 0.0
+            )
+        found.append(people.track_ids)
+    assert len(found[0]) == 3
+    np.testing.assert_array_equal(found[1], found[0] + 100)

@@ -1,0 +1,218 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.model.skeleton import (
+    BODY25,
+    CMU31,
+    COCO17,
+    COCO18,
+    PANOPTIC19,
+    SHELF14,
+    SKELETONS,
+    Skeleton,
+    convert,
+    skeleton_by_name,
+)
+
+Floats = NDArray[np.float64]
+
+# Published orders, written out here with their own words.
+PUBLISHED = {
+    "coco17": "nose, L eye, R eye, L ear, R ear, L shoulder, R shoulder, L elbow, R elbow, "
+    "L wrist, R wrist, L hip, R hip, L knee, R knee, L ankle, R ankle",
+    "coco18": "nose, neck, R shoulder, R elbow, R wrist, L shoulder, L elbow, L wrist, R hip, "
+    "R knee, R ankle, L hip, L knee, L ankle, R eye, L eye, R ear, L ear",
+    "body25": "nose, neck, R shoulder, R elbow, R wrist, L shoulder, L elbow, L wrist, mid hip, "
+    "R hip, R knee, R ankle, L hip, L knee, L ankle, R eye, L eye, R ear, L ear, L big toe, "
+    "L small toe, L heel, R big toe, R small toe, R heel",
+    "shelf14": "R ankle, R knee, R hip, L hip, L knee, L ankle, R wrist, R elbow, R shoulder, "
+    "L shoulder, L elbow, L wrist, bottom head, top head",
+    "panoptic19": "neck, nose, mid hip, L shoulder, L elbow, L wrist, L hip, L knee, L ankle, "
+    "R shoulder, R elbow, R wrist, R hip, R knee, R ankle, L eye, L ear, R eye, R ear",
+}
+BODY25_TO_COCO17 = [0, 16, 15, 18, 17, 5, 2, 6, 3, 7, 4, 12, 9, 13, 10, 14, 11]
+COCO18_TO_COCO17 = [0, 15, 14, 17, 16, 5, 2, 6, 3, 7, 4, 11, 8, 12, 9, 13, 10]
+COCO17_TO_SHELF14 = [16, 14, 12, 11, 13, 15, 10, 8, 6, 5, 7, 9]
+
+
+def some_people(skeleton: Skeleton, components: int = 3, seed: int = 0) -> tuple[Floats, Floats]:
+    generator = np.random.default_rng(seed)
+    joints = generator.normal(size=(2, 4, len(skeleton), components))
+    return joints, generator.uniform(0.1, 1.0, joints.shape[:-1])
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_joint_order_is_the_published_one(name: str) -> None:
+    words = PUBLISHED[name].replace("L ", "left ").replace("R ", "right ").split(", ")
+    assert SKELETONS[name].joints == tuple(word.replace(" ", "_") for word in words)
+
+
+@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=SKELETONS)
+def test_limbs_join_different_joints_of_one_side(skeleton: Skeleton) -> None:
+    assert len(set(skeleton.joints)) == len(skeleton)
+    assert len(set(map(frozenset, skeleton.limbs))) == len(skeleton.limbs)
+    for a, b in skeleton.limbs:
+        sides = {skeleton.joints[i].split("_")[0] for i in (a, b)} & {"left", "right"}
+        names = {skeleton.joints[i].split("_", 1)[-1] for i in (a, b)}
+        assert a != b
+        assert len(sides) < 2 or len(names) == 1, "only a pair such as both hips crosses the body"
+
+
+@pytest.mark.parametrize("components", [2, 3])
+@pytest.mark.parametrize(
+    ("source", "columns"), [(BODY25, BODY25_TO_COCO17), (COCO18, COCO18_TO_COCO17)]
+)
+def test_openpose_orders_reach_coco17_by_the_published_indices(
+    source: Skeleton, columns: list[int], components: int
+) -> None:
+    positions, scores = some_people(source, components)
+    converted, converted_scores = convert(positions, scores, source, COCO17)
+    np.testing.assert_array_equal(converted, positions[..., columns, :])
+    np.testing.assert_array_equal(converted_scores, scores[..., columns])
+
+
+def test_shelf_head_follows_the_protocol() -> None:
+    coco, scores = some_people(COCO17)
+    shelf, shelf_scores = convert(coco, scores, COCO17, SHELF14)
+    np.testing.assert_array_equal(shelf[..., :12, :], coco[..., COCO17_TO_SHELF14, :])
+    np.testing.assert_array_equal(shelf_scores[..., :12], scores[..., COCO17_TO_SHELF14])
+    for time in range(2):
+        for person in range(4):
+            nose, l_ear, r_ear = (coco[time, person, i] for i in (0, 3, 4))
+            ms = (coco[time, person, 5] + coco[time, person, 6]) / 2
+            hc = (l_ear + r_ear) / 2
+            hb = (ms + hc) / 2
+            ht = hb + 2 * (hc - hb)
+            bottom = 0.75 * (ms + 0.5 * (nose - ms)) + 0.25 * hb
+            top = 0.75 * (ms + (nose - ms) * np.array([0.75, 0.75, 1.5])) + 0.25 * ht
+            np.testing.assert_allclose(shelf[time, person, 12], bottom, atol=1e-14)
+            np.testing.assert_allclose(shelf[time, person, 13], top, atol=1e-14)
+    assert (shelf_scores[..., 12:] > 0).all()
+
+
+def test_standing_person_has_the_shelf_head_above_the_shoulders() -> None:
+    coco = np.zeros((1, 17, 3))
+    coco[0, [5, 6], 2], coco[0, [3, 4], 2], coco[0, 0] = 1.45, 1.62, (0.1, 0, 1.6)
+    shelf, _ = convert(coco, np.ones((1, 17)), COCO17, SHELF14)
+    assert 1.45 < shelf[0, 12, 2] < 1.6 < shelf[0, 13, 2] < 1.8
+
+
+@pytest.mark.parametrize("hidden", ["left_shoulder", "right_shoulder"])
+def test_shelf_head_needs_both_shoulders(hidden: str) -> None:
+    joints, scores = some_people(COCO17)
+    joints[..., COCO17.index(hidden), :] = np.nan
+    scores[..., COCO17.index(hidden)] = 0
+    shelf, shelf_scores = convert(joints, scores, COCO17, SHELF14)
+    assert np.isnan(shelf[..., 12:, :]).all()
+    assert (shelf_scores[..., 12:] == 0).all()
+
+
+@pytest.mark.parametrize("source", [BODY25, COCO18, PANOPTIC19], ids=lambda s: s.name)
+def test_shelf_comes_from_any_skeleton_with_the_joints_of_coco17(source: Skeleton) -> None:
+    joints, scores = some_people(source)
+    direct = convert(joints, scores, source, SHELF14)
+    through = convert(*convert(joints, scores, source, COCO17), COCO17, SHELF14)
+    np.testing.assert_array_equal(direct[0], through[0])
+    np.testing.assert_array_equal(direct[1], through[1])
+
+
+def test_neck_and_mid_hip_are_middles_with_the_lower_score() -> None:
+    joints, scores = some_people(COCO17)
+    converted, converted_scores = convert(joints, scores, COCO17, BODY25)
+    neck, mid_hip = BODY25.index("neck"), BODY25.index("mid_hip")
+    np.testing.assert_allclose(converted[..., neck, :], (joints[..., 5, :] + joints[..., 6, :]) / 2)
+    np.testing.assert_allclose(
+        converted[..., mid_hip, :], (joints[..., 11, :] + joints[..., 12, :]) / 2
+    )
+    np.testing.assert_array_equal(
+        converted_scores[..., neck], np.minimum(scores[..., 5], scores[..., 6])
+    )
+    heel = BODY25.index("left_heel")
+    assert np.isnan(converted[..., heel, :]).all()
+    assert (converted_scores[..., heel] == 0).all()
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([BODY25, COCO18, PANOPTIC19]))
+@settings(deadline=None)
+def test_coco17_survives_the_way_there_and_back(seed: int, through: Skeleton) -> None:
+    joints, scores = some_people(COCO17, seed=seed)
+    hidden = np.random.default_rng(seed).random(scores.shape) < 0.3
+    scores[hidden] = 0
+    joints[hidden] = np.nan
+    there = convert(joints, scores, COCO17, through)
+    again, again_scores = convert(*there, through, COCO17)
+    np.testing.assert_array_equal(again, joints)
+    np.testing.assert_array_equal(again_scores, scores)
+
+
+@pytest.mark.parametrize("target", SKELETONS.values(), ids=SKELETONS)
+@pytest.mark.parametrize("source", SKELETONS.values(), ids=SKELETONS)
+def test_converted_joints_are_finite_exactly_where_they_score(
+    source: Skeleton, target: Skeleton
+) -> None:
+    joints, scores = some_people(source)
+    scores[0, :2, ::3] = 0
+    joints[scores == 0] = np.nan
+    converted, converted_scores = convert(joints, scores, source, target)
+    assert converted.shape == (2, 4, len(target), 3)
+    np.testing.assert_array_equal(np.isfinite(converted).all(-1), converted_scores > 0)
+    assert converted_scores.max() <= 1
+    nobody, none = convert(joints[:, :0], scores[:, :0], source, target)
+    assert nobody.shape == (2, 0, len(target), 3)
+    assert none.shape == (2, 0, len(target))
+
+
+def test_conversion_refuses_arrays_of_another_skeleton() -> None:
+    joints, scores = some_people(COCO17)
+    with pytest.raises(InputError, match="do not fit skeleton body25 of 25 joints"):
+        convert(joints, scores, BODY25, COCO17)
+
+
+def test_unknown_names_list_the_known() -> None:
+    assert skeleton_by_name("coco17") is COCO17
+    with pytest.raises(InputError, match="'smpl' is unknown, expected one of coco17"):
+        skeleton_by_name("smpl")
+    with pytest.raises(InputError, match="coco17 has no joint 'tail'"):
+        COCO17.index("tail")
+
+
+@pytest.mark.shared
+def test_cmu_bones_are_named_for_their_far_ends() -> None:
+    shared = os.environ.get("E3POSE_SHARED")
+    if not shared:
+        pytest.skip("E3POSE_SHARED is not set")
+    path = Path(shared) / "data/cmu_mocap/cmu_mocap_train_30fps.npz"
+    ends = {
+        "root": "mid_hip", "lhipjoint": "left_hip", "lfemur": "left_knee", "ltibia": "left_ankle",
+        "lfoot": "left_foot", "ltoes": "left_toes", "lclavicle": "left_shoulder",
+        "lhumerus": "left_elbow", "lradius": "left_wrist", "lwrist": "left_palm",
+        "lhand": "left_hand", "lthumb": "left_thumb", "lfingers": "left_fingers",
+        "lowerback": "lower_back", "upperback": "upper_back", "thorax": "thorax",
+        "lowerneck": "neck", "upperneck": "upper_neck", "head": "top_head",
+    }  # fmt: skip
+    ends |= {
+        "r" + bone[1:]: joint.replace("left_", "right_")
+        for bone, joint in ends.items()
+        if joint.startswith("left_")
+    }
+    with np.load(path, allow_pickle=False) as data:
+        bones = [str(name) for name in data["joint_names"]]
+        clip = data[next(name for name in data.files if name != "joint_names")]
+    assert CMU31.joints == tuple(ends[bone] for bone in bones)
+    # Rigid limbs keep their length in the recording, which wrong joints would not.
+    for upper, lower in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow")):
+        for side in ("left", "right"):
+            a, b = (CMU31.index(f"{side}_{joint}") for joint in (upper, lower))
+            lengths = np.linalg.norm(clip[:, a] - clip[:, b], axis=-1)
+            assert (a, b) in CMU31.limbs
+            assert 0.2 < lengths.mean() < 0.5
+            assert lengths.std() < 0.005

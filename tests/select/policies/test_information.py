@@ -1,0 +1,198 @@
+"""The policy that looks for information: what it prefers, what it pays, what it aims at."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from e3pose.energy.queues import advance_deficit, price
+from e3pose.select.expected_information import Foresight
+from e3pose.select.newcomers import Entrants
+from e3pose.select.policies import Selection, Situation
+from e3pose.select.policies.information import LOOK_AGAIN_S, Information
+
+EYE = np.array([1.0, 0, 0, 1, 0, 1])
+
+
+def foresight(told: list[float], sigma_m: float = 0.1, **more: object) -> Foresight:
+    """One person of one joint, known to `sigma_m`; camera n tells `told[n]` in 1/m2."""
+    views = np.array(told)[:, None, None, None] * EYE
+    plain = Foresight(
+        track_ids=np.array([0]),
+        confirmed=np.array([True]),
+        prior=(EYE / sigma_m**2)[None, None],
+        views=views,
+        counted=np.ones((len(told), 1)),
+        fresh=np.ones((len(told), 1)),
+        weights=np.ones(1),
+        entrants=Entrants.nobody(len(told)),
+    )
+    return replace(plain, **more)  # type: ignore[arg-type]
+
+
+def situation(seen: Foresight, **more: object) -> Situation:
+    count = len(seen.views)
+    plain = Situation(
+        slot=7,
+        interval_s=0.04,
+        online=np.ones(count, dtype=bool),
+        occlusion=np.zeros(count),
+        own_occlusion=np.zeros(count),
+        unseen_slots=np.ones(count, dtype=np.int64),
+        visibility=np.ones((count, 1)),
+        deficit=np.zeros(count),
+        budget=np.full(count, 0.8),
+        price=np.zeros(count),
+        foresight=seen,
+    )
+    return replace(plain, **more)  # type: ignore[arg-type]
+
+
+def chosen(selection: Selection) -> list[int]:
+    return [int(camera) for camera in np.flatnonzero(selection)]
+
+
+def test_takes_who_tells_most_unless_its_queue_asks_too_much() -> None:
+    seen = foresight([10, 300, 200, 20])
+    policy = Information(2, quality_weight=10)
+    assert chosen(policy.select(situation(seen))) == [1, 2]
+    tired = np.array([0.0, 50.0, 0.0, 0.0])
+    assert chosen(policy.select(situation(seen, price=tired))) == [2, 3]
+
+
+def test_two_cameras_from_different_sides_beat_the_two_best_from_one() -> None:
+    along_x, along_y = np.array([0, 0, 0, 1.0, 0, 1]), np.array([1.0, 0, 0, 0, 0, 1])
+    seen = foresight([1, 1, 1])
+    views = np.stack([900 * along_x, 800 * along_x, 500 * along_y])[:, None, None]
+    assert chosen(Information(2).select(situation(replace(seen, views=views)))) == [0, 2]
+
+
+def test_who_told_the_same_just_now_waits() -> None:
+    seen = foresight([300, 290], fresh=np.array([[0.1], [1.0]]))
+    assert chosen(Information(1).select(situation(seen))) == [1]
+
+
+def test_a_camera_that_has_not_looked_for_long_is_looked_through() -> None:
+    seen = foresight([100, 0, 0])
+    policy = Information(1, quality_weight=10)
+    assert chosen(policy.select(situation(seen))) == [0]
+    unseen = np.array([1, 200, 3])
+    assert chosen(policy.select(situation(seen, unseen_slots=unseen))) == [1]
+
+
+def test_somebody_unexplained_pulls_in_cameras_that_see_the_same_ground() -> None:
+    nobody_else = np.zeros((1, 3))
+    new = Entrants(np.array([[0.0, 1.0, 0.9]]), nobody_else, np.ones(1))
+    seen = foresight([30, 25, 0], sigma_m=0.05, entrants=new)
+    assert chosen(Information(1).select(situation(foresight([30, 25, 0], sigma_m=0.05)))) == [0]
+    assert chosen(Information(1).select(situation(seen))) == [1]
+    assert chosen(Information(2).select(situation(seen))) == [1, 2]
+    aiming = Information(1, target_error_m=1.0)
+    assert len(chosen(aiming.select(situation(seen)))) == 2
+    met = foresight([30, 25, 0], sigma_m=0.05, entrants=replace(new, weights=np.array([0.1])))
+    assert chosen(Information(2).select(situation(met))) == [0, 1]
+    assert chosen(aiming.select(situation(met))) == []
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("count", [2, 4])
+def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count: int) -> None:
+    from itertools import combinations
+
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(12, 2, 5, 2, 3)) * rng.uniform(0, 30, (12, 2, 1, 1, 1))
+    full = np.einsum("...ka,...kb->...ab", root, root)
+    rows, columns = np.triu_indices(3)
+    seen = Foresight(
+        track_ids=np.arange(2),
+        confirmed=np.ones(2, dtype=bool),
+        prior=np.broadcast_to(EYE * 100, (2, 5, 6)),
+        views=full[..., rows, columns],
+        counted=np.ones((12, 2)),
+        fresh=np.ones((12, 2)),
+        weights=np.array([1.0, 0.4]),
+        entrants=Entrants.nobody(12),
+    )
+    now = situation(seen, price=rng.uniform(0, 5, 12))
+    selection = Information(count, quality_weight=10).select(now)
+    assert selection.sum() == count
+    subsets = np.array([np.isin(np.arange(12), c) for c in combinations(range(12), count)])
+    # The objective that is zero for no camera and grows with each: prices against the highest.
+    worth = now.price.max() - now.price
+    worth = worth + 10 * 0.5 * 0.04  # all have waited one slot
+
+    def value(sets: NDArray[np.bool_]) -> NDArray[np.float64]:
+        return np.asarray(10 * seen.information(sets) + sets @ worth)
+
+    reached, best = float(value(selection[None])[0]), float(value(subsets).max())
+    assert reached >= (1 - 1 / np.e) * best
+    assert reached >= 0.9 * best  # the guarantee is for the worst case; this is a usual one
+
+
+def test_the_fewest_cameras_that_meet_the_target() -> None:
+    seen = foresight([300.0] * 5, sigma_m=0.05)
+    errors = [float(seen.expected_error_m((np.arange(5) < count)[None])[0]) for count in range(6)]
+    for needed in range(6):
+        policy = Information(3, target_error_m=errors[needed] * 1.001)
+        assert policy.select(situation(seen)).sum() == needed
+    # Beyond reach: as many as still help, and these help all alike.
+    assert Information(3, target_error_m=0.001).select(situation(seen)).sum() == 5
+
+
+def test_cameras_that_no_longer_help_stay_asleep_when_the_target_is_beyond_reach() -> None:
+    seen = foresight([900, 800, 0.1, 0.1, 0.1])
+    assert chosen(Information(3, target_error_m=0.001).select(situation(seen))) == [0, 1]
+
+
+def test_at_a_lower_rate_more_cameras_are_needed() -> None:
+    counts = [
+        int(Information(3, target_error_m=0.04).select(situation(foresight([300.0] * 6, s))).sum())
+        for s in (0.02, 0.04, 0.08, 0.3)
+    ]
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    assert counts[-1] > counts[1]
+
+
+def test_with_a_target_somebody_always_looks_now_and_then() -> None:
+    nobody = Foresight(
+        np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 1, 6)), np.zeros((3, 0, 1, 6)),
+        np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0), Entrants.nobody(3),
+    )  # fmt: skip
+    policy = Information(3, target_error_m=0.04)
+    assert not policy.select(situation(nobody)).any()
+    stale = np.full(3, round(LOOK_AGAIN_S / 0.04))
+    assert policy.select(situation(nobody, unseen_slots=stale)).sum() == 1
+
+
+@pytest.mark.parametrize("target_error_m", [None, 0.02])
+def test_unequal_budgets_are_kept_in_the_long_run(target_error_m: float | None) -> None:
+    rng = np.random.default_rng(5)
+    budget = np.array([0.05, 0.3, 0.5, 0.8])
+    policy = Information(1.5, quality_weight=10, target_error_m=target_error_m)
+    deficit, active, num_slots = np.zeros(4), np.zeros(4), 4000
+    for slot in range(num_slots):
+        seen = foresight((rng.uniform(0, 900, 4) * [3, 1, 1, 1]).tolist())
+        now = situation(seen, slot=slot, deficit=deficit, price=deficit, budget=budget)
+        selection = policy.select(now)
+        deficit = advance_deficit(deficit, budget, selection)
+        assert (deficit >= 0).all()
+        active += selection
+    assert (active / num_slots <= budget + 0.02).all()
+
+
+def test_a_dearer_camera_is_woken_less() -> None:
+    rng = np.random.default_rng(6)
+    cost_j, budget = np.array([3.0, 1.0, 1.0]), np.full(3, 0.36)
+    policy = Information(1, quality_weight=1)
+    deficit, active = np.zeros(3), np.zeros(3)
+    for slot in range(3000):
+        seen = foresight(rng.uniform(0, 500, 3).tolist())
+        asked = price(deficit, cost_j)
+        selection = policy.select(situation(seen, slot=slot, price=asked, budget=budget))
+        deficit = advance_deficit(deficit, budget, selection)
+        active += selection
+    assert active[0] < active[1:].min()

@@ -1,0 +1,207 @@
+"""What every policy promises, over every entry of POLICIES."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from e3pose.energy.queues import advance_deficit
+from e3pose.select.expected_information import Foresight
+from e3pose.select.newcomers import Entrants
+from e3pose.select.policies import POLICIES, PolicySettings, Selection, Situation
+
+NAMES = sorted(POLICIES)
+COUNTING = [name for name in NAMES if POLICIES[name].counts]
+BUDGETED = [name for name in NAMES if POLICIES[name].budgeted]
+
+
+def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
+    """Two people of three joints, about whom every camera tells something else."""
+    root = rng.normal(size=(num_cameras, 2, 3, 2, 3))
+    views = np.einsum("...ka,...kb->...ab", root, root) * 1000
+    rows, columns = np.triu_indices(3)
+    return Foresight(
+        track_ids=np.array([4, 7]),
+        confirmed=np.array([True, True]),
+        prior=np.broadcast_to([400.0, 0, 0, 400, 0, 400], (2, 3, 6)),
+        views=views[..., rows, columns],
+        counted=np.ones((num_cameras, 2)),
+        fresh=np.ones((num_cameras, 2)),
+        weights=np.ones(2),
+        entrants=Entrants.nobody(num_cameras),
+    )
+
+
+def situation(slot: int, rng: np.random.Generator, online: Selection) -> Situation:
+    num_cameras = len(online)
+    deficit = rng.uniform(0, 4, num_cameras)
+    return Situation(
+        slot=slot,
+        interval_s=0.04,
+        online=online,
+        occlusion=rng.uniform(0, 1, num_cameras),
+        own_occlusion=np.where(rng.uniform(size=num_cameras) < 0.2, np.nan, rng.uniform(0, 0.3)),
+        unseen_slots=rng.integers(1, 40, num_cameras),
+        visibility=rng.uniform(0, 1, (num_cameras, 3)),
+        deficit=deficit,
+        budget=np.full(num_cameras, 0.8),
+        price=deficit,
+        foresight=foresight(rng, num_cameras),
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_never_selects_an_offline_camera(name: str) -> None:
+    rng = np.random.default_rng(1)
+    policy = POLICIES[name].make(PolicySettings(num_selected=3))
+    for slot in range(200):
+        online = rng.uniform(size=6) < 0.6
+        selection = policy.select(situation(slot, rng, online))
+        assert selection.shape == online.shape and selection.dtype == bool
+        assert not (selection & ~online).any()
+
+
+@pytest.mark.parametrize("name", COUNTING)
+@settings(max_examples=50, deadline=None)
+@given(data=st.data())
+def test_selects_exactly_as_many_as_promised(name: str, data: st.DataObject) -> None:
+    num_cameras = data.draw(st.integers(1, 12))
+    count = data.draw(st.integers(1, num_cameras))
+    online = np.array(
+        data.draw(st.lists(st.booleans(), min_size=num_cameras, max_size=num_cameras))
+    )
+    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
+    policy = POLICIES[name].make(PolicySettings(num_selected=count, phase=3, seed=4))
+    selection = policy.select(situation(data.draw(st.integers(0, 10_000)), rng, online))
+    assert selection.sum() == min(count, online.sum())
+
+
+@pytest.mark.parametrize("name", COUNTING)
+@pytest.mark.parametrize("mean", [0.65, 0.9, 1.15, 1.5, 2.0, 3.3])
+def test_reaches_a_mean_that_is_no_whole_number(name: str, mean: float) -> None:
+    policy = POLICIES[name].make(PolicySettings(num_selected=mean))
+    rng, online = np.random.default_rng(3), np.ones(5, dtype=bool)
+    online[2] = False
+    counts = [int(policy.select(situation(slot, rng, online)).sum()) for slot in range(200)]
+    assert abs(sum(counts) - 200 * mean) <= 1
+    assert set(counts) <= {int(mean), int(mean) + 1}
+
+
+@pytest.mark.parametrize("name", COUNTING)
+def test_makes_up_the_number_when_cameras_die(name: str) -> None:
+    policy = POLICIES[name].make(PolicySettings(num_selected=2, order=(0, 2, 4, 1, 3)))
+    rng = np.random.default_rng(4)
+    for slot in range(60):
+        online = np.ones(5, dtype=bool)
+        online[: slot // 20] = False  # one more dies every 20 slots
+        selection = policy.select(situation(slot, rng, online))
+        assert selection.sum() == 2
+        assert not (selection & ~online).any()
+
+
+@pytest.mark.parametrize("name", BUDGETED)
+@pytest.mark.parametrize("budget", [0.6, 0.7, 0.9])
+def test_keeps_the_budget_in_the_long_run(name: str, budget: float) -> None:
+    # Camera 0 is always the clearest and camera 4 the worst, so that a policy that looks at the
+    # scene would like to spend far too much on the first ones.
+    rng = np.random.default_rng(2)
+    policy = POLICIES[name].make(PolicySettings(num_selected=3, quality_weight=5.0))
+    online, deficit, active = np.ones(5, dtype=bool), np.zeros(5), np.zeros(5)
+    num_slots = 4000
+    for slot in range(num_slots):
+        now = replace(
+            situation(slot, rng, online),
+            occlusion=np.linspace(0.0, 0.5, 5),
+            own_occlusion=np.zeros(5),
+            deficit=deficit,
+            price=deficit,
+            budget=np.full(5, budget),
+        )
+        selection = policy.select(now)
+        deficit = advance_deficit(deficit, now.budget, selection)
+        active += selection
+    # A random draw strays by three standard deviations of its mean; nothing else may.
+    slack = 3 * np.sqrt(0.6 * 0.4 / num_slots) if name == "random" else 0.005
+    assert (active / num_slots <= budget + slack).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_same_seed_and_situation_give_the_same_selection(name: str) -> None:
+    """No hidden memory: a policy made anew in the middle of a run goes on as the old one would."""
+    online = np.array([True, True, False, True, True])
+    situations = [situation(slot, np.random.default_rng(slot), online) for slot in range(30)]
+    old = POLICIES[name].make(PolicySettings(num_selected=2, seed=5))
+    whole_run = [old.select(now) for now in situations]
+    new = POLICIES[name].make(PolicySettings(num_selected=2, seed=5))
+    np.testing.assert_array_equal([new.select(now) for now in situations[15:]], whole_run[15:])
+
+
+def test_seeds_of_random_differ() -> None:
+    online = np.ones(5, dtype=bool)
+    runs = []
+    for seed in (0, 1):
+        policy = POLICIES["random"].make(PolicySettings(num_selected=2, seed=seed))
+        rng = np.random.default_rng(0)
+        runs.append([policy.select(situation(slot, rng, online)) for slot in range(20)])
+    assert (np.array(runs[0]) != np.array(runs[1])).any()
+
+
+def test_round_robin_follows_its_order_without_a_gap() -> None:
+    policy = POLICIES["round-robin"].make(PolicySettings(num_selected=1.5, order=(0, 3, 1, 4, 2)))
+    rng, online = np.random.default_rng(0), np.ones(5, dtype=bool)
+    taken = [
+        set(np.flatnonzero(policy.select(situation(slot, rng, online))).tolist())
+        for slot in range(4)
+    ]
+    assert taken == [{0}, {3, 1}, {4}, {2, 0}]
+
+
+def test_round_robin_turns_through_all_cameras_and_skips_the_dead() -> None:
+    policy = POLICIES["round-robin"].make(PolicySettings(num_selected=2))
+    rng = np.random.default_rng(0)
+    online = np.array([True, False, True, True, True])
+    counts = sum(policy.select(situation(slot, rng, online)).astype(int) for slot in range(20))
+    np.testing.assert_array_equal(counts, [10, 0, 10, 10, 10])
+
+
+def test_drift_plus_penalty_takes_the_least_of_weighted_occlusion_and_deficit() -> None:
+    rng = np.random.default_rng(0)
+    now = replace(
+        situation(0, rng, np.ones(4, dtype=bool)),
+        occlusion=np.array([0.5, 0.1, 0.0, 0.3]),
+        price=np.array([0.0, 0.3, 1.0, 0.1]),
+    )
+    # V = 1: prices .5 .4 1. .4; V = 10: 5. 1.3 1. 3.1
+    expected = {1.0: [False, True, False, True], 10.0: [False, True, True, False]}
+    for weight, selection in expected.items():
+        policy = POLICIES["e3pose"].make(PolicySettings(num_selected=2, quality_weight=weight))
+        np.testing.assert_array_equal(policy.select(now), selection)
+
+
+def test_independent_may_leave_a_slot_without_any_camera() -> None:
+    rng = np.random.default_rng(0)
+    now = replace(
+        situation(0, rng, np.ones(3, dtype=bool)),
+        own_occlusion=np.full(3, 0.4),
+        unseen_slots=np.array([1, 2, 3]),
+        deficit=np.zeros(3),
+    )
+    policy = POLICIES["independent"].make(PolicySettings())
+    assert not policy.select(now).any()
+    assert policy.select(replace(now, unseen_slots=np.array([1, 99, 3]))).tolist() == [
+        False,
+        True,
+        False,
+    ]
+
+
+def test_central_2d_drops_the_slots_that_pass_while_cameras_wait() -> None:
+    rng = np.random.default_rng(0)
+    policy = POLICIES["central-2d"].make(PolicySettings(num_selected=2, round_trip_s=0.1))
+    online = np.ones(5, dtype=bool)
+    counts = [int(policy.select(situation(slot, rng, online)).sum()) for slot in range(6)]
+    assert counts == [2, 0, 0, 2, 0, 0]  # 0.1 s are three slots of 0.04 s
