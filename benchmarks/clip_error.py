@@ -141,7 +141,7 @@ def main() -> None:
     recording = load_recording(options.recording)
     if options.fps:
         recording = thinned(recording, options.fps)
-    noise = load_noise(detector_of(recording.source))
+    noise = load_noise(detector_of(recording))
     people = references(recording, noise)
     print(f"{recording.name}: {recording.num_slots} slots, {len(people)} people")
     print("policy       C lead cameras   mean   95 %   99 %    max  in 90  lag ms  at lag")

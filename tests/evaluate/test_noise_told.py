@@ -22,11 +22,17 @@ def recording() -> Recording:
 
 
 def test_unknown_detector_is_told_of(recording: Recording) -> None:
-    unknown = replace(recording, source="a network of our own")
+    unknown = replace(recording, detector="a network of our own")
     assert "no noise file is known" in noise_warning(unknown, ReplaySettings())
     assert noise_warning(unknown, ReplaySettings(noise="openpose")) == ""
     assert noise_warning(unknown, ReplaySettings(pipeline="paper")) == ""
     assert noise_warning(recording, ReplaySettings()) == ""
+
+
+def test_detector_that_is_only_named_in_words_is_told_of(recording: Recording) -> None:
+    old = replace(recording, detector="")
+    assert "in words only: simulated is assumed" in noise_warning(old, ReplaySettings())
+    assert noise_warning(old, ReplaySettings(noise="openpose")) == ""
 
 
 def test_summary_has_what_was_learned(recording: Recording) -> None:

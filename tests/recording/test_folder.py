@@ -183,7 +183,7 @@ TOML, VIEW, TRUTH = "recording.toml", "keypoints/cam1.jsonl", "truth.jsonl"
         (_write(TOML, b"a = " + b"[" * 50_000), "recording.toml: .*TOML"),
         (_write(TOML, b"#" * (2**20 + 1)), "recording.toml: found 1048577 bytes"),
         (_edit(TOML, "e3pose-recording", "other"), "format: found 'other'"),
-        (_edit(TOML, "version = 1", "version = 3"), "version: found 3, expected 1 or 2; a newer"),
+        (_edit(TOML, "version = 1", "version = 4"), "version: found 4, expected 1 to 3; a newer"),
         (
             _edit(TOML, "[frames]", "[battery_wh]\ncam0 = 1.0\n[frames]"),
             "version: found 1, expected 2 with battery_wh",

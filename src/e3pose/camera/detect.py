@@ -76,7 +76,7 @@ def detect_videos(
     detector: Detector,
     dest: Path,
     settings: DetectSettings | None = None,
-    detector_name: str = "detector",
+    detector_name: str = "",
     progress: Progress = lambda done, total: None,
 ) -> DetectReport:
     """Find the people in every camera's video and write a recording.
@@ -90,8 +90,8 @@ def detect_videos(
         detector: finds the people.
         dest: the recording folder to make.
         settings: which frames to look at; all by default.
-        detector_name: which weights these are, such as name and checksum; work begun with others is
-            not continued.
+        detector_name: of the detector, and after a space which weights these are, such as a
+            checksum; work begun with others is not continued.
         progress: told after every frame how many slots of all cameras are done, of about how
             many.
 
@@ -246,7 +246,7 @@ def _identity(
         for array in (camera.K, camera.T_world_camera, camera.distortion):
             digest.update(array.tobytes())
     identity = {
-        "model": detector_name,
+        "model": detector_name or "detector",
         "skeleton": detector.skeleton.name,
         "calibration": digest.hexdigest()[:16],
         "slots a second": f"{grid.fps:.9g}",
@@ -273,12 +273,20 @@ def _recording(
     views = [_series(work.path(camera_id), len(skeleton)) for camera_id in sources]
     num_slots = max((int(series.slots[-1]) + 1 for series in views if len(series.slots)), default=0)
     files_seen = ", ".join(video.path.name for video in sources.values())
-    source = f"Detected by {detector_name} in {files_seen}."  # the noise of keypoints follows it
+    source = f"Detected by {detector_name or 'a detector'} in {files_seen}."
     for camera_id, damage in damages.items():
         source += f" {sources[camera_id].path.name}: {damage}." if damage else ""
     files = {camera_id: str(video.path.resolve()) for camera_id, video in sources.items()}
     return Recording(
-        dest.name, rig, grid.fps, num_slots, skeleton, tuple(views), videos=files, source=source
+        dest.name,
+        rig,
+        grid.fps,
+        num_slots,
+        skeleton,
+        tuple(views),
+        videos=files,
+        source=source,
+        detector=detector_name.partition(" ")[0],
     )
 
 

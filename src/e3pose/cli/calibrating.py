@@ -73,7 +73,7 @@ def noise(
         check_svg("--plot", plot)
     check_outputs(recording, {"--out": out, "--plot": plot})
     source = load_recording(recording)
-    shipped = load_noise_file(detector_of(source.source))
+    shipped = load_noise_file(detector_of(source))
     with _bar() as (track, told):
         calibrated = calibrate_noise(
             source,

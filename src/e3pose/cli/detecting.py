@@ -112,7 +112,7 @@ def _detector(
     model: str, family: str | None, provider: str, threads: int | None
 ) -> tuple[Detector, str]:
     """Load the detector; also say which weights it runs: others do not continue its work."""
-    from e3pose.detectors import DETECTORS, make_detector
+    from e3pose.detectors import DETECTORS, identify, make_detector
     from e3pose.detectors.weights import MODELS, find_weights
     from e3pose.detectors.weights.fetch import file_sha256
 
@@ -124,10 +124,10 @@ def _detector(
         name = f"{model} {file_sha256(find_weights(model))[:16]}" if published else model
         return make_detector(model, None, provider, threads), name
     if family is None:
-        detector = make_detector(model, None, provider, threads)
+        detector, family = make_detector(model, None, provider, threads), identify(path)
     else:
         detector = make_detector(family, path, provider, threads)
-    return detector, f"{family or type(detector).__name__} {file_sha256(path)[:16]}"
+    return detector, f"{family} {file_sha256(path)[:16]}"
 
 
 def _offsets(words: Sequence[str]) -> dict[str, float]:

@@ -148,6 +148,7 @@ def coco(
     calibration: Path,
     fps: float,
     images: Path | None = None,
+    detector: str = "",
     overwrite: Overwrite = False,
 ) -> None:
     """Import COCO keypoint results, or AlphaPose's, whose images are named CAMERA/FRAME.
@@ -166,13 +167,16 @@ def coco(
         Frames a second of the cameras.
     images
         A COCO dataset whose table of images says which file an image_id is.
+    detector
+        What made the results: the name of a shipped noise file such as openpose, or any other name.
+        Without it, replay learns how far off the keypoints are from a cautious start.
     overwrite
         Replace the recording at DEST.
     """
     from e3pose.recording.datasets.coco import import_coco
 
     _check_free(dest, overwrite)
-    _save(import_coco(source, calibration, fps, images), dest, overwrite)
+    _save(import_coco(source, calibration, fps, images, detector), dest, overwrite)
 
 
 @import_app.command

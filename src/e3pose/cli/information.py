@@ -61,10 +61,10 @@ def _print_json(description: Description, problems: list[Problem]) -> None:
     sys.stdout.write(text.decode() + "\n")
 
 
-def _noise_line(source: str) -> str:
+def _noise_line(description: Description) -> str:
     from e3pose.model.noises import DEFAULT, detector_of
 
-    name = detector_of(source)
+    name = detector_of(description)
     return f"{name}: OpenPose's and half of it, then learned" if name == DEFAULT else name
 
 
@@ -82,7 +82,8 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
         f"{description.duration_s:.2f} s",
         "scored slots": scored,
         "skeleton": description.skeleton,
-        "noise file": _noise_line(description.source),
+        "detector": description.detector or "not stated",
+        "noise file": _noise_line(description),
         "truth": _truth_line(description),
     }
     for label, value in rows.items():

@@ -176,7 +176,7 @@ def _noise(
         return {}
     learned = _by_camera(recording, factors)
     return {
-        "file": settings.noise or detector_of(recording.source),
+        "file": settings.noise or detector_of(recording),
         "factors": {camera: round(factor, 3) for camera, factor in learned.items() if factor > 0},
     }
 

@@ -58,6 +58,7 @@ class Description:
 
     name: str
     source: str
+    detector: str
     fps: float
     num_slots: int
     duration_s: float
@@ -72,6 +73,7 @@ def describe(recording: Recording) -> Description:
     return Description(
         name=recording.name,
         source=recording.source,
+        detector=recording.detector,
         fps=recording.fps,
         num_slots=recording.num_slots,
         duration_s=recording.num_slots * recording.interval_s,

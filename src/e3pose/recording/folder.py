@@ -24,7 +24,7 @@ from e3pose.recording.lines import decode_truth, decode_view, encode_truth, enco
 from e3pose.recording.record import MAX_PEOPLE, Recording, Truth, ViewSeries
 
 FORMAT = "e3pose-recording"
-VERSIONS = (1, 2)  # 2 has batteries or deaths of cameras
+VERSIONS = (1, 2, 3)  # 2 has batteries or deaths of cameras, 3 the detector
 HEADER = "recording.toml"
 RIG = "calibration.toml"
 TRUTH = "truth.jsonl"
@@ -45,7 +45,7 @@ class Header(msgspec.Struct, forbid_unknown_fields=True):
     """The content of recording.toml."""
 
     format: Literal["e3pose-recording"]
-    version: Literal[1, 2]
+    version: Literal[1, 2, 3]
     name: str
     fps: float
     num_slots: int
@@ -57,6 +57,7 @@ class Header(msgspec.Struct, forbid_unknown_fields=True):
     videos: dict[str, str] = {}
     battery_wh: dict[str, float] = {}
     dies_at_s: dict[str, float] = {}
+    detector: str = ""
 
 
 def load_recording(path: Path | str) -> Recording:
@@ -106,6 +107,7 @@ def load_recording(path: Path | str) -> Recording:
             source=header.source,
             battery_wh=header.battery_wh,
             dies_at_s=header.dies_at_s,
+            detector=header.detector,
         )
     except InputError as error:
         raise InputError(f"{folder / HEADER}: {error}") from None
@@ -187,7 +189,7 @@ def _read_header(path: Path) -> Header:
     if table.get("version") not in VERSIONS or isinstance(table["version"], bool):
         raise InputError(
             f"{path}: version: found {str(table.get('version'))[:40]}, expected "
-            f"{' or '.join(map(str, VERSIONS))}; a newer e3pose may read it"
+            f"{VERSIONS[0]} to {VERSIONS[-1]}; a newer e3pose may read it"
         )
     try:
         header = msgspec.convert(table, Header)
@@ -195,6 +197,8 @@ def _read_header(path: Path) -> Header:
         raise InputError(f"{path}: {misfit(error, Header)}") from None
     if header.version == 1 and (header.battery_wh or header.dies_at_s):
         raise InputError(f"{path}: version: found 1, expected 2 with battery_wh or dies_at_s")
+    if header.version < 3 and header.detector:
+        raise InputError(f"{path}: version: found {header.version}, expected 3 with detector")
     if not 0 <= header.num_slots <= 100_000_000:
         raise InputError(
             f"{path}: num_slots: found {str(header.num_slots)[:40]}, expected 0 to 100 million"
@@ -267,13 +271,19 @@ def _header(recording: Recording) -> Mapping[str, Any]:
     table: dict[str, Any] = {
         "format": FORMAT,
         # An older reader is told of a newer version only by what it could not read.
-        "version": 2 if recording.battery_wh or recording.dies_at_s else 1,
+        "version": 3
+        if recording.detector
+        else 2
+        if recording.battery_wh or recording.dies_at_s
+        else 1,
         "name": recording.name,
         "fps": float(recording.fps),
         "num_slots": int(recording.num_slots),
         "skeleton": recording.skeleton.name,
         "source": recording.source,
     }
+    if recording.detector:
+        table["detector"] = recording.detector
     if recording.scored_slots is not None:
         table["scored_slots"] = [int(slot) for slot in recording.scored_slots]
     lengths = [len(series.slots) for series in recording.views]

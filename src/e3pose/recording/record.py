@@ -20,6 +20,7 @@ MIN_FPS = 0.001  # slower is nothing that people do, and its times overflow
 MAX_FPS = 1000.0
 MAX_NAME = 200
 MAX_SOURCE = 10_000
+MAX_DETECTOR = 200
 MAX_PEOPLE = 1000
 MAX_BATTERY_WH = 1e6
 # A recording may have lost views, but not so many that a few views stand for days of slots.
@@ -110,6 +111,8 @@ class Recording:
         scored_slots: half-open range of the slots that evaluation scores; all by default.
         videos: camera id to a file name in the recording's `videos` folder, or an absolute path.
         source: where it comes from and under what terms, for people.
+        detector: what found the keypoints, by the name of a noise file (`model.noises`); empty
+            where nobody said.
         battery_wh: camera id to the energy in its battery at the start; others have a supply, or
             the battery that an evaluation is told of.
         dies_at_s: camera id to when it went for good and could no longer be reached.
@@ -131,6 +134,7 @@ class Recording:
     source: str = ""
     battery_wh: Mapping[str, float] = field(default_factory=dict)
     dies_at_s: Mapping[str, float] = field(default_factory=dict)
+    detector: str = ""
 
     def __post_init__(self) -> None:
         if not MIN_FPS <= self.fps <= MAX_FPS:  # NaN fails too
@@ -168,6 +172,7 @@ class Recording:
                 )
         _check_text("name", self.name, MAX_NAME, more="")
         _check_text("source", self.source, MAX_SOURCE, more="\n")
+        _check_text("detector", self.detector, MAX_DETECTOR, more="")
         for camera_id, name in self.videos.items():
             self.rig.index(camera_id)
             _check_video(camera_id, name)

@@ -122,8 +122,13 @@ class Place(Protocol):
         ...
 
     @property
+    def detector(self) -> str:
+        """What finds the keypoints; empty where nobody said."""
+        ...
+
+    @property
     def source(self) -> str:
-        """Where the keypoints come from, in words that may name the detector."""
+        """Where the keypoints come from, in words."""
         ...
 
 
@@ -147,7 +152,7 @@ def make_pipeline(
             interval_s=place.interval_s,
             history_slots=settings.warmup_slots,
             fusion=_fusion(settings),
-            noise=load_noise(settings.noise or detector_of(place.source)),
+            noise=load_noise(settings.noise or detector_of(place)),
             num_selected=1.0 if settings.target_error_m is not None else settings.num_selected,
         ),
     )
@@ -207,10 +212,17 @@ def _fusion(settings: ReplaySettings) -> FusionSettings:
 
 
 def noise_warning(place: Place, settings: ReplaySettings) -> str:
-    """Return what to say where no noise file is known for the detector; empty if one is."""
-    known = settings.noise or detector_of(place.source) != DEFAULT
-    if known or pipeline_row(settings.pipeline)[0] == "paper":
+    """Return what to say where the detector is not stated, or not known; empty if it is."""
+    if settings.noise or pipeline_row(settings.pipeline)[0] == "paper":
         return ""
+    name = detector_of(place)
+    if name != DEFAULT and place.detector:
+        return ""
+    if name != DEFAULT:
+        return (
+            f"the recording names its detector in words only: {name} is assumed; write "
+            f'version = 3 and detector = "{name}" into its recording.toml, or use --noise'
+        )
     return (
         "no noise file is known for this detector: OpenPose's, half as large again, is assumed "
         "at first, and what each camera's keypoints are like is learned; --noise names a file"

@@ -96,6 +96,7 @@ def simulate(
             for camera_id, condition in _conditions(stage)
             if condition.dies_at is not None
         },
+        detector="simulated",
         source=f"simulated by e3pose: scene {settings.scene}, seed {seed}{exact}; free of rights",
     )
 

@@ -15,6 +15,7 @@ from e3pose.errors import InputError
 from e3pose.files.lock import hold
 from e3pose.files.private import make_folder
 from e3pose.geometry.camera import Rig
+from e3pose.model.noises import DEFAULT, SHIPPED
 from e3pose.model.skeleton import Skeleton, skeleton_by_name
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.loop import ReplaySettings, make_pipeline
@@ -32,7 +33,8 @@ class LivePlace:
     rig: Rig
     skeleton: Skeleton
     interval_s: float
-    source: str
+    detector: str
+    source: str = ""
 
 
 def edge_link(path: Path, site: SiteTable) -> tuple[Link, Roll | None]:
@@ -57,8 +59,11 @@ def edge_link(path: Path, site: SiteTable) -> tuple[Link, Roll | None]:
 def place_of(path: Path, site: SiteTable, rig: Rig) -> LivePlace:
     """Return the place that a site file describes."""
     cameras = cameras_of(path, site, rig)
-    detectors = sorted({camera.detector for camera in cameras.values() if camera.detector})
-    return LivePlace(rig, skeleton_by_name(site.skeleton), 1 / site.fps, " ".join(detectors))
+    detectors = {camera.detector for camera in cameras.values() if camera.detector}
+    known = [name for name in SHIPPED if name in detectors]  # one noise serves all cameras
+    return LivePlace(
+        rig, skeleton_by_name(site.skeleton), 1 / site.fps, known[0] if known else DEFAULT
+    )
 
 
 def make_edge(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from e3pose.model.noises import (
     NoiseFile,
     ViewFigures,
     decode_noise,
+    detector_in,
     detector_of,
     encode_noise,
     load_noise,
@@ -118,13 +120,25 @@ def test_missing_field_and_missing_file_are_named(tmp_path: Path) -> None:
         ("Shelf; detections by OpenPose. Research use only", "openpose"),
         ("OpenPose JSON, body25", "openpose"),
         ("RTMPose-m, 12 fps", "rtmlib"),
+        ("Detected by movenet-multipose in openpose-thin_cam1.mp4.", "movenet-multipose"),
         ("simulated by e3pose: scene ring, seed 1", "simulated"),
         ("COCO keypoint results", DEFAULT),
         ("", DEFAULT),
     ],
 )
-def test_detector_is_told_from_the_source(source: str, name: str) -> None:
-    assert detector_of(source) == name
+def test_detector_of_an_old_recording_is_read_in_its_source(source: str, name: str) -> None:
+    assert detector_in(source) == name
+
+
+def test_detector_that_is_stated_counts() -> None:
+    @dataclass(frozen=True)
+    class Place:
+        detector: str
+        source: str = "Detected by movenet-multipose in a.mp4."
+
+    assert detector_of(Place("openpose")) == "openpose"
+    assert detector_of(Place("a network of ours")) == DEFAULT
+    assert detector_of(Place("")) == "movenet-multipose"
 
 
 def test_noise_of_simulated_people_is_the_simulators() -> None:

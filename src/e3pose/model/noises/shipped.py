@@ -2,34 +2,70 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Protocol
 
 from e3pose.files.shipped import read_shipped
 from e3pose.model.noise import Noise
 from e3pose.model.noises.file import NoiseFile, decode_noise
 
 DEFAULT = "unknown"  # of a recording that does not say what detected it
-# By detector, and the words by which the source of a recording names it, the longest first.
-SHIPPED = {
-    "simulated": ("simulated by e3pose",),
-    "openpose-thin": ("openpose-thin",),
-    "movenet-multipose": ("movenet-multipose", "movenet"),
-    "yolo-pose": ("yolo-pose", "yolo"),
-    "trt-pose": ("trt-pose", "trt_pose"),
-    "rtmlib": ("rtmlib", "rtmpose", "rtmo"),
-    "openpose": ("openpose",),
-    DEFAULT: (),
+SHIPPED = (
+    "simulated",
+    "openpose-thin",
+    "movenet-multipose",
+    "yolo-pose",
+    "trt-pose",
+    "rtmlib",
+    "openpose",
+    DEFAULT,
+)
+# Recordings of formats 1 and 2 name their detector in the source, in words: `Detected by NAME ...`,
+# or one of these, the longest first.
+WORDS = {
+    "simulated by e3pose": "simulated",
+    "openpose-thin": "openpose-thin",
+    "movenet": "movenet-multipose",
+    "yolo": "yolo-pose",
+    "trt-pose": "trt-pose",
+    "trt_pose": "trt-pose",
+    "rtmlib": "rtmlib",
+    "rtmpose": "rtmlib",
+    "rtmo": "rtmlib",
+    "openpose": "openpose",
 }
 MAX_BYTES = 1_000_000
 
 
-def detector_of(source: str) -> str:
-    """Return the detector that the source of a recording names, or `DEFAULT`."""
+class Detected(Protocol):
+    """What has keypoints: a recording, or a live site."""
+
+    @property
+    def detector(self) -> str:
+        """What found the keypoints; empty where nobody said."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """Where they come from, in words."""
+        ...
+
+
+def detector_of(place: Detected) -> str:
+    """Return which noise file the keypoints of a place go by, `DEFAULT` if none is known."""
+    if place.detector:
+        return place.detector if place.detector in SHIPPED else DEFAULT
+    return detector_in(place.source)
+
+
+def detector_in(source: str) -> str:
+    """Return the detector that the source of an old recording names, or `DEFAULT`."""
     text = source.lower()
-    for name, words in SHIPPED.items():
-        if any(word in text for word in words):
-            return name
-    return DEFAULT
+    detected = re.match(r"detected by (.+?) in ", text)  # file names come after it
+    if detected:
+        text = detected[1]
+    return next((name for word, name in WORDS.items() if word in text), DEFAULT)
 
 
 def load_noise(name_or_path: str | Path) -> Noise:

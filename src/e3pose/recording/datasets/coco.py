@@ -45,7 +45,11 @@ _T = TypeVar("_T")
 
 
 def import_coco(
-    source: Path, calibration: Path, fps: float, images: Path | None = None
+    source: Path,
+    calibration: Path,
+    fps: float,
+    images: Path | None = None,
+    detector: str = "",
 ) -> Recording:
     """Read COCO keypoint results.
 
@@ -56,6 +60,7 @@ def import_coco(
         fps: frames a second of the cameras.
         images: a COCO dataset whose `images` translates `image_id` to `file_name`; without it,
             `image_id` or `file_name` of a result must be the file name itself.
+        detector: what made the results; empty if unknown.
 
     Returns:
         A recording. File names are `<camera>/<frame>.<suffix>`, perhaps within other folders. With
@@ -111,6 +116,7 @@ def import_coco(
         skeleton=COCO17,
         views=views,
         source="COCO keypoint results",
+        detector=detector,
     )
 
 

@@ -72,6 +72,7 @@ def import_openpose(
         num_slots=num_slots,
         skeleton=skeleton,
         views=views,
+        detector="openpose",
         source=f"OpenPose JSON, {skeleton.name}",
     )
 

@@ -99,5 +99,6 @@ def import_shelf(source: Path, skeleton: Literal["coco17", "body25"] = "coco17")
         truth=Truth(SHELF14, tuple(f"actor{n + 1}" for n in range(joints_m.shape[1])), joints_m),
         truth_complete=False,
         scored_slots=(0, num_slots),  # what everybody reports: never to be learned from
+        detector="openpose",
         source=SOURCE,
     )
