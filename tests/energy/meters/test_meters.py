@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.energy.trees import (
+from tests.energy.meters.trees import (
     AGX_ORIN,
     GENERIC,
     ORIN_NX,

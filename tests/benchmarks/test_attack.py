@@ -1,0 +1,27 @@
+"""The attack of `make attack`, for some seconds: what it does without a network."""
+
+from __future__ import annotations
+
+import pytest
+
+import attack_inputs
+
+
+def test_decoders_raise_nothing_but_input_errors() -> None:
+    result = attack_inputs.fuzz(seconds=60.0, decodes=20_000, seed=3)
+    assert result.held, result.figures
+    assert result.figures.startswith("20")  # thousand and a few, of all kinds
+
+
+def test_an_attack_that_gets_through_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(message: object) -> None:
+        raise OverflowError("cannot convert float infinity to integer")
+
+    monkeypatch.setattr(attack_inputs, "used", broken)
+    result = attack_inputs.fuzz(seconds=60.0, decodes=1000, seed=3)
+    assert not result.held and "OverflowError: cannot convert" in result.figures
+
+
+def test_damaged_files_end_in_one_line() -> None:
+    result = attack_inputs.hostile_files(seconds=4.0, seed=3)
+    assert result.held, result.figures
