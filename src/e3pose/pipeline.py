@@ -51,6 +51,7 @@ class Pipeline:
         holds: show the poses of the slot before in slots for which no camera was selected.
         foresees: work out what each camera is expected to tell.
         steers: let a predictor that states its errors steer the estimator.
+        own_boxes: whether the policy asks what cameras foresee from the boxes of their own views.
         clock: seconds, for stage times only.
     """
 
@@ -68,6 +69,7 @@ class Pipeline:
     holds: bool = False
     foresees: bool = False
     steers: bool = False
+    own_boxes: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +151,7 @@ def step(
     arrived[list(views)] = True
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     state = replace(state, memory=memory, silence=silence)
-    sights = _look(pipeline.rig, state.sights, views, slot)
+    sights = _look(pipeline, state.sights, views, slot)
     ordered = _in_flight(pipeline, state, online)
     situation = _situation(pipeline, state, predicted_m, sights, online, ordered)
     times.append(clock())
@@ -202,7 +204,9 @@ def _situation(
         interval_s=pipeline.interval_s,
         online=online & state.silence.answering(target),
         occlusion=occlusion,
-        own_occlusion=own_occlusion(sights, target, pipeline.rig),
+        own_occlusion=own_occlusion(sights, target, pipeline.rig)
+        if pipeline.own_boxes
+        else np.full(len(online), np.nan),
         unseen_slots=target - _last_looks(sights, ordered, state.slot + 1),
         visibility=visibility,
         deficit=state.deficit,
@@ -249,9 +253,11 @@ def _reasons(situation: Situation, decision: Selection) -> Reasons | None:
 
 
 def _look(
-    rig: Rig, sights: tuple[Sight, ...], views: Mapping[int, Poses2D], slot: int
+    pipeline: Pipeline, sights: tuple[Sight, ...], views: Mapping[int, Poses2D], slot: int
 ) -> tuple[Sight, ...]:
+    if not pipeline.own_boxes:
+        return tuple(s.at(slot) if index in views else s for index, s in enumerate(sights))
     return tuple(
         look(sight, views[index], slot, camera.image_size) if index in views else sight
-        for index, (sight, camera) in enumerate(zip(sights, rig.cameras, strict=True))
+        for index, (sight, camera) in enumerate(zip(sights, pipeline.rig.cameras, strict=True))
     )

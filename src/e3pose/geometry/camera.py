@@ -339,8 +339,43 @@ class Rig:
         return np.stack([camera.R.T @ np.linalg.inv(camera.K) for camera in self.cameras])
 
     def project(self, points_m: ArrayLike) -> Floats:
-        """Project `(*batch, 3)` points into every camera: `(num_cameras, *batch, 2)` pixels."""
-        return np.stack([camera.project(points_m) for camera in self.cameras])
+        """Project `(*batch, 3)` points into every camera: `(num_cameras, *batch, 2)` pixels.
+
+        Missing is what `Camera.project` calls so.
+        """
+        points = np.asarray(points_m, dtype=np.float64)
+        flat = points.reshape(-1, 3)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurdly far points become NaN
+            in_camera = flat @ self._rotations.transpose(0, 2, 1) + self._translations
+            depth = np.where(in_camera[..., 2:] >= MIN_DEPTH_M, in_camera[..., 2:], np.nan)
+            ideal = in_camera[..., :2] / depth
+            for camera, moved in zip(self.cameras, ideal, strict=True):
+                if len(camera.distortion):
+                    moved[:] = camera.lens.distort(moved)
+            pixels = ideal @ self._focal.transpose(0, 2, 1) + self._principal
+            pixels[~np.isfinite(pixels).all(axis=-1)] = np.nan
+        return np.asarray(pixels.reshape(len(self), *points.shape[:-1], 2))
+
+    @cached_property
+    def image_sizes(self) -> Floats:
+        """`(num_cameras, 2)` width and height in pixels."""
+        return np.array([camera.image_size for camera in self.cameras], dtype=np.float64)
+
+    @cached_property
+    def _rotations(self) -> Floats:
+        return np.stack([camera.R for camera in self.cameras])
+
+    @cached_property
+    def _translations(self) -> Floats:
+        return np.stack([camera.t for camera in self.cameras])[:, None]
+
+    @cached_property
+    def _focal(self) -> Floats:
+        return np.stack([camera.K[:2, :2] for camera in self.cameras])
+
+    @cached_property
+    def _principal(self) -> Floats:
+        return np.stack([camera.K[:2, 2] for camera in self.cameras])[:, None]
 
     def fundamental(self, first: int, second: int) -> Floats:
         """Return `(3, 3)` F: `x_second^T F x_first = 0` for undistorted pixels of one point."""

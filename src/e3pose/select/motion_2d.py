@@ -38,6 +38,10 @@ class Sight:
         """Return the sight of a camera that never looked."""
         return cls(-1, np.zeros((0, 4)), np.zeros((0, 4)))
 
+    def at(self, slot: int) -> Sight:
+        """Return the memory of a camera that looked in `slot`, and of whose boxes nobody asks."""
+        return Sight(slot, self.boxes, self.motion)
+
 
 def look(sight: Sight, view: Poses2D, slot: int, image_size: tuple[int, int]) -> Sight:
     """Return the camera's memory after it detected `view` in `slot`."""

@@ -26,17 +26,8 @@ def person_boxes(keypoints_px: Floats, image_size: ArrayLike) -> Floats:
         `BOX_EXPANSION` about its centre and cut at the image border; NaN for people without a joint
         inside the image, who do not count in this view.
     """
-    finite = np.asarray(np.isfinite(keypoints_px).all(axis=-1))[..., None]
-    low = np.where(finite, keypoints_px, np.inf).min(axis=-2)
-    high = np.where(finite, keypoints_px, -np.inf).max(axis=-2)
     size = np.asarray(image_size, dtype=np.float64)
-    inside = np.asarray(inside_image(keypoints_px, size[..., None, :]).any(axis=-1))
-    with np.errstate(invalid="ignore"):
-        margin = (high - low) * (BOX_EXPANSION / 2)
-        low = np.minimum(np.maximum(low - margin, -0.5), size - 0.5)
-        high = np.minimum(np.maximum(high + margin, -0.5), size - 0.5)
-    boxes = np.concatenate([low, high], axis=-1)
-    return np.where(inside[..., None], boxes, np.nan)
+    return _boxes(keypoints_px, inside_image(keypoints_px, size[..., None, :]), size)
 
 
 def inside_image(pixels: Floats, image_size: ArrayLike) -> NDArray[np.bool_]:
@@ -44,6 +35,23 @@ def inside_image(pixels: Floats, image_size: ArrayLike) -> NDArray[np.bool_]:
     with np.errstate(invalid="ignore"):
         inside = (pixels >= -0.5) & (pixels <= np.asarray(image_size) - 0.5)
     return np.asarray(inside[..., 0] & inside[..., 1])
+
+
+def _boxes(keypoints_px: Floats, inside: NDArray[np.bool_], size: Floats) -> Floats:
+    """Box people whose joints `(*batch, num_joints)` are `inside` the image or not."""
+    x, y = keypoints_px[..., 0], keypoints_px[..., 1]
+    finite = np.isfinite(x) & np.isfinite(y)
+    boxes = np.empty((*keypoints_px.shape[:-2], 4))
+    for axis, along in enumerate((x, y)):
+        low = np.where(finite, along, np.inf).min(axis=-1, initial=np.inf)
+        high = np.where(finite, along, -np.inf).max(axis=-1, initial=-np.inf)
+        with np.errstate(invalid="ignore"):
+            margin = (high - low) * (BOX_EXPANSION / 2)
+            most = size[..., axis] - 0.5
+            boxes[..., axis] = np.clip(low - margin, -0.5, most)
+            boxes[..., axis + 2] = np.clip(high + margin, -0.5, most)
+    boxes[~inside.any(axis=-1)] = np.nan
+    return boxes
 
 
 def box_iou(first: Floats, second: Floats) -> Floats:
@@ -85,10 +93,11 @@ def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
         `(num_cameras,)` the occlusion of eq. (4), and `(num_cameras, num_persons)` the share of
         each person's joints inside the image.
     """
-    sizes = np.array([camera.image_size for camera in rig.cameras])[:, None]
-    pixels = np.stack([camera.project(joints_m) for camera in rig.cameras])
-    inside = inside_image(pixels, sizes[:, None]).mean(axis=-1)
-    return occlusion(person_boxes(pixels, sizes)), inside
+    pixels = rig.project(joints_m)
+    sizes = rig.image_sizes[:, None]
+    inside = inside_image(pixels, sizes[:, None])
+    share = inside.mean(axis=-1) if pixels.shape[2] else np.zeros(pixels.shape[:2])
+    return occlusion(_boxes(pixels, inside, sizes)), share
 
 
 @lru_cache(maxsize=64)

@@ -185,6 +185,7 @@ def make_pipeline(
         warmup_slots=settings.warmup_slots,
         holds=row.holds,
         foresees=row.foresees or settings.foresees,
+        own_boxes=row.own_boxes,
         # All policies are compared with one estimator, unless somebody asks for a better one.
         steers=settings.predictor is not None,
     )

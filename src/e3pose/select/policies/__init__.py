@@ -58,6 +58,7 @@ class PolicyRow:
         holds: whether slots without a view show the poses of the slot before, being lost frames of
             a lower frame rate rather than failed estimates.
         foresees: whether it needs to know what each camera is expected to tell.
+        own_boxes: whether it asks what cameras foresee from the boxes of their own views.
         aims: whether it can choose the number of cameras by the error that it expects.
         about: one line for `--help` and tables.
     """
@@ -70,6 +71,7 @@ class PolicyRow:
     predictor: str = "constant-velocity"
     holds: bool = False
     foresees: bool = False
+    own_boxes: bool = False
     aims: bool = False
 
 
@@ -91,12 +93,14 @@ POLICIES: dict[str, PolicyRow] = {
         "each camera for itself, by its own 2D motion vectors and a threshold (ID)",
         counts=False,
         asks_count=False,
+        own_boxes=True,
     ),
     "central-2d": PolicyRow(
         lambda s: Central2D(s.num_selected, s.weight(), s.round_trip_s, s.phase),
         "cameras predict boxes, the edge selects, a round trip each time",
         counts=False,
         holds=True,
+        own_boxes=True,
     ),
     "e3pose-mv": PolicyRow(
         lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase),
