@@ -19,7 +19,7 @@ def main() -> None:
     """Print how many people were found, and how well."""
     recording = simulate(SceneSettings(scene="crossing", people=4, seconds=10), seed=1)
     assert recording.truth is not None
-    fuser = Fuser(recording.rig, len(recording.skeleton), backend="reference")
+    fuser = Fuser(recording.rig, len(recording.skeleton))
     errors_mm: list[float] = []
     people = found = 0
     for slot in range(0, recording.num_slots, 5):

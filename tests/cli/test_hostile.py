@@ -101,7 +101,7 @@ RECORDINGS: dict[str, tuple[Break, str]] = {
     "no header": (gone(HEADER), "recording.toml: file not found"),
     "empty header": (whole(HEADER, ""), "recording.toml: format: found"),
     "truncated header": (cut(HEADER, 45), "recording.toml: .*TOML"),
-    "version of tomorrow": (text(HEADER, "version = 1", "version = 3"), "version: found 3"),
+    "version of tomorrow": (text(HEADER, "version = 3", "version = 4"), "version: found 4"),
     "unknown key that clears the screen": (
         text(HEADER, "fps", '"\\u001b[2J" = 1\nfps'),
         r"recording.toml: .*\\x1b",

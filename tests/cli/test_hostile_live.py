@@ -232,7 +232,7 @@ FILES: list[tuple[str, Break, str]] = [
     (f"{CAMERA} recorded:rec --endpoint tls/localhost:1 --keys keys/cameras/cam0",
      cut(PEM), "camera.pem: found no certificate or key"),
     ("camera cam.toml", whole("cam.toml", 'format = "e3pose-camera"\nversion = 1'), "not found"),
-    ("info rec", ahead(HEADER, "battery_wh = { cam0 = 5.0 }"), "version: found 1, expected 2"),
+    ("info rec", new(HEADER, "version = 3", "version = 2"), "version: found 2, expected 3"),
     ("replay rec --noise noise.toml", cut(NOISE), "noise.toml: "),
     ("replay rec --noise noise.toml", new(NOISE, "version = 1", "version = 2"), "version: found"),
     ("replay rec --noise noise.toml", ahead(NOISE, "zzz = 1"), "unknown key 'zzz'"),
