@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from e3pose.evaluate.metrics import (
     Candidates,
+    acceleration_error_mps2,
     average_precision,
     candidates,
     id_switches,
@@ -165,3 +166,16 @@ def test_identity_switches_by_hand(
 
 def test_identity_switches_need_truth() -> None:
     assert id_switches([people(0)], [np.array([1])], people(NAN)[None]) is None
+
+
+def test_acceleration_error_is_that_of_three_slots_of_one_track() -> None:
+    times = np.arange(6) / 10
+    truth = np.zeros((6, 1, 2, 3))
+    truth[:, 0, :, 0] = 0.5 * 2.0 * times[:, None] ** 2  # 2 m/s2
+    still = [truth[0] + [0.1 * t, 0, 0] for t in times]  # an even motion
+    ids = [np.array([4])] * 6
+    error = acceleration_error_mps2(still, ids, truth, 0.1)
+    assert error == pytest.approx(2.0)
+    assert acceleration_error_mps2(list(truth), ids, truth, 0.1) == pytest.approx(0.0)
+    changing = [np.array([slot // 2]) for slot in range(6)]  # nobody stays for three slots
+    assert acceleration_error_mps2(still, changing, truth, 0.1) is None

@@ -101,6 +101,9 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, A
     if found.num_truths:
         ids = [np.zeros(0, np.int64) if r is None else r.track_ids for r in scored]
         figures["id_switches"] = metrics.id_switches(people, ids, rooted)
+        figures["acceleration_error_mps2"] = metrics.acceleration_error_mps2(
+            people, ids, rooted, recording.interval_s
+        )
     if recording.truth_complete:
         figures["precision_500mm"] = metrics.precision_500mm(found)
         precision = {f"{k}": metrics.average_precision(found, k / 1000) for k in AP_LIMITS_MM}
