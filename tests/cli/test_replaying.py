@@ -15,6 +15,7 @@ from e3pose.model.skeleton import COCO17
 from e3pose.recording import save_recording
 
 NUM_SLOTS = 25
+COLUMNS = ["slot", "time", "track", "joint", "x", "y", "z", "score", "measured", "sigma"]
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +41,7 @@ def test_figures_and_poses_are_written(folder: Path, tmp_path: Path) -> None:
     assert summary["selection"]["mean_cameras"] == pytest.approx((10 * 4 + 15 * 2) / 25)
     assert 0 < summary["energy"]["saving_percent"] < 100
     rows = list(csv.DictReader(poses.read_text().splitlines()))
-    assert list(rows[0]) == ["slot", "time", "track", "joint", "x", "y", "z", "score"]
+    assert list(rows[0]) == COLUMNS
     assert len(rows) == NUM_SLOTS * 17
     assert {row["joint"] for row in rows} == set(COCO17.joints)
     assert {row["track"] for row in rows} == {"0"}
@@ -58,7 +59,7 @@ def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
     )
     assert code == 0
     table = parquet.read_table(poses)
-    assert table.column_names == ["slot", "time", "track", "joint", "x", "y", "z", "score"]
+    assert table.column_names == COLUMNS
     assert table.num_rows == NUM_SLOTS * 17
 
 

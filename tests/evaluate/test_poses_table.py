@@ -54,7 +54,7 @@ def test_rows_name_slot_track_and_joint(tmp_path: Path) -> None:
 def test_nobody_is_a_table_without_rows(tmp_path: Path) -> None:
     write_poses([record(0, Poses3D.empty(17), [])], COCO17, tmp_path / "poses.csv")
     text = (tmp_path / "poses.csv").read_text()
-    assert text.strip() == "slot,time,track,joint,x,y,z,score"
+    assert text.strip() == "slot,time,track,joint,x,y,z,score,measured,sigma"
 
 
 def test_unknown_ending_is_refused_and_nothing_written(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""3D poses as a table of rows `slot, time, track, joint, x, y, z, score`: CSV or Parquet."""
+"""3D poses as a table, CSV or Parquet: a row per slot, person and joint."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
 from e3pose.model.skeleton import Skeleton
+from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord
 
 FORMATS = (".csv", ".parquet")
@@ -67,6 +68,13 @@ def _columns(records: Sequence[SlotRecord], skeleton: Skeleton) -> dict[str, Any
         [np.zeros(0, dtype=np.int64), *(record.track_ids for record in records)]
     )
     positions = joints[person, joint].round(DECIMALS_M)
+    covariance = np.concatenate(
+        [np.zeros((0, len(skeleton), 3, 3)), *(record.covariance_m2 for record in records)]
+    )
+    sigma = axis_sigma_m(covariance[person, joint])
+    measured = np.concatenate(
+        [np.zeros((0, len(skeleton)), dtype=bool), *(record.measured for record in records)]
+    )
     return {
         "slot": slots[person],
         "time": times[person].round(6),
@@ -76,4 +84,6 @@ def _columns(records: Sequence[SlotRecord], skeleton: Skeleton) -> dict[str, Any
         "y": positions[:, 1],
         "z": positions[:, 2],
         "score": scores[person, joint].round(4),
+        "measured": measured[person, joint],
+        "sigma": [None if np.isnan(value) else value for value in sigma.round(DECIMALS_M)],
     }
