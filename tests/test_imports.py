@@ -34,9 +34,9 @@ HEAVY = {
 # The rooms, innermost first: each may import those before it.
 LAYERS: list[str] = []
 for rooms in (
-    "errors plural clock kernel files model geometry predict energy estimate select pipeline",
-    "calibration recording detectors wire settings store simulate camera evaluate learn edge",
-    "site report demo cli __main__",
+    "errors plural clock kernel files model geometry predict energy estimate smooth select",
+    "pipeline calibration recording detectors wire settings store simulate camera",
+    "evaluate learn edge site report demo cli __main__",
 ):
     LAYERS += rooms.split()
 NOT_YET = {("settings", "evaluate")}  # what can go wrong in a replay is part of its settings
@@ -48,8 +48,9 @@ PURE = (
     "estimate.per_slot.track", "select.policies", "select.expected_information", "select.occlusion",
     "select.motion_2d", "select.newcomers", "select.blind_places", "select.camera_order",
     "select.failure_detector", "energy.queues", "energy.learned_cost", "energy.budgets",
-    "energy.site_energy", "pipeline", "recording.record", "evaluate.metrics",
-    "evaluate.prediction.motion", "evaluate.prediction.scores", "evaluate.prediction.tally",
+    "energy.site_energy", "smooth", "model.take", "pipeline", "recording.record",
+    "evaluate.metrics", "evaluate.prediction.motion", "evaluate.prediction.scores",
+    "evaluate.prediction.tally",
     "wire.codec", "wire.offset", "clock", "edge.lead", "edge.roster",
 )  # fmt: skip
 SOURCE = Path(e3pose.__file__).parent

@@ -63,6 +63,19 @@ def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
     assert table.num_rows == NUM_SLOTS * 17
 
 
+@pytest.mark.parametrize("method", ["rts", "butterworth"])
+def test_smoothed_poses_are_figures_and_rows(folder: Path, tmp_path: Path, method: str) -> None:
+    found = {}
+    for name, options in (("plain", []), ("smooth", ["--smooth", method])):
+        figures, poses = tmp_path / f"{name}.json", tmp_path / f"{name}.csv"
+        written = ["--json", str(figures), "--poses", str(poses)]
+        assert run("replay", str(folder), "--cameras", "1", *written, *options) == 0
+        found[name] = json.loads(figures.read_text())["metrics"], poses.read_text()
+    (plain, rows), (smooth, smoothed) = found["plain"], found["smooth"]
+    assert len(rows.splitlines()) == len(smoothed.splitlines()) and rows != smoothed
+    assert smooth["acceleration_error_mps2"] < plain["acceleration_error_mps2"]
+
+
 @pytest.mark.parametrize(
     ("options", "named"),
     [
@@ -84,6 +97,9 @@ def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
         (["--budget", "0.1"], "budget"),
         (["--profile", "toaster"], "toaster"),
         (["--poses", "poses.xlsx"], ".xlsx"),
+        (["--smooth", "best"], "best"),
+        (["--smooth", "rts", "--store", "live.db"], "expected no --smooth"),
+        (["--cutoff", "6Hz"], "--cutoff"),
         (["--bogus", "1"], "bogus"),
     ],
 )

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from e3pose.cli.bad_days import BadDayOptions
 from e3pose.cli.options import EnergyOptions, LoopOptions, check_outputs, choice, warn
+from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
 
+if TYPE_CHECKING:
+    from e3pose.estimate.base import People
+    from e3pose.estimate.filter.posterior import Posterior
+
 LOOP, ENERGY, BAD_DAY, STORE = LoopOptions(), EnergyOptions(), BadDayOptions(), StoreOptions()
+SMOOTH = SmoothOptions()
 
 
 def replay(
@@ -25,6 +31,7 @@ def replay(
     energy: EnergyOptions = ENERGY,
     bad_day: BadDayOptions = BAD_DAY,
     store: StoreOptions = STORE,
+    smooth: SmoothOptions = SMOOTH,
     poses: Path | None = None,
     report: Path | None = None,
     json_file: Annotated[Path | None, Parameter(name="--json")] = None,
@@ -37,6 +44,9 @@ def replay(
     1.5), an accuracy (`--target-error 40mm`), or how long the batteries are to last
     (`--lifetime 6h --battery-wh 50`). A lifetime may be joined with either of the others and then
     limits them; a number and an accuracy exclude each other.
+
+    With `--smooth` the poses, the page and the figures are what the loop could have said with all
+    slots before it; cameras are chosen as without.
 
     Prints accuracy (where the recording has truth), what every camera did, and the energy saved.
 
@@ -74,6 +84,12 @@ def replay(
         raise InputError(f"--report: found {str(report)!r}, expected a name that ends in .html")
     if store.store is not None or store.keep or store.max_size:
         store.retention()
+    smoothing = smooth.settings()
+    if store.store is not None and smoothing.method is not None:
+        raise InputError(
+            "--store: keeps what a live site would have known, expected no --smooth; smooth later "
+            "with e3pose export"
+        )
     outputs = {"--poses": poses, "--json": json_file, "--report": report}
     check_outputs(recording, {"--store": store.file(), **outputs})
     source = bad_day.thinned(load_recording(recording))
@@ -86,8 +102,14 @@ def replay(
         bad_day=day,
         **{**asked, **choice(cameras, asked, plan, len(source.rig))},
     )
+    posteriors: list[Posterior] = []
+
+    def heard(people: People) -> None:
+        if smoothing.method == "rts" and people.posterior is not None:
+            posteriors.append(people.posterior)
+
     slots = stored(
-        run_replay(source, settings),
+        run_replay(source, settings, tell=heard),
         store,
         source,
         f"replay {settings.policy_name}",
@@ -95,6 +117,13 @@ def replay(
         plan.idle_mode,
     )
     records = list(track_progress(slots, source.num_slots, "replay"))
+    if smoothing.method is not None:
+        from e3pose.evaluate.smoothed import smooth_poses, smooth_records
+
+        if posteriors:
+            records = smooth_records(records, posteriors, source.skeleton)
+        else:
+            records = smooth_poses(records, source.skeleton, source.interval_s, smoothing)
     warn(noise_warning(source, settings))  # beside the figures; an error before them is one line
     summary = summarise(
         source,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter import Outlook as Outlook
+from e3pose.estimate.filter.posterior import Posterior
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
 
@@ -36,6 +37,7 @@ class People:
         stage_s: seconds spent in each stage of the estimator.
         noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
             states; NaN where too little is seen, None of an estimator that does not learn it.
+        posterior: of everybody followed, for a smoother; None of an estimator without a memory.
     """
 
     poses: Poses3D
@@ -46,6 +48,7 @@ class People:
     measured: NDArray[np.bool_]
     stage_s: Mapping[str, float]
     noise_factors: NDArray[np.float64] | None = None
+    posterior: Posterior | None = None
 
 
 class Estimator(Protocol[Memory]):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
+from e3pose.estimate.base import People
 from e3pose.evaluate.bad_days import BadDay, arriving, capacity_j, deaths_s
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
@@ -32,11 +33,18 @@ def replay(
     recording: Recording,
     settings: ReplaySettings,
     clock: Callable[[], float] = time.perf_counter,
+    tell: Callable[[People], None] = lambda people: None,
 ) -> Iterator[SlotRecord]:
     """Run the recording through `pipeline.step` and yield one record per slot.
 
     The estimator and the policy are given the views of selected cameras and nothing else: no other
     view and no truth is even read.
+
+    Args:
+        recording: what the cameras saw.
+        settings: how the loop runs.
+        clock: seconds, for stage times only.
+        tell: called with the people of every slot, before its record is yielded.
 
     Raises:
         InputError: naming the option that cannot be had for this recording.
@@ -45,7 +53,7 @@ def replay(
     day = settings.bad_day
     gone_s = deaths_s(recording, day.kills, settings.phase)
     arriving(len(recording.rig), day.loss, settings.seed, 0)
-    return _run(recording, pipeline, day, gone_s, settings.seed)
+    return _run(recording, pipeline, day, gone_s, settings.seed, tell)
 
 
 def _run(
@@ -54,6 +62,7 @@ def _run(
     day: BadDay,
     gone_s: NDArray[np.float64],
     seed: int,
+    tell: Callable[[People], None],
 ) -> Iterator[SlotRecord]:
     state = initial_state(pipeline)
     left_j = capacity_j(recording)
@@ -62,7 +71,7 @@ def _run(
         came = online & arriving(len(online), day.loss, seed, slot)
         views = selected_views(recording, slot, state.selections[0] & came)
         try:
-            state, record = step(pipeline, state, views, online)
+            state, record = step(pipeline, state, views, online, tell)
         except InputError as error:
             raise InputError(f"{recording.name}: slot {slot}: {error}") from None
         if day.watts is not None:

@@ -14,7 +14,8 @@ T = TypeVar("T")
 QUANTITY = re.compile(r"\s*([0-9]*\.?[0-9]+)\s*([a-z]*)\s*", re.IGNORECASE)
 LENGTHS_M = {"mm": 0.001, "cm": 0.01, "m": 1.0}
 LONGEST_S = 1e8  # three years
-DURATIONS_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+FREQUENCIES_HZ = {"hz": 1.0}
+DURATIONS_S = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
 def length_m(option: str, text: str) -> float:
@@ -25,6 +26,11 @@ def length_m(option: str, text: str) -> float:
 def duration_s(option: str, text: str) -> float:
     """Read a duration with its unit, such as 90s, 30min, 10h or 2d, in seconds."""
     return _quantity(option, text, DURATIONS_S, "10h")
+
+
+def frequency_hz(option: str, text: str) -> float:
+    """Read a frequency with its unit, such as 6Hz."""
+    return _quantity(option, text, FREQUENCIES_HZ, "6Hz")
 
 
 def per_camera(

@@ -12,6 +12,7 @@ from e3pose.estimate.base import STEER_SLOTS, People
 from e3pose.estimate.filter import Belief, Estimate, Model, Outlook, outlook
 from e3pose.estimate.filter.covariance_inflation import spread_factor
 from e3pose.estimate.filter.learned_noise import found
+from e3pose.estimate.filter.posterior import posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
 from e3pose.estimate.filter.steer import steer
 from e3pose.model.pose import Poses2D, Poses3D
@@ -93,6 +94,7 @@ class Filtered:
             estimate.measured,
             {"estimate": clock() - start},
             found(belief.noise, self.model.noise.weight),
+            posterior_of(belief, identities.of(belief.track_ids)),
         )
         return Remembered(belief, identities, estimate.track_ids, history), people
 

@@ -67,3 +67,37 @@ def alone(tree: Tree) -> tuple[Floats, Floats]:
         total[level] += total[tree.parents[level]]
         lasting[level] += lasting[tree.parents[level]]
     return total, lasting / total
+
+
+def fading(density_m2ps3: Floats, lasts_s: Floats, dt: float) -> tuple[Floats, Floats]:
+    """Return R and the covariance of w along one axis, `(*batch, 2, 2)` each.
+
+    Args:
+        density_m2ps3: `(*batch)` power density of the acceleration.
+        lasts_s: `(*batch)` until a velocity is down to 1/e.
+        dt: seconds, 0 or more.
+    """
+    tau = lasts_s
+    fade = np.exp(-dt / tau)
+    gone = 1 - fade
+    step = np.array([[np.ones_like(tau), tau * gone], [np.zeros_like(tau), fade]])
+    pp = tau**2 * (dt - 2 * tau * gone + tau * (1 - fade**2) / 2)
+    pv, vv = (tau * gone) ** 2 / 2, tau * (1 - fade**2) / 2
+    noise: Floats = np.array([[pp, pv], [pv, vv]]) * density_m2ps3
+    R = np.moveaxis(step, (0, 1), (-2, -1))
+    W = np.moveaxis(noise, (0, 1), (-2, -1))
+    return np.asarray(R, dtype=np.float64), np.asarray(W, dtype=np.float64)
+
+
+def transitions(tree: Tree, level: Ints, dt: float) -> tuple[Floats, Floats]:
+    """Return R and the covariance of w of joints, `(num_joints_of_level, 6, 6)` each.
+
+    Args:
+        tree: of the skeleton.
+        level: `(num_joints_of_level,)` the joints.
+        dt: seconds, 0 or more.
+    """
+    density = ACCELERATION_LASTS_S * tree.drift_m2ps4[level]
+    step, noise = fading(density, tree.lasts_s[level], dt)
+    R, W = (np.asarray(np.kron(each, np.eye(3)), dtype=np.float64) for each in (step, noise))
+    return R, W

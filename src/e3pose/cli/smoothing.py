@@ -1,0 +1,36 @@
+"""Smoothing as an option: which method, and its cut-off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from cyclopts import Parameter
+
+from e3pose.settings.quantities import frequency_hz
+
+if TYPE_CHECKING:
+    from e3pose.smooth import SmoothSettings
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class SmoothOptions:
+    """How poses are smoothed after the fact, for every verb that can wait for them."""
+
+    smooth: Literal["rts", "butterworth", "one-euro"] | None = None
+    """Smooth the poses: `rts` by what slots before and after tell, with the filter's own model of
+    motion; `butterworth`, low-pass of fourth order without delay; `one-euro`, which knows no later
+    slot."""
+    cutoff: str | None = None
+    """Cut-off of `butterworth` (by default 6Hz, or a quarter of the slots a second), and the least
+    one of `one-euro` (1Hz)."""
+
+    def settings(self) -> SmoothSettings:
+        """Return what these options ask for; raise `InputError` for what contradicts itself."""
+        from e3pose.smooth import SmoothSettings, check_smoothing
+
+        cutoff_hz = None if self.cutoff is None else frequency_hz("--cutoff", self.cutoff)
+        settings = SmoothSettings(self.smooth, cutoff_hz)
+        check_smoothing(settings)
+        return settings

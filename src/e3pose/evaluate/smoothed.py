@@ -1,0 +1,123 @@
+"""A replay whose poses are smoothed: what the loop could have said, had it been allowed to wait."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.posterior import Posterior
+from e3pose.estimate.filter.tree import Tree, grow
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import Skeleton
+from e3pose.model.take import Take, motion_of
+from e3pose.model.uncertainty import axis_sigma_m
+from e3pose.pipeline import SlotRecord
+from e3pose.smooth import SmoothSettings, smoothed
+from e3pose.smooth.bodies import FixedLag, Smoothed, smooth_bodies
+
+Floats = NDArray[np.float64]
+
+
+def smooth_records(
+    records: Sequence[SlotRecord],
+    posteriors: Sequence[Posterior],
+    skeleton: Skeleton,
+    lag_slots: int | None = None,
+) -> list[SlotRecord]:
+    """Return the records of a replay with the people that the smoother over bodies finds.
+
+    The same people in the same slots, nobody earlier and no joint that was missing. Covariances
+    keep the factor of what is stated (`filter.honesty`).
+
+    Args:
+        records: slot by slot.
+        posteriors: of the same slots.
+        skeleton: of the poses.
+        lag_slots: how many later slots each slot may know; None for all.
+    """
+    tree = grow(skeleton)
+    if lag_slots is None:
+        found = smooth_bodies(tree, posteriors)
+    else:
+        found = list(_lagging(tree, posteriors, lag_slots))
+    return [_amended(record, late) for record, late in zip(records, found, strict=True)]
+
+
+def take_of_records(
+    records: Sequence[SlotRecord], skeleton: Skeleton, interval_s: float, name: str
+) -> Take:
+    """Return the people of a replay, slot by slot, as a take of this name."""
+    rows: dict[int, list[tuple[SlotRecord, int]]] = {}
+    for record in records:
+        for person, track_id in enumerate(record.track_ids.tolist()):
+            rows.setdefault(track_id, []).append((record, person))
+    motions = [
+        motion_of(
+            track_id,
+            np.array([record.slot for record, _ in own], dtype=np.int64),
+            np.stack([record.poses.joints_m[person] for record, person in own]),
+            np.stack([axis_sigma_m(record.covariance_m2[person]) for record, person in own]),
+            np.stack([record.poses.scores[person] for record, person in own]),
+            np.stack([record.measured[person] for record, person in own]),
+        )
+        for track_id, own in sorted(rows.items())
+    ]
+    return Take(name, skeleton, interval_s, tuple(motions))
+
+
+def smooth_poses(
+    records: Sequence[SlotRecord], skeleton: Skeleton, interval_s: float, settings: SmoothSettings
+) -> list[SlotRecord]:
+    """Return the records with poses smoothed by themselves, without what the filter knew besides.
+
+    Args:
+        records: slot by slot.
+        skeleton: of the poses.
+        interval_s: seconds a slot.
+        settings: the method; gaps stay as they are.
+    """
+    take = smoothed(take_of_records(records, skeleton, interval_s, ""), replace(settings, fill_s=0))
+    motions = {motion.track_id: motion for motion in take.motions}
+    result = []
+    for record in records:
+        joints_m = record.poses.joints_m.copy()
+        covariance_m2 = record.covariance_m2.copy()
+        for person, track_id in enumerate(record.track_ids.tolist()):
+            motion = motions[track_id]
+            row = record.slot - motion.first
+            joints_m[person] = motion.joints_m[row]
+            before = axis_sigma_m(covariance_m2[person])
+            with np.errstate(invalid="ignore", divide="ignore"):
+                less = (motion.sigma_m[row] / before) ** 2
+            covariance_m2[person] *= np.where(np.isfinite(less), less, 1.0)[:, None, None]
+        poses = Poses3D(joints_m, record.poses.scores)
+        result.append(replace(record, poses=poses, covariance_m2=covariance_m2))
+    return result
+
+
+def _lagging(tree: Tree, posteriors: Sequence[Posterior], lag_slots: int) -> Iterator[Smoothed]:
+    """Yield every slot as `lag_slots` later ones tell it; the last ones know fewer."""
+    lag = FixedLag(tree, lag_slots)
+    for posterior in posteriors:
+        late = lag.push(posterior)
+        if late is not None:
+            yield late
+    yield from smooth_bodies(tree, posteriors[max(0, len(posteriors) - lag_slots) :])
+
+
+def _amended(record: SlotRecord, late: Smoothed) -> SlotRecord:
+    posterior = late.posterior
+    there = {track_id: row for row, track_id in enumerate(posterior.track_ids.tolist())}
+    rows = [there[track_id] for track_id in record.track_ids.tolist()]
+    known = (record.poses.scores > 0)[..., None]
+    before = np.trace(posterior.covariance[rows, :, :3, :3], axis1=-2, axis2=-1)
+    stated = np.trace(record.covariance_m2, axis1=-2, axis2=-1)
+    factor = np.where(known[..., 0], stated / before, np.nan)
+    return replace(
+        record,
+        poses=Poses3D(np.where(known, late.joints_m[rows], np.nan), record.poses.scores),
+        covariance_m2=late.covariance_m2[rows] * factor[..., None, None],
+    )

@@ -1,0 +1,137 @@
+"""A take: how people moved over slots of one length, each person by themselves.
+
+What smoothing and exports work on. A take is read from a store or from a table of poses, or made of
+the records of a replay. Missing is NaN, never a number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.model.skeleton import Skeleton
+
+Floats = NDArray[np.float64]
+Origins = NDArray[np.uint8]
+
+# Where a joint's place comes from.
+MISSING, MEASURED, PREDICTED, FILLED = range(4)
+ORIGINS = ("missing", "measured", "predicted", "filled")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """One person from the first to the last slot in which they were shown.
+
+    Attributes:
+        track_id: the identity.
+        first: the slot of the first row.
+        joints_m: `(num_slots, num_joints, 3)` world metres, z up; NaN where missing.
+        sigma_m: `(num_slots, num_joints)` standard deviation along an axis; NaN where unknown.
+        scores: `(num_slots, num_joints)` in [0, 1], 0 where missing.
+        origin: `(num_slots, num_joints)` an index of `ORIGINS`: measured in the slot, predicted
+            from others by the estimator, filled in afterwards, or missing.
+    """
+
+    track_id: int
+    first: int
+    joints_m: Floats
+    sigma_m: Floats
+    scores: Floats
+    origin: Origins
+
+    def __len__(self) -> int:
+        return len(self.joints_m)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """`(num_slots, num_joints)`: which joints have a place."""
+        return np.asarray(self.origin != MISSING)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Take:
+    """Everybody over a stretch of time.
+
+    Attributes:
+        name: what a person calls it.
+        skeleton: of the joint axis.
+        interval_s: seconds a slot.
+        motions: one a person, by track id.
+        started_ns: time of slot 0 since 1970, UTC; None where nobody knows.
+    """
+
+    name: str
+    skeleton: Skeleton
+    interval_s: float
+    motions: tuple[Motion, ...]
+    started_ns: int | None = None
+
+    @property
+    def fps(self) -> float:
+        """Slots a second."""
+        return 1.0 / self.interval_s
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """The first slot with somebody and the one after the last; (0, 0) with nobody."""
+        if not self.motions:
+            return 0, 0
+        return min(m.first for m in self.motions), max(m.first + len(m) for m in self.motions)
+
+
+def motion_of(
+    track_id: int,
+    slots: NDArray[np.int64],
+    joints_m: Floats,
+    sigma_m: Floats,
+    scores: Floats,
+    measured: NDArray[np.bool_],
+) -> Motion:
+    """Return a person's rows as a motion without gaps in its slots.
+
+    Args:
+        track_id: the identity.
+        slots: `(num_rows,)` in any order, each once.
+        joints_m: `(num_rows, num_joints, 3)` metres, NaN where missing.
+        sigma_m: `(num_rows, num_joints)` metres, NaN where unknown.
+        scores: `(num_rows, num_joints)` in [0, 1].
+        measured: `(num_rows, num_joints)` whether a view of the slot measured the joint.
+
+    Raises:
+        InputError: when a slot comes twice.
+    """
+    order = np.argsort(slots, kind="stable")
+    slots = slots[order]
+    if (np.diff(slots) == 0).any():
+        twice = int(slots[1:][np.diff(slots) == 0][0])
+        raise InputError(f"track {track_id}: found slot {twice} twice, expected one row a slot")
+    rows = slots - slots[0]
+    shape = (int(rows[-1]) + 1, joints_m.shape[1])
+    here: NDArray[np.bool_] = np.asarray(np.isfinite(joints_m[order]).all(axis=-1))
+    places, sigma = np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+    places[rows] = np.where(here[..., None], joints_m[order], np.nan)
+    sigma[rows] = np.where(here, sigma_m[order], np.nan)
+    certainty, origin = np.zeros(shape), np.full(shape, MISSING, dtype=np.uint8)
+    certainty[rows] = np.where(here, scores[order], 0.0)
+    origin[rows] = np.where(here, np.where(measured[order], MEASURED, PREDICTED), MISSING)
+    return Motion(track_id, int(slots[0]), places, sigma, certainty, origin)
+
+
+def chosen(take: Take, tracks: Iterable[int]) -> Take:
+    """Return the take of some people only.
+
+    Raises:
+        InputError: when there is no such person in it.
+    """
+    wanted = list(dict.fromkeys(tracks))
+    there = {motion.track_id: motion for motion in take.motions}
+    for track in wanted:
+        if track not in there:
+            some = ", ".join(str(t) for t in list(there)[:12]) or "nobody"
+            raise InputError(f"track: found {track}, expected one of {some}")
+    return replace(take, motions=tuple(there[track] for track in wanted))

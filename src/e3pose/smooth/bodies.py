@@ -1,0 +1,197 @@
+"""Smooth whole bodies: the filter run backwards over what it knew slot by slot.
+
+A body of the filter is a Gaussian tree over the joints (`filter.tree`). Written out it is one
+Gaussian of all positions and velocities, moved on by the filter's own motion model
+(`filter.motion`); `rauch` takes it back. Nothing is linearised again and no view is read: all that
+views said is in the posteriors.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.motion import places, transitions
+from e3pose.estimate.filter.posterior import Posterior
+from e3pose.estimate.filter.tree import Tree
+from e3pose.smooth.rauch import Expected, expect, step_back
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Smoothed:
+    """Everybody followed in one slot, once later slots are known.
+
+    Attributes:
+        posterior: what the filter knew in the slot.
+        mean: `(num_tracks, 6 num_joints, 1)` position and velocity, joint by joint.
+        covariance: `(num_tracks, 6 num_joints, 6 num_joints)` of them.
+    """
+
+    posterior: Posterior
+    mean: Floats
+    covariance: Floats
+
+    @property
+    def joints_m(self) -> Floats:
+        """`(num_tracks, num_joints, 3)` metres."""
+        return np.asarray(self.mean.reshape(self.posterior.state.shape)[..., :3])
+
+    @property
+    def covariance_m2(self) -> Floats:
+        """`(num_tracks, num_joints, 3, 3)` of the positions."""
+        num_tracks, num_joints = self.posterior.state.shape[:2]
+        blocks = self.covariance.reshape(num_tracks, num_joints, 6, num_joints, 6)
+        own = np.moveaxis(np.diagonal(blocks, axis1=1, axis2=3), -1, 1)
+        return np.asarray(own[..., :3, :3])
+
+
+def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]:
+    """Return every slot as all slots together tell it: the fixed-interval smoother.
+
+    Args:
+        tree: of the skeleton.
+        posteriors: slot by slot, in order; a track is the same as long as its id is there.
+    """
+    found: list[Smoothed] = []
+    later: Posterior | None = None
+    for posterior in reversed(posteriors):
+        link = _linked(tree, posterior, later)
+        found.append(_taken_back(link, found[-1] if found else None))
+        later = posterior
+    return found[::-1]
+
+
+@dataclass
+class FixedLag:
+    """Smooth as slots come in: each is given back `lag_slots` slots later.
+
+    Attributes:
+        tree: of the skeleton.
+        lag_slots: how many later slots a slot waits for.
+    """
+
+    tree: Tree
+    lag_slots: int
+    _links: deque[_Link] = field(default_factory=deque)
+
+    def push(self, posterior: Posterior) -> Smoothed | None:
+        """Take in a slot; return the one `lag_slots` before it, None while there is none."""
+        if self._links:
+            self._links[-1] = _linked(self.tree, self._links[-1].posterior, posterior)
+        self._links.append(_linked(self.tree, posterior, None))
+        if len(self._links) <= self.lag_slots:
+            return None
+        smoothed: Smoothed | None = None
+        for link in reversed(self._links):
+            smoothed = _taken_back(link, smoothed)
+        self._links.popleft()
+        return smoothed
+
+
+def written_out(tree: Tree, covariance: Floats, shared: Floats) -> Floats:
+    """Return the covariance of whole bodies, `(num_tracks, 6 num_joints, 6 num_joints)`.
+
+    Args:
+        tree: of the skeleton.
+        covariance: `(num_tracks, num_joints, 6, 6)` of each joint.
+        shared: `(num_tracks, num_joints, 6, 6)` of each joint with its parent.
+    """
+    num_tracks, num_joints = covariance.shape[:2]
+    whole = np.zeros((num_joints, num_joints, num_tracks, 6, 6))
+    done: list[int] = []
+    for joint in np.concatenate(tree.levels).tolist():
+        parent = int(tree.parents[joint])
+        if parent >= 0:  # given its parent, a joint does not depend on the others
+            across = np.swapaxes(shared[:, joint], -1, -2)
+            gains = np.swapaxes(np.linalg.solve(covariance[:, parent], across), -1, -2)
+            whole[joint, done] = gains @ whole[parent, done]
+            whole[done, joint] = np.swapaxes(whole[joint, done], -1, -2)
+        whole[joint, joint] = covariance[:, joint]
+        done.append(joint)
+    size = 6 * num_joints
+    return np.asarray(whole.transpose(2, 0, 3, 1, 4).reshape(num_tracks, size, size))
+
+
+def body_transition(tree: Tree, dt: float) -> tuple[Floats, Floats]:
+    """Return F and Q of a whole body over `dt` seconds, `(6 num_joints, 6 num_joints)` each.
+
+    x' = F x + w, Cov w = Q: what `filter.motion` says joint by joint, but for the swing of limbs,
+    which moves the mean alone.
+    """
+    num_joints = len(tree.parents)
+    move = np.zeros((num_joints, 6, num_joints, 6))
+    above = np.zeros((num_joints, num_joints))  # whose noise a joint takes part in
+    own = np.zeros((num_joints, 6, 6))
+    for level in tree.levels:
+        R, own[level] = transitions(tree, level, dt)
+        for row, joint in enumerate(level.tolist()):
+            parent = int(tree.parents[joint])
+            move[joint, :, joint] += R[row]
+            above[joint, joint] = 1.0
+            if parent >= 0:
+                move[joint] += move[parent]
+                move[joint, :, parent] -= R[row]
+                above[joint] += above[parent]
+    noise = np.einsum("jk,kab,ik->jaib", above, own, above, optimize=True)
+    size = 6 * num_joints
+    return move.reshape(size, size), noise.reshape(size, size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Link:
+    """A slot and what it makes one expect of the next, of those who are in both.
+
+    Attributes:
+        posterior: of the slot.
+        covariance: `(num_tracks, size, size)` of whole bodies.
+        now: `(num_shared,)` rows of those who are in the next slot, too.
+        then: `(num_shared,)` their rows there.
+        expected: of the next slot; None where nobody is in both.
+    """
+
+    posterior: Posterior
+    covariance: Floats
+    now: Ints
+    then: Ints
+    expected: Expected | None
+
+
+def _linked(tree: Tree, posterior: Posterior, later: Posterior | None) -> _Link:
+    covariance = written_out(tree, posterior.covariance, posterior.shared)
+    none = np.zeros(0, dtype=np.int64)
+    if later is None or later.time_s <= posterior.time_s:
+        return _Link(posterior, covariance, none, none, None)
+    _, now, then = np.intersect1d(
+        posterior.tracks, later.tracks, assume_unique=True, return_indices=True
+    )
+    if len(now) == 0:
+        return _Link(posterior, covariance, none, none, None)
+    dt = later.time_s - posterior.time_s
+    move, noise = body_transition(tree, dt)
+    across = covariance[now] @ move.T
+    mean = _columns(places(tree, posterior.state[now], dt))
+    expected = expect(mean, move @ across + noise, across)
+    return _Link(posterior, covariance, now, then, expected)
+
+
+def _taken_back(link: _Link, later: Smoothed | None) -> Smoothed:
+    posterior = link.posterior
+    mean = _columns(posterior.state)
+    covariance = link.covariance.copy()
+    if later is not None and link.expected is not None:
+        now, then = link.now, link.then
+        mean[now], covariance[now] = step_back(
+            mean[now], covariance[now], link.expected, later.mean[then], later.covariance[then]
+        )
+    return Smoothed(posterior, mean, covariance)
+
+
+def _columns(state: Floats) -> Floats:
+    return np.array(state.reshape(len(state), state.shape[1] * state.shape[2], 1))

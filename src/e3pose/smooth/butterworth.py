@@ -1,0 +1,50 @@
+"""The low-pass filter of biomechanics: Butterworth, fourth order, there and back without delay."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.model.take import Motion
+from e3pose.smooth.gaps import stretches
+
+Floats = NDArray[np.float64]
+
+ORDER = 2  # of one pass; two passes make the fourth order
+# Two passes halve the power at a cut-off twice: each is given one that is higher (Winter 2009).
+ONE_PASS = (2 ** (1 / 2) - 1) ** (-1 / (2 * ORDER))
+LEAST_SLOTS = 4  # of a stretch; a shorter one stays as it is
+MARGIN = 9  # slots that are mirrored at the ends of a stretch
+
+
+def butterworth(motion: Motion, interval_s: float, cutoff_hz: float) -> Motion:
+    """Return the motion without what is faster than `cutoff_hz`; gaps divide it.
+
+    Args:
+        motion: of one person.
+        interval_s: seconds a slot.
+        cutoff_hz: where power is halved, Hz.
+
+    Raises:
+        InputError: when the slots are too slow for the cut-off.
+    """
+    from scipy.signal import butter, filtfilt
+
+    highest = 0.5 / interval_s
+    if not 0 < cutoff_hz * ONE_PASS < highest:
+        raise InputError(
+            f"--cutoff: found {cutoff_hz:g} Hz, expected more than 0 and less than "
+            f"{highest / ONE_PASS:.3g} Hz at {1 / interval_s:g} slots a second"
+        )
+    b, a = butter(ORDER, cutoff_hz * ONE_PASS / highest)
+    joints_m = motion.joints_m.copy()
+    for joint in range(joints_m.shape[1]):
+        for start, stop in stretches(motion.known[:, joint], 0):
+            if stop - start >= LEAST_SLOTS:
+                margin = min(MARGIN, stop - start - 1)
+                path = motion.joints_m[start:stop, joint]
+                joints_m[start:stop, joint] = filtfilt(b, a, path, axis=0, padlen=margin)
+    return Motion(
+        motion.track_id, motion.first, joints_m, motion.sigma_m, motion.scores, motion.origin
+    )

@@ -1,0 +1,116 @@
+"""Smooth poses that were kept: a filter read back from its own answers, then run backwards.
+
+A store keeps where joints were thought to be and how sure that was, not velocities and not how
+joints hang together. Joint by joint, both follow from the answers: with the position's mean m- and
+variance p- expected from the slot before, and m, s2 as kept,
+
+    k = 1 - s2 / p-,    (position, velocity) <- expected + (1, c- / p-) (m - m-)
+
+with c- the covariance of position and velocity: a measurement of a position moves the velocity by
+regression, whatever it was. So the kept answers are never taken for new measurements, which they
+are not. Each joint moves by itself, as `filter.motion.alone` has it; axes share one variance.
+Answers without a variance, which know nothing of the slots before, are measurements of
+`UNKNOWN_SIGMA_M`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.motion import alone, fading
+from e3pose.estimate.filter.tree import grow
+from e3pose.model.skeleton import Skeleton
+from e3pose.model.take import FILLED, Motion
+from e3pose.smooth.gaps import stretches
+from e3pose.smooth.rauch import Expected, expect, step_back
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+UNKNOWN_SIGMA_M = 0.03  # of an estimator that states none: the usual error of two views
+FIRST_SPEED_MPS = 1.0  # standard deviation of a velocity of which nothing is known
+LEAST_NEWS = 1e-3  # of a slot, as a share of the variance expected
+
+
+def smooth_points(motion: Motion, skeleton: Skeleton, interval_s: float) -> Motion:
+    """Return the motion as all of its slots together tell it.
+
+    Filled joints are no evidence: they are placed by those before and after, and stay marked.
+
+    Args:
+        motion: of one person.
+        skeleton: of its joints.
+        interval_s: seconds a slot.
+    """
+    drift, lasts_s = alone(grow(skeleton))
+    known = motion.known
+    begins = np.zeros_like(known)
+    for joint in range(known.shape[1]):
+        for start, _ in stretches(known[:, joint], 0):
+            begins[start, joint] = True
+    tells = known & (motion.origin != FILLED)
+    means, covariances, expected = _forward(
+        np.where(tells[..., None], motion.joints_m, np.nan),
+        motion.sigma_m,
+        begins,
+        *fading(drift, lasts_s, interval_s),
+    )
+    joints_m = np.where(known[..., None], motion.joints_m, np.nan)
+    sigma_m = motion.sigma_m.copy()
+    mean, covariance = means[-1], covariances[-1]
+    for slot in range(len(known) - 1, -1, -1):
+        if slot < len(known) - 1:
+            goes_on = known[slot] & known[slot + 1] & ~begins[slot + 1]
+            back, spread = step_back(
+                means[slot], covariances[slot], expected[slot + 1], mean, covariance
+            )
+            mean = np.where(goes_on[:, None, None], back, means[slot])
+            covariance = np.where(goes_on[:, None, None], spread, covariances[slot])
+        here = known[slot]
+        joints_m[slot, here] = mean[here, 0]
+        stated = here & np.isfinite(motion.sigma_m[slot])
+        sigma_m[slot, stated] = np.sqrt(np.maximum(covariance[stated, 0, 0], 0.0))
+    return Motion(motion.track_id, motion.first, joints_m, sigma_m, motion.scores, motion.origin)
+
+
+def _forward(
+    joints_m: Floats, sigma_m: Floats, begins: Flags, move: Floats, noise: Floats
+) -> tuple[list[Floats], list[Floats], list[Expected]]:
+    """Return what was known after each slot, `(num_joints, 2, 3)` and `(num_joints, 2, 2)`.
+
+    With it what was expected of each slot, from the one before; the first entry says nothing.
+    """
+    num_joints = joints_m.shape[1]
+    mean, covariance = np.zeros((num_joints, 2, 3)), np.tile(np.eye(2), (num_joints, 1, 1))
+    means, covariances, expectations = [], [], []
+    for place_m, sigma, new in zip(joints_m, sigma_m, begins, strict=True):
+        across = covariance @ np.swapaxes(move, -1, -2)
+        expected = expect(move @ mean, move @ across + noise, across)
+        mean, covariance = _taken_in(expected, place_m, sigma)
+        if new.any():
+            variance = np.where(np.isfinite(sigma), sigma, UNKNOWN_SIGMA_M) ** 2
+            mean[new, 0], mean[new, 1] = place_m[new], 0.0
+            covariance[new] = 0.0
+            covariance[new, 0, 0], covariance[new, 1, 1] = variance[new], FIRST_SPEED_MPS**2
+        means.append(mean)
+        covariances.append(covariance)
+        expectations.append(expected)
+    return means, covariances, expectations
+
+
+def _taken_in(expected: Expected, place_m: Floats, sigma_m: Floats) -> tuple[Floats, Floats]:
+    """Return what was known after a slot, from what it answered; nothing new where it is NaN."""
+    before = expected.covariance[:, 0, 0]
+    told: Flags = np.asarray(np.isfinite(place_m).all(axis=-1))
+    stated = np.isfinite(sigma_m)
+    measurement = before * UNKNOWN_SIGMA_M**2 / (before + UNKNOWN_SIGMA_M**2)
+    after = np.where(stated, np.where(stated, sigma_m, 1.0) ** 2, measurement)
+    share = 1 - np.clip(after / before, 0.0, 1 - LEAST_NEWS)  # what the slot told: k above
+    share = np.where(told, share, 0.0)
+    column = expected.covariance[:, :, 0] / before[:, None]  # (1, c- / p-)
+    gone = np.where(told[:, None], place_m - expected.mean[:, 0], 0.0)
+    gone *= np.where(told & ~stated, share, 1.0)[:, None]  # a measurement is not yet the answer
+    mean = expected.mean + column[:, :, None] * gone[:, None]
+    less = (share * before)[:, None, None] * column[:, :, None] * column[:, None, :]
+    return mean, expected.covariance - less

@@ -1,0 +1,153 @@
+"""The smoother over bodies, against one big solution and on simulated people."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.reference.filter_motion import spread
+
+from e3pose.estimate.base import People
+from e3pose.estimate.filter.motion import places
+from e3pose.estimate.filter.posterior import Posterior
+from e3pose.estimate.filter.tree import grow
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.evaluate.smoothed import smooth_records
+from e3pose.evaluate.summary import accuracy
+from e3pose.model.skeleton import COCO17
+from e3pose.pipeline import SlotRecord
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.smooth.bodies import FixedLag, body_transition, smooth_bodies, written_out
+from e3pose.smooth.rauch import expect, step_back
+
+TREE = grow(COCO17)
+SCENE = simulate(SceneSettings(scene="ring", people=3, seconds=8, fps=12.5), seed=701)
+
+
+@pytest.fixture(scope="module")
+def replayed() -> tuple[list[SlotRecord], list[Posterior]]:
+    people: list[People] = []
+    settings = ReplaySettings(policy="round-robin", num_selected=1, seed=1, phase=1)
+    records = list(replay(SCENE, settings, tell=people.append))
+    posteriors = [each.posterior for each in people if each.posterior is not None]
+    assert len(posteriors) == len(records)
+    return records, posteriors
+
+
+def test_steps_back_are_the_least_squares_path_of_all_slots() -> None:
+    rng = np.random.default_rng(0)
+    F, Q, H, R = np.array([[1, 0.1], [0, 0.9]]), np.diag([0.01, 0.1]), np.array([[1.0, 0]]), 0.04
+    seen = rng.normal(size=6)
+    means, covariances, expected = [], [], []
+    mean, covariance = np.zeros((2, 1)), np.eye(2)
+    for value in seen:
+        across = covariance @ F.T
+        expected.append(expect(F @ mean, F @ across + Q, across))
+        mean, covariance = expected[-1].mean, expected[-1].covariance
+        K = covariance @ H.T / (H @ covariance @ H.T + R)
+        mean, covariance = mean + K * (value - H @ mean), covariance - K @ H @ covariance
+        means.append(mean)
+        covariances.append(covariance)
+    # All seven states at once: the start, six moves and six measurements.
+    rows, values = [np.eye(2, 14)], [np.zeros(2)]
+    for slot in range(6):
+        move = np.zeros((2, 14))
+        move[:, 2 * slot : 2 * slot + 2], move[:, 2 * slot + 2 : 2 * slot + 4] = -F, np.eye(2)
+        rows += [np.linalg.inv(np.linalg.cholesky(Q)) @ move]
+        values += [np.zeros(2)]
+        look = np.zeros((1, 14))
+        look[:, 2 * slot + 2 : 2 * slot + 4] = H
+        rows, values = [*rows, look / R**0.5], [*values, seen[slot : slot + 1] / R**0.5]
+    A = np.concatenate(rows)
+    path = np.linalg.lstsq(A, np.concatenate(values), rcond=None)[0].reshape(7, 2)
+    spreads = np.linalg.inv(A.T @ A)
+    for slot in range(4, -1, -1):
+        mean, covariance = step_back(
+            means[slot], covariances[slot], expected[slot + 1], mean, covariance
+        )
+        np.testing.assert_allclose(mean[:, 0], path[slot + 1], atol=1e-9)
+        block = spreads[2 * slot + 2 : 2 * slot + 4, 2 * slot + 2 : 2 * slot + 4]
+        np.testing.assert_allclose(covariance, block, atol=1e-9)
+
+
+def test_whole_bodies_move_on_as_the_filter_says(
+    replayed: tuple[list[SlotRecord], list[Posterior]],
+) -> None:
+    posterior = replayed[1][40]
+    whole = written_out(TREE, posterior.covariance, posterior.shared)
+    move, noise = body_transition(TREE, 0.08)
+    after = (move @ whole @ move.T + noise).reshape(len(whole), 17, 6, 17, 6)
+    covariance, shared = spread(TREE, posterior.covariance, posterior.shared, 0.08)
+    for joint, parent in enumerate(TREE.parents.tolist()):
+        np.testing.assert_allclose(after[:, joint, :, joint], covariance[:, joint], atol=1e-12)
+        if parent >= 0:
+            np.testing.assert_allclose(after[:, joint, :, parent], shared[:, joint], atol=1e-12)
+    still = posterior.state.copy()
+    still[..., 3:5] = 0.0  # who stands swings no limbs
+    linear = (move @ still.reshape(len(still), -1, 1)).reshape(still.shape)
+    np.testing.assert_allclose(linear, places(TREE, still, 0.08), atol=1e-12)
+
+
+def test_the_last_slot_is_the_filters_own_and_others_are_surer(
+    replayed: tuple[list[SlotRecord], list[Posterior]],
+) -> None:
+    _, posteriors = replayed
+    found = smooth_bodies(TREE, posteriors)
+    np.testing.assert_array_equal(found[-1].joints_m, posteriors[-1].state[..., :3])
+    for late in found[:-1]:
+        assert (np.linalg.eigvalsh(late.covariance_m2) > 0).all()
+        before = np.trace(late.posterior.covariance[..., :3, :3], axis1=-2, axis2=-1)
+        after = np.trace(late.covariance_m2, axis1=-2, axis2=-1)
+        assert after.mean() < before.mean() if len(after) else True
+        assert (after < 1.1 * before).all()  # the filter keeps a tree, which is not quite all
+
+
+def test_a_lag_of_everything_is_the_whole_interval(
+    replayed: tuple[list[SlotRecord], list[Posterior]],
+) -> None:
+    posteriors = replayed[1][20:30]
+    lag, whole = FixedLag(TREE, 9), smooth_bodies(TREE, posteriors)
+    for posterior in posteriors[:-1]:
+        assert lag.push(posterior) is None
+    late = lag.push(posteriors[-1])
+    assert late is not None
+    np.testing.assert_allclose(late.joints_m, whole[0].joints_m, atol=1e-12)
+    np.testing.assert_allclose(late.covariance_m2, whole[0].covariance_m2, atol=1e-12)
+
+
+@pytest.mark.parametrize(("lag", "error", "jitter"), [(2, 0.85, 0.5), (None, 0.85, 0.4)])
+def test_waiting_lowers_error_and_jitter_with_one_camera(
+    replayed: tuple[list[SlotRecord], list[Posterior]],
+    lag: int | None,
+    error: float,
+    jitter: float,
+) -> None:
+    records, posteriors = replayed
+    before = accuracy(SCENE, records)
+    after = accuracy(SCENE, smooth_records(records, posteriors, SCENE.skeleton, lag))
+    assert after["mpjpe_mm"] < error * before["mpjpe_mm"]
+    name = "acceleration_error_mps2"
+    assert after[name] < jitter * before[name]
+    assert after["recall_500mm"] >= before["recall_500mm"]
+
+
+def test_people_who_come_and_go_are_smoothed_by_themselves(
+    replayed: tuple[list[SlotRecord], list[Posterior]],
+) -> None:
+    records, posteriors = replayed
+    for record, late in zip(
+        records, smooth_records(records, posteriors, SCENE.skeleton), strict=True
+    ):
+        assert record.track_ids.tolist() == late.track_ids.tolist()
+        apart = np.linalg.norm(record.poses.joints_m - late.poses.joints_m, axis=-1)
+        assert np.nanmean(apart) < 0.3 if len(apart) else True
+        known = record.poses.scores > 0
+        np.testing.assert_array_equal(known, np.isfinite(late.poses.joints_m).all(axis=-1))
+
+
+def test_nobody_is_nobody() -> None:
+    none = np.zeros(0, dtype=np.int64)
+    empty = Posterior(
+        0.0, none, none, np.zeros((0, 17, 6)), np.zeros((0, 17, 6, 6)), np.zeros((0, 17, 6, 6))
+    )
+    assert [late.joints_m.shape for late in smooth_bodies(TREE, [empty, empty])] == [(0, 17, 3)] * 2
+    assert smooth_bodies(TREE, []) == []
