@@ -35,7 +35,7 @@ HEAVY = {
 LAYERS: list[str] = []
 for rooms in (
     "errors plural clock kernel files model geometry predict energy estimate smooth select",
-    "pipeline calibration recording detectors wire settings store simulate camera",
+    "pipeline calibration recording detectors wire settings store exports simulate camera",
     "evaluate learn edge site report demo cli __main__",
 ):
     LAYERS += rooms.split()

@@ -17,6 +17,7 @@ from e3pose.cli.calibrating import calibrate_app
 from e3pose.cli.demonstrating import demo
 from e3pose.cli.detecting import detect
 from e3pose.cli.evaluating import evaluate
+from e3pose.cli.exporting import export
 from e3pose.cli.importing import import_app
 from e3pose.cli.information import info
 from e3pose.cli.keys import keys_app
@@ -51,6 +52,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "info": info,
     "replay": replay,
     "query": query,
+    "export": export,
     "power": power,
     "evaluate": evaluate,
     "evaluate-predictor": evaluate_predictor,
@@ -85,6 +87,8 @@ EXTRAS = {
     "structlog": "edge",
     "cryptography": "edge",
     "zenoh": "edge",
+    "ezc3d": "export",
+    "rerun": "rerun",
     "plotly": "report",
     "matplotlib": "report",
     "distributed": "train",

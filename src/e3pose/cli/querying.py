@@ -75,13 +75,13 @@ def query(
     from e3pose.store import Store
     from e3pose.store.database import database_path, database_url
 
-    store, site = _store_of(store, site)
+    store, site = store_of(store, site)
     files = {"csv": csv, "parquet": parquet, "json": json_file}
     outputs = {form: path for form, path in files.items() if path is not None}
     database = database_path(database_url(store))
     for form, path in outputs.items():
         check_output(path)
-        if database is not None and path.resolve() in _files_of(database.resolve()):
+        if database is not None and path.resolve() in files_of(database.resolve()):
             raise InputError(f"--{form}: found the store itself, expected another file: {path}")
     if len({path.resolve() for path in outputs.values()}) < len(outputs):
         raise InputError("--csv, --parquet, --json: found the same file twice, expected different")
@@ -112,7 +112,7 @@ def query(
         raise as_typed(error, OPTIONS, found_in=f"{asked.where}: ") from None
 
 
-def _store_of(named: str, site: str | None) -> tuple[str, str | None]:
+def store_of(named: str, site: str | None) -> tuple[str, str | None]:
     """Return the store that is meant, and the site whose runs are asked for."""
     if "://" in named or not (Path(named).is_dir() or named.endswith(".toml")):
         return named, site
@@ -124,7 +124,7 @@ def _store_of(named: str, site: str | None) -> tuple[str, str | None]:
     return str(store_place(path, table.store)), site or table.name
 
 
-def _files_of(database: Path) -> list[Path]:
+def files_of(database: Path) -> list[Path]:
     """Return the database with the files that SQLite keeps beside it."""
     return [database, *(Path(f"{database}{end}") for end in ("-wal", "-shm", "-journal"))]
 

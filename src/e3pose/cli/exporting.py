@@ -1,0 +1,187 @@
+"""`e3pose export`: poses in the formats of other tools."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+from e3pose.cli.options import Whole, as_typed
+from e3pose.cli.smoothing import SmoothOptions
+from e3pose.errors import InputError
+
+if TYPE_CHECKING:
+    from e3pose.exports.source import Asked
+    from e3pose.model.take import Motion, Take
+
+SMOOTH = SmoothOptions()
+OPTIONS = {"site": "--site", "run": "--run", "time": "--from, --to", "track": "--track"}
+
+
+def export(
+    source: str,
+    dest: Path,
+    /,
+    *,
+    format_name: Annotated[
+        Literal["trc", "c3d", "csv", "parquet", "bvh", "gltf", "openpose", "coco", "rerun"] | None,
+        Parameter(name="--format"),
+    ] = None,
+    from_: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
+    to: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    track: Annotated[list[Whole] | None, Parameter(consume_multiple=True, negative="")] = None,
+    region: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    site: str | None = None,
+    run: Whole | None = None,
+    smooth: SmoothOptions = SMOOTH,
+    fill: str | None = None,
+    fps: float | None = None,
+    units: Literal["mm", "m"] | None = None,
+    angles: Annotated[bool, Parameter(negative="")] = False,
+    calibration: Path | None = None,
+) -> None:
+    """Write poses for OpenSim, Blender, pandas, rerun and other tools.
+
+    Examples: `e3pose export live.db walk.trc --from 14:00 --to 14:05 --smooth rts`,
+    `e3pose export poses.parquet walk.glb`, `e3pose export lab angles.csv --angles --track 7`
+
+    The ending of DEST says the format: .trc (OpenSim), .c3d, .csv and .parquet (a row per frame and
+    person), .bvh, .glb and .gltf (animated skeletons), .json (COCO), .rrd (rerun); a folder of
+    OpenPose JSON needs `--format openpose`. TRC and BVH hold one person: of several people each
+    gets a file, as walk-track7.trc. What is missing stays missing unless --fill says otherwise.
+
+    Parameters
+    ----------
+    source
+        A store as named to `e3pose query` (a file, a URL, a site's folder), or a table of poses
+        that `e3pose replay --poses` or `e3pose query` wrote.
+    dest
+        The file to write, replaced if it is there; for OpenPose a new folder.
+    format_name
+        The format, where the ending of DEST does not say it.
+    from_
+        From when, as `e3pose query` takes it: `2026-11-21T14:00`, `-10min`, seconds such as `12.5`.
+    to
+        Until when, likewise.
+    track
+        These people only, by track id.
+    region
+        Only where the middle of a person is on this rectangle of the floor: x,y,x,y in metres.
+    site
+        Runs of one site only, of a store.
+    run
+        One run only, of a store.
+    fill
+        Fill gaps of a joint up to this long, such as 200ms, and mark them; none by default.
+    fps
+        Frames a second, by lines between the slots; by default those of the slots.
+    units
+        Of TRC, C3D (mm by default) and BVH (m by default).
+    angles
+        Add joint angles as columns of CSV and Parquet.
+    calibration
+        The cameras, for 2D keypoints: COCO needs it, OpenPose JSON takes it.
+    """
+    from e3pose.cli.progress import track_progress
+    from e3pose.exports import ExportSettings, format_of
+    from e3pose.exports import export as write
+    from e3pose.exports.resample import resampled
+    from e3pose.exports.source import Asked
+    from e3pose.settings.quantities import duration_s
+    from e3pose.smooth import SmoothSettings, smoothed
+
+    form = format_of(dest, format_name)
+    if angles and form not in ("csv", "parquet"):
+        raise InputError(f"--angles: found it with {form}, expected csv or parquet")
+    if units is not None and form not in ("trc", "c3d", "bvh"):
+        raise InputError(f"--units: found it with {form}, expected trc, c3d or bvh")
+    asked_smoothing = smooth.settings()
+    fill_s = 0.0 if fill is None else duration_s("--fill", fill)
+    settings = SmoothSettings(asked_smoothing.method, asked_smoothing.cutoff_hz, fill_s)
+    rig = None
+    if calibration is not None:
+        from e3pose.calibration import load_rig
+
+        if form not in ("coco", "openpose"):
+            raise InputError(f"--calibration: found it with {form}, expected coco or openpose")
+        rig = load_rig(calibration)
+    for number in [*(track or ()), *([] if run is None else [run])]:
+        if not 0 <= number < 2**63:
+            raise InputError(f"--track, --run: found {number}, expected a number of 0 or more")
+    corners = None if region is None else _corners(region)
+    asked = Asked(from_, to, tuple(track or ()), site, run, corners)
+    try:
+        take = _take(source, dest, asked)
+    except InputError as error:
+        raise as_typed(error, OPTIONS, found_in=f"{source}: ") from None
+
+    def progress(items: Iterable[Any], total: int, label: str) -> Iterable[Any]:
+        return track_progress(items, total, label)
+
+    if settings.method is not None or settings.fill_s > 0:
+        from dataclasses import replace
+
+        motions: list[Motion] = []
+        for motion in progress(take.motions, len(take.motions), "smooth"):
+            motions += smoothed(replace(take, motions=(motion,)), settings).motions
+        take = replace(take, motions=tuple(motions))
+    if fps is not None:
+        before, take = take, resampled(take, fps)
+        if take is not before:
+            print(f"resampled from {before.fps:g} to {take.fps:g} frames a second, linearly")
+    for path, told in write(take, dest, form, ExportSettings(units, angles, rig, progress)):
+        print(f"{path}: {told}")
+    _tell_filled(take)
+
+
+def _take(source: str, dest: Path, asked: Asked) -> Take:
+    """Read what is asked for, and check that it would not be written over."""
+    from e3pose.cli.querying import files_of, store_of
+    from e3pose.exports.source import TABLES, take_from_store, take_from_table
+    from e3pose.store.database import database_path, database_url
+
+    path = Path(source)
+    if "://" not in source and path.suffix.lower() in TABLES:
+        if not path.is_file():
+            raise InputError(f"{source}: no such file, expected a store or a table of poses")
+        if dest.resolve() == path.resolve():
+            raise InputError(f"{dest}: found the source itself, expected another file")
+        return take_from_table(path, asked)
+    if (path / "recording.toml").is_file():
+        raise InputError(
+            f"{source}: found a recording, expected poses: e3pose replay {source} --poses "
+            "poses.parquet makes some"
+        )
+    store, site = store_of(source, asked.site)
+    database = database_path(database_url(store))
+    if database is not None and dest.resolve() in files_of(database.resolve()):
+        raise InputError(f"{dest}: found the store itself, expected another file")
+    from dataclasses import replace
+
+    return take_from_store(store, replace(asked, site=site))
+
+
+def _corners(region: str) -> tuple[float, float, float, float]:
+    import math
+
+    try:
+        values = [float(part) for part in region.split(",")]
+    except ValueError:
+        values = []
+    if len(values) != 4 or not all(map(math.isfinite, values)):
+        raise InputError(f"--region: found {region[:60]!r}, expected x,y,x,y in metres: -2,-1,3,4")
+    return values[0], values[1], values[2], values[3]
+
+
+def _tell_filled(take: Take) -> None:
+    from e3pose.model.take import FILLED, PREDICTED
+
+    known = sum(int(motion.known.sum()) for motion in take.motions)
+    if not known:
+        return
+    for origin, what in ((PREDICTED, "predicted by the estimator"), (FILLED, "filled")):
+        count = sum(int((motion.origin == origin).sum()) for motion in take.motions)
+        if count:
+            print(f"{100 * count / known:.1f} % of the joints {what}, not measured in their frame")

@@ -1,0 +1,73 @@
+"""BVH, the motion files of animation programs: text, y up, one person a file.
+
+The tree of bones of `bones`, then six numbers of the root and three angles of every other node a
+frame: degrees about z, x and y in this order, each about the axes turned before. The format has no
+missing value: where no frame tells a rotation, that of the frame before is kept.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.exports.base import PER_METRE, ExportSettings
+from e3pose.exports.bones import Bones, bones_of, count_held, held, present
+from e3pose.files.atomic import atomic_file
+from e3pose.model.take import Take
+
+Floats = NDArray[np.float64]
+
+TURNS = "Zrotation Xrotation Yrotation"
+
+
+def write_bvh(take: Take, dest: Path, settings: ExportSettings) -> str:
+    """Write the one person of a take; frame 0 is the first in which the person is there."""
+    (motion,) = take.motions
+    bones = bones_of(motion, take.skeleton)
+    units = settings.units or "m"
+    lines = ["HIERARCHY", *_hierarchy(bones, 0, PER_METRE[units], 0)]
+    lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {take.interval_s:.8f}"]
+    root = PER_METRE[units] * held(bones.root_m, present(bones.root_m))
+    angles = euler_zxy(bones.rotations)
+    turning = [node for node in _depth_first(bones, 0) if bones.children(node)]
+    numbers = np.concatenate([root, angles[:, turning].reshape(len(motion), -1)], axis=1)
+    with atomic_file(dest, private=True) as temporary, temporary.open("w", newline="") as file:
+        file.write("\n".join(lines) + "\n")
+        for row in numbers.tolist():
+            file.write(" ".join(f"{value:.5f}" for value in row) + "\n")
+    kept, frames = count_held([bones])
+    note = f"; {kept} of {frames} frames keep some rotation of the one before" if kept else ""
+    return f"{units}, y up, {len(bones.names)} nodes{note}"
+
+
+def euler_zxy(rotations: Floats) -> Floats:
+    """Return `(num_frames, num_nodes, 3)` degrees about z, x, y with R = Rz Rx Ry, without jumps.
+
+    Args:
+        rotations: `(num_frames, num_nodes, 3, 3)`.
+    """
+    x = np.arcsin(np.clip(rotations[..., 2, 1], -1, 1))
+    z = np.arctan2(-rotations[..., 0, 1], rotations[..., 1, 1])
+    y = np.arctan2(-rotations[..., 2, 0], rotations[..., 2, 2])
+    return np.degrees(np.unwrap(np.stack([z, x, y], axis=-1), axis=0))
+
+
+def _hierarchy(bones: Bones, node: int, scale: float, depth: int) -> list[str]:
+    tab = "\t" * depth
+    offset = " ".join(f"{value:.6f}" for value in scale * bones.offsets_m[node])
+    children = bones.children(node)
+    kind = "ROOT" if node == 0 else "JOINT" if children else "End Site"
+    lines = [f"{tab}{kind} {bones.names[node]}" if children else f"{tab}{kind}", f"{tab}{{"]
+    lines.append(f"{tab}\tOFFSET {offset}")
+    if children:
+        places = "6 Xposition Yposition Zposition" if node == 0 else "3"
+        lines.append(f"{tab}\tCHANNELS {places} {TURNS}")
+    for child in children:
+        lines += _hierarchy(bones, child, scale, depth + 1)
+    return [*lines, f"{tab}}}"]
+
+
+def _depth_first(bones: Bones, node: int) -> list[int]:
+    return [node, *(n for child in bones.children(node) for n in _depth_first(bones, child))]

@@ -1,0 +1,50 @@
+"""TRC, the marker files of OpenSim and Pose2Sim: text with tabs, y up, one person a file.
+
+The layout is that of OpenSim's documentation (Marker (.trc) Files): five lines of header, a blank
+one, a row a frame. A marker that is missing has empty cells, which OpenSim reads as no number.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from e3pose.exports.base import PER_METRE, ExportSettings, y_up
+from e3pose.files.atomic import atomic_file
+from e3pose.model.take import Take
+
+DECIMALS = {"mm": 3, "m": 6}
+
+
+def write_trc(take: Take, dest: Path, settings: ExportSettings) -> str:
+    """Write the one person of a take.
+
+    Time counts from slot 0, so that files of several people belong together.
+    """
+    (motion,) = take.motions
+    units = settings.units or "mm"
+    names, rate = take.skeleton.joints, f"{take.fps:.10g}"
+    cells = [""] * len(names)
+    for index, name in enumerate(names):
+        cells[index] = f"{name}\t\t"
+    axes = "\t".join(f"X{n}\tY{n}\tZ{n}" for n in range(1, len(names) + 1))
+    count = len(motion)
+    header = [
+        f"PathFileType\t4\t(X/Y/Z)\t{dest.name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\t"
+        "OrigNumFrames",
+        f"{rate}\t{rate}\t{count}\t{len(names)}\t{units}\t{rate}\t1\t{count}",
+        "Frame#\tTime\t" + "\t".join(cells),
+        "\t\t" + axes,
+        "",
+    ]
+    places = y_up(motion.joints_m) * PER_METRE[units]
+    form = f"%.{DECIMALS[units]}f"
+    with atomic_file(dest, private=True) as temporary, temporary.open("w", newline="") as file:
+        file.write("\n".join(header) + "\n")
+        for row, place in enumerate(places.reshape(count, -1)):
+            time_s = (motion.first + row) * take.interval_s
+            values = ["" if np.isnan(value) else form % value for value in place.tolist()]
+            file.write(f"{row + 1}\t{time_s:.6f}\t" + "\t".join(values) + "\n")
+    return f"{units}, y up"
