@@ -35,9 +35,11 @@ class Site:
     nodes: dict[str, CameraNode] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     poses: list[Poses] = field(default_factory=list)
+    delayed: list[Poses] = field(default_factory=list)
     edge: EdgeServer | None = None
     deadline_s: float = 0.15
     num_selected: int = 2
+    smooth_delay_s: float = 0.0
 
     def start_edge(self) -> EdgeServer:
         settings = ReplaySettings(
@@ -51,6 +53,7 @@ class Site:
             idle_modes=["power-saving"] * len(self.recording.rig),
             checkpoint=self.folder / "state.npz",
             start_wait_s=1.0,
+            smooth_delay_s=self.smooth_delay_s,
         )
         self.edge = EdgeServer(
             make_pipeline(self.recording, settings),
@@ -89,12 +92,26 @@ class Site:
 
 
 @contextmanager
-def site_at_work(folder: Path, deadline_s: float = 0.15, num_selected: int = 2) -> Iterator[Site]:
+def site_at_work(
+    folder: Path,
+    deadline_s: float = 0.15,
+    num_selected: int = 2,
+    smooth_delay_s: float = 0.0,
+) -> Iterator[Site]:
     """Run a site of which some slots are done."""
     scene = SceneSettings("ring", people=2, seconds=4.0, fps=20, cameras=3)
-    made = Site(simulate(scene, seed=4), folder, deadline_s=deadline_s, num_selected=num_selected)
+    made = Site(
+        simulate(scene, seed=4),
+        folder,
+        deadline_s=deadline_s,
+        num_selected=num_selected,
+        smooth_delay_s=smooth_delay_s,
+    )
     viewer = made.hub.join()
     viewer.subscribe("e3pose/lab/poses", lambda t, p: made.poses.append(decode(p, Poses, "edge")))
+    viewer.subscribe(
+        "e3pose/lab/poses-delayed", lambda t, p: made.delayed.append(decode(p, Poses, "edge"))
+    )
     for camera_id in made.recording.rig.camera_ids:
         made.start_camera(camera_id)
     edge = made.start_edge()

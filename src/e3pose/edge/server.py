@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from e3pose.clock import Clock, SlotTimes
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.consumers import Learner, Sink
+from e3pose.edge.delayed import DelayedPoses, lag_slots
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
@@ -123,6 +124,9 @@ class EdgeServer:
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
         self._poses_topic = topics.of_site(settings.site, "poses")
+        self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
+        lag = lag_slots(settings.smooth_delay_s, interval_s)
+        self._delayed = DelayedPoses(settings.joints, lag) if settings.smooth_delay_s else None
         self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
         self._quiet = threading.Event()  # a slot was just done
         self._stop = threading.Event()
@@ -294,7 +298,10 @@ class EdgeServer:
         time_ns = times.middle_ns(slot)
         self._last_in_ns = {slot: max(*used, time_ns)} if used else {}
 
+        shown: list[People] = []
+
         def publish(people: People) -> None:
+            shown.append(people)
             now_ns = self.clock.now_ns()
             message = poses_message(slot, people, self.settings.joints, time_ns, now_ns)
             self.outbox.put(self._poses_topic, encode(message), slot)
@@ -314,6 +321,7 @@ class EdgeServer:
         if self.sink is not None:
             spent_j = None if self.ledger is None else self.ledger.spent_j(record.selected)
             self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
+        took_ns += self._tell_again(slot, time_ns, shown[0])
         self._improve(times, record)
         self._cope(took_ns / 1e9, record)
         self._quiet.set()
@@ -321,6 +329,19 @@ class EdgeServer:
     def _told(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: who was selected for a slot and can have known of it."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
+
+    def _tell_again(self, slot: int, time_ns: int, people: People) -> int:
+        """Publish an earlier slot, smoothed, unless there is too much to do; return the time."""
+        if self._delayed is None:
+            return 0
+        if self.load.level:
+            self._delayed.forget()
+            return 0
+        begun_ns = self.clock.now_ns()
+        late = self._delayed.push(slot, time_ns, people, self.clock.now_ns)
+        if late is not None:
+            self.outbox.put(self._delayed_topic, encode(late), late.slot)
+        return self.clock.now_ns() - begun_ns
 
     def _improve(self, times: SlotTimes, record: SlotRecord) -> None:
         """Between two slots: another lead, a better predictor, other budgets."""

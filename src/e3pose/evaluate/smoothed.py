@@ -30,7 +30,7 @@ def smooth_records(
     """Return the records of a replay with the people that the smoother over bodies finds.
 
     The same people in the same slots, nobody earlier and no joint that was missing. Covariances
-    keep the factor of what is stated (`filter.honesty`).
+    keep the factor of what is stated (`covariance_inflation`).
 
     Args:
         records: slot by slot.
@@ -109,15 +109,6 @@ def _lagging(tree: Tree, posteriors: Sequence[Posterior], lag_slots: int) -> Ite
 
 
 def _amended(record: SlotRecord, late: Smoothed) -> SlotRecord:
-    posterior = late.posterior
-    there = {track_id: row for row, track_id in enumerate(posterior.track_ids.tolist())}
-    rows = [there[track_id] for track_id in record.track_ids.tolist()]
-    known = (record.poses.scores > 0)[..., None]
-    before = np.trace(posterior.covariance[rows, :, :3, :3], axis1=-2, axis2=-1)
-    stated = np.trace(record.covariance_m2, axis1=-2, axis2=-1)
-    factor = np.where(known[..., 0], stated / before, np.nan)
-    return replace(
-        record,
-        poses=Poses3D(np.where(known, late.joints_m[rows], np.nan), record.poses.scores),
-        covariance_m2=late.covariance_m2[rows] * factor[..., None, None],
-    )
+    joints_m, covariance_m2 = late.of(record.track_ids, record.poses, record.covariance_m2)
+    poses = Poses3D(joints_m, record.poses.scores)
+    return replace(record, poses=poses, covariance_m2=covariance_m2)

@@ -22,6 +22,7 @@ class EdgeSettings:
         checkpoint: file for the state; None keeps none.
         start_wait_s: how long to wait for the rest once two cameras are there.
         pace: seconds of the scene that pass in a second; below 1 recordings are played slower.
+        smooth_delay_s: how much later people are told a second time, smoothed; 0 for never.
     """
 
     site: str
@@ -32,3 +33,4 @@ class EdgeSettings:
     checkpoint: Path | None = None
     start_wait_s: float = 3.0
     pace: float = 1.0
+    smooth_delay_s: float = 0.0

@@ -97,6 +97,7 @@ class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         pace: how fast files and recordings are played, where the machine cannot keep up: 0.1 is a
             tenth of their speed, and then slots are ten times as long.
         deadline_ms: how long after the middle of a slot its views are waited for.
+        smooth_delay_ms: how much later poses are published a second time, smoothed; 0 for never.
         lead: slots between an order and the slot it is for; `adaptive` follows the delays.
         state: file that the edge goes on from after a restart; empty for none.
         learn: folder of the online trainer; without it nothing is learned.
@@ -118,6 +119,7 @@ class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     skeleton: str = "coco17"
     pace: float = 1.0
     deadline_ms: float = 150.0
+    smooth_delay_ms: float = 0.0
     lead: int | Literal["adaptive"] = "adaptive"
     state: str = "state.npz"
     learn: str | None = None
@@ -211,6 +213,12 @@ def load_site(path: Path) -> SiteTable:
     where = f"{path}: "
     _within(where, "fps", site.fps, 0.1, 1000)
     _within(where, "deadline_ms", site.deadline_ms, 0, 60_000)
+    _within(where, "smooth_delay_ms", site.smooth_delay_ms, 0, 2_000)
+    if site.smooth_delay_ms and site.loop.get("pipeline") == "paper":
+        raise InputError(
+            f"{where}: smooth_delay_ms: found it with pipeline paper, expected memory: the paper's "
+            "estimator has nothing to smooth with"
+        )
     _within(where, "pace", site.pace, 1e-3, 1)
     if isinstance(site.lead, int):
         _within(where, "lead", site.lead, 1, 60)

@@ -102,6 +102,7 @@ def make_edge(
         adaptive_lead=site.lead == "adaptive",
         checkpoint=checkpoint,
         pace=site.pace,
+        smooth_delay_s=site.smooth_delay_ms / 1e3,
     )
     edge = EdgeServer(make_pipeline(place, settings), transport, edge_settings, clock, tell=tell)
     if site.store is not None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.motion import places, transitions
 from e3pose.estimate.filter.posterior import Posterior
 from e3pose.estimate.filter.tree import Tree
+from e3pose.model.pose import Poses3D
 from e3pose.smooth.rauch import Expected, expect, step_back
 
 Floats = NDArray[np.float64]
@@ -50,6 +51,28 @@ class Smoothed:
         blocks = self.covariance.reshape(num_tracks, num_joints, 6, num_joints, 6)
         own = np.moveaxis(np.diagonal(blocks, axis1=1, axis2=3), -1, 1)
         return np.asarray(own[..., :3, :3])
+
+    def of(self, track_ids: Ints, poses: Poses3D, covariance_m2: Floats) -> tuple[Floats, Floats]:
+        """Return where people are who were shown in the slot, and how sure that is.
+
+        A joint that was missing stays missing, and the covariance keeps the factor of what is
+        stated (`covariance_inflation`).
+
+        Args:
+            track_ids: `(num_persons,)` of the people, all of whom were followed.
+            poses: as they were shown.
+            covariance_m2: `(num_persons, num_joints, 3, 3)` as it was stated.
+
+        Returns:
+            `(num_persons, num_joints, 3)` metres and `(num_persons, num_joints, 3, 3)`.
+        """
+        there = {track_id: row for row, track_id in enumerate(self.posterior.track_ids.tolist())}
+        rows = [there[track_id] for track_id in track_ids.tolist()]
+        known = poses.scores > 0
+        before = np.trace(self.posterior.covariance[rows, :, :3, :3], axis1=-2, axis2=-1)
+        factor = np.where(known, np.trace(covariance_m2, axis1=-2, axis2=-1) / before, np.nan)
+        joints_m = np.where(known[..., None], self.joints_m[rows], np.nan)
+        return joints_m, self.covariance_m2[rows] * factor[..., None, None]
 
 
 def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]:

@@ -227,7 +227,7 @@ def _access(
             "hears": ("egress", HEAR, [order, alive]),
             "asks": ("egress", ["reply"], [own]),
         })  # fmt: skip
-    shown = [of_site(site, what) for what in ("poses", "status", "alive")]
+    shown = [of_site(site, what) for what in ("poses", "poses-delayed", "status", "alive")]
     for viewer, common_name in viewers.items():
         _grant(rules, policies, subjects, f"viewer-{viewer}", common_name, {
             "listens": ("ingress", LISTEN, shown),

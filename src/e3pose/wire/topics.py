@@ -3,7 +3,7 @@
 e3pose/SITE/camera/CAMERA/{hello,view,heartbeat,alive}   a camera writes, the edge reads
 e3pose/SITE/camera/CAMERA/clock                          a camera asks, the edge answers
 e3pose/SITE/order/CAMERA                                 the edge writes, that camera reads
-e3pose/SITE/{poses,status}                               the edge writes, viewers read
+e3pose/SITE/{poses,poses-delayed,status}                 the edge writes, viewers read
 e3pose/SITE/alive                                        that the edge is there
 """
 
@@ -36,7 +36,7 @@ def of_order(site: str, camera_id: str) -> str:
 
 
 def of_site(site: str, what: str) -> str:
-    """Return a topic of the edge: `poses`, `status` or `alive`."""
+    """Return a topic of the edge: `poses`, `poses-delayed`, `status` or `alive`."""
     return f"{ROOT}/{check_site(site)}/{what}"
 
 

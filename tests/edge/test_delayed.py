@@ -1,0 +1,70 @@
+"""Poses a second time: the same people, later, as the smoother with a fixed lag has them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.edge.one_process import site_at_work
+from tests.waiting import eventually
+
+from e3pose.edge.delayed import DelayedPoses, lag_slots
+from e3pose.errors import InputError
+from e3pose.estimate.base import People
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.evaluate.smoothed import smooth_records
+from e3pose.settings.site_file import load_site
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.wire.codec import unpack
+
+SCENE = simulate(SceneSettings(scene="ring", people=2, seconds=2, fps=12.5), seed=701)
+
+
+def test_messages_are_those_of_the_smoother_with_that_lag() -> None:
+    people: list[People] = []
+    records = list(replay(SCENE, ReplaySettings(num_selected=2), tell=people.append))
+    posteriors = [each.posterior for each in people if each.posterior is not None]
+    wanted = smooth_records(records, posteriors, SCENE.skeleton, 3)
+    delayed = DelayedPoses(SCENE.skeleton.joints, 3)
+    found = [delayed.push(slot, 40 * slot, each, lambda: 7) for slot, each in enumerate(people)]
+    assert found[:3] == [None] * 3
+    for slot, message in enumerate(found[3:]):
+        assert message is not None
+        assert (message.slot, message.time_edge_ns, message.published_edge_ns) == (
+            slot,
+            40 * slot,
+            7,
+        )
+        assert unpack(message.track_ids).tolist() == wanted[slot].track_ids.tolist()
+        joints = unpack(message.joints_m)
+        np.testing.assert_allclose(joints, wanted[slot].poses.joints_m, atol=1e-5)
+        np.testing.assert_array_equal(unpack(message.measured), wanted[slot].measured)
+    delayed.forget()
+    assert delayed.push(99, 0, people[0], lambda: 7) is None
+
+
+@pytest.mark.parametrize(("delay_s", "slots"), [(0.2, 5), (0.01, 1), (0.1, 2)])
+def test_a_delay_is_a_slot_at_least(delay_s: float, slots: int) -> None:
+    assert lag_slots(delay_s, 0.04) == slots
+
+
+def test_an_edge_tells_the_same_people_again(tmp_path: Path) -> None:
+    with site_at_work(tmp_path, smooth_delay_s=0.1) as site:
+        assert eventually(lambda: len(site.delayed) > 10)
+        at_once = {message.slot: message for message in site.poses}
+        for late in site.delayed[:10]:
+            first = at_once[late.slot]
+            assert late.time_edge_ns == first.time_edge_ns
+            assert late.published_edge_ns > first.published_edge_ns
+            assert unpack(late.track_ids).tolist() == unpack(first.track_ids).tolist()
+        assert site.edge is not None and site.edge.failure is None
+
+
+def test_the_papers_pipeline_has_nothing_to_smooth_with(tmp_path: Path) -> None:
+    (tmp_path / "site.toml").write_text(
+        'format = "e3pose-site"\nversion = 1\nname = "lab"\ncalibration = "rig.toml"\nfps = 25\n'
+        'smooth_delay_ms = 200\n[loop]\npipeline = "paper"\n'
+    )
+    with pytest.raises(InputError, match="smooth_delay_ms: found it with pipeline paper"):
+        load_site(tmp_path / "site.toml")
