@@ -151,6 +151,7 @@ def _start(
         "covariance": covariance,
         "shared": shared,
         "unmeasured_s": np.where(known, 0.0, np.inf),
+        "drift_share": np.ones(len(known)),
         "existence": START_EXISTENCE,
         "hits": 2,
         "alone": 0.0,

@@ -12,7 +12,9 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def spread(tree: Tree, covariance: Floats, shared: Floats, dt: float) -> tuple[Floats, Floats]:
+def spread(
+    tree: Tree, covariance: Floats, shared: Floats, drift_share: Floats, dt: float
+) -> tuple[Floats, Floats]:
     """Return the covariance `dt` seconds later and that of each joint with its parent.
 
     With Z the covariance of a joint now with the same joint then, and G as in `tree`:
@@ -24,6 +26,7 @@ def spread(tree: Tree, covariance: Floats, shared: Floats, dt: float) -> tuple[F
         tree: of the skeleton.
         covariance: `(num_tracks, num_joints, 6, 6)` of each joint.
         shared: `(num_tracks, num_joints, 6, 6)` of each joint with its parent; 0 at the root.
+        drift_share: `(num_tracks, num_joints)` of the noise W that counts.
         dt: seconds, 0 or more.
     """
     after, with_parent = np.empty_like(covariance), np.zeros_like(shared)
@@ -31,6 +34,7 @@ def spread(tree: Tree, covariance: Floats, shared: Floats, dt: float) -> tuple[F
     eye = np.eye(6)
     for level in tree.levels:
         R, W = _transitions(tree, level, dt)
+        W = W * drift_share[:, level, None, None]
         RT = np.swapaxes(R, -1, -2)
         parents = tree.parents[level]
         if parents[0] < 0:

@@ -47,7 +47,9 @@ class Sightings:
 
 def predict(belief: Belief, dt: float, model: Model) -> Belief:
     """Return the belief `dt` seconds later, before anything is seen."""
-    covariance, shared = spread(model.tree, belief.covariance, belief.shared, dt)
+    covariance, shared = spread(
+        model.tree, belief.covariance, belief.shared, belief.drift_share, dt
+    )
     return replace(
         belief,
         state=places(model.tree, belief.state, dt),

@@ -57,8 +57,10 @@ def at_once(tree: Tree, dt: float) -> tuple[Floats, Floats]:
 
 
 @pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
-@pytest.mark.parametrize("dt", [0.04, 0.5])
-def test_tree_moves_as_all_joints_in_one_matrix(skeleton: Skeleton, dt: float) -> None:
+@pytest.mark.parametrize(("dt", "share"), [(0.04, 1.0), (0.5, 1.0), (0.04, 0.5)])
+def test_tree_moves_as_all_joints_in_one_matrix(
+    skeleton: Skeleton, dt: float, share: float
+) -> None:
     rng = np.random.default_rng(len(skeleton))
     tree = grow(skeleton)
     joints = len(skeleton)
@@ -66,8 +68,9 @@ def test_tree_moves_as_all_joints_in_one_matrix(skeleton: Skeleton, dt: float) -
     covariance, shared, made_of = random_prior(tree, rng)
     state = rng.normal(size=(1, joints, 6))
     moved = places(tree, state, dt)
-    after, with_parent = spread(tree, covariance, shared, dt)
-    transition, noise = at_once(tree, dt)
+    after, with_parent = spread(tree, covariance, shared, np.full((1, joints), share), dt)
+    halved = replace(tree, drift_m2ps4=share * tree.drift_m2ps4)
+    transition, noise = at_once(halved, dt)
     whole = transition @ everybody(tree, covariance, made_of.gains) @ transition.T + noise
     blocks = whole.reshape(joints, 6, joints, 6)
     np.testing.assert_allclose(moved.ravel(), transition @ state.ravel(), atol=1e-9)
@@ -80,7 +83,7 @@ def test_tree_moves_as_all_joints_in_one_matrix(skeleton: Skeleton, dt: float) -
 def test_nothing_moves_in_no_time() -> None:
     covariance, shared, _ = random_prior(TREE, np.random.default_rng(1))
     state = np.random.default_rng(2).normal(size=(1, 17, 6))
-    found = (places(TREE, state, 0.0), *spread(TREE, covariance, shared, 0.0))
+    found = (places(TREE, state, 0.0), *spread(TREE, covariance, shared, np.ones((1, 17)), 0.0))
     for before, after in zip((state, covariance, shared), found, strict=True):
         np.testing.assert_allclose(after, before, atol=1e-12)
 
@@ -122,7 +125,7 @@ def test_a_joint_alone_is_about_as_uncertain_as_with_its_body() -> None:
     zero = np.zeros((1, 17, 6, 6))
     known = zero + 1e-12 * np.eye(6)
     for dt in (0.05, 0.2, 0.5):
-        expected = spread(TREE, known, zero, dt)[0][0, :, 0, 0]
+        expected = spread(TREE, known, zero, np.ones((1, 17)), dt)[0][0, :, 0, 0]
         gone = 1 - np.exp(-dt / lasts_s)
         found = drift * lasts_s**2 * (dt - 2 * lasts_s * gone + lasts_s * gone * (2 - gone) / 2)
         np.testing.assert_allclose(np.sqrt(found / expected), 1.0, atol=0.1)

@@ -7,19 +7,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from tests.estimate.filter.room import step
 
-from e3pose.estimate.filter import Belief, Model
-from e3pose.estimate.filter.motion import places
-from e3pose.estimate.filter.steer import GAIN, steer
+from e3pose.estimate.filter import Belief, Model, outlook
+from e3pose.estimate.filter.motion import places, strayed
+from e3pose.estimate.filter.steer import GAIN, LEAST_SHARE, MOST_SHARE, SQUARES, steer, unforeseen
 from e3pose.model.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate
+
+Floats = NDArray[np.float64]
 
 SCENE = simulate(SceneSettings("ring", people=3, seconds=1, cameras=4), seed=8)
 MODEL = Model(SCENE.rig, SCENE.skeleton)
 # Without swing: how far limbs swing depends on the speed of the root, which is steered, too.
 TREE = replace(MODEL.tree, swing_per_s2=np.zeros(len(MODEL.skeleton)))
 AHEAD_S = 0.08
+SHARE = 0.6
 
 
 def views_of(slot: int) -> Mapping[int, Poses2D]:
@@ -39,12 +43,14 @@ def test_the_prediction_moves_by_the_gain_and_the_positions_stay() -> None:
     belief = known()
     own_m = places(TREE, belief.state, AHEAD_S)[..., :3]
     foreseen_m = own_m[[0, 2]] + [0.10, -0.04, 0.02]
-    found = steer(TREE, belief, np.array([0, 2]), foreseen_m, AHEAD_S)
+    found = steer(TREE, belief, np.array([0, 2]), foreseen_m, AHEAD_S, SHARE)
     moved = places(TREE, found.state, AHEAD_S)[..., :3] - own_m
     np.testing.assert_allclose(moved[[0, 2]], GAIN * (foreseen_m - own_m[[0, 2]]), atol=1e-12)
     np.testing.assert_array_equal(found.state[1], belief.state[1])
     np.testing.assert_array_equal(found.state[..., :3], belief.state[..., :3])
     np.testing.assert_array_equal(found.covariance, belief.covariance)
+    np.testing.assert_array_equal(found.drift_share[[0, 2]], SHARE)
+    np.testing.assert_array_equal(found.drift_share[1], 1.0)
 
 
 def test_joints_that_nobody_foresees_keep_their_velocity() -> None:
@@ -52,15 +58,52 @@ def test_joints_that_nobody_foresees_keep_their_velocity() -> None:
     foreseen_m = places(TREE, belief.state, AHEAD_S)[..., :3][:1] + 0.1
     foreseen_m[0, 5] = np.nan
     foreseen_m[0, 6, 2] = np.nan
-    found = steer(TREE, belief, np.array([0]), foreseen_m, AHEAD_S)
+    found = steer(TREE, belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
     np.testing.assert_array_equal(found.state[0, 5:7], belief.state[0, 5:7])
     assert (found.state[0, :5, 3:] != belief.state[0, :5, 3:]).all()
+    np.testing.assert_array_equal(found.drift_share[0, 5:7], 1.0)
+    np.testing.assert_array_equal(found.drift_share[0, :5], SHARE)
 
 
 @pytest.mark.parametrize(("joints_m", "ahead_s"), [(np.nan, AHEAD_S), (1.0, 0.0)])
-def test_without_a_prediction_or_time_the_belief_is_the_same(
+def test_without_a_prediction_or_time_people_move_by_themselves(
     joints_m: float, ahead_s: float
 ) -> None:
     belief = known()
+    steered = replace(belief, drift_share=np.full_like(belief.drift_share, SHARE))
     foreseen_m = np.full((1, len(MODEL.skeleton), 3), joints_m)
-    assert steer(TREE, belief, np.array([0]), foreseen_m, ahead_s) is belief
+    found = steer(TREE, steered, np.array([0]), foreseen_m, ahead_s, SHARE)
+    np.testing.assert_array_equal(found.state, belief.state)
+    np.testing.assert_array_equal(found.drift_share, belief.drift_share)
+
+
+def test_less_is_unknown_of_motion_that_is_foretold() -> None:
+    belief = known()
+    foreseen_m = places(TREE, belief.state, AHEAD_S)[..., :3][:1]
+    steered = steer(TREE, belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
+    time_s = belief.time_s + AHEAD_S
+    alone, found = (step(MODEL, each, {}, time_s)[0] for each in (belief, steered))
+    apart = alone.covariance - found.covariance
+    assert (np.linalg.eigvalsh(apart[0])[:, 1:] > 0).all()
+    np.testing.assert_array_equal(apart[1:], 0.0)
+    outlooks = [outlook(MODEL, each, 0.0).drift_m2ps3 for each in (belief, steered)]
+    np.testing.assert_allclose(outlooks[1][0], SHARE * outlooks[0][0])
+
+
+def grown(shares: float, interval_s: float) -> Floats:
+    """Return errors of two slots that grow by a share of what the filter's motion leaves open."""
+    drift, lasts_s = MODEL.alone
+    first, second = (3 * drift * strayed(lasts_s, n * interval_s) for n in (1, 2))
+    error_m = np.full((2, 1, len(drift)), 0.02)
+    error_m[1] = np.sqrt(error_m[0] ** 2 + shares * (second - first) / SQUARES)
+    return error_m
+
+
+@pytest.mark.parametrize("interval_s", [1 / 60, 0.04, 0.2])
+def test_noise_is_left_where_the_predictor_foresees_its_error_to_grow(interval_s: float) -> None:
+    for shares, expected in ((0.0, LEAST_SHARE), (0.3, LEAST_SHARE + 0.3), (9.0, MOST_SHARE)):
+        found = unforeseen(MODEL, grown(shares, interval_s), interval_s)
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+    shrinking = unforeseen(MODEL, grown(0.5, interval_s)[::-1], interval_s)
+    np.testing.assert_array_equal(shrinking, LEAST_SHARE)
+    assert np.isnan(unforeseen(MODEL, np.full((2, 1, 17), np.nan), interval_s)).all()

@@ -14,7 +14,7 @@ from e3pose.estimate.filter.covariance_inflation import spread_factor
 from e3pose.estimate.filter.learned_noise import found
 from e3pose.estimate.filter.posterior import posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
-from e3pose.estimate.filter.steer import steer
+from e3pose.estimate.filter.steer import steer, unforeseen
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
 
@@ -108,7 +108,9 @@ class Filtered:
             np.nan,
         )
         rows = np.flatnonzero(np.isin(memory.belief.track_ids, memory.track_ids))
-        belief = steer(self.model.tree, memory.belief, rows, joints_m, STEER_SLOTS * interval_s)
+        shares = unforeseen(self.model, prediction.error_m, interval_s)
+        ahead_s = STEER_SLOTS * interval_s
+        belief = steer(self.model.tree, memory.belief, rows, joints_m, ahead_s, shares)
         return replace(memory, belief=belief)
 
     def leave_out_ids(self, memory: Remembered, count: int) -> Remembered:

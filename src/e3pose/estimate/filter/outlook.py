@@ -71,7 +71,7 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         confirmed=belief.confirmed,
         joints_m=joints_m,
         covariance=belief.covariance,
-        drift_m2ps3=np.tile(drift, (len(belief), 1)),
+        drift_m2ps3=drift * belief.drift_share,
         velocity_lasts_s=lasts_s,
         remembers=True,
         delivered=belief.delivered,

@@ -179,6 +179,8 @@ class Belief:
         shared: `(num_tracks, num_joints, 6, 6)` covariance of each joint's `state` with that of its
             parent in `Model.tree`; 0 at the root.
         unmeasured_s: `(num_tracks, num_joints)` seconds since a joint was measured; inf if never.
+        drift_share: `(num_tracks, num_joints)` share of the process noise that is left where a
+            predictor foretells the motion (`steer`); 1 where none does.
         existence: `(num_tracks,)` in [0, 1]: recent share of the views that should show the
             person and did.
         hits: `(num_tracks,)` detections so far.
@@ -212,6 +214,7 @@ class Belief:
     covariance: Floats
     shared: Floats
     unmeasured_s: Floats
+    drift_share: Floats
     existence: Floats
     hits: Ints
     alone: Floats
@@ -243,6 +246,7 @@ class Belief:
             covariance=np.zeros((0, joints, 6, 6)),
             shared=np.zeros((0, joints, 6, 6)),
             unmeasured_s=np.zeros((0, joints)),
+            drift_share=np.ones((0, joints)),
             existence=np.zeros(0),
             hits=np.zeros(0, dtype=np.int64),
             alone=np.zeros(0),

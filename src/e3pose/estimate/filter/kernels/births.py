@@ -271,6 +271,7 @@ def _start(
                 tracks.shared[track, joint, axis, axis] = moved_m**2
                 tracks.shared[track, joint, axis + 3, axis + 3] = speed - START_TURN_MPS**2
         tracks.unmeasured_s[track, joint] = 0.0 if known else np.inf
+        tracks.drift_share[track, joint] = 1.0
     tracks.track_ids[track] = track_id
     tracks.existence[track] = START_EXISTENCE
     tracks.hits[track] = 2

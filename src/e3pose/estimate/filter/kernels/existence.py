@@ -157,6 +157,7 @@ def _move(tracks: Tracks, source: int, target: int) -> None:
     tracks.confirmed[target] = tracks.confirmed[source]
     for joint in range(tracks.state.shape[1]):
         tracks.unmeasured_s[target, joint] = tracks.unmeasured_s[source, joint]
+        tracks.drift_share[target, joint] = tracks.drift_share[source, joint]
         for a in range(6):
             tracks.state[target, joint, a] = tracks.state[source, joint, a]
             for b in range(6):

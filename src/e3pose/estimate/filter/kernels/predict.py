@@ -28,6 +28,7 @@ def predict(num_tracks: int, dt: float, site: Site, tracks: Tracks, passes: Pass
             tracks.state[track],
             tracks.covariance[track].reshape(num_joints, 36),
             tracks.shared[track].reshape(num_joints, 36),
+            tracks.drift_share[track],
             passes,
         )
         for joint in range(num_joints):
@@ -39,7 +40,13 @@ def predict(num_tracks: int, dt: float, site: Site, tracks: Tracks, passes: Pass
 
 @kernel
 def _advance(
-    dt: float, site: Site, state: Floats, covariance: Floats, shared: Floats, passes: Passes
+    dt: float,
+    site: Site,
+    state: Floats,
+    covariance: Floats,
+    shared: Floats,
+    drift_share: Floats,
+    passes: Passes,
 ) -> None:
     """Move one track on, in place; blocks are rows of 36.
 
@@ -115,7 +122,7 @@ def _advance(
                     )
                     with_parent[joint, 6 * a + b] = lean[6 * a + b] + spread[parent, 6 * a + b]
         gone = 1.0 - fade
-        density = ACCELERATION_LASTS_S * site.drift_m2ps4[joint]
+        density = ACCELERATION_LASTS_S * site.drift_m2ps4[joint] * drift_share[joint]
         pp = density * tau**2 * (dt - 2 * tau * gone + tau / 2 * (1 - fade * fade))
         pv = density * tau**2 * gone * gone / 2
         vv = density * tau / 2 * (1 - fade * fade)

@@ -102,6 +102,7 @@ class Tracks(NamedTuple):
     covariance: Floats
     shared: Floats
     unmeasured_s: Floats
+    drift_share: Floats
     existence: Floats
     hits: Integers
     alone: Floats
