@@ -291,14 +291,14 @@ def run_shifting(
         policy=both,
         predictor=both,
         foresees=True,
-        steers=steers,
+        steering=both if steers else None,
         lead_slots=lead_slots,
         estimator=Filtered(Model(RIG, COCO17), StepKernel(), 5),
     )
     return both, run(pipeline, [scene(slot) for slot in range(12)])
 
 
-def test_a_predictor_that_nobody_asked_for_by_name_does_not_steer() -> None:
+def test_a_predictor_of_the_policy_alone_does_not_steer() -> None:
     (_, unsteered), (_, plain) = (
         run_shifting(0.05, 3, steers=False),
         run_shifting(np.nan, 3),

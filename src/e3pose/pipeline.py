@@ -41,7 +41,7 @@ class Pipeline:
         num_joints: joints of the detectors' skeleton.
         interval_s: seconds a slot.
         estimator: says who is where, with or without a memory.
-        predictor: looks ahead.
+        predictor: foresees the people for the policy.
         policy: selects.
         budget: `(num_cameras,)` the paper's E_n.
         cost_j: `(num_cameras,)` energy of an active slot beyond that of an idle one; only its
@@ -50,7 +50,8 @@ class Pipeline:
         warmup_slots: the paper's M, the slots at the start in which every camera detects.
         holds: show the poses of the slot before in slots for which no camera was selected.
         foresees: work out what each camera is expected to tell.
-        steers: let a predictor that states its errors steer the estimator.
+        steering: the predictor that steers the estimator, as far as it states its errors; None
+            leaves the estimator alone.
         own_boxes: whether the policy asks what cameras foresee from the boxes of their own views.
         clock: seconds, for stage times only.
     """
@@ -68,8 +69,13 @@ class Pipeline:
     warmup_slots: int = 10
     holds: bool = False
     foresees: bool = False
-    steers: bool = False
+    steering: Predictor | None = None
     own_boxes: bool = True
+
+    def with_predictor(self, predictor: Predictor) -> Pipeline:
+        """Return the pipeline with another predictor, which steers where one did."""
+        steering = None if self.steering is None else predictor
+        return replace(self, predictor=predictor, steering=steering)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,11 +146,7 @@ def step(
     tell(shown)
     times = [clock()]
 
-    ahead = max(pipeline.lead_slots, STEER_SLOTS * pipeline.steers)
-    prediction = pipeline.predictor.predict(people.history_m, pipeline.interval_s, ahead)
-    if pipeline.steers:
-        memory = pipeline.estimator.steer(memory, prediction, pipeline.interval_s)
-    predicted_m = prediction.joints_m[pipeline.lead_slots - 1]
+    memory, predicted_m = _look_ahead(pipeline, memory, people.history_m)
     times.append(clock())
 
     arrived = np.zeros(len(online), dtype=bool)
@@ -185,6 +187,20 @@ def step(
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
     return SlotState(slot + 1, selections, deficit, silence, memory, sights, shown), record
+
+
+def _look_ahead(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, Floats]:
+    """Steer the estimator; return what it remembers and where people are in the slot decided."""
+    predictor, steering = pipeline.predictor, pipeline.steering
+    both = steering is predictor
+    ahead = max(pipeline.lead_slots, STEER_SLOTS * both)
+    prediction = predictor.predict(history_m, pipeline.interval_s, ahead)
+    if steering is not None:
+        soon = prediction
+        if not both:
+            soon = steering.predict(history_m, pipeline.interval_s, STEER_SLOTS)
+        memory = pipeline.estimator.steer(memory, soon, pipeline.interval_s)
+    return memory, prediction.joints_m[pipeline.lead_slots - 1]
 
 
 def _situation(

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import functools
+import logging
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from e3pose.estimate import ESTIMATORS, EstimatorSettings, make_estimator
 from e3pose.estimate.base import STEER_SLOTS
+from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.per_slot.fuse import FusionSettings
-from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.evaluate.replay import ReplaySettings, make_pipeline, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.model.pose import Poses2D
+from e3pose.pipeline import Pipeline
 from e3pose.predict import Prediction
+from e3pose.predict.attention_lstm import AttentionLstm
+from e3pose.predict.constant_velocity import ConstantVelocity
 from e3pose.recording import Recording
+from e3pose.settings.loop import STEERING_SLOTS
 from e3pose.simulate import SceneSettings, simulate
 
 CASES = [("two-rooms", 31), ("ring", 32), ("crossing", 31)]
@@ -91,3 +100,68 @@ def test_nobody_known_is_steered_to_nobody() -> None:
     assert people.history_m.shape[1] == 0
     steered = estimator.steer(memory, Prediction(nothing, nothing[..., 0]), INTERVAL_S)
     assert len(estimator.outlook(steered, INTERVAL_S)) == 0
+
+
+def made(**changes: Any) -> Pipeline:
+    return make_pipeline(scene(*CASES[1]), ReplaySettings(**changes))
+
+
+@pytest.mark.parametrize("policy", ["information", "round-robin", "e3pose", "e3pose-mv"])
+def test_the_learned_predictor_steers_the_filter_under_every_policy(policy: str) -> None:
+    assert isinstance(made(policy=policy).steering, AttentionLstm)
+    own = made(policy=policy).predictor
+    assert isinstance(own, AttentionLstm) == (policy == "e3pose")
+
+
+def test_a_predictor_that_is_named_steers_and_no_other() -> None:
+    for name in ("attention-lstm", "constant-velocity"):
+        pipeline = made(predictor=name)
+        assert pipeline.steering is pipeline.predictor
+
+
+def test_the_published_pipeline_is_not_steered() -> None:
+    assert made(pipeline="paper").steering is None
+    assert made(pipeline="paper", predictor="attention-lstm").steering is None
+
+
+def test_a_better_predictor_steers_from_then_on() -> None:
+    better = ConstantVelocity()
+    for changes in ({}, {"pipeline": "paper"}):
+        pipeline = made(**changes)
+        assert pipeline.with_predictor(better).predictor is better
+        assert pipeline.with_predictor(better).steering is (better if pipeline.steering else None)
+
+
+def test_steering_sees_its_whole_history_after_a_short_warm_up() -> None:
+    pipeline = made(warmup_slots=1)
+    assert isinstance(pipeline.estimator, Filtered)
+    assert pipeline.estimator.history_slots >= STEERING_SLOTS
+
+
+@pytest.mark.parametrize("lead", [1, 30])
+def test_steering_does_not_depend_on_how_far_ahead_cameras_are_told(lead: int) -> None:
+    recording = scene(*CASES[1])
+    settings = ReplaySettings(policy="all", num_selected=5, lead_slots=lead)
+    found = [record.poses.joints_m for record in replay(recording, settings)]
+    named = replace(settings, predictor="attention-lstm")
+    for mine, theirs in zip(found, replay(recording, named), strict=True):
+        np.testing.assert_allclose(mine, theirs.poses.joints_m, rtol=0, atol=1e-6)
+
+
+def test_without_weights_the_filter_goes_on_unsteered(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, tmp_path: Path
+) -> None:
+    broken = tmp_path / "no-such-weights.onnx"
+    broken.write_bytes(b"nothing")
+    monkeypatch.setattr(AttentionLstm.__init__, "__defaults__", (broken,))
+    recording = scene(*CASES[1])
+    with caplog.at_level(logging.WARNING):
+        found = list(replay(recording, ReplaySettings()))
+    plain = list(replay(recording, ReplaySettings(predictor="constant-velocity")))
+    for mine, theirs in zip(found, plain, strict=True):
+        np.testing.assert_array_equal(mine.poses.joints_m, theirs.poses.joints_m)
+    assert [
+        r.message
+        for r in caplog.records
+        if "no-such-weights" in r.message and "unsteered" in r.message
+    ]

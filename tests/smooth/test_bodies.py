@@ -76,7 +76,8 @@ def test_whole_bodies_move_on_as_the_filter_says(
     whole = written_out(TREE, posterior.covariance, posterior.shared)
     move, noise = body_transition(TREE, 0.08)
     after = (move @ whole @ move.T + noise).reshape(len(whole), 17, 6, 17, 6)
-    covariance, shared = spread(TREE, posterior.covariance, posterior.shared, 0.08)
+    all_noise = np.ones(posterior.covariance.shape[:2])
+    covariance, shared = spread(TREE, posterior.covariance, posterior.shared, all_noise, 0.08)
     for joint, parent in enumerate(TREE.parents.tolist()):
         np.testing.assert_allclose(after[:, joint, :, joint], covariance[:, joint], atol=1e-12)
         if parent >= 0:

@@ -103,9 +103,9 @@ class LoopOptions:
     phase: Whole = 0
     """Which camera comes first in turns and ties."""
     predictor: str | None = None
-    """What foresees the poses: attention-lstm, constant-velocity, damped-velocity, zero-velocity;
-    by default the policy's own. One that is named here and states its errors, as attention-lstm
-    does, also steers the filter of the pipeline `memory`, which lowers its error."""
+    """What foresees the poses for the policy and steers the filter of the pipeline `memory`:
+    attention-lstm or a file of `e3pose train`; constant-velocity, damped-velocity and zero-velocity
+    steer nothing. By default attention-lstm steers and the policy has its own."""
     noise: str | None = None
     """How far off keypoints are, by score: a detector's name, or a file made by
     `e3pose calibrate noise`; by default as the recording's detector is known to err."""

@@ -353,7 +353,7 @@ class EdgeServer:
             self.learner.collect(record)
             better = self.learner.poll()
             if better is not None:
-                self.pipeline = replace(self.pipeline, predictor=better)
+                self.pipeline = self.pipeline.with_predictor(better)
                 self.tell("predictor", "a better predictor was learned and is used from now on")
         if not self.settings.adaptive_lead:
             return

@@ -12,6 +12,8 @@ def warm_up(pipeline: Pipeline) -> None:
     """Run a few made-up slots through the loop, and forget them."""
     joints = np.zeros((2, 2, pipeline.num_joints, 3))
     pipeline.predictor.predict(joints, pipeline.interval_s, pipeline.lead_slots)
+    if pipeline.steering is not None:
+        pipeline.steering.predict(joints, pipeline.interval_s, pipeline.lead_slots)
     state = initial_state(pipeline)
     everybody = np.ones(len(pipeline.rig), dtype=bool)
     for _ in range(3):

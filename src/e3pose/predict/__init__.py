@@ -59,7 +59,7 @@ def make_predictor_or_fallback(name: str, skeleton: Skeleton = COCO17) -> Predic
     try:
         return make_predictor(name, skeleton)
     except (InputError, ImportError) as error:
-        _say_once(f"predictor {name} cannot be had, {FALLBACK} predicts instead: {error}")
+        _say_once(f"predictor {name} is not available, using {FALLBACK} unsteered: {error}")
         return make_predictor(FALLBACK, skeleton)
 
 

@@ -19,7 +19,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
-from e3pose.predict import make_predictor, make_predictor_or_fallback
+from e3pose.predict import Predictor, make_predictor, make_predictor_or_fallback
 from e3pose.select.camera_order import spread_order
 from e3pose.select.policies import POLICIES, PolicyRow, PolicySettings, policy_row
 
@@ -31,6 +31,8 @@ PIPELINES = {
     "memory": ("memory", "information"),
     "paper": ("paper", "e3pose"),
 }
+STEERING = "attention-lstm"  # steers the estimator with a memory unless told otherwise
+STEERING_SLOTS = 10  # of history, which the network of `STEERING` looks back on
 MAX_LEAD = 1000
 MAX_TARGET_M = 1.0
 MAX_SEED = 2**31 - 1
@@ -51,8 +53,9 @@ class ReplaySettings:
         quality_weight: the paper's V; the policy's own by default.
         lead_slots: the paper's tau.
         warmup_slots: the paper's M, in which all cameras detect.
-        predictor: a name of `PREDICTORS`; the policy's own by default. One that is named and states
-            its errors also steers the estimator with a memory.
+        predictor: a name of `PREDICTORS`, which foresees the people for the policy and, where it
+            states its errors, steers the estimator with a memory. By default the policy's own does
+            the one and `STEERING` the other.
         match_distance_m: mean distance of rays up to which two views show one person, for the
             pipeline `paper` alone; that of `FusionSettings` by default.
         reject_outliers: drop views that disagree with the others.
@@ -144,13 +147,14 @@ def make_pipeline(
     """
     row = policy_row(settings.policy_name)
     _check(settings, row, len(place.rig))
+    predictor, steering = _predictors(settings, row, place.skeleton)
     estimator = make_estimator(
         pipeline_row(settings.pipeline)[0],
         EstimatorSettings(
             rig=place.rig,
             skeleton=place.skeleton,
             interval_s=place.interval_s,
-            history_slots=settings.warmup_slots,
+            history_slots=max(settings.warmup_slots, STEERING_SLOTS if steering else 0),
             fusion=_fusion(settings),
             noise=load_noise(settings.noise or detector_of(place)),
             num_selected=1.0 if settings.target_error_m is not None else settings.num_selected,
@@ -173,10 +177,7 @@ def make_pipeline(
         num_joints=len(place.skeleton),
         interval_s=place.interval_s,
         estimator=estimator,
-        # A predictor that was asked for must be had; the policy's own has a stand-in.
-        predictor=make_predictor_or_fallback(row.predictor, place.skeleton)
-        if settings.predictor is None
-        else make_predictor(settings.predictor, place.skeleton),
+        predictor=predictor,
         policy=policy,
         budget=_budget(settings, len(place.rig), row.counts),
         cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
@@ -186,9 +187,27 @@ def make_pipeline(
         holds=row.holds,
         foresees=row.foresees or settings.foresees,
         own_boxes=row.own_boxes,
-        # All policies are compared with one estimator, unless somebody asks for a better one.
-        steers=settings.predictor is not None,
+        steering=steering,
     )
+
+
+def _predictors(
+    settings: ReplaySettings, row: PolicyRow, skeleton: Skeleton
+) -> tuple[Predictor, Predictor | None]:
+    """Return who foresees the people for the policy and who steers the estimator.
+
+    A predictor that was asked for must be had; one by default has a stand-in, which steers nobody.
+    The policies of a pipeline share one estimator, whichever predictor is their own.
+    """
+    remembers = pipeline_row(settings.pipeline)[0] == "memory"
+    if settings.predictor is not None:
+        asked = make_predictor(settings.predictor, skeleton)
+        return asked, asked if remembers else None
+    own = make_predictor_or_fallback(row.predictor, skeleton)
+    if not remembers:
+        return own, None
+    same = row.predictor == STEERING
+    return own, own if same else make_predictor_or_fallback(STEERING, skeleton)
 
 
 def _fusion(settings: ReplaySettings) -> FusionSettings:

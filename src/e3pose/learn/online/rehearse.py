@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,7 +56,7 @@ def rehearse(
     """
     pipeline = make_pipeline(recording, settings)
     if predictor is not None:
-        pipeline = replace(pipeline, predictor=predictor)
+        pipeline = pipeline.with_predictor(predictor)
     state = initial_state(pipeline)
     online = np.ones(len(recording.rig), dtype=bool)
     for slot in range(recording.num_slots):
@@ -69,7 +69,7 @@ def rehearse(
         trainer.collect(record)
         new = trainer.poll()
         if new is not None:
-            pipeline = replace(pipeline, predictor=new)
+            pipeline = pipeline.with_predictor(new)
         seconds = time.perf_counter() - began
         if wait_until is None:
             trainer.write_waiting()
