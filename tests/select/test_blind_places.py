@@ -29,6 +29,7 @@ def people(delivered: list[float], shows: list[float]) -> Outlook:
         delivered=np.array([delivered]),
         shows=np.array([shows]),
         last_seen_s=np.zeros((1, count)),
+        needed=np.zeros((1, count), dtype=bool),
         sigma_px=np.full(count, 5.0),
         unexplained=np.zeros(count, dtype=np.int64),
         unexplained_s=np.full(count, np.inf),

@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import inflation
+from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.outlook import Outlook
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 from e3pose.model.uncertainty import mean_distance
+from e3pose.select.hidden_people import HiddenPeople, expected_hidden
 from e3pose.select.newcomers import Entrants, expected_entrants
 
 Floats = NDArray[np.float64]
@@ -53,6 +55,7 @@ class Foresight:
         weights: `(num_tracks,)` how much each person counts. Somebody whom no camera showed of late
             may not be there: that cameras would tell much if they were must not decide.
         entrants: people who are not tracked yet.
+        hidden: people who are followed and hidden unless one more camera shows them.
     """
 
     track_ids: NDArray[np.int64]
@@ -63,6 +66,7 @@ class Foresight:
     fresh: Floats
     weights: Floats
     entrants: Entrants
+    hidden: HiddenPeople
 
     def information(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` nats a joint that sets of cameras are expected to add.
@@ -115,7 +119,8 @@ def foresee(
     from e3pose.estimate.filter.kernels.carry import carry
 
     pixels, depth, jacobian = project(outlook.joints_m, rig.projections)
-    seen = _inside(rig, pixels, depth) * _in_front(pixels, depth)
+    inside, in_front = _inside(rig, pixels, depth), _in_front(pixels, depth)
+    seen = inside * in_front
     weight = seen / outlook.sigma_px[:, None, None] ** 2
     weight = weight * outlook.delivered.T[..., None]
     full = np.stack([(jacobian[..., a] * jacobian[..., b]).sum(axis=-1) for a, b in UPPER], axis=-1)
@@ -142,6 +147,7 @@ def foresee(
         counted=1 / inflation(since_s.T),
         fresh=freshness(since_s.T),
         weights=outlook.delivered.max(axis=1, initial=0.0),
+        hidden=expected_hidden(outlook.needed, _shown(outlook, inside, in_front), ordered),
         entrants=expected_entrants(
             rig,
             outlook.unexplained,
@@ -160,6 +166,17 @@ def freshness(last_seen_s: Floats) -> Floats:
     """
     r = sum(share * np.exp(-last_seen_s / lasts_s) for share, lasts_s in PERSISTENT)
     return np.asarray((1 - r) / (1 + r))
+
+
+def _shown(outlook: Outlook, inside: Flags, in_front: Floats) -> Floats:
+    """Return `(num_cameras, num_tracks)`: how likely a look shows somebody who is there.
+
+    As the filter counts: a view should show a person of whom enough joints lie inside the image.
+    """
+    from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
+
+    enough = inside.sum(axis=-1) >= INSIDE_JOINTS
+    return np.asarray(PLAIN * outlook.shows.T * enough * in_front.mean(axis=-1))
 
 
 def _inside(rig: Rig, pixels: Floats, depth: Floats) -> Flags:

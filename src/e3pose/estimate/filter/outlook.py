@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter import blindness, learned_noise
 from e3pose.estimate.filter.motion import places
+from e3pose.estimate.filter.shown import needed
 from e3pose.estimate.filter.state import Belief, Leftovers, Model
 
 Floats = NDArray[np.float64]
@@ -33,6 +34,8 @@ class Outlook:
             where the person will be, as a share of that in plain sight.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each camera showed the person; inf if
             never.
+        needed: `(num_tracks, num_cameras)` cameras of which one must show the person by then, or
+            the person is not shown; none for people who are shown anyway.
         sigma_px: `(num_cameras,)` error of a keypoint in plain sight.
         unexplained: `(num_cameras,)` detections of each camera's newest look that no track
             explains, as long as they wait for another camera.
@@ -50,6 +53,7 @@ class Outlook:
     delivered: Floats
     shows: Floats
     last_seen_s: Floats
+    needed: NDArray[np.bool_]
     sigma_px: Floats
     unexplained: NDArray[np.int64]
     unexplained_s: Floats
@@ -77,6 +81,7 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         delivered=belief.delivered,
         shows=np.minimum(chance.T / blindness.PLAIN, 1.0),
         last_seen_s=belief.last_seen_s,
+        needed=needed(belief, ahead_s),
         sigma_px=learned_noise.knots_px(model, belief.noise).min(axis=-1),
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,

@@ -43,13 +43,29 @@ def shown(belief: Belief, model: Model) -> Flags:
     return np.asarray(belief.confirmed & certain & there & ~_led_alone(belief))
 
 
-def _led_alone(belief: Belief) -> Flags:
+def needed(belief: Belief, ahead_s: float) -> Flags:
+    """Return `(num_tracks, num_cameras)`: cameras of which one must show a person, who is hidden
+    otherwise.
+
+    Somebody new is shown once a third camera has seen the person, and who walks while a second one
+    does. Nobody else needs a camera.
+
+    Args:
+        belief: about everybody.
+        ahead_s: seconds after the belief's slot, if nothing is seen until then.
+    """
+    leading = belief.last_seen_s <= belief.last_seen_s.min(axis=1, keepdims=True, initial=np.inf)
+    led = _led_alone(belief, ahead_s)[:, None] & ~leading
+    return np.where(belief.confirmed[:, None], led, ~belief.seen_by)
+
+
+def _led_alone(belief: Belief, ahead_s: float = 0.0) -> Flags:
     """Return `(num_tracks,)`: who walks and has long been seen by one camera alone, or by none.
 
     The depth along the rays of one camera follows from the lengths of bones and from the velocity
     of before, and is surer than it should be: who turns meanwhile is soon half a metre off.
     """
-    second_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf)
+    second_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf) + ahead_s
     speed_mps = np.linalg.norm(belief.state[..., 3:].mean(axis=1), axis=-1)
     return np.asarray((second_s > ALONE_S) & (speed_mps > WALK_MPS))
 

@@ -95,6 +95,7 @@ class PerSlot:
             delivered=np.ones(shape),
             shows=np.ones(shape),
             last_seen_s=np.full(shape, np.inf),
+            needed=np.zeros(shape, dtype=bool),
             sigma_px=OPENPOSE.sigma_px.min() * sizes / OPENPOSE.image_px,
             unexplained=np.zeros(num_cameras, dtype=np.int64),
             unexplained_s=np.full(num_cameras, np.inf),

@@ -1,6 +1,7 @@
 """The cameras that are expected to tell most about everybody, held to the energy budgets.
 
-    maximise  V * (information(S) + entrants(S) + sum_{c in S} watch_c) - sum_{c in S} price_c
+    maximise  V * (information(S) + entrants(S) + shows(S) + sum_{c in S} watch_c)
+              - sum_{c in S} price_c
 
 `information` grows with diminishing returns, prices and watches add up: where nobody comes in, a
 greedy choice of a given number of cameras, whose objective is shifted to be zero for no camera and
@@ -28,6 +29,7 @@ MOST_SUBSETS = 60  # that are all tried: any count of up to seven cameras, and 2
 WATCH_NATS_PER_S = 0.5  # what a camera that has not looked for a second may show that is new
 WATCH_LIMIT_S = 5.0
 ENTRANT_NATS = 1.0  # of a person started
+SHOWN_NATS = 1.0  # of a person shown by the look, who would be hidden without it
 UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
 LOOK_AGAIN_S = 0.2  # with a target, some camera looks at least this often, whoever is known
 BURST_S = 2.0  # with a target, how far ahead of its budget a camera may run
@@ -110,8 +112,9 @@ class Information:
 
 
 def worth_nats(foresight: Foresight, subsets: Flags) -> Floats:
-    """Return `(num_subsets,)`: what sets of cameras tell of those known and of those to start."""
-    return foresight.information(subsets) + ENTRANT_NATS * foresight.entrants.starts(subsets)
+    """Return `(num_subsets,)`: what sets tell of those known, and whom they start and show."""
+    worth = foresight.information(subsets) + ENTRANT_NATS * foresight.entrants.starts(subsets)
+    return np.asarray(worth + SHOWN_NATS * foresight.hidden.shows(subsets))
 
 
 def watch_nats(situation: Situation) -> Floats:

@@ -1,0 +1,66 @@
+"""People who are followed but not shown, and the looks that would have them shown.
+
+The estimator hides somebody new until a third camera has seen the person, and somebody who walks
+when one camera alone has shown the person for long. Of such people a set S of cameras is expected
+to have shown
+
+    sum over people  prod_{c in F} (1 - p_c) (1 - prod_{c in S} (1 - p_c)),    c among those needed
+
+with F the looks that are already ordered and p_c how likely camera c shows somebody who is there:
+a coverage, which grows with diminishing returns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HiddenPeople:
+    """People who are hidden in a slot unless a camera shows them.
+
+    Attributes:
+        hidden: `(num_tracks,)` in [0, 1]: how likely none of the looks that are ordered has the
+            person shown.
+        shown: `(num_cameras, num_tracks)` in [0, 1]: how likely a look of each camera has the
+            person shown; 0 for those of no use, and of people who are shown anyway.
+    """
+
+    hidden: Floats
+    shown: Floats
+
+    @classmethod
+    def nobody(cls, num_cameras: int) -> HiddenPeople:
+        """Return what is expected where everybody is shown."""
+        return cls(np.zeros(0), np.zeros((num_cameras, 0)))
+
+    def shows(self, subsets: Flags) -> Floats:
+        """Return `(num_subsets,)` people whom sets of cameras are expected to have shown.
+
+        Args:
+            subsets: `(num_subsets, num_cameras)`.
+        """
+        return np.asarray((self.hidden * (1 - _all_miss(self.shown, subsets))).sum(axis=-1))
+
+
+def expected_hidden(needed: Flags, shown: Floats, ordered: Flags) -> HiddenPeople:
+    """Work out who is hidden in the slot after those that are ordered.
+
+    Args:
+        needed: `(num_tracks, num_cameras)` cameras of which one must show the person.
+        shown: `(num_cameras, num_tracks)` in [0, 1]: how likely each camera shows somebody there.
+        ordered: `(num_ordered, num_cameras)` cameras of the next slots.
+    """
+    useful = shown * needed.T
+    return HiddenPeople(_all_miss(useful, ordered).prod(axis=0), useful)
+
+
+def _all_miss(shown: Floats, subsets: Flags) -> Floats:
+    """Return `(num_subsets, num_tracks)`: how likely all cameras of a set miss somebody there."""
+    return np.asarray((1 - subsets[:, :, None] * shown).prod(axis=1))
