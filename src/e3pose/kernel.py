@@ -24,12 +24,13 @@ SOURCES = (
     _PACKAGE / "model" / "pose.py",
     _PACKAGE / "kernel.py",
 )
+FILTER_CONSTANTS = ("bias", "blindness", "learned_noise", "learned_shift", "motion", "state")
 # The filter's kernels call the others, but not the other way round.
 _FILTER = _PACKAGE / "estimate" / "filter"
 FILTER_SOURCES = (
     *SOURCES,
     *sorted((_FILTER / "kernels").glob("*.py")),
-    *(_FILTER / f"{name}.py" for name in ("bias", "blindness", "learned_noise", "motion", "state")),
+    *(_FILTER / f"{name}.py" for name in FILTER_CONSTANTS),
 )
 
 

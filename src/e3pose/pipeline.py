@@ -184,6 +184,7 @@ def step(
         reasons=_reasons(situation, decision),
         stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
         noise_factors=people.noise_factors,
+        shifts_px=people.shifts_px,
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
     return SlotState(slot + 1, selections, deficit, silence, memory, sights, shown), record

@@ -21,6 +21,7 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
         "sights": belief.sights,
         "doors": belief.doors,
         "noise": belief.noise,
+        "shifts": belief.shifts,
         **belief.columns(),
         **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
     }
@@ -55,5 +56,6 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         sights=np.array(arrays["sights"]),
         doors=np.array(arrays["doors"]),
         noise=np.array(arrays["noise"]),
+        shifts=np.array(arrays["shifts"]),
         **columns,
     )

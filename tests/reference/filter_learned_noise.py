@@ -23,6 +23,9 @@ from e3pose.estimate.filter.learned_noise import (
     leaning,
     tilt,
 )
+from e3pose.estimate.filter.learned_shift import CLIP_SIGMAS, COUNT, shifts_px
+from e3pose.estimate.filter.learned_shift import MEMORY as REMEMBERED
+from e3pose.estimate.filter.learned_shift import MOST as FURTHEST
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Floats, Ints, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
@@ -75,7 +78,30 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
     mean = (logs * counts + now * fresh + steps) / np.maximum(total_count, 1e-9)
     most = np.log(np.append(np.full(len(now) - 1, MOST), STEEPEST))
     noise = np.stack([np.clip(mean, -most, most), np.minimum(total_count, MEMORY)], axis=-1)
-    return replace(belief, noise=np.where(fresh[:, None] > 0, noise, belief.noise))
+    biased = error + np.where(usable[..., None], np.swapaxes(belief.bias_px[:, cameras], 0, 1), 0.0)
+    shifts = _shifts(belief.shifts, cameras, biased / left[..., None], share, total, model)
+    return replace(belief, noise=np.where(fresh[:, None] > 0, noise, belief.noise), shifts=shifts)
+
+
+def _shifts(
+    shifts: Floats, cameras: Ints, residual_px: Floats, share: Floats, total: Floats, model: Model
+) -> Floats:
+    """Return `Belief.shifts` after a slot; residuals are those of the views of `cameras`."""
+    off = np.linalg.norm(residual_px, axis=-1) / np.sqrt(total) / CLIP_SIGMAS
+    weight = share**2 / np.maximum(off, 1.0)
+    fresh = weight.sum(axis=(1, 2))
+    taught = fresh > 0
+    cameras, fresh = cameras[taught], fresh[taught]
+    found = (weight[..., None] * residual_px).sum(axis=(1, 2))[taught]
+    found += fresh[:, None] * shifts_px(shifts, model)[cameras]
+    counts = shifts[cameras, COUNT]
+    mean = (counts[:, None] * shifts[cameras, :COUNT] + found) / (counts + fresh)[:, None]
+    furthest = FURTHEST * model.image_sizes[cameras].max(axis=1)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1) / furthest, 1.0)[:, None]
+    shifts = shifts.copy()
+    shifts[cameras, :COUNT] = mean
+    shifts[cameras, COUNT] = np.minimum(counts + fresh, REMEMBERED)
+    return shifts
 
 
 def _proved(belief: Belief, seen: Sightings, cameras: Ints, since_s: Floats) -> Flags:

@@ -12,7 +12,7 @@ from tests.reference.filter_births import give_birth
 from tests.reference.filter_existence import attend, end
 from tests.reference.filter_update import Sightings, learn_biases, predict, update
 
-from e3pose.estimate.filter import bias, doors, learned_noise
+from e3pose.estimate.filter import bias, doors, learned_noise, learned_shift
 from e3pose.estimate.filter.kernels.step import (
     LONGEST_S,
     bounded,
@@ -49,7 +49,9 @@ def step(
         belief = belief.without_people()  # places are known as before
     before = belief
     belief = predict(replace(belief, time_s=now), dt, model)
-    cameras, keypoints, scores = _sorted(model, views)
+    cameras, keypoints, scores = _sorted(
+        model, views, learned_shift.shifts_px(belief.shifts, model)
+    )
     knots_px = learned_noise.knots_px(model, belief.noise)
     found = [
         associate(belief, k, s, camera, model, knots_px[camera])
@@ -71,14 +73,17 @@ def step(
     return belief, estimate_of(belief, model)
 
 
-def _sorted(model: Model, views: Mapping[int, Poses2D]) -> tuple[Ints, list[Floats], list[Floats]]:
-    """Return cameras in rig order and their undistorted people; usable in any order from here."""
+def _sorted(
+    model: Model, views: Mapping[int, Poses2D], shifts_px: Floats
+) -> tuple[Ints, list[Floats], list[Floats]]:
+    """Return cameras in rig order and their people, without lenses and shifts."""
     cameras = np.array(sorted(views), dtype=np.int64)
     keypoints, scores = [], []
     for camera in cameras.tolist():
         pixels, certainty = bounded(views[camera])
         usable = (certainty >= MISSING_SCORE) & (np.abs(pixels) <= MAX_PIXEL).all(axis=-1)
         pixels = model.rig.cameras[camera].undistort(np.where(usable[..., None], pixels, np.nan))
+        pixels = pixels - shifts_px[camera]
         usable = (np.abs(pixels) <= MAX_PIXEL).all(axis=-1)
         keypoints.append(np.where(usable[..., None], pixels, np.nan))
         scores.append(np.where(usable, certainty, 0.0))

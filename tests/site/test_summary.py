@@ -56,6 +56,21 @@ def test_edge_that_did_nothing_says_why_and_measures_nothing() -> None:
     assert told == ["no slots: fewer than two cameras were there", "  cam0: never seen"]
 
 
+def test_the_screen_tells_of_a_shifted_camera_unless_something_is_worse() -> None:
+    cameras = (
+        CameraStatus("cam0", True, last_seen_s=0.1, shift_px=2.0),
+        CameraStatus("cam1", True, last_seen_s=0.1, shift_px=6.2),
+        CameraStatus("cam2", True, why="views come late", last_seen_s=0.1, shift_px=9.0),
+        CameraStatus("cam3", True, last_seen_s=0.1, shift_px=math.nan),
+    )
+    out = io.StringIO()
+    Console(file=out, width=120).print(screen(Status("lab", 1, 20.0, 2, 1, cameras), 0.1))
+    told = out.getvalue()
+    assert told.count("px off") == 1
+    assert "6 px off" in told
+    assert "views come late" in told
+
+
 def test_camera_without_frames_says_why() -> None:
     assert camera_summary("cam0", Counted(), 0, 0) == "cam0: no frames"
     told = camera_summary("cam0", Counted(), 0, 0, "source usb:0: found no /dev/video0")

@@ -95,7 +95,9 @@ def noise(
     console = Console()
     if not console.is_terminal:  # a file or a pipe has no width to fit
         console = Console(width=160)
-    learned = dict(zip(source.rig.camera_ids, calibrated.learned.tolist(), strict=True))
+    lengths_px = (calibrated.learned_px**2).sum(axis=-1) ** 0.5
+    found = zip(calibrated.learned.tolist(), lengths_px.tolist(), strict=True)
+    learned = dict(zip(source.rig.camera_ids, found, strict=True))
     print_noise(file, correlations, console, learned, shipped.detector)
 
 

@@ -43,6 +43,7 @@ def camera_status(
     lost: int,
     now_ns: int,
     noise_factor: float = np.nan,
+    shift_px: float = np.nan,
 ) -> CameraStatus:
     """Return what the edge knows of a camera.
 
@@ -56,6 +57,7 @@ def camera_status(
         lost: views that were ordered and never came.
         now_ns: the time.
         noise_factor: sigma of its keypoints over what the noise file states; NaN if unknown.
+        shift_px: how far all of its keypoints are off the same way; NaN if unknown.
     """
     beat, capacity_wh = life.beat, life.hello.battery_wh if life.hello else None
     charge = beat.battery_j if beat else None
@@ -79,6 +81,7 @@ def camera_status(
         clock_offset_ms=beat.clock_offset_ns / 1e6 if beat else 0.0,
         gauge=bool(beat and beat.gauge),
         noise_factor=float(noise_factor) if np.isfinite(noise_factor) else None,
+        shift_px=float(shift_px) if np.isfinite(shift_px) else None,
     )
 
 
@@ -88,6 +91,9 @@ def site_status(edge: EdgeServer) -> Status:
     factors = record.noise_factors if record else None
     if factors is None:
         factors = np.full(len(edge.inbox.roster.lives), np.nan)
+    shifts_px = record.shifts_px if record else None
+    if shifts_px is None:
+        shifts_px = np.full((len(edge.inbox.roster.lives), 2), np.nan)
     duty, troubles, oddities = counts.duty(), edge.inbox.troubles(), edge.oddities()
     cameras = tuple(
         camera_status(
@@ -100,6 +106,7 @@ def site_status(edge: EdgeServer) -> Status:
             max(int(counts.missed[index] - edge.gather.late[index]), 0),
             now_ns,
             factors[index],
+            float(np.hypot(*shifts_px[index])),
         )
         for index, life in enumerate(edge.inbox.roster.lives)
     )

@@ -38,6 +38,8 @@ class People:
         noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
             states; NaN where too little is seen, None of an estimator that does not learn it.
         posterior: of everybody followed, for a smoother; None of an estimator without a memory.
+        shifts_px: `(num_cameras, 2)` pixels right and down that every keypoint of a camera is off,
+            as learned and taken off; NaN and None as of `noise_factors`.
     """
 
     poses: Poses3D
@@ -49,6 +51,7 @@ class People:
     stage_s: Mapping[str, float]
     noise_factors: NDArray[np.float64] | None = None
     posterior: Posterior | None = None
+    shifts_px: NDArray[np.float64] | None = None
 
 
 class Estimator(Protocol[Memory]):

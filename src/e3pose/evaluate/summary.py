@@ -175,12 +175,18 @@ def _noise(
 ) -> dict[str, Any]:
     """Return the noise file that was used, and what was learned of each camera by the last slot."""
     factors = records[-1].noise_factors if records else None
-    if factors is None:
+    shifts_px = records[-1].shifts_px if records else None
+    if factors is None or shifts_px is None:
         return {}
     learned = _by_camera(recording, factors)
     return {
         "file": settings.noise or detector_of(recording),
         "factors": {camera: round(factor, 3) for camera, factor in learned.items() if factor > 0},
+        "shifts_px": {
+            camera: [round(float(pixels), 2) for pixels in shift]
+            for camera, shift in zip(recording.rig.camera_ids, shifts_px, strict=True)
+            if np.isfinite(shift).all()
+        },
     }
 
 

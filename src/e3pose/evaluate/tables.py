@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("ms a slot", ("stage_ms", "slot", "median"), 2),
 )
 TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
+TELLING_PX = 3.0  # of shifts that are worth a line
 OF_ONE_REPLAY = {"p95 mm"}  # a comparison has little room
 PREDICT = ("predict ms", ("stage_ms", "predict", "median"), 3)  # beside leads, which it grows with
 FIGURE_NAMES = {
@@ -158,12 +160,18 @@ def print_summary(summary: Mapping[str, Any], console: Console | None = None) ->
 
 
 def noise_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return a line for each camera whose keypoints are clearly other than the noise file says."""
+    """Return a line for each camera whose keypoints are clearly other than files say."""
     noise = summary["noise"]
-    return [
+    lines = [
         f"{camera_id}: keypoint noise {factor:.1f}x what {noise['file']} states"
         for camera_id, factor in noise.get("factors", {}).items()
         if not 1 / TELLING <= factor <= TELLING
+    ]
+    return lines + [
+        f"{camera_id}: keypoints are {length:.0f} px off, all the same way: "
+        f"{right:+.0f} right, {down:+.0f} down; taken off, but check its calibration"
+        for camera_id, (right, down) in noise.get("shifts_px", {}).items()
+        if (length := math.hypot(right, down)) >= TELLING_PX
     ]
 
 

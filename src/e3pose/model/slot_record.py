@@ -53,6 +53,8 @@ class SlotRecord:
         stage_s: seconds spent in the estimator's stages, predict, occlusion, select.
         noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
             states; NaN where too little is seen, None of an estimator that does not learn it.
+        shifts_px: `(num_cameras, 2)` pixels right and down that every keypoint of a camera is off,
+            as learned and taken off; NaN and None as above.
     """
 
     slot: int
@@ -69,6 +71,7 @@ class SlotRecord:
     reasons: Reasons | None = None
     stage_s: Mapping[str, float] = field(default_factory=dict)
     noise_factors: Floats | None = None
+    shifts_px: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = self.poses.scores.shape

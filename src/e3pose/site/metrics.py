@@ -51,6 +51,11 @@ class EdgeCollector:
                 "sigma of its keypoints over what the noise file states",
                 [c.noise_factor for c in status.cameras],
             ),
+            (
+                "camera_shift_pixels",
+                "how far all of its keypoints are off the same way, which is taken off",
+                [c.shift_px for c in status.cameras],
+            ),
             ("camera_watts", "what it draws", [c.power_w for c in status.cameras]),
             ("camera_battery", "share of its charge left", [c.battery for c in status.cameras]),
             ("camera_ordered_views", "views asked for in time", counts.ordered.tolist()),

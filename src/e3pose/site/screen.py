@@ -16,6 +16,7 @@ MODES = {
     "power-saving": ("saving", "cyan"),
     "aggressive-power-saving": ("asleep", "blue"),
 }
+TELLING_SHIFT_PX = 3.0
 BAR = 10
 LOW_BATTERY = 0.2
 EVENTS = 8
@@ -121,8 +122,15 @@ def _row(camera: CameraStatus) -> list[Text]:
         Text(str(camera.lost), style="yellow" if camera.lost else ""),
         Text("" if camera.last_seen_s is None else f"{camera.clock_offset_ms:+.1f}"),
         Text("" if camera.noise_factor is None else f"{camera.noise_factor:.1f}x"),
-        Text(camera.why, style="red"),
+        _remark(camera),
     ]
+
+
+def _remark(camera: CameraStatus) -> Text:
+    shift_px = _within(camera.shift_px or 0.0, 999.0)
+    if camera.why or shift_px < TELLING_SHIFT_PX:
+        return Text(camera.why, style="red")
+    return Text(f"{shift_px:.0f} px off", style="yellow")
 
 
 def _duration(seconds: float) -> str:

@@ -248,6 +248,8 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         gauge: whether the battery's gauge says what is left; otherwise a model does.
         noise_factor: sigma of its keypoints over what the noise file states, as the edge learned
             it; None if unknown.
+        shift_px: how far all of its keypoints are off the same way, as the edge learned it and
+            takes it off; None if unknown.
     """
 
     camera_id: str
@@ -265,6 +267,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     clock_offset_ms: float = 0.0
     gauge: bool = False
     noise_factor: float | None = None
+    shift_px: float | None = None
 
 
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):

@@ -9,9 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import STEER_SLOTS, People
-from e3pose.estimate.filter import Belief, Estimate, Model, Outlook, outlook
+from e3pose.estimate.filter import (
+    Belief,
+    Estimate,
+    Model,
+    Outlook,
+    learned_noise,
+    learned_shift,
+    outlook,
+)
 from e3pose.estimate.filter.covariance_inflation import spread_factor
-from e3pose.estimate.filter.learned_noise import found
 from e3pose.estimate.filter.posterior import posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
 from e3pose.estimate.filter.steer import steer, unforeseen
@@ -93,8 +100,9 @@ class Filtered:
             estimate.covariance_m2 * factor[..., None, None] ** 2,
             estimate.measured,
             {"estimate": clock() - start},
-            found(belief.noise, self.model.noise.weight),
+            learned_noise.found(belief.noise, self.model.noise.weight),
             posterior_of(belief, identities.of(belief.track_ids)),
+            learned_shift.found_px(belief.shifts, self.model),
         )
         return Remembered(belief, identities, estimate.track_ids, history), people
 

@@ -21,6 +21,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 SIDES = ("left", "right")
+OF_THE_SITE = ("time_s", "leftovers", "sights", "doors", "noise", "shifts", "next_id")
 GIRDLES = ("shoulder", "hip")
 STIFF = (
     *BODY_LIMBS,
@@ -205,6 +206,8 @@ class Belief:
         noise: `(num_cameras + 1, 2)` logarithm of the factor on the noise file's sigma that each
             camera's keypoints showed, and how many taught it; last the same of the tilt by score
             (`learned_noise`).
+        shifts: `(num_cameras, 3)` pixels of the undistorted image by which each camera's keypoints
+            are too far right and down, and how many keypoints taught it (`learned_shift`).
         next_id: the id that the next new person gets.
     """
 
@@ -230,6 +233,7 @@ class Belief:
     sights: Floats
     doors: Floats
     noise: Floats
+    shifts: Floats
     next_id: int = 0
 
     def __len__(self) -> int:
@@ -267,6 +271,7 @@ class Belief:
             sights=blindness.nothing_known(model.rig),
             doors=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
             noise=np.zeros((len(model.rig) + 1, 2)),
+            shifts=np.zeros((len(model.rig), 3)),
         )
 
     def without_people(self) -> Belief:
@@ -280,5 +285,5 @@ class Belief:
         return {
             item.name: getattr(self, item.name)
             for item in fields(self)
-            if item.name not in ("time_s", "leftovers", "sights", "doors", "noise", "next_id")
+            if item.name not in OF_THE_SITE
         }

@@ -52,6 +52,7 @@ class Calibrated:
         slots: of the recording.
         learned: `(num_cameras,)` what the estimator found while it ran, over the noise file of the
             detector that the recording names; NaN where it saw too little.
+        learned_px: `(num_cameras, 2)` the shifts that it learned then; NaN likewise.
     """
 
     noise: Noise
@@ -60,6 +61,7 @@ class Calibrated:
     people: int
     slots: int
     learned: Floats
+    learned_px: Floats
 
 
 def calibrate_noise(
@@ -94,7 +96,7 @@ def calibrate_noise(
             "a view is compared with what two others say"
         )
     num_slots = min(recording.num_slots, max(1, round(seconds / recording.interval_s)))
-    tracks, learned = all_camera_tracks(recording, num_slots, replayed)
+    tracks, learned, learned_px = all_camera_tracks(recording, num_slots, replayed)
     people = list(sight(recording, tracks, num_slots))
     image_px = float(max(max(camera.image_size) for camera in rig.cameras))
     noise = _resized(start, image_px)
@@ -127,17 +129,17 @@ def calibrate_noise(
         ratio = np.clip(back / corrected.of(measured.scores), *BELIEVABLE)
         sigma = falling(measured.sigma_px / ratio, measured.counts)
         corrected = _noise(measured.scores, sigma, image_px)
-    return Calibrated(corrected, measured, shifts, len(people), num_slots, learned)
+    return Calibrated(corrected, measured, shifts, len(people), num_slots, learned, learned_px)
 
 
 def all_camera_tracks(
     recording: Recording, num_slots: int, replayed: Replayed = iter
-) -> tuple[list[tuple[Ints, Floats]], Floats]:
+) -> tuple[list[tuple[Ints, Floats]], Floats, Floats]:
     """Return what the estimator with a memory finds with all cameras on.
 
     Returns:
-        The slots and joints of everybody who stays, and `(num_cameras,)` the noise that it learned,
-        over that of the noise file.
+        The slots and joints of everybody who stays; `(num_cameras,)` the noise that it learned,
+        over that of the noise file; `(num_cameras, 2)` the shifts that it learned, in pixels.
     """
     from e3pose.evaluate.replay import ReplaySettings, replay
 
@@ -149,14 +151,17 @@ def all_camera_tracks(
     slots: dict[int, list[int]] = {}
     poses: dict[int, list[Floats]] = {}
     learned = np.full(len(recording.rig), np.nan)
+    shifts_px = np.full((len(recording.rig), 2), np.nan)
     for record in replayed(replay(part, settings)):
         if record.noise_factors is not None:
             learned = record.noise_factors
+        if record.shifts_px is not None:
+            shifts_px = record.shifts_px
         for track, joints_m in zip(record.track_ids.tolist(), record.poses.joints_m, strict=True):
             slots.setdefault(track, []).append(record.slot)
             poses.setdefault(track, []).append(joints_m)
     long = [track for track, there in slots.items() if len(there) >= MIN_SLOTS]
-    return [(np.array(slots[track]), np.stack(poses[track])) for track in long], learned
+    return [(np.array(slots[track]), np.stack(poses[track])) for track in long], learned, shifts_px
 
 
 def _made_up(

@@ -68,7 +68,7 @@ def print_noise(
     file: NoiseFile,
     correlations: dict[float, float],
     console: Console,
-    learned: Mapping[str, float],
+    learned: Mapping[str, tuple[float, float]],
     shipped: str,
 ) -> None:
     """Print sigma and gross errors by score, the memory of errors, and every camera.
@@ -77,7 +77,8 @@ def print_noise(
         file: what was measured.
         correlations: by lag in seconds.
         console: where to.
-        learned: by camera, what the estimator found while it ran, over the shipped noise.
+        learned: by camera, what the estimator found while it ran: sigma over that of the shipped
+            noise, and the length of the shift in pixels; NaN where it saw too little.
         shipped: the name of that noise.
     """
     from rich.table import Table
@@ -107,16 +108,23 @@ def print_noise(
             f"{view.bias_px:.2f}",
             f"{right:+.1f} right, {down:+.1f} down",
             f"{100 * view.gross_share:.1f}",
-            f"{learned[name]:.1f}x {shipped}" if learned[name] > 0 else "",
+            _live(*learned[name], shipped),
         )
     _print(views, "by camera, measured, all scores", console)
     console.print(
         Text(
             "sigma: of either coordinate, corrected for the error of the reference; gross: beyond "
             "40 px of 1032; bias: mean over time; "
-            "live: what the estimator learned while it ran, times the noise it began with"
+            "live: what the estimator learned while it ran, times the noise it began with, and the "
+            "shift that it took off"
         )
     )
+
+
+def _live(factor: float, shift_px: float, shipped: str) -> str:
+    """Return what was learned of a camera, empty where that is nothing."""
+    told = [f"{factor:.1f}x {shipped}"] if factor > 0 else []
+    return ", ".join(told + ([f"{shift_px:.0f} px"] if shift_px >= 0 else []))
 
 
 def draw_noise(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.bias import LASTS_S
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.kernels.bias import inflation
+from e3pose.estimate.filter.kernels.learned_shift import compare_shift
 from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
 from e3pose.estimate.filter.kernels.scratch import Detectors, Matches, Site, Tracks, Views
 from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
@@ -142,6 +143,14 @@ def _compare(
         total = own + doubt / left
         share = own / total
         if share > LEAST_SHARE:
+            compare_shift(
+                camera,
+                share,
+                (du + bias_px[joint, 0]) / left,
+                (dv + bias_px[joint, 1]) / left,
+                total,
+                detectors,
+            )
             lean = _leaning(views.weights[row, joint])
             beyond = squares / (left * left) > MEDIAN * total
             surprise = share * (0.5 if beyond else -0.5) / SLOPE

@@ -145,6 +145,8 @@ class Detectors(NamedTuple):
     scales: Floats  # (num_cameras,) `Site.scales` times that factor
     fresh: Floats  # (num_cameras + 1,) keypoints that teach
     steps: Floats  # (num_cameras + 1,) how much they are beyond their median
+    shifts_px: Floats  # (num_cameras, 2) what is taken off all keypoints
+    residuals: Floats  # (num_cameras, 3) weighted sums of what is left, right and down; weights
 
 
 class Offers(NamedTuple):
@@ -255,6 +257,8 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             scales=np.zeros(cameras),
             fresh=np.zeros(cameras + 1),
             steps=np.zeros(cameras + 1),
+            shifts_px=np.zeros((cameras, 2)),
+            residuals=np.zeros((cameras, 3)),
         ),
         Offers(
             sight=np.zeros((4, joints)),

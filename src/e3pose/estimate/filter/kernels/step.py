@@ -17,6 +17,7 @@ from e3pose.estimate.filter.kernels.births import give_birth
 from e3pose.estimate.filter.kernels.blindness import learn_sights
 from e3pose.estimate.filter.kernels.existence import attend, end
 from e3pose.estimate.filter.kernels.learned_noise import compare_noise, learn_noise, recall_noise
+from e3pose.estimate.filter.kernels.learned_shift import learn_shifts, recall_shifts
 from e3pose.estimate.filter.kernels.predict import predict
 from e3pose.estimate.filter.kernels.scratch import (
     Detectors,
@@ -110,8 +111,9 @@ class StepKernel:
             memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
             memory.waiting.scores[:num_old] = waiting.scores
         sights, noise = np.array(belief.sights, order="C"), np.array(belief.noise, order="C")
+        shifts = np.array(belief.shifts, order="C")
         num_tracks, num_waiting, next_id = self._call(
-            num_tracks, num_old, now, dt, belief.next_id, self._site, sights, noise, memory
+            num_tracks, num_old, now, dt, belief.next_id, self._site, sights, noise, shifts, memory
         )
         rows = memory.waiting.order[:num_waiting]
         leftovers = Leftovers(
@@ -130,6 +132,7 @@ class StepKernel:
             sights=sights,
             doors=before.doors,
             noise=noise,
+            shifts=shifts,
             next_id=next_id,
             **columns,
         )
@@ -176,6 +179,7 @@ def step_slot(
     site: Site,
     sights: Floats,
     noise: Floats,
+    shifts: Floats,
     memory: Memory,
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
@@ -185,6 +189,7 @@ def step_slot(
         for axis in range(2):
             memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
     recall_noise(noise, site, memory.detectors)
+    recall_shifts(shifts, site.sizes, memory.detectors)
     _prepare(site, memory.detectors, views)
     num_views = 0
     for camera in range(len(views.counts)):
@@ -231,6 +236,7 @@ def step_slot(
             passes.measured,
         )
     learn_noise(noise, memory.detectors)
+    learn_shifts(shifts, site.sizes, memory.detectors)
     attend(
         num_tracks,
         dt,
@@ -264,7 +270,7 @@ def step_slot(
 
 @kernel
 def _prepare(site: Site, detectors: Detectors, views: Views) -> None:
-    """Take the lenses out and look up the noise; nobody is explained yet."""
+    """Take lenses and shifts out and look up the noise; nobody is explained yet."""
     undistort_slot(
         views.keypoints_px,
         views.scores,
@@ -282,6 +288,8 @@ def _prepare(site: Site, detectors: Detectors, views: Views) -> None:
             views.cameras[row] = camera
             views.free[row] = True
             for joint in range(views.scores.shape[2]):
+                for axis in range(2):
+                    views.pixels[row, joint, axis] -= detectors.shifts_px[camera, axis]
                 u, v = views.pixels[row, joint, 0], views.pixels[row, joint, 1]
                 score = views.scores[camera, person, joint]
                 if not (score >= MIN_SCORE and abs(u) <= MAX_PIXEL and abs(v) <= MAX_PIXEL):

@@ -1,0 +1,50 @@
+"""How far each camera's keypoints are all off the same way: learned, and taken off.
+
+A camera that was bumped, or a calibration that is off by a fraction of a degree, moves all of its
+keypoints by about as many pixels. After the update of a slot each keypoint is compared with where
+all other evidence puts its joint, as `learned_noise` does; the mean over minutes is the shift.
+What lasts for a few seconds of one joint of one person (`bias`) is part of that mean, so that a
+shift is not taken for as many biases, which every new person would have to teach again.
+
+Shifts that move all cameras' people alike in the world cannot be seen, and are not learned: what
+all cameras agree about leaves no residual.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from e3pose.estimate.filter.state import Floats, Model
+
+COUNT = 2  # of the last axis of `Belief.shifts`; before it right and down
+PRIOR = 300.0  # keypoints that no shift at all counts for
+MEMORY = 5_000.0  # keypoints of a camera: a minute of two people who are seen all the time
+MOST = 30 / 1032  # of the image: farther off a camera's detections fit nobody
+# What simulated cameras that are not shifted at all are found to be off after minutes: people's
+# bones and the motion model pull all cameras a little the same way.
+LEAST = 1 / 1032  # of the image: what is not more than this is none
+CLIP_SIGMAS = 2.0  # a wild keypoint teaches no more than one so far off
+LEAST_KNOWN = 50.0  # keypoints from which on a shift is worth telling
+
+
+def shifts_px(shifts: Floats, model: Model) -> Floats:
+    """Return `(num_cameras, 2)` pixels right and down that are taken off each camera's keypoints.
+
+    Small ones are left alone and large ones hardly reduced: the non-negative garrote (Breiman,
+    Technometrics 37, 1995).
+
+    Args:
+        shifts: `Belief.shifts`.
+        model: the rig.
+    """
+    mean = shifts[:, :COUNT] * (shifts[:, COUNT:] / (shifts[:, COUNT:] + PRIOR))
+    least = LEAST * model.image_sizes.max(axis=1)
+    squares = (mean**2).sum(axis=1)
+    kept = np.where(squares > least**2, 1 - least**2 / np.maximum(squares, 1e-12), 0.0)
+    return np.asarray(mean * kept[:, None])
+
+
+def found_px(shifts: Floats, model: Model) -> Floats:
+    """Return `(num_cameras, 2)` pixels that are taken off; NaN where too little is seen."""
+    known = shifts[:, COUNT:] >= LEAST_KNOWN
+    return np.where(known, shifts_px(shifts, model), np.nan)
