@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -121,8 +123,6 @@ def export(
         return track_progress(items, total, label)
 
     if settings.method is not None or settings.fill_s > 0:
-        from dataclasses import replace
-
         motions: list[Motion] = []
         for motion in progress(take.motions, len(take.motions), "smooth"):
             motions += smoothed(replace(take, motions=(motion,)), settings).motions
@@ -158,14 +158,10 @@ def _take(source: str, dest: Path, asked: Asked) -> Take:
     database = database_path(database_url(store))
     if database is not None and dest.resolve() in files_of(database.resolve()):
         raise InputError(f"{dest}: found the store itself, expected another file")
-    from dataclasses import replace
-
     return take_from_store(store, replace(asked, site=site))
 
 
 def _corners(region: str) -> tuple[float, float, float, float]:
-    import math
-
     try:
         values = [float(part) for part in region.split(",")]
     except ValueError:

@@ -7,7 +7,6 @@ missing. `track_id` and `scores` are fields beside COCO's own.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +36,6 @@ def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:
         )
     images: list[dict[str, Any]] = []
     annotations: list[dict[str, Any]] = []
-    measured = _measured(take)
     found = frames(take, COCO17)
     for frame in settings.progress(found, len(found), "write"):
         for camera in settings.rig.cameras:
@@ -52,7 +50,7 @@ def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:
                 if not inside.any():
                     continue
                 low, high = points[inside, :2].min(axis=0), points[inside, :2].max(axis=0)
-                sure = measured(track_id, frame.slot)
+                sure = _measured(take, track_id, frame.slot)
                 flags = np.where(inside, np.where(sure, 2, 1), 0)
                 numbers = [
                     value
@@ -87,19 +85,8 @@ def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:
     return f"{len(images)} images of {len(settings.rig)} cameras, {len(annotations)} people"
 
 
-class _Measured:
-    """Which COCO joints of a person a view of a frame measured."""
-
-    def __init__(self, take: Take) -> None:
-        names = take.skeleton.joints
-        self._columns = [names.index(n) if n in names else -1 for n in COCO17.joints]
-        self._motions = {motion.track_id: motion for motion in take.motions}
-
-    def __call__(self, track_id: int, slot: int) -> Sequence[bool]:
-        motion = self._motions[track_id]
-        row = motion.origin[slot - motion.first]
-        return [column >= 0 and bool(row[column] == MEASURED) for column in self._columns]
-
-
-def _measured(take: Take) -> _Measured:
-    return _Measured(take)
+def _measured(take: Take, track_id: int, slot: int) -> list[bool]:
+    """Return which COCO joints of a person a view of the frame measured."""
+    (motion,) = (motion for motion in take.motions if motion.track_id == track_id)
+    row, names = motion.origin[slot - motion.first], take.skeleton.joints
+    return [n in names and bool(row[names.index(n)] == MEASURED) for n in COCO17.joints]
