@@ -84,6 +84,8 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
     )
     cam1.subscribe("e3pose/lab/order/cam1", lambda t, p: told.append(p))
     viewer.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
+    later: list[bytes] = []
+    viewer.subscribe("e3pose/lab/poses-delayed", lambda t, p: later.append(p))
     for spy, name in ((cam2, "cam2"), (viewer, "viewer"), (revoked, "revoked")):
         for topic in ("e3pose/lab/order/cam1", "e3pose/lab/camera/cam1/**", "e3pose/**"):
             spy.subscribe(topic, lambda t, p, name=name: spied.append((name, p)))  # type: ignore[misc]
@@ -92,8 +94,9 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
         cam1.publish("e3pose/lab/camera/cam1/view", b"mine")
         edge.publish("e3pose/lab/order/cam1", b"to cam1")
         edge.publish("e3pose/lab/poses", b"people")
+        edge.publish("e3pose/lab/poses-delayed", b"people again")
         time.sleep(0.05)
-        return bool(views and told and seen)
+        return bool(views and told and seen and later)
 
     assert eventually(ready)
     views.clear()
@@ -101,6 +104,7 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
         liar.publish("e3pose/lab/camera/cam1/view", b"forged")
         liar.publish("e3pose/lab/order/cam1", b"forged")
         liar.publish("e3pose/lab/poses", b"forged")
+        liar.publish("e3pose/lab/poses-delayed", b"forged")
     revoked.publish("e3pose/lab/camera/cam3/view", b"from the revoked")
     assert revoked.ask("e3pose/lab/camera/cam3/clock", b"?", SILENCE_S) is None
     assert cam2.ask("e3pose/lab/camera/cam1/clock", b"?", SILENCE_S) is None
@@ -110,8 +114,9 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
     time.sleep(SILENCE_S)
     assert {payload for _, payload in views} <= {b"honest", b"mine"}
     assert set(told) == {b"to cam1"} and set(seen) == {b"people"}
+    assert set(later) == {b"people again"}
     # The one thing on `e3pose/**` that a viewer may hear are the poses.
-    assert {payload for _, payload in spied} <= {b"people"}
+    assert {payload for _, payload in spied} <= {b"people", b"people again"}
     edge.close()
 
 
