@@ -64,7 +64,9 @@ def test_parquet_holds_the_same_rows(folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("method", ["rts", "butterworth"])
-def test_smoothed_poses_are_figures_and_rows(folder: Path, tmp_path: Path, method: str) -> None:
+def test_smoothed_poses_are_figures_and_rows(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], method: str
+) -> None:
     found = {}
     for name, options in (("plain", []), ("smooth", ["--smooth", method])):
         figures, poses = tmp_path / f"{name}.json", tmp_path / f"{name}.csv"
@@ -74,6 +76,7 @@ def test_smoothed_poses_are_figures_and_rows(folder: Path, tmp_path: Path, metho
     (plain, rows), (smooth, smoothed) = found["plain"], found["smooth"]
     assert len(rows.splitlines()) == len(smoothed.splitlines()) and rows != smoothed
     assert smooth["acceleration_error_mps2"] < plain["acceleration_error_mps2"]
+    assert capsys.readouterr().out.count(f", smoothed ({method})") == 1
 
 
 @pytest.mark.parametrize(

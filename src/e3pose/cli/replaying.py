@@ -133,6 +133,8 @@ def replay(
         idle_mode=plan.idle_mode,
         battery_wh=plan.battery_wh,
     )
+    if smoothing.method is not None:
+        summary["settings"]["smooth"] = smoothing.method
     if poses is not None:
         write_poses(records, source.skeleton, poses)
     if json_file is not None:

@@ -27,6 +27,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("MPJPE mm", ("metrics", "mpjpe_mm"), 1),
     ("p95 mm", ("metrics", "p95_mm"), 0),
     ("p99 mm", ("metrics", "p99_mm"), 0),
+    ("jitter m/s2", ("metrics", "acceleration_error_mps2"), 2),
     ("recall", ("metrics", "recall_500mm"), 3),
     ("ids", ("identities",), 1),
     ("id changes", ("metrics", "id_switches"), 1),
@@ -37,7 +38,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
 )
 TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
 TELLING_PX = 3.0  # of shifts that are worth a line
-OF_ONE_REPLAY = {"p95 mm"}  # a comparison has little room
+OF_ONE_REPLAY = {"p95 mm", "jitter m/s2"}  # a comparison has little room
 PREDICT = ("predict ms", ("stage_ms", "predict", "median"), 3)  # beside leads, which it grows with
 FIGURE_NAMES = {
     "cameras on": "cameras on, mean a slot",
@@ -47,6 +48,7 @@ FIGURE_NAMES = {
     "PCP avg %": "PCP average of actors 1-3, %",
     "p95 mm": "error that 95 % of the joints stay below, mm",
     "p99 mm": "error that 99 % of the joints stay below, mm",
+    "jitter m/s2": "error of the joints' acceleration, m/s2",
     "recall": "recall within 500 mm",
     "ids": "identities given, of anybody",
     "id changes": "changes of identity of labelled people",
@@ -126,6 +128,8 @@ def print_summary(summary: Mapping[str, Any], console: Console | None = None) ->
     from rich.table import Table
 
     title = f"{summary['policy']} over {counted(summary['slots'], 'slot')}"
+    if "smooth" in summary["settings"]:
+        title += f", smoothed ({summary['settings']['smooth']})"
     figures = Table(title=title, title_justify="left", show_header=False)
     figures.add_column()
     figures.add_column(justify="right")

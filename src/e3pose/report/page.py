@@ -33,6 +33,7 @@ SETTING_WORDS = {
     "predictor": "predictor",
     "reject_outliers": "outlier views rejected",
     "seed": "seed",
+    "smooth": "smoothed after the fact",
 }
 # Filled in by player.js.
 WHY = (
