@@ -36,7 +36,7 @@ LAYERS: list[str] = []
 for rooms in (
     "errors plural clock kernel files model geometry predict energy estimate smooth select",
     "pipeline calibration recording detectors wire settings store exports simulate camera",
-    "evaluate learn edge site report demo cli __main__",
+    "evaluate calibrate learn edge site report demo cli __main__",
 ):
     LAYERS += rooms.split()
 NOT_YET = {("settings", "evaluate")}  # what can go wrong in a replay is part of its settings

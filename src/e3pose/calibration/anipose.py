@@ -8,6 +8,7 @@ assumed unless `units` under `[metadata]` says otherwise.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +43,9 @@ def read(path: Path, tables: Mapping[str, Any]) -> Rig:
         camera = fields.table(entry, f"{path}: camera {shown}")
         name = fields.name_of(camera.get("name", section))
         cameras.append(read_camera(path, shown, name, camera, metres_per_unit))
-    return fields.make_rig(path, cameras, None if "units" in metadata else "metres")
+    placed = _flag(metadata, "placed", True, f"{path}: metadata")
+    assumed_units = None if "units" in metadata or not placed else "metres"
+    return replace(fields.make_rig(path, cameras, assumed_units), placed=placed)
 
 
 def read_camera(
@@ -62,10 +65,7 @@ def read_camera(
     def numbers(key: str, *shapes: tuple[int, ...]) -> fields.Floats:
         return fields.numbers(fields.field(camera, key, where), shapes, f"{where}: {key}")
 
-    fisheye = camera.get("fisheye", False)
-    if not isinstance(fisheye, bool):
-        raise InputError(f"{where}: fisheye: found {fisheye!r:.40}, expected true or false")
-    return fields.make_camera(
+    made = fields.make_camera(
         path,
         name,
         numbers("size", (2,)),
@@ -73,8 +73,16 @@ def read_camera(
         numbers("rotation", (3,), (3, 3)),
         numbers("translation", (3,)) * metres_per_unit,
         numbers("distortions"),
-        fisheye,
+        _flag(camera, "fisheye", False, where),
     )
+    return replace(made, lens_assumed=_flag(camera, "lens_assumed", False, where))
+
+
+def _flag(table: Mapping[str, Any], key: str, default: bool, where: str) -> bool:
+    value = table.get(key, default)
+    if not isinstance(value, bool):
+        raise InputError(f"{where}: {key}: found {value!r:.40}, expected true or false")
+    return value
 
 
 def save(rig: Rig, path: Path) -> None:
@@ -91,7 +99,8 @@ def save(rig: Rig, path: Path) -> None:
             "rotation": fields.rotation_vector(camera.R).tolist(),
             "translation": camera.t.tolist(),
             "fisheye": camera.fisheye,
+            **({"lens_assumed": True} if camera.lens_assumed else {}),
         }
-    tables["metadata"] = {"units": "m", "up": "z"}
+    tables["metadata"] = {"units": "m", "up": "z", **({} if rig.placed else {"placed": False})}
     with atomic_file(path) as temporary:
         temporary.write_text(tomli_w.dumps(tables), encoding="utf-8")

@@ -9,7 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from e3pose.camera.pairing import pair_videos
+from e3pose.calibration.world import assumed_rig
+from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import SlotGrid, frames_in_slots
 from e3pose.camera.source import VideoSource, open_video
@@ -72,7 +73,7 @@ def partial_folder(dest: Path) -> Path:
 
 def detect_videos(
     videos: Sequence[Path | str],
-    rig: Rig,
+    rig: Rig | None,
     detector: Detector,
     dest: Path,
     settings: DetectSettings | None = None,
@@ -86,7 +87,8 @@ def detect_videos(
 
     Args:
         videos: files, paired with cameras by `pair_videos`; or `CAMERA=path` strings.
-        rig: calibrated cameras. Those without a video are not in the recording.
+        rig: calibrated cameras. Those without a video are not in the recording. None names cameras
+            after their videos; their lenses are assumed and their places unknown then.
         detector: finds the people.
         dest: the recording folder to make.
         settings: which frames to look at; all by default.
@@ -100,10 +102,12 @@ def detect_videos(
     """
     settings = settings or DetectSettings()
     check_free(dest, settings.overwrite)
+    paths = name_videos(videos) if rig is None else pair_videos(videos, rig)
+    sources = {camera_id: open_video(path) for camera_id, path in paths.items()}
+    if rig is None:
+        rig = assumed_rig({name: source.image_size for name, source in sources.items()})
     for camera_id in settings.offsets_s:
         rig.index(camera_id)
-    paths = pair_videos(videos, rig)
-    sources = {camera_id: open_video(path) for camera_id, path in paths.items()}
     seen_rig = rig.subset([rig.index(camera_id) for camera_id in sources])
     for camera_id, source in sources.items():
         _check_size(seen_rig, camera_id, source)

@@ -7,7 +7,34 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.geometry.camera import Rig, check_camera_id
+
+
+def name_videos(videos: Sequence[Path | str]) -> dict[str, Path]:
+    """Name cameras after their videos, for want of a rig: `CAMERA=path`, or the file's stem.
+
+    Returns:
+        Camera id to file or folder, in the order given; characters that no camera id may have
+        become `_`.
+
+    Raises:
+        InputError: when two of them get one name, or a name is none.
+    """
+    named: dict[str, Path] = {}
+    for video in videos:
+        camera_id, equals, path = str(video).partition("=")
+        if not equals or Path(video).exists():
+            camera_id, path = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(video).stem)[:64], str(video)
+        check_camera_id(camera_id)
+        if camera_id in named:
+            raise InputError(
+                f"videos: {named[camera_id]} and {path} both name camera {camera_id!r}; say "
+                "CAMERA=PATH"
+            )
+        named[camera_id] = Path(path)
+    if not named:
+        raise InputError("videos: found none, expected at least one")
+    return named
 
 
 def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:

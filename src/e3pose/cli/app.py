@@ -14,6 +14,10 @@ from cyclopts import App, CycloptsError
 
 from e3pose import __version__
 from e3pose.cli.calibrating import calibrate_app
+from e3pose.cli.calibrating_lenses import board, intrinsics
+from e3pose.cli.calibrating_places import extrinsics
+from e3pose.cli.calibrating_worlds import align
+from e3pose.cli.calibrating_worlds import check as check_calibration
 from e3pose.cli.demonstrating import demo
 from e3pose.cli.detecting import detect
 from e3pose.cli.evaluating import evaluate
@@ -30,6 +34,7 @@ from e3pose.cli.replaying import replay
 from e3pose.cli.routing import router
 from e3pose.cli.running import camera, edge, up
 from e3pose.cli.simulating import simulate
+from e3pose.cli.synchronising import sync
 from e3pose.cli.training import train
 from e3pose.cli.watching import check, top
 from e3pose.errors import InputError
@@ -57,6 +62,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "evaluate": evaluate,
     "evaluate-predictor": evaluate_predictor,
     "calibrate": calibrate_app,
+    "sync": sync,
     "models": models_app,
     "edge": edge,
     "router": router,
@@ -70,6 +76,15 @@ VERBS: dict[str, Callable[..., Any]] = {
 }
 for _verb, _function in VERBS.items():
     app.command(_function, name=_verb)
+CALIBRATE_VERBS: dict[str, Callable[..., Any]] = {
+    "board": board,
+    "intrinsics": intrinsics,
+    "extrinsics": extrinsics,
+    "align": align,
+    "check": check_calibration,
+}
+for _verb, _function in CALIBRATE_VERBS.items():
+    calibrate_app.command(_function, name=_verb)
 
 # Which extra brings a module that a smaller install may lack.
 EXTRAS = {

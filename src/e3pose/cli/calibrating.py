@@ -1,4 +1,4 @@
-"""`e3pose calibrate`: measure on your own recordings what the estimator should believe."""
+"""`e3pose calibrate`, and its verb `noise`: how far off a detector's keypoints are."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from e3pose.cli.options import check_outputs
 from e3pose.errors import InputError
 
 calibrate_app = App(
-    name="calibrate", help="Measure on your own recordings what the estimator should believe."
+    name="calibrate", help="Calibrate cameras, see how good a calibration is, and measure noise."
 )
 
 MAX_SECONDS = 3600.0
@@ -58,12 +58,12 @@ def noise(
     """
     from rich.console import Console
 
+    from e3pose.cli.placed import load_placed
     from e3pose.evaluate.drawing import check_svg
     from e3pose.evaluate.noise.calibrate import calibrate_noise
     from e3pose.evaluate.noise.report import as_file, draw_noise, print_noise
     from e3pose.files.atomic import atomic_file
     from e3pose.model.noises import detector_of, encode_noise, load_noise_file
-    from e3pose.recording import load_recording
 
     if not 0 < seconds <= MAX_SECONDS:
         raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
@@ -72,7 +72,7 @@ def noise(
     if plot is not None:
         check_svg("--plot", plot)
     check_outputs(recording, {"--out": out, "--plot": plot})
-    source = load_recording(recording)
+    source = load_placed(recording)
     shipped = load_noise_file(detector_of(source))
     with _bar() as (track, told):
         calibrated = calibrate_noise(

@@ -1,4 +1,4 @@
-"""`e3pose detect`: find people in calibrated videos and write a recording."""
+"""`e3pose detect`: find people in videos and write a recording."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Flag = Annotated[bool, Parameter(negative="")]
 
 def detect(
     *paths: str,
-    calibration: Path,
+    calibration: Path | None = None,
     model: str = "openpose-thin",
     family: str | None = None,
     provider: Literal["auto", "tensorrt", "cuda", "cpu"] = "auto",
@@ -39,7 +39,7 @@ def detect(
     copy_videos: Flag = False,
     overwrite: Flag = False,
 ) -> None:
-    """Find people in calibrated videos and write a recording.
+    """Find people in videos and write a recording.
 
     Frames go to slots by the times in the files: each slot gets a camera's nearest frame, if it is
     at most half a slot away. Interrupt it when you like: the work so far stays in DEST.partial, and
@@ -53,7 +53,9 @@ def detect(
         VIDEO... DEST: the videos, then the recording folder to make. A video belongs to the camera
         whose id its name holds; CAMERA=FILE says it outright.
     calibration
-        The rig: TOML, .qca.txt, or another format that `e3pose` reads.
+        The rig: TOML, .qca.txt, or another format that `e3pose` reads; or its lenses alone, from
+        `e3pose calibrate intrinsics`. Without it cameras are named after their videos, and
+        `e3pose calibrate extrinsics` finds lenses and places from the people.
     model
         A name from `e3pose models list`, or the path of an .onnx or .pb file, whose kind is told
         from its inputs and outputs.
@@ -83,6 +85,7 @@ def detect(
     """
     from e3pose.calibration import load_rig
     from e3pose.camera.detect import DetectSettings, detect_videos
+    from e3pose.cli.placed import check_world
     from e3pose.files.atomic import check_free
 
     if len(paths) < 2:
@@ -96,16 +99,22 @@ def detect(
         every=every,
         start_s=start,
         max_slots=max_slots,
-        offsets_s=_offsets(offset or []),
+        offsets_s=camera_seconds("--offset", offset or []),
         keep_videos="link" if link_videos else "copy" if copy_videos else "refer",
         overwrite=overwrite,
     )
     check_free(dest, overwrite)
-    rig = load_rig(calibration)
+    rig = None
+    if calibration is not None:
+        rig = load_rig(calibration)
+        if rig.placed:
+            check_world(rig, calibration, calibration)
     detector, name = _detector(model, family, provider, threads)
     with _resumable(dest), frame_bar() as progress:
         report = detect_videos(videos, rig, detector, dest, settings, name, progress)
     _print(dest, report)
+    if rig is None or not rig.placed:
+        print(f"  not calibrated: e3pose calibrate extrinsics {dest} rig.toml --update")
 
 
 def _detector(
@@ -130,7 +139,8 @@ def _detector(
     return detector, f"{family} {file_sha256(path)[:16]}"
 
 
-def _offsets(words: Sequence[str]) -> dict[str, float]:
+def camera_seconds(option: str, words: Sequence[str]) -> dict[str, float]:
+    """Read words such as `cam1=0.25`; raise `InputError` naming the option if one is not so."""
     offsets: dict[str, float] = {}
     for word in words:
         camera_id, equals, seconds = word.rpartition("=")
@@ -139,7 +149,7 @@ def _offsets(words: Sequence[str]) -> dict[str, float]:
         except ValueError:
             equals = ""
         if not equals:
-            raise InputError(f"--offset: found {word!r}, expected CAMERA=SECONDS")
+            raise InputError(f"{option}: found {word!r}, expected CAMERA=SECONDS")
     return offsets
 
 

@@ -64,6 +64,7 @@ def evaluate(
     plot
         With --leads: draw accuracy and time of prediction against tau here, an .svg file.
     """
+    from e3pose.cli.placed import load_placed
     from e3pose.cli.progress import track_progress
     from e3pose.errors import InputError
     from e3pose.evaluate.compare import compare, rows, tasks
@@ -72,7 +73,6 @@ def evaluate(
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.evaluate.tables import print_comparison
     from e3pose.files.atomic import atomic_file
-    from e3pose.recording import load_recording
     from e3pose.select.policies import policy_row
     from e3pose.settings.loop import noise_warning
 
@@ -85,7 +85,7 @@ def evaluate(
         if leads is None:
             raise InputError("--plot: found no --leads, expected some to draw against")
     check_outputs(recording, {"--json": json_file, "--plot": plot})
-    source = bad_day.thinned(load_recording(recording))
+    source = bad_day.thinned(load_placed(recording))
     plan = energy.plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
     day = bad_day.day(source, plan.watts)
     asked = loop.settings()

@@ -81,18 +81,18 @@ def learn_replay(
     margin
         Share by which the error must be lower at every lead.
     """
+    from e3pose.cli.placed import load_placed
     from e3pose.clock import WallClock
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.learn.online import LearningSettings, OnlineTrainer
     from e3pose.learn.online.versions import check_learning_folder
-    from e3pose.recording import load_recording
 
     places = [path.resolve() for path in recordings]
     for path, place in zip(recordings, places, strict=True):
         if places.count(place) > 1:
             raise InputError(f"{path}: found twice, expected every recording once")
     check_learning_folder(out)
-    sources = [load_recording(path) for path in recordings]
+    sources = [load_placed(path) for path in recordings]
     skeletons = {source.skeleton.name for source in sources}
     rates = {source.fps for source in sources}
     if len(skeletons) > 1 or len(rates) > 1:

@@ -133,6 +133,7 @@ def _measure(
     from rich.markup import escape
     from rich.progress import Progress
 
+    from e3pose.cli.placed import load_placed
     from e3pose.evaluate.prediction.compare import (
         as_calibration,
         as_figures,
@@ -145,7 +146,6 @@ def _measure(
     )
     from e3pose.evaluate.prediction.windows import sample_windows
     from e3pose.predict import make_predictor
-    from e3pose.recording import load_recording
 
     for name in names:
         make_predictor(name)  # a wrong name is told before minutes of work, not after
@@ -155,7 +155,7 @@ def _measure(
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         whole = bar.add_task("recordings", total=len(paths))
         for path in paths:
-            source = load_recording(path)
+            source = load_placed(path)
             if slots:
                 source = only_slots(source, slots)
             motion = motion_of(

@@ -67,6 +67,7 @@ def replay(
     json_file
         Write the figures here.
     """
+    from e3pose.cli.placed import load_placed
     from e3pose.cli.progress import track_progress
     from e3pose.cli.storing import stored
     from e3pose.evaluate.poses_table import check_poses_path, write_poses
@@ -75,7 +76,6 @@ def replay(
     from e3pose.evaluate.summary import summarise
     from e3pose.evaluate.tables import print_summary
     from e3pose.files.atomic import atomic_file
-    from e3pose.recording import load_recording
     from e3pose.settings.loop import noise_warning
 
     if poses is not None:
@@ -92,7 +92,7 @@ def replay(
         )
     outputs = {"--poses": poses, "--json": json_file, "--report": report}
     check_outputs(recording, {"--store": store.file(), **outputs})
-    source = bad_day.thinned(load_recording(recording))
+    source = bad_day.thinned(load_placed(recording))
     plan = energy.plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
     day = bad_day.day(source, plan.watts)
     asked = loop.settings()

@@ -22,12 +22,15 @@ if TYPE_CHECKING:
 def site_rig(path: Path, site: SiteTable) -> Rig:
     """Return the cameras of a site; raise `InputError` naming the key where there are none."""
     from e3pose.calibration import load_rig
+    from e3pose.cli.placed import check_world
     from e3pose.settings.site_file import beside
 
     calibration = beside(path, site.calibration)
     if not calibration.exists():
         raise InputError(f"{path}: calibration: found no {calibration}, expected the file of a rig")
-    return load_rig(calibration)
+    rig = load_rig(calibration)
+    check_world(rig, calibration, calibration)
+    return rig
 
 
 def check_settings(path: Path, site: SiteTable, rig: Rig) -> ReplaySettings:

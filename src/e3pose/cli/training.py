@@ -116,6 +116,7 @@ def train(
     from rich.console import Console
     from rich.progress import Progress
 
+    from e3pose.cli.placed import load_placed
     from e3pose.learn.train.attention_lstm import TrainSettings as Settings
     from e3pose.learn.train.attention_lstm import train as run
     from e3pose.learn.train.clips import gather
@@ -123,7 +124,7 @@ def train(
     from e3pose.learn.train.lessons import LessonSettings, lessons
     from e3pose.learn.train.network import NetworkSettings
     from e3pose.learn.train.windows import Clip
-    from e3pose.recording import Recording, load_recording
+    from e3pose.recording import Recording
 
     # More threads are no faster with a network so small, and a hundred times slower where other
     # programs run: they wait for each other by counting.
@@ -161,8 +162,8 @@ def train(
     if dropout is not None:
         settings = replace(settings, network=replace(settings.network, dropout=dropout))
     learned, held_out = gather(
-        [load_recording(path) for path in recordings],
-        [load_recording(path) for path in validate or []],
+        [load_placed(path) for path in recordings],
+        [load_placed(path) for path in validate or []],
         hold_out,
         history + leads,
         motion,

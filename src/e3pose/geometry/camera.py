@@ -48,6 +48,7 @@ class Camera:
         T_world_camera: `(4, 4)` camera-to-world transform, metres.
         distortion: `(0,)`, `(4,)`, `(5,)` or `(8,)` OpenCV coefficients; `(4,)` if `fisheye`.
         fisheye: whether `distortion` is OpenCV's fisheye (equidistant) model.
+        lens_assumed: whether `K` is a guess from the image size, and the lens unknown.
 
     Raises:
         InputError: naming the camera and the field that is wrong.
@@ -59,6 +60,7 @@ class Camera:
     T_world_camera: Floats
     distortion: Floats = field(default_factory=lambda: np.zeros(0))
     fisheye: bool = False
+    lens_assumed: bool = False
 
     def __post_init__(self) -> None:
         check_camera_id(self.camera_id)
@@ -163,6 +165,17 @@ class Camera:
         if len(self.distortion) == 0:
             return np.array(pixels)
         return self._pixels(self.lens.undistort(self._normalised(pixels)))
+
+    def normalise(self, keypoints_px: ArrayLike) -> Floats:
+        """Return where real pixels lie in the ideal image plane at unit distance.
+
+        Args:
+            keypoints_px: `(*batch, 2)` pixels in the real image.
+
+        Returns:
+            `(*batch, 2)`, x / z and y / z in the camera frame; NaN where the model has no inverse.
+        """
+        return self.lens.undistort(self._normalised(np.asarray(keypoints_px, dtype=np.float64)))
 
     def rays(self, keypoints_px: ArrayLike) -> Floats:
         """Return the unit world directions in which real pixels look.
@@ -288,11 +301,16 @@ class Camera:
 class Rig:
     """All cameras of a site, in one world frame; their order is the camera axis everywhere.
 
+    Attributes:
+        cameras: the cameras.
+        placed: whether it is known where they stand; if not, their extrinsics mean nothing.
+
     Raises:
         InputError: when two cameras share an id or there is none.
     """
 
     cameras: tuple[Camera, ...]
+    placed: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cameras", tuple(self.cameras))
@@ -321,7 +339,7 @@ class Rig:
 
     def subset(self, indices: Sequence[int]) -> Rig:
         """Return the rig of the cameras at `indices`, in that order."""
-        return Rig(tuple(self.cameras[i] for i in indices))
+        return Rig(tuple(self.cameras[i] for i in indices), self.placed)
 
     @cached_property
     def projections(self) -> Floats:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.calibration.world import world_problem
 from e3pose.geometry.camera import Camera
 from e3pose.recording.geometry import epipolar_distances_px, truth_distances_px
 from e3pose.recording.record import Recording, ViewSeries
@@ -16,8 +17,6 @@ OUTSIDE_SHARE = 0.02  # of keypoints outside the image
 RATE_SHARE = 0.005  # difference between the times and fps
 JITTER_SHARE = 0.25  # of a slot, 95th percentile
 SAME_PLACE_M = 0.02
-RIG_SPAN_M = (0.2, 200.0)  # largest distance between two cameras
-UP_SHARE = 0.3  # mean of the cameras' up directions along world z
 # Shares of the image diagonal. Right calibrations measure 0.2 to 1 percent, wrong ones 5 and more.
 EPIPOLAR_SHARE = 0.025
 TRUTH_SHARE = 0.06
@@ -53,9 +52,16 @@ def find_problems(recording: Recording, folder: Path | None = None) -> list[Prob
         problems += _time_problems(camera.camera_id, series, recording)
         problems += _keypoint_problems(camera, series)
     problems += _copied_views(recording)
-    problems += _rig_problems(recording)
-    problems += _consistency_problems(recording)
-    problems += _truth_problems(recording)
+    if recording.rig.placed:
+        problems += _rig_problems(recording)
+        problems += _consistency_problems(recording)
+        problems += _truth_problems(recording)
+    else:
+        message = (
+            f"it is not known where the cameras stand: e3pose calibrate extrinsics "
+            f"{recording.name if folder is None else folder} rig.toml --update"
+        )
+        problems.append(Problem("not-placed", "rig", message))
     if folder is not None:
         for camera_id, name in recording.videos.items():
             if not (folder / "videos" / name).is_file():
@@ -180,17 +186,9 @@ def _rig_problems(recording: Recording) -> list[Problem]:
     for first, second in close.tolist():
         message = f"stands in the same place as {rig.camera_ids[first]}"
         problems.append(Problem("same-place", rig.camera_ids[second], message))
-    span_m = float(distances_m.max())
-    if not RIG_SPAN_M[0] <= span_m <= RIG_SPAN_M[1]:
-        message = f"cameras are at most {span_m:.3g} m apart; is the calibration in metres?"
-        problems.append(Problem("rig-span", "rig", message))
-    up = float(np.mean([-camera.R[1, 2] for camera in rig.cameras]))
-    if up < UP_SHARE:
-        message = (
-            f"the images' up points {up:+.2f} along world z on average, expected near 1; "
-            "is the world z up?"
-        )
-        problems.append(Problem("not-z-up", "rig", message))
+    kind, message = world_problem(rig)
+    if kind:
+        problems.append(Problem(kind, "rig", message))
     for camera in rig.cameras:
         width, height = camera.image_size
         if not (0 < camera.K[0, 2] < width and 0 < camera.K[1, 2] < height):

@@ -1,0 +1,149 @@
+"""How far calibrations are from the truth: from a board, from people, and of films in time.
+
+    python benchmarks/calibration_error.py                  simulated rigs
+    python benchmarks/calibration_error.py RECORDING...     published calibrations solved anew
+
+Distances are largest over the cameras, after the similarity that fits the cameras best; `scale`
+is by how much sizes were wrong before it.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from tests.calibrate.people_scenes import (
+    distances,
+    disturbed,
+    every,
+    without_calibration,
+)
+
+from e3pose.calibrate.board import Board
+from e3pose.calibrate.from_boards import solve_boards
+from e3pose.calibrate.judge import judge
+from e3pose.calibrate.places import KnownLength, from_people
+from e3pose.calibrate.synchronise import synchronise
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rigs import ring_rig
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.recording import load_recording
+from e3pose.recording.record import Recording
+from e3pose.simulate import SceneSettings, simulate
+
+BOARD = Board.parse("charuco-5x7-54mm")
+CORNER_NOISE_PX = 0.3
+SEEDS = (741, 742, 743)
+
+
+def quiet(what: str, done: int, total: int) -> None:
+    del what, done, total
+
+
+def carried(rig: Rig, rng: np.random.Generator, times: int) -> NDArray[np.float64]:
+    """Corners of a board carried through the room, seen from its front within 66 degrees."""
+    pixels = np.full((len(rig), times, len(BOARD.corners_m), 2), np.nan)
+    middle = BOARD.corners_m.mean(axis=0)
+    for index in range(times):
+        place = np.array([*rng.uniform(-1.3, 1.3, 2), rng.uniform(0.8, 1.8)])
+        turn = Rotation.from_euler("Z", rng.uniform(0, 2 * np.pi)).as_matrix()
+        turn = turn @ Rotation.from_euler("X", -np.pi / 2 + rng.uniform(-0.5, 0.5)).as_matrix()
+        corners = (BOARD.corners_m - middle) @ turn.T + place
+        for number, camera in enumerate(rig.cameras):
+            away = camera.center_m - place
+            if -(turn[:, 2] @ away) > 0.4 * np.linalg.norm(away) and camera.sees(corners).all():
+                noise = rng.normal(0, CORNER_NOISE_PX, (len(corners), 2))
+                pixels[number, index] = camera.project(corners) + noise
+    return pixels
+
+
+def boards() -> None:
+    print("board, 150 places, corners good to 0.3 px: cameras, seed, degrees, mm")
+    for cameras in (4, 6, 8):
+        for seed in SEEDS:
+            rng = np.random.default_rng(seed)
+            rig = ring_rig(cameras, 4.0, 2.0, (1280, 720), rng)
+            # The lens is known as well as half a minute of film tells it.
+            lenses = Rig(
+                tuple(
+                    replace(c, K=c.K * [[1 + s, 1, 1], [1, 1 + s, 1], [1, 1, 1]])
+                    for c, s in zip(rig.cameras, rng.normal(0, 0.0005, cameras), strict=True)
+                )
+            )
+            found = solve_boards(lenses, BOARD.corners_m, carried(rig, rng, 150)).adjusted.rig
+            degrees, millimetres, _ = distances(found, rig, with_scale=False)
+            print(f"  {cameras} {seed} {degrees:.3f} {millimetres:.1f}", flush=True)
+
+
+def people() -> None:
+    print("people, 40 s: cameras, people, seed, start, degrees, mm, scale, up off by degrees")
+    for cameras, number in ((4, 1), (4, 4), (6, 3), (8, 2)):
+        for seed in SEEDS:
+            settings = SceneSettings(people=number, seconds=40, cameras=cameras, fps=12.5)
+            recording = simulate(settings, seed)
+            row = f"  {cameras} {number} {seed}"
+            print(f"{row} rough   {_solve(recording, disturbed(recording.rig, 5, 0.2, seed))}")
+            print(f"{row} nothing {_solve(recording, None)}", flush=True)
+            if seed == SEEDS[0]:
+                print(
+                    f"{row} no lens {_solve(without_calibration(recording), None, recording.rig)}"
+                )
+
+
+def _solve(recording: Recording, start: Rig | None, truth: Rig | None = None) -> str:
+    truth = truth or recording.rig
+    begun = time.perf_counter()
+    noise = load_noise(detector_of(recording))
+    try:
+        found = from_people(recording, noise, start, KnownLength(), quiet)
+    except InputError as error:
+        return f"failed: {error}"
+    degrees, millimetres, scale = distances(found.rig, truth)
+    tilts = [
+        np.degrees(np.arccos(np.clip((c.R @ [0, 0, 1]) @ (t.R @ [0, 0, 1]), -1, 1)))
+        for c, t in zip(found.rig.cameras, truth.cameras, strict=True)
+    ]
+    return (
+        f"{degrees:.3f} {millimetres:.1f} {scale:.3f} {np.mean(tilts):.2f} "
+        f"({np.nanmean(found.errors_px):.1f} px, {time.perf_counter() - begun:.0f} s)"
+    )
+
+
+def films() -> None:
+    print("films shifted: people, seed, calibration, largest error in frames of 15 a second")
+    for number, seed in ((1, 751), (1, 752), (2, 753)):
+        fast = simulate(SceneSettings(people=number, seconds=30, cameras=4, fps=60), seed)
+        begins = (0, 5, 11, 18)
+        shifted = every(fast, 4, begins)
+        for name, recording in (("known", shifted), ("none", without_calibration(shifted))):
+            found = synchronise(recording, load_noise("simulated"), 3.0)
+            error = (found.offsets_s - np.array(begins) / fast.fps) * recording.fps
+            print(f"  {number} {seed} {name} {np.abs(error).max():.3f}", flush=True)
+
+
+def real(path: Path) -> None:
+    recording = load_recording(path)
+    recording = replace(recording, truth=None)
+    print(f"{recording.name}: start, degrees, mm, scale, up off by degrees")
+    for seed in range(2):
+        print(f"  rough   {_solve(recording, disturbed(recording.rig, 5, 0.2, seed))}", flush=True)
+    print(f"  nothing {_solve(recording, None)}", flush=True)
+    noise = load_noise(detector_of(recording))
+    found = judge(recording, noise, quiet)
+    print(f"  published: median error px {np.round(found.errors_px, 1).tolist()}")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        for word in sys.argv[1:]:
+            real(Path(word))
+    else:
+        boards()
+        people()
+        films()

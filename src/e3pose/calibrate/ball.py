@@ -1,0 +1,83 @@
+"""Find one ball or marker in a picture: the brightest, or that of a colour."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.camera.source import open_video
+from e3pose.errors import InputError
+
+Floats = NDArray[np.float64]
+
+# Hue in OpenCV's degrees (0 to 180), from and to; a range may pass through zero.
+HUES: Mapping[str, tuple[int, int]] = {
+    "red": (172, 8), "orange": (8, 20), "yellow": (20, 34), "green": (38, 85),
+    "blue": (95, 128), "pink": (140, 172),
+}  # fmt: skip
+COLOURS = ("bright", *HUES)
+BRIGHT = 235  # of 255
+MIN_SATURATION, MIN_VALUE = 110, 70
+MIN_AREA = 6  # pixels
+MAX_SHARE = 0.02  # of the picture that a ball may take
+ALONE = 0.4  # a second blob of this share of the area makes a picture ambiguous
+ROUND = 0.55  # share of its box that a disc fills is 0.79
+
+
+def find_ball(image: NDArray[np.uint8], colour: str) -> Floats:
+    """Return the `(2,)` pixel of the ball's middle; NaN if none, or more than one, is there.
+
+    Args:
+        image: `(height, width, 3)` RGB.
+        colour: one of `COLOURS`.
+    """
+    import cv2
+
+    if colour == "bright":
+        mask = image.min(axis=-1) >= BRIGHT
+    else:
+        hue, saturation, value = np.moveaxis(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), -1, 0)
+        low, high = HUES[colour]
+        inside = (hue >= low) & (hue <= high) if low < high else (hue >= low) | (hue <= high)
+        mask = inside & (saturation >= MIN_SATURATION) & (value >= MIN_VALUE)
+    number, _, stats, middles = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    if number < 2:
+        return np.full(2, np.nan)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    order = np.argsort(-areas)
+    largest = int(order[0])
+    width, height = stats[largest + 1, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]]
+    clear = len(order) == 1 or areas[order[1]] < ALONE * areas[largest]
+    round_enough = areas[largest] >= ROUND * width * height and max(width, height) <= 2.5 * min(
+        width, height
+    )
+    if not (MIN_AREA <= areas[largest] <= MAX_SHARE * mask.size and clear and round_enough):
+        return np.full(2, np.nan)
+    return np.asarray(middles[largest + 1], dtype=np.float64)
+
+
+def track_ball(path: Path, times_s: Floats, colour: str) -> tuple[Floats, tuple[int, int]]:
+    """Return `(num_times, 2)` pixels in the frames of a video nearest to times, and its size.
+
+    Args:
+        path: the video.
+        times_s: `(num_times,)` rising, seconds since its first frame.
+        colour: one of `COLOURS`.
+    """
+    if colour not in COLOURS:
+        raise InputError(f"--ball: found {colour[:20]!r}, expected one of {', '.join(COLOURS)}")
+    source = open_video(path)
+    points = np.full((len(times_s), 2), np.nan)
+    place = 0
+    for frame in source:
+        while place < len(times_s) and times_s[place] < frame.time_s - 0.5 / source.rate - 1e-9:
+            place += 1
+        if place == len(times_s):
+            break
+        if abs(times_s[place] - frame.time_s) <= 0.5 / source.rate + 1e-9:
+            points[place] = find_ball(frame.image, colour)
+            place += 1
+    return points, source.image_size

@@ -1,0 +1,190 @@
+"""Calibration boards: ChArUco and chessboards, their corners in metres and in pictures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+
+Floats = NDArray[np.float64]
+
+NAME = re.compile(r"(charuco|chessboard)-(\d{1,2})x(\d{1,2})-(\d{1,4}(?:\.\d{1,3})?)mm")
+SIDES = (3, 24)  # squares along a side, from and to
+SQUARE_MM = (5.0, 1000.0)
+MARKER_SHARE = 0.75  # of a square's side: 6 of 8 cells of the drawing
+CELLS = 8  # of the drawing along a square's side
+ENLARGED_PX = 2000  # pictures up to this size are searched again at twice the size
+SEARCH_PX = 1280  # a larger picture is searched at this size, then refined at its own
+MIN_CORNERS = 6  # fewer say too little of where the board is
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """A printed board.
+
+    Attributes:
+        kind: `charuco` or `chessboard`.
+        columns: squares from left to right.
+        rows: squares from top to bottom.
+        square_m: side of a square in metres.
+    """
+
+    kind: str
+    columns: int
+    rows: int
+    square_m: float
+
+    def __post_init__(self) -> None:
+        for side, number in (("columns", self.columns), ("rows", self.rows)):
+            if not SIDES[0] <= number <= SIDES[1]:
+                raise InputError(
+                    f"board: {side}: found {number}, expected {SIDES[0]} to {SIDES[1]} squares"
+                )
+        if not SQUARE_MM[0] <= 1000 * self.square_m <= SQUARE_MM[1]:
+            raise InputError(
+                f"board: square: found {1000 * self.square_m:g} mm, expected {SQUARE_MM[0]:g} to "
+                f"{SQUARE_MM[1]:g} mm"
+            )
+        if self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0:
+            raise InputError(
+                f"board: chessboard of {self.columns}x{self.rows} squares: expected one odd and "
+                "one even side, as it looks the same upside down otherwise"
+            )
+
+    @classmethod
+    def parse(cls, name: str) -> Board:
+        """Read a name such as `charuco-5x7-37mm`: columns x rows of squares, side of a square."""
+        match = NAME.fullmatch(name.strip().lower())
+        if match is None:
+            raise InputError(
+                f"board: found {name[:60]!r}, expected a name as it is printed on the board, such "
+                "as charuco-5x7-37mm or chessboard-6x9-30mm (squares, not inner corners)"
+            )
+        return cls(match[1], int(match[2]), int(match[3]), float(match[4]) / 1000)
+
+    @property
+    def name(self) -> str:
+        """What `parse` reads."""
+        return f"{self.kind}-{self.columns}x{self.rows}-{1000 * self.square_m:.6g}mm"
+
+    @property
+    def corners_m(self) -> Floats:
+        """`(num_corners, 3)` inner corners: x to the right, y down the page, z into the page."""
+        x, y = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
+        grid = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1)
+        return np.asarray(grid * self.square_m, dtype=np.float64)
+
+    def cells(self) -> NDArray[np.bool_]:
+        """`(8 * rows, 8 * columns)` the drawing, eight cells to a square; True is black."""
+        if self.kind == "charuco":
+            size = (self.columns * CELLS, self.rows * CELLS)
+            picture = _charuco(self).generateImage(size, marginSize=0, borderBits=1)
+            return np.asarray(picture < 128)
+        x, y = np.meshgrid(np.arange(self.columns), np.arange(self.rows))
+        return np.asarray(((x + y) % 2 == 0).repeat(CELLS, axis=0).repeat(CELLS, axis=1))
+
+
+def make_finder(board: Board) -> Callable[[NDArray[np.uint8]], Floats]:
+    """Return what finds a board in a grey `(height, width)` picture.
+
+    It returns `(num_corners, 2)` pixels in the order of `corners_m`, NaN where a corner was not
+    found; all NaN without the board, or with fewer than `MIN_CORNERS` corners that form no line.
+    """
+    return _charuco_finder(board) if board.kind == "charuco" else _chessboard_finder(board)
+
+
+def _charuco(board: Board) -> Any:
+    import cv2
+
+    dictionary = cv2.aruco.getPredefinedDictionary(
+        cv2.aruco.DICT_4X4_50
+        if board.columns * board.rows <= 100
+        else cv2.aruco.DICT_4X4_250
+        if board.columns * board.rows <= 500
+        else cv2.aruco.DICT_4X4_1000
+    )
+    return cv2.aruco.CharucoBoard((board.columns, board.rows), 1.0, MARKER_SHARE, dictionary)
+
+
+def _charuco_finder(board: Board) -> Callable[[NDArray[np.uint8]], Floats]:
+    import cv2
+
+    parameters = cv2.aruco.DetectorParameters()
+    # Markers are read; the corners between them are refined by the detector of the board itself.
+    parameters.minMarkerPerimeterRate = 0.01
+    detector = cv2.aruco.CharucoDetector(_charuco(board), detectorParams=parameters)
+    number = (board.columns - 1) * (board.rows - 1)
+
+    def find(grey: NDArray[np.uint8]) -> Floats:
+        # Far boards, whose markers have two pixels a cell, are read in an enlarged picture.
+        for factor in (1, 2) if max(grey.shape) <= ENLARGED_PX else (1,):
+            large = grey
+            if factor > 1:
+                large = cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+            found = np.full((number, 2), np.nan)
+            corners, ids, _, _ = detector.detectBoard(large)
+            if ids is not None and len(ids) >= MIN_CORNERS:
+                index = np.asarray(ids).reshape(-1)
+                pixels = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+                found[index] = (pixels + 0.5) / factor - 0.5
+            if _spread(board, found):
+                return found
+        return np.full((number, 2), np.nan)
+
+    return find
+
+
+def _chessboard_finder(board: Board) -> Callable[[NDArray[np.uint8]], Floats]:
+    import cv2
+
+    size = (board.columns - 1, board.rows - 1)
+    number = size[0] * size[1]
+    flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 1e-3)
+
+    def find(grey: NDArray[np.uint8]) -> Floats:
+        share = min(1.0, SEARCH_PX / max(grey.shape))
+        small = grey if share == 1 else cv2.resize(grey, None, fx=share, fy=share, interpolation=3)
+        done, corners = cv2.findChessboardCornersSB(small, size, flags=flags)
+        if not done or len(corners) != number:
+            return np.full((number, 2), np.nan)
+        pixels = (np.asarray(corners, dtype=np.float64).reshape(-1, 2) + 0.5) / share - 0.5
+        if share < 1:
+            apart = np.linalg.norm(np.diff(pixels.reshape(size[1], size[0], 2), axis=1), axis=-1)
+            half = int(np.clip(apart.min() / 4, 2, 15))
+            refined = cv2.cornerSubPix(
+                grey, pixels.astype(np.float32), (half, half), (-1, -1), criteria
+            )
+            pixels = np.asarray(refined, dtype=np.float64)
+        # The finder may begin at either end; the square beside the first corner tells which.
+        return np.array(pixels if _begins_black(grey, pixels, size[0]) else pixels[::-1])
+
+    return find
+
+
+def _begins_black(grey: NDArray[np.uint8], pixels: Floats, columns: int) -> bool:
+    """Return whether the first corner is the one at the black corner square of the page."""
+
+    def brightness(corner: int, right: int, below: int) -> float:
+        outward = pixels[corner] - (pixels[right] - pixels[corner]) / 2
+        outward -= (pixels[below] - pixels[corner]) / 2
+        x, y = np.clip(np.round(outward), 0, np.array(grey.shape[::-1]) - 1).astype(int)
+        return float(grey[y, x])
+
+    last = len(pixels) - 1
+    return brightness(0, 1, columns) <= brightness(last, last - 1, last - columns)
+
+
+def _spread(board: Board, corners_px: Floats) -> bool:
+    """Return whether there are enough corners, in two directions."""
+    found = board.corners_m[np.isfinite(corners_px[:, 0])]
+    if len(found) < MIN_CORNERS:
+        return False
+    centred = found[:, :2] - found[:, :2].mean(axis=0)
+    return bool(np.linalg.svd(centred, compute_uv=False)[1] > 0.5 * board.square_m)

@@ -1,0 +1,310 @@
+"""Bundle adjustment: move cameras and points, or boards, until they explain what was seen.
+
+Triggs et al., "Bundle adjustment - a modern synthesis" (2000); Hartley and Zisserman, "Multiple
+view geometry" (2nd ed.), chapter 18. Residuals are pixels of the real image to first order: the
+ideal residual times the derivative of the lens at the observation, so that every lens model counts
+alike and the adjustment itself is that of a pinhole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.least_squares import Linearised, Solution, solve
+from e3pose.calibrate.rotations import cross_matrices, exponential
+from e3pose.geometry.camera import Camera, Rig
+
+Floats = NDArray[np.float64]
+
+LENS_STEP = 1e-5  # normalised units, for the derivative of the lens
+MIN_DEPTH = 1e-3  # metres; nearer points count as this far
+NUM_PARAMETERS = 7  # of a camera: rotation, translation, log of the focal length
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observed:
+    """What cameras saw, in ideal normalised coordinates.
+
+    Attributes:
+        points: `(num_cameras, num_blocks, num_points, 2)`; 0 where not seen.
+        whiten: `(num_cameras, num_blocks, num_points, 2, 2)` from ideal residuals to real pixels in
+            standard deviations; 0 where not seen.
+    """
+
+    points: Floats
+    whiten: Floats
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """`(num_cameras, num_blocks, num_points)`."""
+        return np.asarray(self.whiten.any(axis=(-1, -2)))
+
+
+def observe(rig: Rig, keypoints_px: Floats, sigma_px: Floats) -> Observed:
+    """Take the lenses off pixels.
+
+    Args:
+        rig: the cameras.
+        keypoints_px: `(num_cameras, num_blocks, num_points, 2)` real pixels; NaN where not seen.
+        sigma_px: `(num_cameras, num_blocks, num_points)` standard deviation of either coordinate.
+    """
+    points, whiten = [], []
+    for camera, pixels, sigma in zip(rig.cameras, keypoints_px, sigma_px, strict=True):
+        flat = pixels.reshape(-1, 2)
+        ideal = camera.normalise(flat)
+        slope = np.empty((*flat.shape, 2))
+        for axis, step in enumerate(np.eye(2) * LENS_STEP):
+            ahead, behind = camera.lens.distort(ideal + step), camera.lens.distort(ideal - step)
+            slope[..., axis] = (ahead - behind) / (2 * LENS_STEP)
+        scaled = camera.K[:2, :2] @ slope / sigma.reshape(-1, 1, 1)
+        good = np.isfinite(scaled).all(axis=(-1, -2)) & np.isfinite(ideal).all(axis=-1)
+        points.append(np.where(good[:, None], ideal, 0.0).reshape(pixels.shape))
+        whiten.append(np.where(good[:, None, None], scaled, 0.0).reshape(*pixels.shape, 2))
+    return Observed(np.stack(points), np.stack(whiten))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cameras:
+    """Extrinsics and focal lengths of a rig, as they are adjusted.
+
+    Attributes:
+        rotations: `(num_cameras, 3, 3)` world to camera.
+        translations: `(num_cameras, 3)` world to camera, metres.
+        log_focal: `(num_cameras,)` log of the factor on the focal length that the rig states.
+    """
+
+    rotations: Floats
+    translations: Floats
+    log_focal: Floats
+
+    @classmethod
+    def of(cls, rig: Rig) -> Cameras:
+        """Take those of a rig."""
+        return cls(
+            np.stack([camera.R for camera in rig.cameras]),
+            np.stack([camera.t for camera in rig.cameras]),
+            np.zeros(len(rig)),
+        )
+
+    def moved(self, steps: Floats) -> Cameras:
+        """Return them moved by `(num_cameras, 7)`."""
+        return Cameras(
+            exponential(steps[:, :3]) @ self.rotations,
+            self.translations + steps[:, 3:6],
+            self.log_focal + steps[:, 6],
+        )
+
+    def rig(self, like: Rig) -> Rig:
+        """Return the rig `like` with these extrinsics and focal lengths."""
+        return Rig(
+            tuple(
+                placed(camera, rotation, translation, float(np.exp(focal)))
+                for camera, rotation, translation, focal in zip(
+                    like.cameras, self.rotations, self.translations, self.log_focal, strict=True
+                )
+            )
+        )
+
+
+def root_mean_square(values: Floats, axis: int | tuple[int, ...]) -> Floats:
+    """Return the root mean square of the numbers that are there; NaN where none is."""
+    there = np.isfinite(values)
+    count = there.sum(axis=axis)
+    total = np.where(there, values**2, 0.0).sum(axis=axis)
+    return np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan)
+
+
+def placed(camera: Camera, R: Floats, t: Floats, focal_factor: float = 1.0) -> Camera:
+    """Return a camera elsewhere: `x_camera = R x_world + t`, its focal length times a factor."""
+    T_world_camera = np.eye(4)
+    T_world_camera[:3, :3] = R.T
+    T_world_camera[:3, 3] = -R.T @ t
+    K = np.array(camera.K)
+    K[:2, :2] *= focal_factor
+    return replace(camera, K=K, T_world_camera=T_world_camera)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """A rig after adjustment.
+
+    Attributes:
+        rig: the cameras.
+        blocks: `(num_blocks, 3)` points, or `(num_blocks, 4, 4)` board-to-world transforms, metres.
+        weights: `(num_cameras, num_blocks, num_points)` how much each observation counted; 0 where
+            not seen.
+        residuals: `(num_cameras, num_blocks, num_points, 2)` in standard deviations; NaN where not
+            seen.
+        covariance: `(num_cameras, 7, num_cameras, 7)` of rotation (radians), translation (metres)
+            and log of the focal length, for independent errors of the stated deviations; 0 where
+            held.
+    """
+
+    rig: Rig
+    blocks: Floats
+    weights: Floats
+    residuals: Floats
+    covariance: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class _Options:
+    free: NDArray[np.bool_] | None
+    focal_sigma: Floats | float
+    outlier_sigmas: float
+    max_steps: int
+
+
+def adjust_points(
+    rig: Rig,
+    points_m: Floats,
+    keypoints_px: Floats,
+    sigma_px: Floats,
+    outlier_sigmas: float,
+    free: NDArray[np.bool_] | None = None,
+    focal_sigma: Floats | float = 0.0,
+    max_steps: int = 60,
+) -> Adjusted:
+    """Adjust cameras and points.
+
+    Args:
+        rig: where the cameras are thought to be.
+        points_m: `(num_points, 3)` where the points are thought to be.
+        keypoints_px: `(num_cameras, num_points, 2)` real pixels; NaN where not seen.
+        sigma_px: `(num_cameras, num_points)` standard deviations.
+        outlier_sigmas: residual at which Cauchy's loss halves the weight.
+        free: `(num_cameras,)` which cameras may move; all but the first by default.
+        focal_sigma: `(num_cameras,)` how far, as a share, the focal lengths may be off; 0 holds
+            them.
+        max_steps: at most so many steps.
+    """
+    seen = observe(rig, keypoints_px[:, :, None], sigma_px[:, :, None])
+
+    def linearise(state: tuple[Cameras, Floats]) -> Linearised:
+        cameras, points = state
+        rotated = np.einsum("cij,fj->cfi", cameras.rotations, points)[:, :, None]
+        r, A, to_camera = _residuals(cameras, rotated, seen)
+        by_point = np.einsum("cfmui,cij->cfmuj", to_camera, cameras.rotations)
+        return Linearised(r, A, by_point)
+
+    def retract(
+        state: tuple[Cameras, Floats], by_camera: Floats, by_block: Floats
+    ) -> tuple[Cameras, Floats]:
+        return state[0].moved(by_camera), state[1] + by_block
+
+    options = _Options(free, focal_sigma, outlier_sigmas, max_steps)
+    solution = _solve((Cameras.of(rig), points_m), linearise, retract, options)
+    return _adjusted(rig, solution, seen, linearise(solution.state).residuals)
+
+
+def adjust_boards(
+    rig: Rig,
+    boards: Floats,
+    corners_m: Floats,
+    corners_px: Floats,
+    sigma_px: float,
+    outlier_sigmas: float,
+    free: NDArray[np.bool_] | None = None,
+    focal_sigma: Floats | float = 0.0,
+    max_steps: int = 60,
+) -> Adjusted:
+    """Adjust cameras and the places of a rigid board at several times.
+
+    Args:
+        rig: where the cameras are thought to be.
+        boards: `(num_times, 4, 4)` board-to-world transforms, metres.
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_cameras, num_times, num_corners, 2)` real pixels; NaN where not seen.
+        sigma_px: standard deviation of a corner.
+        outlier_sigmas: residual at which Cauchy's loss halves the weight.
+        free: `(num_cameras,)` which cameras may move; all but the first by default.
+        focal_sigma: as for `adjust_points`.
+        max_steps: at most so many steps.
+    """
+    seen = observe(rig, corners_px, np.full(corners_px.shape[:-1], sigma_px))
+
+    def linearise(state: tuple[Cameras, Floats]) -> Linearised:
+        cameras, boards = state
+        turned = np.einsum("fij,mj->fmi", boards[:, :3, :3], corners_m)
+        world = turned + boards[:, None, :3, 3]
+        rotated = np.einsum("cij,fmj->cfmi", cameras.rotations, world)
+        r, A, to_camera = _residuals(cameras, rotated, seen)
+        by_world = np.einsum("cfmui,cij->cfmuj", to_camera, cameras.rotations)
+        by_turn = -np.einsum("cfmui,fmij->cfmuj", by_world, cross_matrices(turned))
+        return Linearised(r, A, np.concatenate([by_turn, by_world], axis=-1))
+
+    def retract(
+        state: tuple[Cameras, Floats], by_camera: Floats, by_block: Floats
+    ) -> tuple[Cameras, Floats]:
+        moved = np.array(state[1])
+        moved[:, :3, :3] = exponential(by_block[:, :3]) @ moved[:, :3, :3]
+        moved[:, :3, 3] += by_block[:, 3:]
+        return state[0].moved(by_camera), moved
+
+    options = _Options(free, focal_sigma, outlier_sigmas, max_steps)
+    solution = _solve((Cameras.of(rig), boards), linearise, retract, options)
+    return _adjusted(rig, solution, seen, linearise(solution.state).residuals)
+
+
+def _residuals(cameras: Cameras, rotated: Floats, seen: Observed) -> tuple[Floats, Floats, Floats]:
+    """Return residuals, derivatives by the camera and by the point in the camera frame.
+
+    Args:
+        cameras: where they are.
+        rotated: `(num_cameras, num_blocks, num_points, 3)` points turned into each camera's axes.
+        seen: what to compare with.
+    """
+    in_camera = rotated + cameras.translations[:, None, None]
+    depth = np.maximum(in_camera[..., 2], MIN_DEPTH)
+    factor = np.exp(cameras.log_focal)[:, None, None, None]
+    ideal = factor * in_camera[..., :2] / depth[..., None]
+    residuals = np.einsum("cfmuv,cfmv->cfmu", seen.whiten, ideal - seen.points)
+    by_ideal = np.zeros((*depth.shape, 2, 3))
+    by_ideal[..., 0, 0] = by_ideal[..., 1, 1] = factor[..., 0] / depth
+    by_ideal[..., 2] = -ideal / depth[..., None]
+    to_camera = seen.whiten @ by_ideal
+    by_turn = -to_camera @ cross_matrices(rotated)
+    by_focal = np.einsum("cfmuv,cfmv->cfmu", seen.whiten, ideal)[..., None]
+    return residuals, np.concatenate([by_turn, to_camera, by_focal], axis=-1), to_camera
+
+
+def _solve(
+    state: tuple[Cameras, Floats],
+    linearise: Callable[[tuple[Cameras, Floats]], Linearised],
+    retract: Callable[[tuple[Cameras, Floats], Floats, Floats], tuple[Cameras, Floats]],
+    options: _Options,
+) -> Solution[tuple[Cameras, Floats]]:
+    number = len(state[0].translations)
+    free = np.arange(number) > 0 if options.free is None else options.free
+    focal_sigma = np.broadcast_to(np.asarray(options.focal_sigma, dtype=np.float64), (number,))
+    chosen = np.zeros((number, NUM_PARAMETERS), dtype=bool)
+    chosen[:, :6] = free[:, None]
+    chosen[:, 6] = focal_sigma > 0
+    precisions = np.zeros((number, NUM_PARAMETERS))
+    precisions[:, 6] = np.where(focal_sigma > 0, 1 / np.maximum(focal_sigma, 1e-9) ** 2, 0.0)
+
+    def prior(state: tuple[Cameras, Floats]) -> tuple[Floats, Floats]:
+        distances = np.zeros((number, NUM_PARAMETERS))
+        distances[:, 6] = state[0].log_focal
+        return distances, precisions
+
+    return solve(
+        state, linearise, retract, chosen, prior, options.outlier_sigmas, options.max_steps
+    )
+
+
+def _adjusted(
+    rig: Rig, solution: Solution[tuple[Cameras, Floats]], seen: Observed, residuals: Floats
+) -> Adjusted:
+    there = seen.seen
+    return Adjusted(
+        solution.state[0].rig(rig),
+        solution.state[1],
+        np.where(there, solution.weights, 0.0),
+        np.where(there[..., None], residuals, np.nan),
+        solution.camera_covariance,
+    )

@@ -1,0 +1,249 @@
+"""Intrinsics of one camera from views of a board: Zhang's method, with the lens model chosen.
+
+Z. Zhang, "A flexible new technique for camera calibration" (2000); the fisheye model is that of
+Kannala and Brandt (2006), as OpenCV has it. Every model is fitted without some of the views and
+judged by its reprojection error in those; the simplest that is about as good as the best is taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.bundle import adjust_boards, root_mean_square
+from e3pose.calibrate.view_choice import choose_views
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Camera, Rig
+
+Floats = NDArray[np.float64]
+
+MODELS = ("pinhole", "pinhole-k3", "fisheye")  # simplest first
+MIN_VIEWS = 5  # two would do for a lens without error; fewer than this are refused
+FOLDS = 3
+WORTH = 0.97  # a richer model must lower the held-out error to this share
+OUTLIER_VIEW = 3.0  # a view this many times worse than the median is left out
+CORNER_SIGMAS = 3.0  # of a corner's error, where its weight is halved
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Intrinsics:
+    """What the views of a board say of one camera.
+
+    Attributes:
+        camera: the camera, standing at the world's origin.
+        model: one of `MODELS`.
+        held_out_px: root mean square error in views that were left out of the fit, by model; NaN
+            where a model could not be fitted.
+        fit_px: the same in the views of the fit.
+        focal_sigma: standard deviation of the focal length as a share of it.
+        used: `(num_used,)` which of the views given were used.
+        boards: `(num_used, 4, 4)` board to camera.
+        errors_px: `(num_used, num_corners)` lengths of the errors; NaN where not found.
+    """
+
+    camera: Camera
+    model: str
+    held_out_px: dict[str, float]
+    fit_px: float
+    focal_sigma: float
+    used: NDArray[np.int64]
+    boards: Floats
+    errors_px: Floats
+
+
+def fit_intrinsics(
+    camera_id: str,
+    image_size: tuple[int, int],
+    corners_m: Floats,
+    corners_px: Floats,
+    sharpness: Floats,
+    models: tuple[str, ...] = MODELS,
+    max_views: int = 60,
+) -> Intrinsics:
+    """Fit focal length, principal point and lens.
+
+    Args:
+        camera_id: for the camera and for messages.
+        image_size: `(width, height)` in pixels.
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_views, num_corners, 2)` pixels; NaN where a corner was not found.
+        sharpness: `(num_views,)` larger is sharper.
+        models: to choose from.
+        max_views: how many views to use at most.
+
+    Raises:
+        InputError: when there are too few views, or no model fits them.
+    """
+    if len(corners_px) < MIN_VIEWS:
+        raise InputError(
+            f"camera {camera_id}: found the board in {len(corners_px)} frames, expected at least "
+            f"{MIN_VIEWS}; is --board the one that was filmed, is all of it in the picture, and "
+            "has it a white rim?"
+        )
+    used = choose_views(corners_m, corners_px, image_size, sharpness, max_views)
+    used = _without_outliers(image_size, corners_m, corners_px, used)
+    held_out = {
+        model: _held_out(model, image_size, corners_m, corners_px[used]) for model in models
+    }
+    best = min((value for value in held_out.values() if np.isfinite(value)), default=np.nan)
+    if np.isnan(best):
+        raise InputError(
+            f"camera {camera_id}: no lens model fits the {len(used)} views of the board; record "
+            "it again, tilted by 20 to 40 degrees to all sides, in all parts of the picture"
+        )
+    model = next(m for m in models if WORTH * held_out[m] <= best)
+    K, distortion = _fit(model, image_size, corners_m, corners_px[used])
+    camera = Camera(camera_id, image_size, K, np.eye(4), distortion, model == "fisheye")
+    boards, errors = resect(camera, corners_m, corners_px[used])
+    lengths = np.linalg.norm(errors, axis=-1)
+    fit_px = float(np.sqrt(np.nanmean(lengths**2)))
+    return Intrinsics(
+        camera, model, held_out, fit_px, _focal_sigma(camera, corners_m, corners_px[used], fit_px),
+        used, boards, lengths,
+    )  # fmt: skip
+
+
+def resect(camera: Camera, corners_m: Floats, corners_px: Floats) -> tuple[Floats, Floats]:
+    """Place boards in front of a camera of known lens.
+
+    Args:
+        camera: whose extrinsics count as well.
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_views, num_corners, 2)` pixels; NaN where not found.
+
+    Returns:
+        `(num_views, 4, 4)` board-to-world transforms, NaN where none was found, and
+        `(num_views, num_corners, 2)` errors in pixels.
+    """
+    boards = np.stack([_place_roughly(camera, corners_m, view) for view in corners_px])
+    good = np.isfinite(boards).all(axis=(1, 2))
+    errors = np.full(corners_px.shape, np.nan)
+    if good.any():
+        result = adjust_boards(
+            Rig((camera,)), boards[good], corners_m, corners_px[None, good], 1.0, CORNER_SIGMAS
+        )
+        boards[good] = result.blocks
+        errors[good] = result.residuals[0]
+    return boards, errors
+
+
+def _place_roughly(camera: Camera, corners_m: Floats, corners_px: Floats) -> Floats:
+    import cv2
+
+    ideal = camera.normalise(corners_px)
+    seen = np.isfinite(ideal).all(axis=-1)
+    placed = np.full((4, 4), np.nan)
+    if seen.sum() < 4:
+        return placed
+    try:
+        done, turn, shift = cv2.solvePnP(
+            corners_m[seen], ideal[seen][:, None], np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        )
+    except cv2.error:
+        return placed
+    if not done or not np.isfinite(turn).all() or shift[2, 0] <= 0:
+        return placed
+    board = np.eye(4)
+    board[:3, :3], board[:3, 3] = cv2.Rodrigues(turn)[0], shift[:, 0]
+    return np.asarray(camera.T_world_camera @ board)
+
+
+def _fit(
+    model: str, image_size: tuple[int, int], corners_m: Floats, corners_px: Floats
+) -> tuple[Floats, Floats]:
+    """Return `(3, 3)` K and the coefficients; raise `ValueError` when there is no fit."""
+    import cv2
+
+    objects, images = [], []
+    for view in corners_px:
+        seen = np.isfinite(view[:, 0])
+        # One row each: OpenCV 5's fisheye model refuses columns of different lengths.
+        objects.append(corners_m[seen][None].astype(np.float32))
+        images.append(view[seen][None].astype(np.float32))
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-8)
+    try:
+        if model == "fisheye":
+            K, distortion = _fit_fisheye(image_size, objects, images, criteria)
+        else:
+            flags = 0 if model == "pinhole-k3" else cv2.CALIB_FIX_K3
+            _, K, distortion, *_ = cv2.calibrateCamera(
+                objects, images, image_size, None, None, flags=flags, criteria=criteria
+            )
+            distortion = distortion.reshape(-1)[: 5 if model == "pinhole-k3" else 4]
+    except cv2.error as error:
+        raise ValueError(str(error)) from None
+    K = np.asarray(K, dtype=np.float64)
+    K[0, 1] = 0.0
+    return K, np.asarray(distortion, dtype=np.float64).reshape(-1)
+
+
+def _fit_fisheye(
+    image_size: tuple[int, int],
+    objects: list[NDArray[np.float32]],
+    images: list[NDArray[np.float32]],
+    criteria: tuple[int, int, float],
+) -> tuple[Any, Any]:
+    import cv2
+
+    focal = max(image_size) / np.pi * 1.2
+    K = np.array([[focal, 0, image_size[0] / 2], [0, focal, image_size[1] / 2], [0, 0, 1.0]])
+    # OpenCV 5 moved the flags out of the module, with other values.
+    names = ("CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW", "CALIB_USE_INTRINSIC_GUESS")
+    flags = sum(getattr(cv2.fisheye, name, None) or getattr(cv2, name) for name in names)
+    _, K, distortion, *_ = cv2.fisheye.calibrate(
+        [o.astype(np.float64) for o in objects], [i.astype(np.float64) for i in images],
+        image_size, K, np.zeros((4, 1)), flags=flags, criteria=criteria,
+    )  # fmt: skip
+    return K, distortion
+
+
+def _held_out(
+    model: str, image_size: tuple[int, int], corners_m: Floats, corners_px: Floats
+) -> float:
+    """Return the root mean square error in pixels, over views that the fit did not have."""
+    squares = []
+    fold = np.arange(len(corners_px)) % FOLDS
+    for out in range(FOLDS):
+        try:
+            K, distortion = _fit(model, image_size, corners_m, corners_px[fold != out])
+            camera = Camera("held", image_size, K, np.eye(4), distortion, model == "fisheye")
+        except (ValueError, InputError):
+            return np.nan
+        _, errors = resect(camera, corners_m, corners_px[fold == out])
+        lost = np.isnan(errors[..., 0]) & np.isfinite(corners_px[fold == out][..., 0])
+        if lost.mean() > 0.02:  # corners where this lens has no inverse
+            return np.nan
+        squares.append((errors[np.isfinite(errors[..., 0])] ** 2).sum(axis=-1))
+    return float(np.sqrt(np.concatenate(squares).mean()))
+
+
+def _without_outliers(
+    image_size: tuple[int, int], corners_m: Floats, corners_px: Floats, used: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Leave out views that a first fit explains much worse than the others: blurred or misread."""
+    for model in ("pinhole", "fisheye"):
+        try:
+            K, distortion = _fit(model, image_size, corners_m, corners_px[used])
+            camera = Camera("first", image_size, K, np.eye(4), distortion, model == "fisheye")
+        except (ValueError, InputError):
+            continue
+        _, errors = resect(camera, corners_m, corners_px[used])
+        size = root_mean_square(np.linalg.norm(errors, axis=-1), axis=1)
+        good = size <= max(OUTLIER_VIEW * float(np.nanmedian(size)), 0.3)
+        if good.sum() >= MIN_VIEWS:
+            return np.asarray(used[good])
+    return used
+
+
+def _focal_sigma(camera: Camera, corners_m: Floats, corners_px: Floats, fit_px: float) -> float:
+    """Return how well the views fix the focal length, as a share of it."""
+    boards = np.stack([_place_roughly(camera, corners_m, view) for view in corners_px])
+    good = np.isfinite(boards).all(axis=(1, 2))
+    result = adjust_boards(
+        Rig((camera,)), boards[good], corners_m, corners_px[None, good], max(fit_px, 0.02),
+        np.inf, np.zeros(1, dtype=bool), focal_sigma=1.0,
+    )  # fmt: skip
+    return float(np.sqrt(result.covariance[0, 6, 0, 6]))

@@ -1,0 +1,241 @@
+"""Judge a calibration by a recording made with it: errors by camera, by pair, and over the room."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.bundle import root_mean_square
+from e3pose.calibrate.expected_error import ErrorMap, error_map
+from e3pose.calibrate.from_people import match_people, solve_people
+from e3pose.calibrate.people_3d import place_people
+from e3pose.calibrate.recordings import between
+from e3pose.calibrate.rotations import angles_between, similarity
+from e3pose.calibrate.triangulation import place_points
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.model.noise import Noise
+from e3pose.recording.record import Recording
+
+Floats = NDArray[np.float64]
+
+MATCH_SIGMAS = 15.0  # tolerance of matching: a calibration that is off must still be judged
+MIN_JOINTS = 100
+MIN_INLIERS = 0.6  # share of keypoints that a rig solved anew must explain
+POOR_ANGLE = np.radians(20.0)  # between the rays of a pair, below which depth is poor
+POOR_PAIR = 2.0  # times the median error over pairs
+SHIFT_SHARE = 0.006  # of the longer side, from which a camera's shift is worth a word
+MOVED_DEG, MOVED_MM = 0.5, 50.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """What a recording says of a calibration.
+
+    Attributes:
+        errors_px: `(num_cameras,)` median reprojection error, each camera against the people that
+            the others place.
+        shifts_px: `(num_cameras, 2)` its median by axis: what all keypoints have in common.
+        sigma_px: `(num_cameras,)` robust standard deviation of either coordinate.
+        joints: `(num_cameras,)` how many keypoints were compared.
+        moved_deg: `(num_cameras,)` how far the same people would turn it, root mean square of what
+            the two halves of the recording say; NaN if unknown.
+        moved_mm: `(num_cameras,)` how far they would move it, likewise.
+        pair_angle: `(num_cameras, num_cameras)` median angle between rays, radians; NaN where
+            nobody was seen by both.
+        pair_errors_px: `(num_cameras, num_cameras)` median epipolar distance.
+        room: expected error over the floor.
+        next_steps: what to record or mend, in words.
+    """
+
+    errors_px: Floats
+    shifts_px: Floats
+    sigma_px: Floats
+    joints: NDArray[np.int64]
+    moved_deg: Floats
+    moved_mm: Floats
+    pair_angle: Floats
+    pair_errors_px: Floats
+    room: ErrorMap
+    next_steps: list[str]
+
+
+def judge(
+    recording: Recording,
+    noise: Noise,
+    told: Callable[[str, int, int], None] = lambda what, done, total: None,
+) -> Judgement:
+    """Judge the calibration of a recording by its people.
+
+    Raises:
+        InputError: when too few joints are seen by several cameras.
+    """
+    rig = recording.rig
+    joints = match_people(recording, noise, rig, MATCH_SIGMAS)
+    pixels, sigma = joints.keypoints_px, joints.sigma_px
+    seen = np.isfinite(pixels[..., 0])
+    if int((seen.sum(axis=0) >= 2).sum()) < MIN_JOINTS:
+        raise InputError(
+            f"recording: {int((seen.sum(axis=0) >= 2).sum())} joints are seen by two cameras, "
+            f"expected at least {MIN_JOINTS}; is the calibration that of these films?"
+        )
+    residuals = _left_out(rig, pixels, sigma)
+    errors = _median(np.linalg.norm(residuals, axis=-1))
+    shifts = np.stack([_median(residuals[..., 0]), _median(residuals[..., 1])], axis=-1)
+    points = place_points(rig, pixels, sigma)
+    inner = np.stack([camera.project(points) for camera in rig.cameras]) - pixels
+    spread = 1.4826 * _median(np.abs(inner).mean(axis=-1))
+    spread = np.where(np.isfinite(spread), np.maximum(spread, 0.5), np.nanmedian(spread))
+    resolved = _resolve(recording, noise, told)
+    moved_deg, moved_mm = _moved(rig, resolved)
+    people = place_people(rig, joints, recording.skeleton, recording.fps)
+    hips = people.of("left_hip", "right_hip")
+    hips = hips[np.isfinite(hips).all(axis=-1)]
+    if len(hips) < 10:
+        hips = points[np.isfinite(points).all(axis=-1)]
+    room = error_map(rig, spread, hips[:, :2], resolved)
+    angle, pair_errors = _pairs(rig, points, pixels)
+    return Judgement(
+        errors, shifts, spread, seen.sum(axis=1), moved_deg, moved_mm, angle, pair_errors, room,
+        _advice(rig, shifts, moved_deg, moved_mm, seen, room),
+    )  # fmt: skip
+
+
+def _resolve(
+    recording: Recording, noise: Noise, told: Callable[[str, int, int], None]
+) -> list[Rig]:
+    """Solve the rig anew from either half of the recording, as far as that succeeds.
+
+    Two halves, as a rig that was solved from the whole would be found free of error by the whole.
+    """
+    middle = recording.num_slots // 2
+    rigs = []
+    for number, (first, end) in enumerate(((0, middle), (middle, recording.num_slots))):
+        try:
+            found = solve_people(between(recording, first, end), noise, recording.rig)
+        except InputError:
+            continue
+        finally:
+            told("solving anew from halves", number + 1, 2)
+        if found.inliers >= MIN_INLIERS and found.solved.placed.all():
+            rigs.append(found.solved.adjusted.rig)
+    return rigs
+
+
+def _left_out(rig: Rig, pixels: Floats, sigma: Floats) -> Floats:
+    """Return `(num_cameras, num_points, 2)` errors against what the other cameras place."""
+    residuals = np.full(pixels.shape, np.nan)
+    for index, camera in enumerate(rig.cameras):
+        others = pixels.copy()
+        others[index] = np.nan
+        points = place_points(rig, others, sigma)
+        if len(rig) == 2:  # one other camera places nothing
+            points = place_points(rig, pixels, sigma)
+        residuals[index] = pixels[index] - camera.project(points)
+    return residuals
+
+
+def _median(values: Floats) -> Floats:
+    """Return medians over the last axis of what is known; NaN where little is."""
+    out = np.full(values.shape[:-1], np.nan)
+    for place in np.ndindex(out.shape):
+        known = values[place][np.isfinite(values[place])]
+        if len(known) >= 10:
+            out[place] = np.median(known)
+    return out
+
+
+def _moved(rig: Rig, resolved: list[Rig]) -> tuple[Floats, Floats]:
+    """Return degrees and millimetres, root mean square over the rigs solved anew."""
+    angles, shifts = [], []
+    for other in resolved if len(rig) > 2 else []:
+        scale, R, t = similarity(other.centers_m, rig.centers_m)
+        centers = scale * other.centers_m @ R.T + t
+        turned = np.stack([camera.R @ R.T for camera in other.cameras])
+        own = np.stack([camera.R for camera in rig.cameras])
+        angles.append(np.degrees(angles_between(turned, own)))
+        shifts.append(1000 * np.linalg.norm(centers - rig.centers_m, axis=1))
+    if not angles:
+        return np.full(len(rig), np.nan), np.full(len(rig), np.nan)
+    return root_mean_square(np.stack(angles), 0), root_mean_square(np.stack(shifts), 0)
+
+
+def _pairs(rig: Rig, points: Floats, pixels: Floats) -> tuple[Floats, Floats]:
+    number = len(rig)
+    angle, errors = np.full((number, number), np.nan), np.full((number, number), np.nan)
+    rays = points[None] - rig.centers_m[:, None]
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    seen = np.isfinite(pixels[..., 0]) & np.isfinite(points[:, 0])
+    for a in range(number):
+        for b in range(a + 1, number):
+            both = seen[a] & seen[b]
+            if both.sum() < MIN_JOINTS:
+                continue
+            cosine = (rays[a, both] * rays[b, both]).sum(axis=-1)
+            angle[a, b] = angle[b, a] = float(np.median(np.arccos(np.clip(cosine, -1, 1))))
+            first, second = (rig.cameras[i].undistort(pixels[i, both]) for i in (a, b))
+            lines = np.column_stack([first, np.ones(len(first))]) @ rig.fundamental(a, b).T
+            off = (lines[:, :2] * second).sum(axis=1) + lines[:, 2]
+            off = np.abs(off) / np.hypot(lines[:, 0], lines[:, 1])
+            errors[a, b] = errors[b, a] = float(np.nanmedian(off))
+    return angle, errors
+
+
+def poor_pairs(rig: Rig, judgement: Judgement) -> list[str]:
+    """Return pairs of cameras that place people badly, with the reason."""
+    words = []
+    middle = float(np.nanmedian(judgement.pair_errors_px))
+    for a in range(len(rig)):
+        for b in range(a + 1, len(rig)):
+            names = f"{rig.camera_ids[a]} and {rig.camera_ids[b]}"
+            angle, error = judgement.pair_angle[a, b], judgement.pair_errors_px[a, b]
+            if np.isnan(angle):
+                words.append(f"{names}: see nobody together")
+            elif min(angle, np.pi - angle) < POOR_ANGLE:
+                words.append(f"{names}: rays meet at {np.degrees(angle):.0f} degrees")
+            elif error > POOR_PAIR * middle and error > 3:
+                words.append(f"{names}: {error:.1f} px off each other's epipolar lines")
+    return words
+
+
+def _advice(
+    rig: Rig,
+    shifts: Floats,
+    moved_deg: Floats,
+    moved_mm: Floats,
+    seen: NDArray[np.bool_],
+    room: ErrorMap,
+) -> list[str]:
+    words = []
+    for i, camera in enumerate(rig.cameras):
+        if not seen[i].any():
+            words.append(f"{camera.camera_id} saw nobody whom others saw: walk in front of it")
+            continue
+        if np.linalg.norm(shifts[i]) > SHIFT_SHARE * max(camera.image_size):
+            words.append(
+                f"{camera.camera_id} is off by ({shifts[i, 0]:+.0f}, {shifts[i, 1]:+.0f}) px: it "
+                "was moved, or its lens or film is not that of the calibration"
+            )
+    if np.isfinite(moved_deg).any() and (
+        np.nanmax(moved_deg) > MOVED_DEG or np.nanmax(moved_mm) > MOVED_MM
+    ):
+        name = rig.camera_ids[int(np.nanargmax(moved_deg / MOVED_DEG + moved_mm / MOVED_MM))]
+        words.append(
+            f"people would place {name} elsewhere: e3pose calibrate extrinsics RECORDING rig.toml "
+            "--start with this calibration mends it, if they walk through all of the room"
+        )
+    total = room.total_mm
+    known = np.isfinite(total)
+    if known.any():
+        worst = np.unravel_index(np.nanargmax(np.where(known, total, -1.0)), total.shape)
+        limit = 2 * float(np.nanmedian(total))
+        if total[worst] > limit:
+            words.append(
+                f"worst near x {room.x_m[worst[1]]:.1f}, y {room.y_m[worst[0]]:.1f} m: "
+                f"{total[worst]:.0f} mm with {room.cameras[worst]} cameras; turn another there, or "
+                "add one"
+            )
+    return words

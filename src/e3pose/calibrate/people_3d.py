@@ -1,0 +1,93 @@
+"""People as 3D joints by person and slot, from the points of a solved rig; how tall they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.from_people import Joints
+from e3pose.calibrate.triangulation import place_points
+from e3pose.geometry.camera import Rig
+from e3pose.model.skeleton import Skeleton
+
+Floats = NDArray[np.float64]
+
+# Shares of stature after Drillis and Contini, as tabulated by Winter: thigh, shank, and from the
+# middle of the hips to that of the shoulders.
+THIGH, SHANK, SPINE, ANKLE_HEIGHT = 0.245, 0.246, 0.288, 0.045
+ASSUMED_STATURE_M = 1.70  # of adults of whom nothing is known; a twelfth of them is 10 % off
+GOOD_SIGMAS = 3.0
+MIN_LIMBS = 8  # measurements of a limb
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class People3D:
+    """Matched people in the world of a rig.
+
+    Attributes:
+        joints: `(num_moments, num_joints, 3)` NaN where not placed; in the rig's unit.
+        person: `(num_moments,)` whose.
+        slot: `(num_moments,)` when.
+        skeleton: the joints' names.
+        fps: slots a second.
+    """
+
+    joints: Floats
+    person: NDArray[np.int64]
+    slot: NDArray[np.int64]
+    skeleton: Skeleton
+    fps: float
+
+    def of(self, *names: str) -> Floats:
+        """Return `(num_moments, 3)` the mean of joints by name; NaN where one is not placed."""
+        columns = [self.skeleton.index(name) for name in names]
+        return np.asarray(self.joints[:, columns].mean(axis=1))
+
+    def scaled(self, scale: float, R: Floats, t: Floats) -> People3D:
+        """Return them moved: `scale * R @ joint + t`."""
+        moved = scale * self.joints @ R.T + t
+        return People3D(moved, self.person, self.slot, self.skeleton, self.fps)
+
+
+def place_people(rig: Rig, joints: Joints, skeleton: Skeleton, fps: float) -> People3D:
+    """Triangulate matched joints; those that the views disagree on are left out."""
+    points = place_points(rig, joints.keypoints_px, joints.sigma_px)
+    errors = np.stack([camera.project(points) for camera in rig.cameras]) - joints.keypoints_px
+    size = np.linalg.norm(errors, axis=-1) / joints.sigma_px
+    agree = (size < GOOD_SIGMAS).sum(axis=0) >= 2
+    points = np.where(agree[:, None], points, np.nan)
+    number = len(skeleton)
+    return People3D(
+        points.reshape(-1, number, 3), joints.person[::number], joints.slot[::number], skeleton, fps
+    )
+
+
+def statures(people: People3D) -> Floats:
+    """Return `(num_persons,)` how tall people are by thigh, shank and spine; NaN where unknown."""
+    hips = people.of("left_hip", "right_hip")
+    shoulders = people.of("left_shoulder", "right_shoulder")
+    limbs = [(np.linalg.norm(shoulders - hips, axis=-1), SPINE)]
+    for side in ("left", "right"):
+        hip, knee, ankle = (people.of(f"{side}_{joint}") for joint in ("hip", "knee", "ankle"))
+        limbs.append((np.linalg.norm(knee - hip, axis=-1), THIGH))
+        limbs.append((np.linalg.norm(ankle - knee, axis=-1), SHANK))
+    found = []
+    for person in np.unique(people.person).tolist():
+        mine = people.person == person
+        lengths, shares = 0.0, 0.0
+        for lengths_m, share in limbs:
+            known = lengths_m[mine & np.isfinite(lengths_m)]
+            if len(known) >= MIN_LIMBS:
+                lengths += float(np.median(known))
+                shares += share
+        found.append(lengths / shares if shares >= 0.5 else np.nan)
+    return np.array(found)
+
+
+def limb_length(people: People3D, first: str, second: str) -> float:
+    """Return the median distance of two joints by name; NaN if they were not placed together."""
+    apart = np.linalg.norm(people.of(first) - people.of(second), axis=-1)
+    known = apart[np.isfinite(apart)]
+    return float(np.median(known)) if len(known) >= MIN_LIMBS else float("nan")

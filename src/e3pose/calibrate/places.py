@@ -1,0 +1,293 @@
+"""Solve where cameras stand from films of a board, films of a ball, points, or people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.align import Move, floor_from_people, from_axis, guess
+from e3pose.calibrate.ball import track_ball
+from e3pose.calibrate.board import Board
+from e3pose.calibrate.board_views import find_board
+from e3pose.calibrate.bundle import root_mean_square
+from e3pose.calibrate.from_boards import check_connected, solve_boards
+from e3pose.calibrate.from_people import solve_people
+from e3pose.calibrate.from_points import pair_poses, solve_points
+from e3pose.calibrate.people_3d import People3D, place_people
+from e3pose.calibrate.rotations import similarity
+from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
+from e3pose.camera.source import open_video
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.model.noise import Noise
+from e3pose.recording.record import Recording
+
+Floats = NDArray[np.float64]
+Told = Callable[[str, int, int], None]
+
+BALL_SIGMA_PX = 1.0
+FOCAL_SIGMA = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Places:
+    """A rig that was solved, and how well.
+
+    Attributes:
+        rig: the cameras, in metres.
+        source: board, ball, points or people.
+        errors_px: `(num_cameras,)` root mean square reprojection error of what agrees.
+        outliers: `(num_cameras,)` share of what was seen that does not agree; NaN if nothing was.
+        observations: `(num_cameras,)` how many points were used.
+        together: `(num_cameras, num_cameras)` how many of them two cameras share.
+        scale: metres and where they are from; None where a board states them.
+        world: where the axes are from, in words.
+        notes: what to look at or do next, in words.
+    """
+
+    rig: Rig
+    source: str
+    errors_px: Floats
+    outliers: Floats
+    observations: NDArray[np.int64]
+    together: NDArray[np.int64]
+    scale: Scale | None
+    world: str
+    notes: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class KnownLength:
+    """What fixes the scale; at most one of them.
+
+    Attributes:
+        height_m: how tall the people are.
+        distance: two camera ids and metres.
+        limb: two joints and metres.
+    """
+
+    height_m: float | None = None
+    distance: tuple[str, str, float] | None = None
+    limb: tuple[str, str, float] | None = None
+
+
+def common_times(paths: Mapping[str, Path], offsets_s: Mapping[str, float], rate: float) -> Floats:
+    """Return `(num_times,)` seconds on the common clock during which at least two videos run."""
+    ends = []
+    for camera_id, path in paths.items():
+        source = open_video(path)
+        begin = offsets_s.get(camera_id, 0.0)
+        ends.append((begin, begin + (source.num_frames - 1) / source.rate))
+    begin, end = sorted(b for b, _ in ends)[1], sorted(e for _, e in ends)[-2]
+    if end <= begin:
+        raise InputError("videos: never run at the same time, expected films of one scene")
+    return np.asarray(np.arange(begin, end + 1e-9, 1 / rate))
+
+
+def from_board_films(
+    paths: Mapping[str, Path],
+    lenses: Rig,
+    board: Board,
+    offsets_s: Mapping[str, float],
+    rate: float,
+    told: Callable[[str], Callable[[int, int], None]],
+) -> Places:
+    """Place cameras by films of a board that was carried about between them.
+
+    Args:
+        paths: film, or folder of pictures taken together, by camera id.
+        lenses: intrinsics of those cameras, in the same order.
+        board: the board.
+        offsets_s: when each film began, on the common clock.
+        rate: how many times a second to look.
+        told: makes what is told of a camera's progress.
+    """
+    folders = any(path.is_dir() for path in paths.values())
+    times = None if folders else common_times(paths, offsets_s, rate)
+    found = {}
+    for camera_id, path in paths.items():
+        own = None if times is None else times - offsets_s.get(camera_id, 0.0)
+        views = find_board(camera_id, path, board, own, told=told(camera_id))
+        check_size(lenses, camera_id, views.image_size)
+        found[camera_id] = views
+    every = (
+        np.unique(np.concatenate([views.times_s for views in found.values()]))
+        if times is None
+        else times
+    )
+    corners = np.full((len(lenses), len(every), len(board.corners_m), 2), np.nan)
+    for index, camera_id in enumerate(lenses.camera_ids):
+        views = found[camera_id]
+        shift = 0.0 if times is None else offsets_s.get(camera_id, 0.0)
+        place = np.searchsorted(every, views.times_s + shift - 1e-6)
+        corners[index, place] = views.corners_px
+    solved = solve_boards(lenses, board.corners_m, corners)
+    rig = guess(solved.adjusted.rig).rig(solved.adjusted.rig)
+    weights = solved.adjusted.weights
+    seen = weights > 0
+    notes = ["the vertical is guessed from level cameras and the floor from their height: "
+             "e3pose calibrate align puts both right"]  # fmt: skip
+    if float(np.nanmedian(solved.errors_px)) > 1.5:
+        notes.insert(0, "errors above 1.5 px: hold the board still for a second at each place, or "
+                        "find the films' offsets first (e3pose sync)")  # fmt: skip
+    return Places(
+        rig, "board", solved.errors_px, _outliers(weights, seen), seen.sum(axis=(1, 2)),
+        solved.together, None, "guessed from level cameras", notes,
+    )  # fmt: skip
+
+
+def from_ball_films(
+    paths: Mapping[str, Path],
+    lenses: Rig,
+    colour: str,
+    offsets_s: Mapping[str, float],
+    rate: float,
+    known: KnownLength,
+) -> Places:
+    """Place cameras by films of one ball; see `from_points_seen`."""
+    times = common_times(paths, offsets_s, rate)
+    points = np.full((len(lenses), len(times), 2), np.nan)
+    for index, (camera_id, path) in enumerate(paths.items()):
+        points[index], size = track_ball(path, times - offsets_s.get(camera_id, 0.0), colour)
+        check_size(lenses, camera_id, size)
+    return from_points_seen(lenses, points, known, "ball")
+
+
+def from_points_seen(
+    lenses: Rig, keypoints_px: Floats, known: KnownLength, source: str = "points"
+) -> Places:
+    """Place cameras by points of which it is known which is which.
+
+    Args:
+        lenses: intrinsics.
+        keypoints_px: `(num_cameras, num_points, 2)` pixels; NaN where not seen.
+        known: the distance of two cameras.
+        source: for the report.
+    """
+    if known.distance is None:
+        raise InputError(
+            "scale: points alone do not tell it, expected --distance CAM1,CAM2=METRES, as measured "
+            "between two lenses"
+        )
+    sigma = np.full(keypoints_px.shape[:2], BALL_SIGMA_PX)
+    focal = np.array([FOCAL_SIGMA if camera.lens_assumed else 0.0 for camera in lenses.cameras])
+    poses = pair_poses(lenses, keypoints_px, sigma)
+    solved = solve_points(lenses, keypoints_px, sigma, poses, focal)
+    if solved is None:
+        raise InputError(
+            f"points: no two cameras agree, expected one {source} that moves through all the room "
+            "in films that begin together"
+        )
+    _check_all_placed(lenses, solved.placed, f"see the {source}")
+    rig = solved.adjusted.rig
+    scale = from_distance(rig, *known.distance)
+    rig = Move(scale.factor, np.eye(3), np.zeros(3)).rig(rig)
+    rig = guess(rig).rig(rig)
+    return Places(
+        rig, source,
+        *_fit(solved.adjusted.residuals, solved.adjusted.weights, sigma[:, solved.used]),
+        scale, "guessed from level cameras",
+        ["the vertical and the floor are guessed: e3pose calibrate align puts both right"],
+    )  # fmt: skip
+
+
+def from_people(
+    recording: Recording, noise: Noise, start: Rig | None, known: KnownLength, told: Told
+) -> Places:
+    """Place cameras by the people of a recording, and the world by where they stand.
+
+    Args:
+        recording: detections; lenses are taken from its rig.
+        noise: what scores promise.
+        start: a rough calibration, whose scale and world are kept unless a length is known.
+        known: what fixes the scale.
+        told: of stages, steps done and in all.
+    """
+    found = solve_people(recording, noise, start, told)
+    _check_all_placed(recording.rig, found.solved.placed, "see somebody")
+    rig = found.solved.adjusted.rig
+    notes: list[str] = []
+    if found.inliers < 0.7:
+        notes.append(
+            f"only {100 * found.inliers:.0f} % of keypoints agree: are the films synchronised "
+            "(e3pose sync), and do people walk through all of the room?"
+        )
+    people = place_people(rig, found.joints, recording.skeleton, recording.fps)
+    given = known.height_m is not None or known.distance is not None or known.limb is not None
+    if start is not None and not given and len(rig) > 2:
+        factor, R, t = similarity(rig.centers_m, start.centers_m)
+        move, scale = Move(factor, R, t), Scale(factor, "the rough calibration", 0.02)
+        world = "that of the rough calibration"
+    else:
+        scale = scale_of(rig, people, known)
+        move = Move(scale.factor, np.eye(3), np.zeros(3))
+        try:
+            floor = floor_from_people(people.scaled(move.scale, move.R, move.t))
+            move, world = floor.move @ move, "floor and vertical from standing people"
+            if not floor.tilted:
+                notes.append("people stood in one place: the vertical is theirs, less sure")
+        except InputError as error:
+            placed = move.rig(rig)
+            move, world = guess(placed) @ move, "guessed from level cameras"
+            notes.append(f"{error}; the floor is guessed")
+    if scale.share > 0.05:
+        notes.append("sizes may be 6 % off: pass --height, --distance or --limb")
+    sigma = found.joints.sigma_px[:, found.solved.used]
+    adjusted = found.solved.adjusted
+    return Places(
+        move.rig(rig), "people", *_fit(adjusted.residuals, adjusted.weights, sigma), scale, world,
+        notes,
+    )  # fmt: skip
+
+
+def scale_of(rig: Rig, people: People3D, known: KnownLength) -> Scale:
+    """Return the scale by what is known of lengths; of people's heights if nothing is."""
+    if known.distance is not None:
+        return from_distance(rig, *known.distance)
+    if known.limb is not None:
+        return from_limb(people, *known.limb)
+    return from_stature(people, known.height_m)
+
+
+def check_size(lenses: Rig, camera_id: str, size: tuple[int, int]) -> None:
+    """Raise `InputError` unless pictures are as large as those the lens was measured in."""
+    expected = lenses.cameras[lenses.index(camera_id)].image_size
+    if size not in (expected, (0, 0)):
+        raise InputError(
+            f"camera {camera_id}: image size: found {size[0]}x{size[1]}, expected "
+            f"{expected[0]}x{expected[1]} as in --intrinsics; measure the lens in this mode"
+        )
+
+
+def _check_all_placed(rig: Rig, done: NDArray[np.bool_], what: str) -> None:
+    parts = [np.flatnonzero(done).tolist(), *([i] for i in np.flatnonzero(~done).tolist())]
+    check_connected(rig.camera_ids, parts, what)
+
+
+def _fit(
+    residuals: Floats, weights: Floats, sigma_px: Floats
+) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+    """Return errors, outliers, counts and shared counts of points, as `Places` has them."""
+    weights = weights[..., 0]
+    seen = weights > 0
+    length = np.linalg.norm(residuals[..., 0, :], axis=-1) * sigma_px
+    agree = weights > 0.4
+    errors = root_mean_square(np.where(agree, length, np.nan), axis=1)
+    together = (seen[:, None] & seen[None]).sum(axis=-1)
+    return errors, _outliers(weights, seen), seen.sum(axis=1), together
+
+
+def _outliers(weights: Floats, seen: NDArray[np.bool_]) -> Floats:
+    axes = tuple(range(1, weights.ndim))
+    count = seen.sum(axis=axes)
+    bad = (seen & (weights <= 0.4)).sum(axis=axes)
+    return np.where(count > 0, bad / np.maximum(count, 1), np.nan)
+
+
+def turned(rig: Rig, up: str) -> Rig:
+    """Return a rig whose axis `up` becomes z."""
+    return from_axis(up).rig(rig)

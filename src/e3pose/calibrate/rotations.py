@@ -1,0 +1,60 @@
+"""Stacks of rotations: exponential and logarithm, mean, and the similarity between point sets."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Floats = NDArray[np.float64]
+
+
+def cross_matrices(vectors: Floats) -> Floats:
+    """Return `(*batch, 3, 3)` matrices that multiply as the cross product with `(*batch, 3)`."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def exponential(vectors: Floats) -> Floats:
+    """Return `(n, 3, 3)` rotations of `(n, 3)` Rodrigues vectors (axis times angle, radians)."""
+    return np.asarray(Rotation.from_rotvec(vectors).as_matrix(), dtype=np.float64)
+
+
+def angles_between(first: Floats, second: Floats) -> Floats:
+    """Return the angles in radians between two stacks of rotations, `(n, 3, 3)` each."""
+    return np.asarray(
+        Rotation.from_matrix(np.einsum("nij,nkj->nik", first, second)).magnitude(),
+        dtype=np.float64,
+    )
+
+
+def similarity(
+    source: Floats, target: Floats, with_scale: bool = True
+) -> tuple[float, Floats, Floats]:
+    """Return scale, rotation and shift that bring points onto points with the least squares.
+
+    `target = scale * rotation @ source + shift` (Umeyama 1991, eqs. 40 to 42).
+
+    Args:
+        source: `(n, 3)` points, at least three that are not on a line.
+        target: `(n, 3)` the same points elsewhere.
+        with_scale: whether the scale may differ from 1.
+    """
+    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
+    centred = source - source_mean
+    covariance = (target - target_mean).T @ centred / len(source)
+    left, singular, right = np.linalg.svd(covariance)
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left) * np.linalg.det(right))])
+    rotation = (left * signs) @ right
+    variance = float((centred**2).sum() / len(source))
+    scale = float((singular * signs).sum() / variance) if with_scale and variance > 0 else 1.0
+    return scale, rotation, target_mean - scale * rotation @ source_mean
+
+
+def mean_rotation(rotations: Floats) -> Floats:
+    """Return the `(3, 3)` rotation nearest to the mean of `(n, 3, 3)` rotations."""
+    left, _, right = np.linalg.svd(rotations.mean(axis=0))
+    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    return np.asarray((left * signs) @ right, dtype=np.float64)

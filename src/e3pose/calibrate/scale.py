@@ -1,0 +1,71 @@
+"""The scale of a rig that was solved without one: a distance, a limb, a stature, or a guess."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from e3pose.calibrate.people_3d import (
+    ASSUMED_STATURE_M,
+    People3D,
+    limb_length,
+    statures,
+)
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+
+ASSUMED_SHARE = 0.06  # how far off a guess from people of average stature may be
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Metres in a unit of the rig, and where they are from.
+
+    Attributes:
+        factor: multiplies lengths.
+        known_from: in words.
+        share: how far it may be off, as a share.
+    """
+
+    factor: float
+    known_from: str
+    share: float
+
+
+def from_distance(rig: Rig, first: str, second: str, metres: float) -> Scale:
+    """Take the distance of two cameras' lenses."""
+    apart = np.linalg.norm(
+        rig.cameras[rig.index(first)].center_m - rig.cameras[rig.index(second)].center_m
+    )
+    if apart == 0 or first == second:
+        raise InputError(f"--distance: found {first},{second}, expected two cameras apart")
+    return Scale(
+        metres / float(apart), f"{metres:g} m from {first} to {second}", min(0.01 / metres, 1.0)
+    )
+
+
+def from_limb(people: People3D, first: str, second: str, metres: float) -> Scale:
+    """Take the length between two joints of the (one) person."""
+    length = limb_length(people, first, second)
+    if not length > 0:
+        raise InputError(f"--limb: {first} and {second} were not placed together often enough")
+    return Scale(metres / length, f"{metres:g} m from {first} to {second}", 0.03)
+
+
+def from_stature(people: People3D, metres: float | None) -> Scale:
+    """Take how tall people are on average; adults' average if nobody knows."""
+    found = statures(people)
+    found = found[np.isfinite(found)]
+    if not len(found):
+        raise InputError(
+            "people: legs and trunk of nobody were placed, so that the scale is unknown; pass "
+            "--distance or --limb"
+        )
+    tall = float(np.median(found))
+    if metres is not None:
+        return Scale(metres / tall, f"people {metres:g} m tall", 0.03)
+    return Scale(
+        ASSUMED_STATURE_M / tall, f"people assumed to be {ASSUMED_STATURE_M:g} m tall",
+        ASSUMED_SHARE,
+    )  # fmt: skip

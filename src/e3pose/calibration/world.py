@@ -1,0 +1,81 @@
+"""Is a rig placed, with z up and in metres? What to do about it if not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Camera, Rig
+
+UP_SHARE = 0.3  # mean of the images' up directions along world z, from which a rig is upright
+DOWNWARD = 0.7  # mean share of the view downwards, from which cameras hang at a ceiling
+SPAN_M = (0.2, 200.0)  # largest distance between two cameras
+FLOOR_M = -0.3  # half of the cameras below this are under the floor
+ASSUMED_FOCAL = 0.85  # of the longer side: 61 degrees, between webcams and phones
+
+
+def assumed_rig(image_sizes: Mapping[str, tuple[int, int]]) -> Rig:
+    """Return cameras of which the image size alone is known: lenses assumed, places unknown.
+
+    Args:
+        image_sizes: `(width, height)` in pixels by camera id.
+    """
+    cameras = []
+    for camera_id, (width, height) in image_sizes.items():
+        focal = ASSUMED_FOCAL * max(width, height)
+        K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+        cameras.append(Camera(camera_id, (width, height), K, np.eye(4), lens_assumed=True))
+    return Rig(tuple(cameras), placed=False)
+
+
+def require_placed(rig: Rig, where: object) -> None:
+    """Raise `InputError` with the command that helps, unless it is known where cameras stand.
+
+    Args:
+        rig: the cameras.
+        where: the file or recording that they are from.
+    """
+    if not rig.placed:
+        raise InputError(
+            f"{where}: it is not known where the cameras stand, expected a calibration: "
+            f"e3pose calibrate extrinsics {where} rig.toml (docs/calibration.md)"
+        )
+
+
+def world_problem(rig: Rig, file: object = "calibration.toml") -> tuple[str, str]:
+    """Return a short stable name and words for what is wrong with a rig's axes or unit.
+
+    Args:
+        rig: the cameras; a rig that is not placed has no such problem.
+        file: the calibration, for the command that mends it.
+
+    Returns:
+        Two empty strings if nothing is wrong.
+    """
+    if not rig.placed:
+        return "", ""
+    centers = rig.centers_m
+    if len(rig) > 1:
+        span_m = float(np.linalg.norm(centers[:, None] - centers[None], axis=-1).max())
+        if not SPAN_M[0] <= span_m <= SPAN_M[1]:
+            return "rig-span", (
+                f"cameras are at most {span_m:.3g} m apart; is the calibration in metres? "
+                '(a TOML file can say [metadata] units = "mm")'
+            )
+    up = -np.mean([camera.R[1] for camera in rig.cameras], axis=0)
+    ahead = np.mean([camera.R[2] for camera in rig.cameras], axis=0)
+    if up[2] < UP_SHARE and ahead[2] > -DOWNWARD:
+        axis = int(np.argmax(np.abs(up)))
+        name = ("-" if up[axis] < 0 else "") + "xyz"[axis]
+        return "not-z-up", (
+            f"the images' up points {up[2]:+.2f} along world z on average, expected near 1; "
+            f"it points along {name}: e3pose calibrate align {file} fixed.toml --up={name}"
+        )
+    if np.median(centers[:, 2]) < FLOOR_M:
+        return "below-floor", (
+            f"most cameras stand below the floor (z = {np.median(centers[:, 2]):.2f} m); "
+            "e3pose calibrate align puts the floor at 0"
+        )
+    return "", ""

@@ -1,0 +1,193 @@
+"""`e3pose calibrate board` and `intrinsics`: a board to print, and lenses from films of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from e3pose.cli.options import Whole
+from e3pose.errors import InputError
+
+Flag = Annotated[bool, Parameter(negative="")]
+DEFAULT_BOARD = "charuco-5x7-36mm"  # what `calibrate board` makes for A4
+
+
+def board(
+    name: Path = Path("board"),
+    *,
+    paper: Literal["a4", "a3", "letter"] = "a4",
+    kind: Literal["charuco", "chessboard"] = "charuco",
+    columns: Whole = 5,
+    rows: Whole | None = None,
+    square: float | None = None,
+) -> None:
+    """Write a calibration board to print, as PDF and as SVG at true scale.
+
+    Example: `e3pose calibrate board --paper a3`
+
+    Print it at 100 % ("actual size"), check the bar with a ruler, and glue it to something flat.
+    The farther the cameras, the larger the squares must be: 36 mm (A4) is read up to about 3 m by
+    a 1080p camera of 70 degrees, 54 mm (A3) up to 5 m.
+
+    Parameters
+    ----------
+    name
+        The files are NAME.pdf and NAME.svg.
+    paper
+        What to print on.
+    kind
+        A ChArUco board is found when part of it is hidden or outside the picture; a chessboard is
+        not.
+    columns
+        Squares across.
+    rows
+        Squares down; 7, and 8 for a chessboard.
+    square
+        Side of a square in millimetres; as large as fits by default.
+    """
+    from e3pose.calibrate.board import Board
+    from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
+    from e3pose.files.atomic import atomic_file, check_output
+
+    if rows is None:
+        rows = 7 if kind == "charuco" else 8
+    side = square if square is not None else largest_square_mm(paper, max(columns, 1), max(rows, 1))
+    drawn = Board(kind, columns, rows, side / 1000)
+    page = draw_page(drawn, paper)
+    pdf, svg = name.with_name(f"{name.name}.pdf"), name.with_name(f"{name.name}.svg")
+    for path in (pdf, svg):
+        check_output(path)
+    with atomic_file(pdf) as temporary:
+        temporary.write_bytes(as_pdf(page))
+    with atomic_file(svg) as temporary:
+        temporary.write_text(as_svg(page), encoding="utf-8")
+    print(f"{pdf}, {svg}: {drawn.name} on {paper.upper()}")
+    print("Print at 100 %, measure the bar (100 mm), glue the page to something flat and stiff.")
+    wanted = "" if drawn.name == DEFAULT_BOARD else f" --board {drawn.name}"
+    print(
+        f"Then film it with each camera: e3pose calibrate intrinsics cam*.mp4 lenses.toml{wanted}"
+    )
+
+
+def intrinsics(
+    *paths: str,
+    board: str = DEFAULT_BOARD,
+    model: Literal["auto", "pinhole", "pinhole-k3", "fisheye"] = "auto",
+    frames: Whole = 300,
+    picture: Path | None = None,
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Measure focal length and lens of each camera from films or pictures of a board.
+
+    Example: e3pose calibrate intrinsics cam1.mp4 cam2.mp4 lenses.toml --picture coverage.png
+
+    Film the board for half a minute with each camera: near enough to fill a third of the picture,
+    slowly through all parts of it, the corners of the picture too, tilted to all sides. Focus and
+    zoom must be locked, and stay as they are from then on.
+
+    Parameters
+    ----------
+    paths
+        VIDEO... DEST: films, or folders of pictures, then the calibration file (.toml) to write.
+        CAMERA=PATH names a camera; without it, the file's name does.
+    board
+        The name that is printed on the board: kind, squares across x down, side of a square as
+        measured.
+    model
+        The lens: `pinhole` (k1 k2 p1 p2), `pinhole-k3` or `fisheye`; `auto` takes the one that
+        errs least in views that it was not fitted to.
+    frames
+        Search so many frames of each film, evenly spread.
+    picture
+        Draw where the corners were and how large their errors are, a .png or .svg file.
+    json_output
+        Print JSON in the place of lines.
+    """
+    from e3pose.calibrate.board import Board
+    from e3pose.calibrate.board_views import find_board
+    from e3pose.calibrate.intrinsics import MODELS, fit_intrinsics
+    from e3pose.calibrate.intrinsics_report import (
+        as_lines,
+        as_values,
+        draw_coverage,
+        make_report,
+    )
+    from e3pose.calibration import save_rig
+    from e3pose.files.atomic import check_output
+    from e3pose.geometry.camera import Rig
+
+    if len(paths) < 2:
+        raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST")
+    *films, last = paths
+    dest = toml_path(last)
+    if not 5 <= frames <= 100_000:
+        raise InputError(f"--frames: found {frames}, expected 5 to 100000")
+    if picture is not None:
+        check_picture("--picture", picture)
+        check_output(picture)
+    filmed = Board.parse(board)
+    named = cameras_of(films)
+    reports = []
+    with camera_bar("looking for the board") as bar:
+        for camera_id, path in named.items():
+            views = find_board(camera_id, path, filmed, None, frames, bar(camera_id))
+            fit = fit_intrinsics(
+                camera_id, views.image_size, filmed.corners_m, views.corners_px, views.sharpness,
+                MODELS if model == "auto" else (model,),
+            )  # fmt: skip
+            reports.append(make_report(views, fit, filmed.corners_m))
+    save_rig(Rig(tuple(report.fit.camera for report in reports), placed=False), dest)
+    if picture is not None:
+        draw_coverage(picture, reports)
+    if json_output:
+        print(json.dumps({"cameras": [as_values(report) for report in reports]}, indent=2))
+        return
+    for report in reports:
+        print("\n".join(as_lines(report)))
+    print(f"{dest}: lenses of {', '.join(named)}; where they stand is not known yet")
+    print(f"Then: e3pose calibrate extrinsics VIDEO... rig.toml --intrinsics {dest}")
+
+
+def cameras_of(words: Sequence[str]) -> dict[str, Path]:
+    """Return camera ids and paths of words such as `CAMERA=PATH` or `PATH`, named by the file."""
+    from e3pose.camera.pairing import name_videos
+
+    return name_videos(words)
+
+
+def toml_path(word: str) -> Path:
+    """Return the calibration file to write; raise `InputError` if it cannot be one."""
+    from e3pose.files.atomic import check_output
+
+    path = Path(word)
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"DEST: found {word[-80:]!r}, expected a calibration file to write, .toml")
+    check_output(path)
+    return path
+
+
+def check_picture(option: str, path: Path) -> None:
+    """Raise `InputError` unless a picture can be written at `path`."""
+    if path.suffix.lower() not in (".png", ".svg"):
+        raise InputError(f"{option}: found {path.name!r}, expected a name ending in .png or .svg")
+
+
+@contextmanager
+def camera_bar(label: str) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
+    """Yield what makes a bar for one camera, told of work done and in all; silent in a pipe."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+
+        def begin(camera_id: str) -> Callable[[int, int], None]:
+            task = bar.add_task(f"{camera_id}: {label}", total=None)
+            return lambda done, total: bar.update(task, completed=done, total=total)
+
+        yield begin

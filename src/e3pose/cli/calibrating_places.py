@@ -1,0 +1,275 @@
+"""`e3pose calibrate extrinsics`: where cameras stand, from a board, a ball, points or people."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
+from e3pose.errors import InputError
+from e3pose.settings.quantities import length_m
+
+if TYPE_CHECKING:
+    from e3pose.calibrate.places import KnownLength, Places
+    from e3pose.geometry.camera import Rig
+
+MOST_SECONDS = 3600.0
+
+
+def extrinsics(
+    *paths: str,
+    intrinsics: Path | None = None,
+    board: str = DEFAULT_BOARD,
+    ball: str | None = None,
+    start: Path | None = None,
+    height: str | None = None,
+    distance: str | None = None,
+    limb: str | None = None,
+    offset: Annotated[list[str] | None, Parameter(negative="")] = None,
+    rate: float = 5.0,
+    seconds: float = 120.0,
+    noise: str | None = None,
+    update: Annotated[bool, Parameter(negative="")] = False,
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Find where the cameras stand and look, and write the calibration.
+
+    Example: `e3pose calibrate extrinsics cam1.mp4 cam2.mp4 rig.toml --intrinsics lenses.toml`
+
+    From films: carry the board through the room so that every camera sees it together with some
+    other; not all need to. With --ball, a ball of a colour, or a light, in the place of the board.
+    From a .csv or .npz of points per view. Or from a recording of people who walk about, made by
+    `e3pose detect` without a calibration: `e3pose calibrate extrinsics walk rig.toml`
+
+    Parameters
+    ----------
+    paths
+        VIDEO... DEST, POINTS DEST, or RECORDING DEST: the sources, then the calibration file to
+        write (.toml).
+    intrinsics
+        The lenses, from `e3pose calibrate intrinsics` or any calibration. With a recording, in the
+        place of its own.
+    board
+        The board's name as it is printed on it, with the side of a square as measured.
+    ball
+        Follow a ball instead: bright (a light in the dark), red, orange, yellow, green, blue, pink.
+    start
+        With a recording: a rough calibration to begin with, within some 5 degrees and 20 cm; its
+        world and scale are kept.
+    height
+        How tall the people are, such as 178cm; of several, on average.
+    distance
+        CAM1,CAM2=LENGTH: how far two lenses are apart.
+    limb
+        JOINT1,JOINT2=LENGTH: how far two joints of the person are apart, such as
+        left_knee,left_ankle=43cm.
+    offset
+        CAMERA=SECONDS: when that film began, for films that did not begin together. Give it once
+        per camera.
+    rate
+        Look at the films so many times a second.
+    seconds
+        With a recording: how much of it to use, from its start.
+    noise
+        With a recording: how far off its detector's keypoints are, as for `e3pose replay`.
+    update
+        With a recording: put the calibration into it too, so that it can be replayed.
+    json_output
+        Print JSON in the place of lines.
+    """
+    from e3pose.calibrate.recordings import known_lenses
+    from e3pose.calibration import load_rig, save_rig
+
+    if len(paths) < 2:
+        raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST or RECORDING DEST")
+    *sources, last = paths
+    dest = toml_path(last)
+    known = _known(height, distance, limb)
+    lenses = None if intrinsics is None else load_rig(intrinsics)
+    first = Path(sources[0])
+    is_recording = len(sources) == 1 and (first / "recording.toml").is_file()
+    if update and not is_recording:
+        raise InputError("--update: expected only with a recording")
+    if is_recording:
+        places = _people(first, lenses, start, known, seconds, noise)
+    elif start is not None:
+        raise InputError("--start: expected only with a recording")
+    elif lenses is None:
+        raise InputError(
+            "--intrinsics: found none, expected the file of e3pose calibrate intrinsics"
+        )
+    elif len(sources) == 1 and first.suffix.lower() in (".csv", ".npz"):
+        places = _points(first, lenses, known)
+    else:
+        places = _films(sources, lenses, board, ball, known, offset or [], rate)
+    save_rig(known_lenses(places.rig), dest)
+    if update:
+        save_rig(known_lenses(places.rig), first / "calibration.toml")
+    if json_output:
+        print(json.dumps(_values(places), indent=2))
+    else:
+        print("\n".join(_lines(places)))
+        print(f"{dest}: {len(places.rig)} cameras, metres, z up")
+
+
+def _people(
+    path: Path,
+    lenses: Rig | None,
+    start: Path | None,
+    known: KnownLength,
+    seconds: float,
+    noise: str | None,
+) -> Places:
+    from dataclasses import replace
+
+    from e3pose.calibrate.places import from_people
+    from e3pose.calibrate.recordings import first_seconds, with_lenses
+    from e3pose.calibration import load_rig
+    from e3pose.model.noises import detector_of, load_noise
+    from e3pose.recording import load_recording
+
+    if not 0 < seconds <= MOST_SECONDS:
+        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    recording = first_seconds(load_recording(path), seconds)
+    if lenses is not None:
+        recording = replace(recording, rig=with_lenses(recording.rig, lenses))
+    rough = None
+    if start is not None:
+        rough = load_rig(start)
+        if not rough.placed:
+            raise InputError(f"{start}: holds lenses without places, expected a rough calibration")
+        rough = rough.subset([rough.index(name) for name in recording.rig.camera_ids])
+    with stage_bar() as told:
+        return from_people(
+            recording, load_noise(noise or detector_of(recording)), rough, known, told
+        )
+
+
+def _points(path: Path, lenses: Rig, known: KnownLength) -> Places:
+    from e3pose.calibrate.places import from_points_seen
+    from e3pose.calibrate.points_file import load_points
+
+    return from_points_seen(lenses, load_points(path, lenses), known)
+
+
+def _films(
+    sources: Sequence[str],
+    lenses: Rig,
+    board: str,
+    ball: str | None,
+    known: KnownLength,
+    offset: list[str],
+    rate: float,
+) -> Places:
+    from e3pose.calibrate.board import Board
+    from e3pose.calibrate.places import from_ball_films, from_board_films
+    from e3pose.cli.detecting import camera_seconds
+
+    if not 0.1 <= rate <= 240:
+        raise InputError(f"--rate: found {rate:g}, expected 0.1 to 240 a second")
+    named = cameras_of(sources)
+    used = lenses.subset([lenses.index(name) for name in named])
+    offsets = camera_seconds("--offset", offset)
+    for name in offsets:
+        used.index(name)
+    if len(used) < 2:
+        raise InputError(f"paths: found {len(used)} film, expected those of at least two cameras")
+    if ball is not None:
+        return from_ball_films(named, used, ball, offsets, rate, known)
+    if known.height_m is not None or known.distance is not None or known.limb is not None:
+        raise InputError("--height, --distance, --limb: the board states the scale, expected none")
+    with camera_bar("looking for the board") as bar:
+        return from_board_films(named, used, Board.parse(board), offsets, rate, bar)
+
+
+def _known(height: str | None, distance: str | None, limb: str | None) -> KnownLength:
+    from e3pose.calibrate.places import KnownLength
+
+    if sum(value is not None for value in (height, distance, limb)) > 1:
+        raise InputError("--height, --distance, --limb: found several, expected at most one")
+    return KnownLength(
+        None if height is None else length_m("--height", height),
+        None if distance is None else _pair("--distance", distance),
+        None if limb is None else _pair("--limb", limb),
+    )
+
+
+def _pair(option: str, word: str) -> tuple[str, str, float]:
+    names, equals, length = word.rpartition("=")
+    first, comma, second = names.partition(",")
+    if not (equals and comma and first and second):
+        raise InputError(f"{option}: found {word[:60]!r}, expected A,B=LENGTH such as a,b=3.2m")
+    return first, second, length_m(option, length)
+
+
+@contextmanager
+def stage_bar() -> Iterator[Callable[[str, int, int], None]]:
+    """Yield what is told of stages, steps done and in all; silent without a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress, TaskID
+
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def told(what: str, done: int, total: int) -> None:
+            if what not in tasks:
+                tasks[what] = bar.add_task(what, total=total)
+            bar.update(tasks[what], completed=done, total=total)
+
+        yield told
+
+
+def _values(places: Places) -> dict[str, Any]:
+    names = places.rig.camera_ids
+    return {
+        "source": places.source,
+        "cameras": [
+            {
+                "camera": camera.camera_id,
+                "center_m": camera.center_m.tolist(),
+                "focal_px": float(camera.K[0, 0]),
+                "reprojection_error_px": float(places.errors_px[i]),
+                "outliers": float(places.outliers[i]),
+                "observations": int(places.observations[i]),
+                "shared_with": {
+                    names[j]: int(places.together[i, j]) for j in range(len(names)) if j != i
+                },
+            }
+            for i, camera in enumerate(places.rig.cameras)
+        ],
+        "scale_from": None if places.scale is None else places.scale.known_from,
+        "scale_share": None if places.scale is None else places.scale.share,
+        "world": places.world,
+        "next": places.notes,
+    }
+
+
+def _lines(places: Places) -> list[str]:
+    names = places.rig.camera_ids
+    lines = [f"from {places.source}; world: {places.world}"]
+    if places.scale is not None:
+        sure = f"{100 * places.scale.share:.0f} %"
+        lines.append(f"scale: {places.scale.known_from}, good to about {sure}")
+    for i, camera in enumerate(places.rig.cameras):
+        x, y, z = camera.center_m
+        shared = _most_shared(places, i)
+        lens = f", focal length {camera.K[0, 0]:.0f} px (found)" if camera.lens_assumed else ""
+        outliers = f"{100 * places.outliers[i]:.0f} % outliers of {places.observations[i]}"
+        others = ", ".join(f"{names[j]} ({places.together[i, j]})" for j in shared)
+        lines.append(
+            f"  {camera.camera_id}: {places.errors_px[i]:.2f} px, {outliers}, at "
+            f"{x:.2f} {y:.2f} {z:.2f} m{lens}; shares most with {others}"
+        )
+    return lines + [f"next: {words}" for words in places.notes]
+
+
+def _most_shared(places: Places, camera: int) -> list[int]:
+    """Return the two cameras that share most with one, most first."""
+    shared = [(-int(n), j) for j, n in enumerate(places.together[camera]) if j != camera and n > 0]
+    return [j for _, j in sorted(shared)[:2]]

@@ -1,0 +1,292 @@
+"""`e3pose calibrate align` and `check`: the floor under a rig, and how good a calibration is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from cyclopts import Parameter
+
+from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
+from e3pose.cli.calibrating_places import stage_bar
+from e3pose.errors import InputError
+from e3pose.settings.quantities import length_m
+
+if TYPE_CHECKING:
+    from e3pose.calibrate.align import Move
+    from e3pose.calibrate.judge import Judgement
+    from e3pose.geometry.camera import Rig
+
+Flag = Annotated[bool, Parameter(negative="")]
+Words = Annotated[list[str] | None, Parameter(negative="")]
+
+
+def align(
+    source: Path,
+    dest: str,
+    /,
+    *,
+    up: str | None = None,
+    floor: Words = None,
+    board: str = DEFAULT_BOARD,
+    points: Words = None,
+    height: str = "170cm",
+    origin: str = "keep",
+    x_axis: str = "keep",
+    seconds: float = 120.0,
+    update: Flag = False,
+) -> None:
+    """Bring a calibration to z up with the floor at zero, and choose origin and axes.
+
+    Example: `e3pose calibrate align walk rig.toml --x-axis cam1`
+
+    With a recording, vertical and floor are those of the people: upright bodies, feet at rest. Or
+    turn a calibration whose up is another axis (`--up=y`, `--up=-y`); or lay the board on the floor
+    and give one or more cameras' pictures of it; or name three points of the floor.
+
+    Parameters
+    ----------
+    source
+        A recording with its calibration, or a calibration file for --up, --floor and --points.
+    dest
+        The calibration file (.toml) to write.
+    up
+        The axis that points up in SOURCE: x, y, z, -x, -y or -z.
+    floor
+        CAMERA=PICTURE of the board that lies on the floor; once per camera.
+    board
+        The board's name, as printed on it.
+    points
+        x,y,z in metres as SOURCE has them, three times: the origin, a point on the x axis, another
+        point of the floor to the left of it.
+    height
+        How tall the people are, for how high an ankle is above the floor.
+    origin
+        `keep`, x,y in metres, or a camera: the floor below it.
+    x_axis
+        `keep`, or the camera to which the x axis points.
+    seconds
+        With a recording: how much of it to use.
+    update
+        With a recording: put the calibration into it too.
+    """
+    from e3pose.calibrate.align import STAY, from_axis, with_origin
+    from e3pose.calibration import load_rig, save_rig
+    from e3pose.calibration.world import require_placed, world_problem
+
+    path = toml_path(dest)
+    is_recording = (source / "recording.toml").is_file()
+    if update and not is_recording:
+        raise InputError("--update: expected only with a recording")
+    ways = sum(value is not None for value in (up, floor, points))
+    if ways > 1:
+        raise InputError("--up, --floor, --points: found several, expected at most one")
+    chosen = (origin, x_axis) != ("keep", "keep")
+    rig = load_rig(source / "calibration.toml" if is_recording else source)
+    require_placed(rig, source)
+    move, words = STAY, "the vertical and the floor are kept"
+    if up is not None:
+        move, words = from_axis(up), f"{up} became z"
+    elif floor is not None:
+        move, words = _board_floor(rig, floor, board), "floor of the board that lies on it"
+    elif points is not None:
+        move, words = _three_points(points), "floor of the three points"
+    elif is_recording:
+        move, words = _people_floor(source, length_m("--height", height), seconds)
+    elif not chosen:
+        raise InputError(
+            f"{source}: found a calibration, expected --up, --floor or --points with it, or a "
+            "recording of people"
+        )
+    moved = move.rig(rig)
+    if chosen:
+        moved = with_origin(moved, origin, x_axis).rig(moved)
+    save_rig(moved, path)
+    if update:
+        save_rig(moved, source / "calibration.toml")
+    angle = np.degrees(np.arccos(np.clip((np.trace(move.R) - 1) / 2, -1, 1)))
+    print(f"{path}: {words}; the world turned by {angle:.1f} degrees")
+    for camera in moved.cameras:
+        x, y, z = camera.center_m
+        print(f"  {camera.camera_id}: at {x:.2f} {y:.2f} {z:.2f} m")
+    problem = world_problem(moved, path)[1]
+    if problem:
+        print(f"next: {problem}")
+
+
+def check(
+    recording: Path,
+    *,
+    calibration: Path | None = None,
+    picture: Path | None = None,
+    seconds: float = 120.0,
+    noise: str | None = None,
+    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> None:
+    """Tell how good a calibration is, by a recording of people: in pixels and in millimetres.
+
+    Example: `e3pose calibrate check walk --picture error.png`
+
+    Each camera is compared with the people that the others place. The expected 3D error over the
+    room is that of the keypoints' noise, together with how far people would be placed elsewhere if
+    the cameras stood where these same people put them.
+
+    Parameters
+    ----------
+    recording
+        People who walk through the room, detected.
+    calibration
+        Judge this one in the place of the recording's own.
+    picture
+        Draw the expected error over the floor here, a .png or .svg file.
+    seconds
+        How much of the recording to use, from its start.
+    noise
+        How far off its detector's keypoints are, as for `e3pose replay`.
+    json_output
+        Print JSON in the place of lines.
+    """
+    from dataclasses import replace
+
+    from e3pose.calibrate.error_picture import draw_error
+    from e3pose.calibrate.judge import judge
+    from e3pose.calibrate.recordings import first_seconds
+    from e3pose.calibration import load_rig
+    from e3pose.cli.placed import check_world
+    from e3pose.files.atomic import check_output
+    from e3pose.model.noises import detector_of, load_noise
+    from e3pose.recording import load_recording
+
+    if not 0 < seconds <= 3600:
+        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    if picture is not None:
+        check_picture("--picture", picture)
+        check_output(picture)
+    loaded = first_seconds(load_recording(recording), seconds)
+    if calibration is not None:
+        rig = load_rig(calibration)
+        own = [rig.index(name) for name in loaded.rig.camera_ids]
+        loaded = replace(loaded, rig=rig.subset(own))
+    check_world(loaded.rig, calibration or recording, calibration or recording / "calibration.toml")
+    with stage_bar() as told:
+        found = judge(loaded, load_noise(noise or detector_of(loaded)), told)
+    if picture is not None:
+        draw_error(picture, found.room, loaded.rig)
+    if json_output:
+        print(json.dumps(_values(loaded.rig, found), indent=2))
+    else:
+        print("\n".join(_lines(loaded.rig, found)))
+
+
+def _people_floor(path: Path, stature_m: float, seconds: float) -> tuple[Move, str]:
+    from e3pose.calibrate.align import floor_from_people
+    from e3pose.calibrate.from_people import match_people
+    from e3pose.calibrate.people_3d import place_people
+    from e3pose.calibrate.recordings import first_seconds
+    from e3pose.model.noises import detector_of, load_noise
+    from e3pose.recording import load_recording
+
+    recording = first_seconds(load_recording(path), seconds)
+    noise = load_noise(detector_of(recording))
+    joints = match_people(recording, noise, recording.rig, 6.0)
+    people = place_people(recording.rig, joints, recording.skeleton, recording.fps)
+    floor = floor_from_people(people, stature_m)
+    words = (
+        f"floor and vertical of people ({floor.moments} upright moments, standing ankles spread "
+        f"by {1000 * floor.spread_m:.0f} mm)"
+    )
+    return floor.move, words if floor.tilted else f"{words}; they stood in one place"
+
+
+def _board_floor(rig: Rig, pictures: list[str], name: str) -> Move:
+    from e3pose.calibrate.align import from_board
+    from e3pose.calibrate.board import Board
+    from e3pose.calibrate.board_views import find_board
+    from e3pose.calibrate.from_boards import board_on_floor
+    from e3pose.calibrate.places import check_size
+
+    board = Board.parse(name)
+    corners = np.full((len(rig), len(board.corners_m), 2), np.nan)
+    for camera_id, path in cameras_of(pictures).items():
+        views = find_board(camera_id, path, board, max_frames=30)
+        check_size(rig, camera_id, views.image_size)
+        if len(views.corners_px):
+            most = np.isfinite(views.corners_px[..., 0]).sum(axis=1).argmax()
+            corners[rig.index(camera_id)] = views.corners_px[most]
+    placed = board_on_floor(rig, board.corners_m, corners)
+    middle = np.eye(4)
+    middle[:2, 3] = np.array([board.columns, board.rows]) * board.square_m / 2
+    return from_board(placed @ middle, rig)
+
+
+def _three_points(words: list[str]) -> Move:
+    from e3pose.calibrate.align import from_three_points
+
+    try:
+        places = [np.array([float(value) for value in word.split(",")]) for word in words]
+    except ValueError:
+        places = []
+    if len(places) != 3 or any(place.shape != (3,) for place in places):
+        raise InputError("--points: expected x,y,z three times, such as --points=0,0,0.1")
+    return from_three_points(*places)
+
+
+def _values(rig: Rig, found: Judgement) -> dict[str, Any]:
+    from e3pose.calibrate.judge import poor_pairs
+
+    def number(value: float) -> float | None:
+        return float(value) if np.isfinite(value) else None
+
+    total = found.room.total_mm
+    known = total[np.isfinite(total)]
+    return {
+        "cameras": [
+            {
+                "camera": name,
+                "reprojection_error_px": number(found.errors_px[i]),
+                "shift_px": [number(value) for value in found.shifts_px[i]],
+                "sigma_px": number(found.sigma_px[i]),
+                "keypoints": int(found.joints[i]),
+                "people_turn_it_deg": number(found.moved_deg[i]),
+                "people_move_it_mm": number(found.moved_mm[i]),
+            }
+            for i, name in enumerate(rig.camera_ids)
+        ],
+        "expected_error_mm": {
+            "median": number(np.median(known)) if len(known) else None,
+            "worst": number(known.max()) if len(known) else None,
+            "from_noise": number(np.nanmedian(found.room.noise_mm)) if len(known) else None,
+            "x_m": found.room.x_m.tolist(),
+            "y_m": found.room.y_m.tolist(),
+            "map": [[number(value) for value in row] for row in total],
+        },
+        "poor_pairs": poor_pairs(rig, found),
+        "next": found.next_steps,
+    }
+
+
+def _lines(rig: Rig, found: Judgement) -> list[str]:
+    from e3pose.calibrate.judge import poor_pairs
+
+    width = max(len(name) for name in rig.camera_ids)
+    lines = [f"{'camera':{max(width, 6)}}  error px  shift px       people put it"]
+    for i, name in enumerate(rig.camera_ids):
+        shift = f"({found.shifts_px[i, 0]:+.1f}, {found.shifts_px[i, 1]:+.1f})"
+        moved = "unknown"
+        if np.isfinite(found.moved_deg[i]):
+            moved = f"{found.moved_deg[i]:.2f} degrees, {found.moved_mm[i]:.0f} mm elsewhere"
+        lines.append(f"{name:{max(width, 6)}}  {found.errors_px[i]:8.1f}  {shift:13}  {moved}")
+    total = found.room.total_mm
+    if np.isfinite(total).any():
+        parts = [f"noise {np.nanmedian(found.room.noise_mm):.0f}"]
+        if np.isfinite(found.room.calibration_mm).any():
+            parts.append(f"calibration {np.nanmedian(found.room.calibration_mm):.0f}")
+        lines.append(
+            f"expected error of a joint: {np.nanmedian(total):.0f} mm in the median over the floor "
+            f"({', '.join(parts)}), {np.nanmax(total):.0f} at worst"
+        )
+    lines += [f"poor pair: {words}" for words in poor_pairs(rig, found)]
+    lines += [f"next: {words}" for words in found.next_steps]
+    return lines

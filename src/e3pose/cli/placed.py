@@ -1,0 +1,36 @@
+"""Load what needs cameras that are placed: refuse those that are not, warn of odd axes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from e3pose.cli.options import warn
+
+if TYPE_CHECKING:
+    from e3pose.geometry.camera import Rig
+    from e3pose.recording import Recording
+
+
+def load_placed(path: Path) -> Recording:
+    """Load a recording whose cameras are placed; warn if its axes or unit look wrong."""
+    from e3pose.recording import load_recording
+
+    recording = load_recording(path)
+    check_world(recording.rig, path, path / "calibration.toml")
+    return recording
+
+
+def check_world(rig: Rig, where: object, file: object) -> None:
+    """Raise `InputError` unless cameras are placed; warn if axes or unit look wrong.
+
+    Args:
+        rig: the cameras.
+        where: the recording or file that they are from.
+        file: the calibration, for the command that mends it.
+    """
+    from e3pose.calibration.world import require_placed, world_problem
+
+    require_placed(rig, where)
+    words = world_problem(rig, file)[1]
+    warn(f"{where}: {words}" if words else "")

@@ -1,0 +1,68 @@
+"""A small scene of people, and how far one rig is from another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.calibrate.bundle import Cameras
+from e3pose.calibrate.rotations import angles_between, exponential, similarity
+from e3pose.calibration.world import assumed_rig
+from e3pose.geometry.camera import Rig
+from e3pose.recording.record import Recording, ViewSeries
+from e3pose.simulate import SceneSettings, simulate
+
+Floats = NDArray[np.float64]
+
+
+def walk(seed: int, people: int = 1, seconds: float = 20.0, fps: float = 10.0) -> Recording:
+    """Return people before four cameras on a ring."""
+    return simulate(SceneSettings(people=people, seconds=seconds, cameras=4, fps=fps), seed=seed)
+
+
+def without_calibration(recording: Recording) -> Recording:
+    """Return it as detected without a calibration."""
+    sizes = {camera.camera_id: camera.image_size for camera in recording.rig.cameras}
+    return replace(recording, rig=assumed_rig(sizes), truth=None)
+
+
+def distances(found: Rig, truth: Rig, with_scale: bool = True) -> tuple[float, float, float]:
+    """Return the largest angle in degrees and shift in millimetres, and the scale between rigs."""
+    scale, R, t = similarity(found.centers_m, truth.centers_m, with_scale)
+    turned = np.stack([camera.R @ R.T for camera in found.cameras])
+    angles = angles_between(turned, np.stack([camera.R for camera in truth.cameras]))
+    shifts = np.linalg.norm(scale * found.centers_m @ R.T + t - truth.centers_m, axis=1)
+    return float(np.degrees(angles).max()), float(1000 * shifts.max()), scale
+
+
+def disturbed(rig: Rig, degrees: float, metres: float, seed: int) -> Rig:
+    """Return a rig with every camera turned and moved by so much, in random directions."""
+    rng = np.random.default_rng(seed)
+    axes, aside = rng.normal(size=(2, len(rig), 3))
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    rotations = exponential(np.radians(degrees) * axes) @ Cameras.of(rig).rotations
+    centers = rig.centers_m + metres * aside
+    translations = -np.einsum("cij,cj->ci", rotations, centers)
+    return Cameras(rotations, translations, np.zeros(len(rig))).rig(rig)
+
+
+def every(recording: Recording, step: int, begins: tuple[int, ...]) -> Recording:
+    """Return what cameras see that take every `step`-th slot, each from a slot of its own."""
+    views = []
+    for series, begin in zip(recording.views, begins, strict=True):
+        chosen = np.flatnonzero((series.slots >= begin) & ((series.slots - begin) % step == 0))
+        rows = [np.arange(series.starts[i], series.starts[i + 1]) for i in chosen.tolist()]
+        starts = np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64)
+        joined = np.concatenate(rows)
+        slots = (series.slots[chosen] - begin) // step
+        times = (series.slots[chosen] - begin) / recording.fps
+        views.append(
+            ViewSeries(slots, times, starts, series.keypoints_px[joined], series.scores[joined])
+        )
+    last = max(int(view.slots[-1]) for view in views)
+    return replace(
+        recording, fps=recording.fps / step, num_slots=last + 1, views=tuple(views), truth=None
+    )

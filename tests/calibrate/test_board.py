@@ -1,0 +1,103 @@
+"""Boards: what is printed, and that it is found where it is."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from tests.calibrate.board_pictures import facing, render
+
+from e3pose.calibrate.board import Board, make_finder
+from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
+from e3pose.calibrate.board_views import find_board
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Camera
+
+K = np.array([[700.0, 0, 330], [0, 705, 236], [0, 0, 1]])
+CAMERA = Camera("cam1", (640, 480), K, np.eye(4), np.array([-0.2, 0.06, 0.001, -0.001]))
+
+
+@pytest.mark.parametrize("name", ["charuco-5x7-36mm", "charuco-6x8-20mm", "chessboard-5x8-60.5mm"])
+def test_board_is_what_its_name_says(name: str) -> None:
+    board = Board.parse(name)
+    assert board.name == name
+    assert board.cells().shape == (8 * board.rows, 8 * board.columns)
+    assert len(board.corners_m) == (board.rows - 1) * (board.columns - 1)
+
+
+@pytest.mark.parametrize("name", ["charuco-5x7-36mm", "charuco-6x8-20mm", "chessboard-5x8-60mm"])
+@pytest.mark.parametrize("roll", [0.0, 0.4, np.pi])
+def test_corners_are_found_where_they_are(name: str, roll: float) -> None:
+    board = Board.parse(name)
+    middle = np.array([0.0, 0.0, 12.5 * board.square_m * board.rows / 7])
+    placed = facing(CAMERA, board, middle, (0.3, -0.4), roll)
+    found = make_finder(board)(render(CAMERA, board, placed))
+    truth = CAMERA.project(board.corners_m @ placed[:3, :3].T + placed[:3, 3])
+    assert np.isfinite(found).all()
+    assert np.linalg.norm(found - truth, axis=1).max() < 0.4
+    assert np.sqrt(np.mean((found - truth) ** 2)) < 0.12
+
+
+def test_part_of_a_charuco_board_is_enough_and_nothing_is_nothing() -> None:
+    board = Board.parse("charuco-5x7-36mm")
+    placed = facing(CAMERA, board, np.array([0.1, 0.0, 0.3]), (0.2, 0.1))
+    found = make_finder(board)(render(CAMERA, board, placed))
+    assert 6 <= np.isfinite(found[:, 0]).sum() < len(found)
+    assert np.isnan(make_finder(board)(np.full((480, 640), 90, dtype=np.uint8))).all()
+
+
+def test_page_is_at_true_scale_in_both_formats() -> None:
+    board = Board.parse("charuco-5x7-36mm")
+    page = draw_page(board, "a4")
+    assert 'width="210mm" height="297mm" viewBox="0 0 210 297"' in as_svg(page)
+    pdf = as_pdf(page)
+    assert b"/MediaBox [0 0 595.276 841.890]" in pdf
+    assert b"/PrintScaling /None" in pdf
+    start = int(re.findall(rb"startxref\n(\d+)", pdf)[0])
+    assert pdf[start : start + 4] == b"xref"
+    black = np.zeros((2970, 2100), dtype=bool)  # ten dots a millimetre
+    for box in page.boxes:
+        rows = slice(round(10 * box.y), round(10 * (box.y + box.height)))
+        black[rows, round(10 * box.x) : round(10 * (box.x + box.width))] = True
+    grey = np.where(black, 0, 255).astype(np.uint8)
+    corners = make_finder(board)(grey).reshape(6, 4, 2)
+    assert np.linalg.norm(corners[:, 1:] - corners[:, :-1], axis=-1) == pytest.approx(360, abs=0.3)
+
+
+def test_page_refuses_what_does_not_fit() -> None:
+    assert largest_square_mm("a4", 5, 7) == 36
+    with pytest.raises(InputError, match=r"squares of 60 mm take 300 x 420 mm"):
+        draw_page(Board.parse("charuco-5x7-60mm"), "a4")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("charuco", "expected a name as it is printed on the board"),
+        ("charuco-2x7-36mm", "columns: found 2"),
+        ("charuco-5x7-3mm", "square: found 3 mm"),
+        ("chessboard-6x8-30mm", "expected one odd and one even side"),
+    ],
+)
+def test_wrong_name_is_told(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Board.parse(name)
+
+
+def test_folder_of_pictures_is_searched_in_order(tmp_path: Path) -> None:
+    board = Board.parse("charuco-5x7-36mm")
+    placed = facing(CAMERA, board, np.array([0.0, 0.0, 0.5]), (0.3, 0.2))
+    picture = render(CAMERA, board, placed)
+    for number, image in enumerate([picture, np.full_like(picture, 90), picture]):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), image)
+    views = find_board("cam1", tmp_path, board)
+    assert views.times_s.tolist() == [0.0, 2.0]
+    assert (views.looked, views.image_size) == (3, (640, 480))
+    cv2.imwrite(str(tmp_path / "3.png"), np.zeros((10, 10), dtype=np.uint8))
+    with pytest.raises(InputError, match="found 10x10 after 640x480"):
+        find_board("cam1", tmp_path, board)
+    with pytest.raises(InputError, match="found no file"):
+        find_board("cam1", tmp_path / "no.png", board)

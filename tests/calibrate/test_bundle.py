@@ -1,0 +1,110 @@
+"""Bundle adjustment: derivatives, and the truth from a start that is off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from tests.calibrate.people_scenes import distances, disturbed
+
+from e3pose.calibrate.bundle import Cameras, adjust_points, observe, placed
+from e3pose.calibrate.from_points import pair_poses, solve_points
+from e3pose.calibrate.rotations import similarity
+from e3pose.calibrate.triangulation import place_points
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rigs import ring_rig
+
+RIG = Rig(
+    tuple(
+        replace(camera, distortion=np.array([-0.2, 0.06, 0.001, 0.0]))
+        for camera in ring_rig(4, 4.0, 2.0, (1280, 720), np.random.default_rng(0)).cameras
+    )
+)
+
+
+def seen(rng: np.random.Generator, number: int, noise_px: float):  # type: ignore[no-untyped-def]
+    points = rng.uniform([-1.5, -1.5, 0.1], [1.5, 1.5, 2.0], (number, 3))
+    pixels = RIG.project(points) + rng.normal(0, noise_px, (len(RIG), number, 2))
+    outside = ~np.stack([camera.sees(points) for camera in RIG.cameras])
+    pixels[outside | (rng.random(outside.shape) < 0.2)] = np.nan
+    return points, pixels
+
+
+def test_points_are_triangulated_and_outliers_left_out() -> None:
+    rng = np.random.default_rng(1)
+    points, pixels = seen(rng, 200, 0.0)
+    sigma = np.full(pixels.shape[:2], 2.0)
+    enough = np.isfinite(pixels[..., 0]).sum(axis=0) == 4
+    found = place_points(RIG, pixels, sigma)
+    assert np.allclose(found[enough], points[enough], atol=1e-6)
+    wrong = pixels.copy()
+    wrong[0] += 60.0
+    found = place_points(RIG, wrong, sigma)
+    assert np.median(np.linalg.norm(found - points, axis=1)[enough]) < 0.01
+    alone = np.isfinite(pixels[..., 0]).sum(axis=0) < 2
+    assert np.isnan(found[alone]).all()
+
+
+def test_rig_is_found_from_a_start_that_is_off_despite_outliers() -> None:
+    rng = np.random.default_rng(2)
+    points, pixels = seen(rng, 500, 2.0)
+    wild = rng.random(pixels.shape[:2]) < 0.1
+    pixels[wild] += rng.normal(0, 100, (int(wild.sum()), 2))
+    start = disturbed(RIG, 5.0, 0.2, 3)
+    rough = points + rng.normal(0, 0.1, points.shape)
+    sigma = np.full(pixels.shape[:2], 2.0)
+    result = adjust_points(start, rough, pixels, sigma, 2.5)
+    degrees, millimetres, _ = distances(result.rig, RIG)
+    assert degrees < 0.1 and millimetres < 6
+    assert result.weights[..., 0][wild & (result.weights[..., 0] > 0)].mean() < 0.3
+
+
+def test_solution_is_that_of_a_general_solver() -> None:
+    rng = np.random.default_rng(3)
+    points, pixels = seen(rng, 25, 1.0)
+    keep = np.isfinite(pixels[..., 0]).sum(axis=0) >= 3
+    points, pixels = points[keep], pixels[:, keep]
+    start = disturbed(RIG, 0.5, 0.02, 4)
+    sigma = np.ones(pixels.shape[:2])
+    ours = adjust_points(start, points, pixels, sigma, np.inf)
+    looks = observe(start, pixels[:, :, None], sigma[:, :, None])
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        steps = np.zeros((4, 7))
+        steps[1:, :6] = x[:18].reshape(3, 6)
+        cameras, moved = Cameras.of(start).moved(steps), points + x[18:].reshape(-1, 3)
+        inside = np.einsum("cij,pj->cpi", cameras.rotations, moved) + cameras.translations[:, None]
+        ideal = inside[..., :2] / inside[..., 2:]
+        off = ideal - looks.points[:, :, 0]
+        return np.asarray(np.einsum("cpuv,cpv->cpu", looks.whiten[:, :, 0], off).ravel())
+
+    theirs = least_squares(residuals, np.zeros(18 + points.size), x_scale="jac", xtol=1e-12)
+    ours_cost = 0.5 * np.nansum(ours.residuals**2)
+    assert ours_cost == pytest.approx(theirs.cost, rel=1e-4)
+
+
+def test_rig_is_found_from_nothing_and_focal_lengths_too() -> None:
+    rng = np.random.default_rng(5)
+    _, pixels = seen(rng, 400, 2.0)
+    home = Rig(tuple(placed(camera, np.eye(3), np.zeros(3)) for camera in RIG.cameras))
+    sigma = np.full(pixels.shape[:2], 2.0)
+    found = solve_points(home, pixels, sigma, pair_poses(home, pixels, sigma))
+    assert found is not None and found.placed.all()
+    degrees, millimetres, _ = distances(found.adjusted.rig, RIG)
+    assert degrees < 0.15 and millimetres < 8
+    guessed = Rig(tuple(placed(camera, np.eye(3), np.zeros(3), 1.12) for camera in RIG.cameras))
+    found = solve_points(guessed, pixels, sigma, pair_poses(guessed, pixels, 2 * sigma), 0.25)
+    assert found is not None
+    for camera, truth in zip(found.adjusted.rig.cameras, RIG.cameras, strict=True):
+        assert camera.K[0, 0] == pytest.approx(truth.K[0, 0], rel=0.02)
+
+
+def test_similarity_is_recovered() -> None:
+    rng = np.random.default_rng(6)
+    source = rng.normal(size=(10, 3))
+    R = RIG.cameras[1].R
+    scale, found, shift = similarity(source, 2.5 * source @ R.T + [1.0, 2.0, 3.0])
+    assert scale == pytest.approx(2.5)
+    assert np.allclose(found, R) and np.allclose(shift, [1.0, 2.0, 3.0])

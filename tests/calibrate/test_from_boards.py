@@ -1,0 +1,90 @@
+"""Cameras placed by a board that only pairs of them see."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from tests.calibrate.people_scenes import distances
+
+from e3pose.calibrate.board import Board
+from e3pose.calibrate.from_boards import board_on_floor, solve_boards
+from e3pose.calibrate.view_graph import Edge, chain, connected, robust_mean
+from e3pose.errors import InputError
+from e3pose.geometry.rigs import ring_rig
+
+BOARD = Board.parse("charuco-5x7-54mm")
+RIG = ring_rig(5, 4.0, 2.0, (1280, 720), np.random.default_rng(0))
+
+
+def carried(rng: np.random.Generator, number: int) -> np.ndarray:
+    """Return corners of a board that is carried about, seen from its front alone."""
+    pixels = np.full((len(RIG), number, len(BOARD.corners_m), 2), np.nan)
+    middle = BOARD.corners_m.mean(axis=0)
+    for time in range(number):
+        place = np.array([*rng.uniform(-1.2, 1.2, 2), rng.uniform(0.8, 1.6)])
+        turn = Rotation.from_euler("Z", rng.uniform(0, 2 * np.pi)).as_matrix()
+        turn = turn @ Rotation.from_euler("X", -np.pi / 2 + rng.uniform(-0.4, 0.4)).as_matrix()
+        corners = (BOARD.corners_m - middle) @ turn.T + place
+        for index, camera in enumerate(RIG.cameras):
+            to_camera = camera.center_m - place
+            facing = -(turn[:, 2] @ to_camera) / np.linalg.norm(to_camera)
+            if facing > 0.4 and camera.sees(corners).all():
+                pixels[index, time] = camera.project(corners) + rng.normal(0, 0.3, (24, 2))
+    return pixels
+
+
+def test_no_camera_sees_all_and_the_rig_is_found() -> None:
+    solved = solve_boards(RIG, BOARD.corners_m, carried(np.random.default_rng(1), 80))
+    assert (solved.together == 0).any()
+    degrees, millimetres, scale = distances(solved.adjusted.rig, RIG)
+    assert degrees < 0.1 and millimetres < 10
+    assert scale == pytest.approx(1, abs=0.002)
+    assert solved.errors_px == pytest.approx(0.3 * np.sqrt(2), rel=0.2)
+
+
+def test_misread_boards_do_no_harm() -> None:
+    rng = np.random.default_rng(2)
+    pixels = carried(rng, 80)
+    pixels[1, :6] += rng.normal(0, 30, pixels[1, :6].shape)
+    pixels[3, 10:16] += 15.0  # a film that stutters
+    degrees, millimetres, _ = distances(
+        solve_boards(RIG, BOARD.corners_m, pixels).adjusted.rig, RIG
+    )
+    assert degrees < 0.1 and millimetres < 10
+
+
+def test_camera_without_company_is_named() -> None:
+    pixels = carried(np.random.default_rng(3), 60)
+    pixels[2, np.isfinite(pixels[[0, 1, 3, 4], :, 0, 0]).any(axis=0)] = np.nan
+    with pytest.raises(InputError, match=r"cameras: cam2: never saw the board at the same time as"):
+        solve_boards(RIG, BOARD.corners_m, pixels)
+
+
+def test_board_on_the_floor_is_placed() -> None:
+    truth = np.eye(4)
+    truth[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    truth[:3, 3] = [0.3, -0.2, 0.0]
+    corners = BOARD.corners_m @ truth[:3, :3].T + truth[:3, 3]
+    found = board_on_floor(RIG, BOARD.corners_m, RIG.project(corners))
+    assert np.allclose(found, truth, atol=1e-5)
+    with pytest.raises(InputError, match="--floor: found no board"):
+        board_on_floor(RIG, BOARD.corners_m, np.full((5, 24, 2), np.nan))
+
+
+def test_chain_takes_the_strongest_way() -> None:
+    step, wrong = np.eye(4), np.eye(4)
+    step[0, 3], wrong[0, 3] = 1.0, 9.0
+    edges = {(0, 1): Edge(step, 5.0), (1, 2): Edge(step, 5.0), (0, 2): Edge(wrong, 1.0)}
+    assert chain(4, edges, 0)[2, 0, 3] == pytest.approx(2.0)
+    assert chain(4, edges, 2)[0, 0, 3] == pytest.approx(-2.0)
+    assert np.isnan(chain(4, edges, 0)[3]).all()
+    assert connected(4, edges) == [[0, 1, 2], [3]]
+
+
+def test_mean_of_relative_poses_leaves_out_the_wrong() -> None:
+    relative = np.repeat(np.eye(4)[None], 9, axis=0)
+    relative[:, 0, 3] = 2.0
+    relative[:3, 0, 3] = 5.0
+    edge = robust_mean(relative)
+    assert edge.T_first_second[0, 3] == pytest.approx(2.0) and edge.weight == 6

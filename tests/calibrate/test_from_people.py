@@ -1,0 +1,96 @@
+"""Cameras placed by people alone, the floor under them, and the films' shifts in time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.calibrate.people_scenes import (
+    distances,
+    disturbed,
+    every,
+    walk,
+    without_calibration,
+)
+
+from e3pose.calibrate.judge import judge
+from e3pose.calibrate.places import KnownLength, from_people
+from e3pose.calibrate.synchronise import synchronise, with_offsets
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.model.noises import load_noise
+from e3pose.recording.record import Recording
+
+NOISE = load_noise("simulated")
+
+
+def quiet(what: str, done: int, total: int) -> None:
+    del what, done, total
+
+
+@pytest.fixture(scope="module")
+def two() -> Recording:
+    return walk(731, people=2)
+
+
+def test_rig_and_focal_lengths_are_found_from_nothing(two: Recording) -> None:
+    found = from_people(without_calibration(two), NOISE, None, KnownLength(), quiet)
+    degrees, millimetres, scale = distances(found.rig, two.rig)
+    assert degrees < 0.5 and millimetres < 80
+    assert scale == pytest.approx(1, abs=0.1)  # people of any height
+    for camera, truth in zip(found.rig.cameras, two.rig.cameras, strict=True):
+        assert camera.K[0, 0] == pytest.approx(truth.K[0, 0], rel=0.03)
+        assert camera.center_m[2] == pytest.approx(truth.center_m[2] / scale, abs=0.1)
+    assert found.rig.placed and "sizes may be 6 % off" in found.notes[-1]
+
+
+def test_rough_start_is_refined_and_keeps_its_world(two: Recording) -> None:
+    start = disturbed(two.rig, 5.0, 0.2, 1)
+    found = from_people(two, NOISE, start, KnownLength(), quiet)
+    degrees, millimetres, _ = distances(found.rig, two.rig)
+    assert degrees < 0.3 and millimetres < 30
+    assert np.linalg.norm(found.rig.centers_m - two.rig.centers_m, axis=1).max() < 0.3
+
+
+def test_known_distance_sets_the_scale(two: Recording) -> None:
+    first, second = two.rig.camera_ids[:2]
+    metres = float(np.linalg.norm(two.rig.centers_m[0] - two.rig.centers_m[1]))
+    known = KnownLength(distance=(first, second, metres))
+    found = from_people(two, NOISE, None, known, quiet)
+    degrees, millimetres, _ = distances(found.rig, two.rig, with_scale=False)
+    assert degrees < 0.3 and millimetres < 30
+
+
+def test_good_rig_is_found_good_and_a_moved_camera_is_named(two: Recording) -> None:
+    good = judge(two, NOISE, quiet)
+    assert np.nanmax(good.moved_deg) < 0.5 and np.nanmax(good.moved_mm) < 50  # ten seconds each
+    assert 5 < np.nanmedian(good.room.total_mm) < 40
+    moved = disturbed(two.rig, 1.5, 0.0, 2).cameras[2]
+    cameras = [moved if i == 2 else camera for i, camera in enumerate(two.rig.cameras)]
+    bad = judge(replace(two, rig=Rig(tuple(cameras))), NOISE, quiet)
+    assert bad.errors_px[2] > 1.5 * good.errors_px[2]
+    assert any("cam2" in words for words in bad.next_steps)
+    assert np.nanmedian(bad.room.calibration_mm) > 3 * np.nanmedian(good.room.calibration_mm)
+
+
+def test_nobody_is_an_error(two: Recording) -> None:
+    empty = replace(two.views[1], scores=np.zeros_like(two.views[1].scores))
+    views = (two.views[0], empty, *two.views[2:])
+    with pytest.raises(InputError, match="cameras: cam1: nobody is followed"):
+        from_people(replace(two, views=views), NOISE, None, KnownLength(), quiet)
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_films_are_brought_into_step_to_a_quarter_frame(calibrated: bool) -> None:
+    begins = (0, 5, 11, 2)
+    fast = walk(732, people=1, seconds=25.0, fps=48.0)
+    films = every(fast, 4, begins)
+    if not calibrated:
+        films = without_calibration(films)
+    found = synchronise(films, NOISE, 2.0)
+    error_s = found.offsets_s - np.array(begins) / fast.fps
+    assert np.abs(error_s * films.fps).max() < 0.25
+    together = with_offsets(films, found.offsets_s)
+    assert together.views[2].slots[0] == 3  # 11 of 48 seconds are 2.75 slots
+    assert together.views[0].slots[0] == 0

@@ -1,0 +1,78 @@
+"""Lenses from views of a board, against lenses that are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.calibrate.board_pictures import corner_views
+
+from e3pose.calibrate.board import Board
+from e3pose.calibrate.intrinsics import fit_intrinsics
+from e3pose.calibrate.view_choice import advice, choose_views
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Camera
+
+BOARD = Board.parse("charuco-5x7-36mm")
+K = np.array([[900.0, 0, 650], [0, 905, 350], [0, 0, 1]])
+WEBCAM = Camera("web", (1280, 720), K, np.eye(4), np.array([-0.25, 0.09, 0.001, -0.0005]))
+FISHEYE = Camera(
+    "fish", (1280, 960), np.array([[420.0, 0, 640], [0, 420, 480], [0, 0, 1]]), np.eye(4),
+    np.array([0.05, -0.01, 0.003, -0.001]), True,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("camera", [WEBCAM, FISHEYE], ids=["pinhole", "fisheye"])
+def test_lens_is_recognised_and_measured(camera: Camera) -> None:
+    views = corner_views(camera, BOARD, 40, np.random.default_rng(3), noise_px=0.15)
+    fit = fit_intrinsics("cam", camera.image_size, BOARD.corners_m, views, np.ones(len(views)))
+    assert fit.model == ("fisheye" if camera.fisheye else "pinhole")
+    assert fit.held_out_px[fit.model] == pytest.approx(0.15 * np.sqrt(2), rel=0.15)
+    assert fit.camera.K[0, 0] == pytest.approx(camera.K[0, 0], rel=0.003)
+    assert fit.camera.K[:2, 2] == pytest.approx(camera.K[:2, 2], abs=2.0)
+    width, height = camera.image_size
+    x, y = np.meshgrid(np.linspace(0.1, 0.9, 9) * width, np.linspace(0.1, 0.9, 9) * height)
+    rays = camera.rays(np.stack([x, y], axis=-1))
+    moved = fit.camera.project(rays * 3.0) - np.stack([x, y], axis=-1)
+    # A lens that is a little off may be turned instead: what is left is its shape.
+    assert np.linalg.norm(moved - moved.mean(axis=(0, 1)), axis=-1).max() < 1.5
+    assert abs(fit.camera.K[0, 0] / camera.K[0, 0] - 1) < 4 * fit.focal_sigma
+
+
+def test_blurred_and_misread_views_are_left_out() -> None:
+    rng = np.random.default_rng(4)
+    views = corner_views(WEBCAM, BOARD, 40, rng, noise_px=0.15)
+    wrong = views.copy()
+    wrong[3:6] += rng.normal(0, 8.0, views[3:6].shape)
+    sharpness = np.ones(len(views))
+    fit = fit_intrinsics("cam", WEBCAM.image_size, BOARD.corners_m, wrong, sharpness)
+    assert not set(fit.used.tolist()) & {3, 4, 5}
+    assert fit.camera.K[0, 0] == pytest.approx(900, rel=0.003)
+
+
+def test_views_are_chosen_for_what_they_add() -> None:
+    rng = np.random.default_rng(5)
+    still = np.repeat(corner_views(WEBCAM, BOARD, 1, rng, 0.0), 100, axis=0)
+    still = still + rng.normal(0, 0.1, still.shape)
+    spread = corner_views(WEBCAM, BOARD, 20, rng, noise_px=0.1)
+    views = np.concatenate([still, spread])
+    chosen = choose_views(BOARD.corners_m, views, WEBCAM.image_size, np.ones(len(views)), 20)
+    assert (chosen >= 100).sum() >= 18
+    sharpness = np.where(np.arange(len(views)) < 110, 1.0, 0.1)  # half of them are blurred
+    chosen = choose_views(BOARD.corners_m, views, WEBCAM.image_size, sharpness, 20)
+    assert chosen.max() < 110
+
+
+def test_advice_names_what_is_missing() -> None:
+    rng = np.random.default_rng(6)
+    views = corner_views(WEBCAM, BOARD, 60, rng, 0.0, share=(0.4, 0.6))
+    assert advice(BOARD.corners_m, views, WEBCAM.image_size) == []
+    left = np.where((views[..., :1] < 500), views, np.nan)
+    words = "; ".join(advice(BOARD.corners_m, left[:8], WEBCAM.image_size))
+    assert "record longer" in words
+    assert "top right" in words and "top left" not in words
+
+
+def test_too_few_views_say_what_may_be_wrong() -> None:
+    views = corner_views(WEBCAM, BOARD, 4, np.random.default_rng(7), 0.1)
+    with pytest.raises(InputError, match=r"camera cam: found the board in 4 frames"):
+        fit_intrinsics("cam", WEBCAM.image_size, BOARD.corners_m, views, np.ones(4))
