@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from tests.reference.filter_sides import exchanged_limbs, order
 from tests.reference.filter_update import pixel_variance
 
 from e3pose.estimate.filter.kernels.associate import (
@@ -30,7 +31,7 @@ def associate(
     camera: int,
     model: Model,
     knots_px: Floats,
-) -> tuple[Ints, Floats]:
+) -> tuple[Ints, Floats, Ints]:
     """Assign the detections of one view to tracks, at most one each, by the least total cost.
 
     People who are believed to exist choose first; tracks that are not yet confirmed get what is
@@ -47,15 +48,20 @@ def associate(
         knots_px: `(num_knots,)` sigma of the camera at the scores of the noise, as learned.
 
     Returns:
-        `(num_tracks,)` the row of each track's detection, -1 for none; and `(num_tracks,)` how well
-        it fits, 1 within the usual error of a well-known track, falling to 0 at the gate, 0 for
-        none.
+        `(num_tracks,)` the row of each track's detection, -1 for none; `(num_tracks,)` how well it
+        fits, 1 within the usual error of a well-known track, falling to 0 at the gate, 0 for none;
+        and `(num_tracks,)` which limbs it has exchanged, as in `exchanged_limbs`.
     """
     rows = np.full(len(belief), -1, dtype=np.int64)
     fits = np.zeros(len(belief))
+    turned = np.zeros(len(belief), dtype=np.int64)
     if len(belief) == 0 or len(scores) == 0:
-        return rows, fits
-    cost, vagueness = costs(belief, keypoints_px, scores, camera, model, knots_px)
+        return rows, fits, turned
+    exchanged = exchanged_limbs(belief, keypoints_px, scores, camera, model, knots_px)
+    joints = order(exchanged, model)
+    people = np.arange(len(scores))[:, None]
+    keypoints, certainty = keypoints_px[people, joints], scores[people, joints]
+    cost, vagueness = costs(belief, keypoints, certainty, camera, model, knots_px)
     free = np.ones(len(scores), dtype=bool)
     for group in (belief.confirmed, ~belief.confirmed):
         tracks, people = np.flatnonzero(group), np.flatnonzero(free)
@@ -69,7 +75,8 @@ def associate(
     excess = cost[found, rows[found]] - COST_USUAL
     fits[found] = np.clip(1 - excess / (COST_LIMIT - COST_USUAL), 0, 1)
     fits[found] *= np.exp(-VAGUE_FIT * vagueness[found, rows[found]])
-    return rows, fits
+    turned[found] = exchanged[found, rows[found]]
+    return rows, fits, turned
 
 
 def costs(
@@ -82,6 +89,8 @@ def costs(
 ) -> tuple[Floats, Floats]:
     """Return how far tracks and detections are apart, and how vague that is.
 
+    Keypoints and scores are `(num_tracks, num_persons, num_joints, ...)`, as each track takes them.
+
     Returns:
         `(num_tracks, num_persons)` mean distance in standard deviations, inf if unknown; and the
         mean logarithm of how much wider these are than those of a track that is known exactly.
@@ -90,14 +99,14 @@ def costs(
         belief.state[..., :3], model.rig.projections[camera : camera + 1]
     )
     spread = pixel_variance(jacobian, belief.covariance[..., :3, :3])[0]
-    variance = np.interp(scores, model.noise.scores, knots_px)[None] ** 2
+    variance = np.interp(scores, model.noise.scores, knots_px) ** 2
     variance = variance + (BIAS_PX * model.scales[camera]) ** 2
     vague = 0.5 * np.log1p(spread[:, None] / variance)
     variance = variance + spread[:, None]  # (num_tracks, num_persons, num_joints)
-    shown = (scores > MIN_SCORE)[None] & (depth[0] > MIN_DEPTH_M)[:, None]
-    error = np.where(shown[..., None], keypoints_px[None] - pixels[0][:, None], 0.0)
+    shown = (scores > MIN_SCORE) & (depth[0] > MIN_DEPTH_M)[:, None]
+    error = np.where(shown[..., None], keypoints_px - pixels[0][:, None], 0.0)
     distance = np.minimum(np.sqrt((error**2).sum(axis=-1) / variance), JOINT_LIMIT)
-    weight = np.where(shown, scores[None], 0.0)
+    weight = np.where(shown, scores, 0.0)
     total = np.maximum(weight.sum(axis=-1), 1e-9)
     mean = (weight * distance).sum(axis=-1) / total
     vagueness = (weight * vague).sum(axis=-1) / total

@@ -161,6 +161,7 @@ def _start(
         "delivered": np.full(len(model.rig), DELIVERED_PRIOR),
         "missed": np.zeros(len(model.rig)),
         "confirmed": False,
+        "mirrored": np.zeros(2),
         "bones_m": no_bones,
         "bone_counts": no_bones,
     }

@@ -10,6 +10,7 @@ from tests.reference import filter_learned_noise
 from tests.reference.filter_associate import associate
 from tests.reference.filter_births import give_birth
 from tests.reference.filter_existence import attend, end
+from tests.reference.filter_sides import order, turn_round
 from tests.reference.filter_update import Sightings, learn_biases, predict, update
 
 from e3pose.estimate.filter import bias, doors, learned_noise, learned_shift
@@ -58,10 +59,13 @@ def step(
         for camera, k, s in zip(cameras, keypoints, scores, strict=True)
     ]
     shape = (len(cameras), len(belief))
-    assigned = np.array([rows for rows, _ in found], dtype=np.int64).reshape(shape)
-    fits = np.array([fit for _, fit in found]).reshape(shape)
+    assigned = np.array([rows for rows, _, _ in found], dtype=np.int64).reshape(shape)
+    fits = np.array([fit for _, fit, _ in found]).reshape(shape)
+    exchanged = np.array([turned for _, _, turned in found], dtype=np.int64).reshape(shape)
     predicted = belief
-    seen = _sightings(belief, cameras, keypoints, scores, assigned, dt, model, knots_px)
+    belief, exchanged = turn_round(belief, exchanged, assigned >= 0, cameras, dt, model)
+    joints = order(exchanged, model)
+    seen = _sightings(belief, cameras, keypoints, scores, assigned, joints, dt, model, knots_px)
     belief = update(belief, seen, model)
     belief = filter_learned_noise.learn(belief, seen, cameras, dt, model)
     belief = learn_biases(belief, seen, cameras, dt)
@@ -96,6 +100,7 @@ def _sightings(
     keypoints: list[Floats],
     scores: list[Floats],
     assigned: Ints,
+    joints: Ints,
     dt: float,
     model: Model,
     knots_px: Floats,
@@ -104,8 +109,9 @@ def _sightings(
     all_keypoints, all_scores = np.full((*shape, 2), np.nan), np.zeros(shape)
     for view, row in enumerate(assigned):
         seen = row >= 0
-        all_keypoints[view, seen] = keypoints[view][row[seen]]
-        all_scores[view, seen] = scores[view][row[seen]]
+        where = (row[seen][:, None], joints[view, seen])
+        all_keypoints[view, seen] = keypoints[view][where]
+        all_scores[view, seen] = scores[view][where]
     sigma = np.zeros(shape)
     for view, camera in enumerate(cameras.tolist()):
         sigma[view] = np.interp(all_scores[view], model.noise.scores, knots_px[camera])

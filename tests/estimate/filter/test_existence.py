@@ -71,7 +71,7 @@ def test_detections_that_fit_badly_do_not_keep_a_track_alive() -> None:
     exact, off = standing((0.0, 0.0)), standing((0.0, 0.0)) + [0.12, 0.12, 0.0]
     fits = {}
     for name, people in (("exact", exact), ("off", off)):
-        rows, fit = associate(
+        rows, fit, _ = associate(
             belief,
             see(people, (0,))[0].keypoints_px,
             np.full((1, 17), 0.9),
@@ -93,10 +93,10 @@ def test_who_could_be_anywhere_takes_nobodys_detection() -> None:
     covariance[lost, :, :3, :3] += 0.25 * np.eye(3)
     belief = replace(belief, covariance=covariance)
     view = see(standing((0.48, 0.3)), (0,))[0]
-    rows, fits = associate(belief, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
+    rows, fits, _ = associate(belief, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
     assert (rows[lost], rows[near]) == (-1, 0)
     swapped = replace(belief, state=belief.state[::-1])
-    rows, vague = associate(swapped, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
+    rows, vague, _ = associate(swapped, view.keypoints_px, view.scores, 0, MODEL, KNOTS_PX)
     assert (rows[lost], rows[near]) == (0, -1)
     assert vague[lost] < 0.7 * fits[near]  # little proof that the lost one is there
 

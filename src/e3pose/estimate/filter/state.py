@@ -22,6 +22,10 @@ Flags = NDArray[np.bool_]
 
 SIDES = ("left", "right")
 OF_THE_SITE = ("time_s", "leftovers", "sights", "doors", "noise", "shifts", "next_id")
+LIMBS = (  # joints of which detectors exchange left and right together
+    ("shoulder", "elbow", "wrist", "palm", "hand", "thumb", "fingers"),
+    ("hip", "knee", "ankle", "foot", "toes", "big_toe", "small_toe", "heel"),
+)
 GIRDLES = ("shoulder", "hip")
 STIFF = (
     *BODY_LIMBS,
@@ -114,6 +118,23 @@ class Model:
         return np.array(found, dtype=np.int64).reshape(-1, 2)
 
     @cached_property
+    def sides(self) -> tuple[Ints, Ints]:
+        """The other side of each joint, or itself; and 1 for arms, 2 for legs, else 0.
+
+        `(num_joints,)` each. Joints that the skeleton has on one side only have none.
+        """
+        names = self.skeleton.joints
+        opposites, limbs = np.arange(len(names)), np.zeros(len(names), dtype=np.int64)
+        for limb, joints in enumerate(LIMBS, start=1):
+            for joint in joints:
+                pair = [f"{side}_{joint}" for side in SIDES]
+                if set(pair) <= set(names):
+                    left, right = (names.index(name) for name in pair)
+                    opposites[[left, right]] = right, left
+                    limbs[[left, right]] = limb
+        return opposites, limbs
+
+    @cached_property
     def _bones(self) -> list[tuple[tuple[int, int], float]]:
         names = self.skeleton.joints
         return [
@@ -196,6 +217,8 @@ class Belief:
         bias_px: `(num_tracks, num_cameras, num_joints, 2)` how far a view's keypoints of the person
             are off for seconds.
         confirmed: `(num_tracks,)` whether the person is believed to exist, and is shown.
+        mirrored: `(num_tracks, 2)` in [0, 1]: recent share of the looks at arms and at legs that
+            showed left and right exchanged (`kernels.sides`).
         bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
         leftovers: detections that wait for a second view.
@@ -227,6 +250,7 @@ class Belief:
     missed: Floats
     bias_px: Floats
     confirmed: Flags
+    mirrored: Floats
     bones_m: Floats
     bone_counts: Floats
     leftovers: Leftovers
@@ -260,6 +284,7 @@ class Belief:
             missed=np.zeros((0, len(model.rig))),
             bias_px=np.zeros((0, len(model.rig), joints, 2)),
             confirmed=np.zeros(0, dtype=bool),
+            mirrored=np.zeros((0, 2)),
             bones_m=np.zeros((0, bones)),
             bone_counts=np.zeros((0, bones)),
             leftovers=Leftovers(

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.kernels.assign import assign
 from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
-from e3pose.estimate.filter.kernels.scratch import Matches, Offers, Views
+from e3pose.estimate.filter.kernels.projected import IN_FRONT, SPREAD, U, V
+from e3pose.estimate.filter.kernels.scratch import Matches, Offers, Site, Views
+from e3pose.estimate.filter.kernels.sides import SIDE_PX, exchange, exchanged_limbs
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.kernel import kernel
@@ -27,16 +29,11 @@ VAGUE_FIT = 0.4  # the fit of a track twice as wide as it could be counts 0.76 t
 NEVER = 1e3
 
 
-U, V, SPREAD, IN_FRONT = range(4)  # planes of `Offers.sight`
-
-
 @kernel
 def associate(
     camera: int,
     num_tracks: int,
-    projection: Floats,
-    size: Floats,
-    bias: float,
+    site: Site,
     views: Views,
     confirmed: Flags,
     state: Floats,
@@ -44,19 +41,38 @@ def associate(
     matches: Matches,
     offers: Offers,
 ) -> None:
-    """Fill the rows of `matches` of a camera whose view arrived, and `views.free` of it."""
+    """Fill the rows of `matches` of a camera whose view arrived, and `views.free` of it.
+
+    Where a detection that is assigned has exchanged left and right, they are put right in `views`.
+    """
+    projection, size, scale = site.projections[camera], site.sizes[camera], site.scales[camera]
+    bias = (BIAS_PX * scale) ** 2
     first, num_people = views.starts[camera], views.counts[camera]
     for track in range(num_tracks):
         matches.assigned[camera, track] = -1
+        matches.exchanged[camera, track] = 0
         matches.fits[camera, track] = 0.0
         inside = _look(state[track], covariance[track], projection, size, offers.sight)
         matches.inside[camera, track] = inside >= INSIDE_JOINTS
         for person in range(num_people):
             row = first + person
+            exchanged = exchanged_limbs(
+                row,
+                views.pixels,
+                views.weights,
+                views.variances,
+                (SIDE_PX * scale) ** 2,
+                offers.sight,
+                site.opposites,
+                site.limbs,
+            )
+            exchange(row, exchanged, site.opposites, site.limbs, views)
             cost = _cost(row, views.pixels, views.weights, views.variances, bias, offers.sight)
             vagueness = 0.0
             if cost <= COST_LIMIT:
                 vagueness = _vagueness(row, views.weights, views.variances, bias, offers.sight)
+            exchange(row, exchanged, site.opposites, site.limbs, views)  # back again
+            offers.exchanged[track, person] = exchanged
             offers.cost[track, person] = cost
             offers.vagueness[track, person] = vagueness
     for turn in range(2):  # people who are believed to exist choose first
@@ -88,6 +104,10 @@ def associate(
             excess = offers.cost[track, person] - COST_USUAL
             fit = 1.0 - excess / (COST_LIMIT - COST_USUAL)
             matches.assigned[camera, track] = person
+            matches.exchanged[camera, track] = offers.exchanged[track, person]
+            exchange(
+                first + person, offers.exchanged[track, person], site.opposites, site.limbs, views
+            )
             fit = 0.0 if fit < 0.0 else 1.0 if fit > 1.0 else fit
             matches.fits[camera, track] = fit * math.exp(
                 -VAGUE_FIT * offers.vagueness[track, person]

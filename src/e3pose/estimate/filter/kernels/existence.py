@@ -155,6 +155,8 @@ def _move(tracks: Tracks, source: int, target: int) -> None:
     tracks.hits[target] = tracks.hits[source]
     tracks.alone[target] = tracks.alone[source]
     tracks.confirmed[target] = tracks.confirmed[source]
+    for limb in range(tracks.mirrored.shape[1]):
+        tracks.mirrored[target, limb] = tracks.mirrored[source, limb]
     for joint in range(tracks.state.shape[1]):
         tracks.unmeasured_s[target, joint] = tracks.unmeasured_s[source, joint]
         tracks.drift_share[target, joint] = tracks.drift_share[source, joint]

@@ -9,6 +9,8 @@ from e3pose.kernel import kernel
 
 Floats = NDArray[np.float64]
 
+U, V, SPREAD, IN_FRONT = range(4)  # planes of `Offers.sight`
+
 
 @kernel
 def shown_at(

@@ -39,6 +39,8 @@ class Site(NamedTuple):
     drift_m2ps4: Floats  # (num_joints,)
     lasts_s: Floats  # (num_joints,)
     swing_per_s2: Floats  # (num_joints,)
+    opposites: Integers  # (num_joints,) the joint of the other side, or itself
+    limbs: Integers  # (num_joints,) of arms 1, of legs 2, else 0
     corner_m: Floats  # (2,) of the cells of `Belief.sights`
     wait_s: float  # how long a detection that no track explains waits for a second view
     lenses: Lenses
@@ -70,6 +72,7 @@ def make_site(model: Model) -> Site:
         np.ascontiguousarray(tree.drift_m2ps4),
         np.ascontiguousarray(tree.lasts_s),
         np.ascontiguousarray(tree.swing_per_s2),
+        *model.sides,
         np.ascontiguousarray(model.corner_m),
         float(model.wait_s),
         make_lenses(model.rig),
@@ -112,6 +115,7 @@ class Tracks(NamedTuple):
     missed: Floats
     bias_px: Floats
     confirmed: Flags
+    mirrored: Floats
     bones_m: Floats
     bone_counts: Floats
 
@@ -135,6 +139,7 @@ class Matches(NamedTuple):
     inside: Flags  # (num_cameras, num_tracks) the view should show the track
     places_m: Floats  # (num_tracks, 2) on the floor, as predicted
     taught: Flags  # (num_tracks,) somebody of whom it is learned what cameras show
+    exchanged: Integers  # (num_cameras, num_tracks) limbs whose sides it exchanged (`sides`)
 
 
 class Detectors(NamedTuple):
@@ -155,6 +160,7 @@ class Offers(NamedTuple):
     sight: Floats  # (4, num_joints) one track in the view: u, v, variance, in front
     cost: Floats  # (num_tracks, max_people)
     vagueness: Floats  # (num_tracks, max_people)
+    exchanged: Integers  # (num_tracks, max_people) limbs whose sides it would have exchanged
     offered: Floats  # (num_tracks, max_people) their sum, of those who choose
     choosers: Integers  # (num_tracks,)
     people: Integers  # (max_people,)
@@ -250,6 +256,7 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             inside=np.zeros((cameras, num_tracks), bool),
             places_m=np.zeros((num_tracks, 2)),
             taught=np.zeros(num_tracks, bool),
+            exchanged=np.zeros((cameras, num_tracks), np.int64),
         ),
         Detectors(
             noise_px=np.zeros(len(model.noise.scores)),
@@ -264,6 +271,7 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
             sight=np.zeros((4, joints)),
             cost=np.zeros((num_tracks, num_people)),
             vagueness=np.zeros((num_tracks, num_people)),
+            exchanged=np.zeros((num_tracks, num_people), np.int64),
             offered=np.zeros((num_tracks, num_people)),
             choosers=np.zeros(num_tracks, np.int64),
             people=np.zeros(num_people, np.int64),

@@ -11,7 +11,7 @@ import numpy as np
 
 from e3pose.errors import InputError
 from e3pose.estimate.filter import doors
-from e3pose.estimate.filter.kernels.associate import BIAS_PX, associate
+from e3pose.estimate.filter.kernels.associate import associate
 from e3pose.estimate.filter.kernels.bias import learn_bias
 from e3pose.estimate.filter.kernels.births import give_birth
 from e3pose.estimate.filter.kernels.blindness import learn_sights
@@ -27,6 +27,7 @@ from e3pose.estimate.filter.kernels.scratch import (
     make_memory,
     make_site,
 )
+from e3pose.estimate.filter.kernels.sides import turn_round
 from e3pose.estimate.filter.kernels.update import learn_bones, update
 from e3pose.estimate.filter.shown import Estimate, estimate_of
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS, Belief, Floats, Leftovers, Model
@@ -198,9 +199,7 @@ def step_slot(
             associate(
                 camera,
                 num_tracks,
-                site.projections[camera],
-                site.sizes[camera],
-                (BIAS_PX * site.scales[camera]) ** 2,
+                site,
                 views,
                 tracks.confirmed,
                 tracks.state,
@@ -208,6 +207,7 @@ def step_slot(
                 memory.matches,
                 memory.offers,
             )
+    turn_round(num_tracks, dt, site, views, memory.matches, tracks)
     for track in range(num_tracks):
         if num_views:
             update(track, dt, site, views, memory.matches.assigned, tracks, passes)
