@@ -286,3 +286,16 @@ def test_joints_are_drawn_by_their_uncertainty() -> None:
     assert not any(
         a.get("id") == "sure" for _, a in page(recording(1), [record(0, [7])], summary()).tags
     )
+
+
+def test_page_opens_at_a_moment_like_most_others() -> None:
+    all_on = np.array([True, True])
+    people = [(), (1,), (1, 2), (1, 2, 3), (1, 2, 3), (1, 2), (1, 2), (1, 2), (1,)]
+    run = [record(slot, ids) for slot, ids in enumerate(people)]
+    run[2] = replace(run[2], selected=all_on)
+    opened = scene(recording(len(run)), run)["start"]
+    assert opened == 6  # not 3 or 4, which show somebody whom no other slot shows
+    awake = [replace(each, selected=all_on) for each in run]
+    assert scene(recording(len(run)), awake)["start"] == 6
+    assert scene(recording(2), [record(0), record(1)])["start"] == 0
+    assert scene(recording(2), [record(0), record(1, [4])])["start"] == 1

@@ -164,9 +164,19 @@ def _all_joints(records: Sequence[SlotRecord]) -> Floats:
 
 
 def _telling(rig: Rig, records: Sequence[SlotRecord]) -> int:
-    """Return which slot to open the page at: most people, and cameras asleep if they ever are."""
-    scores = [2 * len(r.poses) + (r.selected.sum() < len(rig)) for r in records]
-    return int(np.argmax(scores)) if scores else 0
+    """Return which slot to open the page at: one like most others, with cameras asleep if any are.
+
+    It shows as many people as slots with anybody mostly do, so that no moment is chosen for
+    somebody who is not there, and is half way through those that do.
+    """
+    counts = np.array([len(record.poses) for record in records], dtype=np.int64)
+    if not counts.any():
+        return 0
+    often = np.bincount(counts[counts > 0])
+    usual = counts == len(often) - 1 - int(often[::-1].argmax())
+    asleep = usual & np.array([record.selected.sum() < len(rig) for record in records])
+    rows = np.flatnonzero(asleep if asleep.any() else usual)
+    return int(rows[len(rows) // 2])
 
 
 def _neck(skeleton: Skeleton) -> list[int]:
