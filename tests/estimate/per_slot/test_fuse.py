@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tests.reference.fuse import ReferenceFuser
 
+from bench_fuse import load_workload, quality, run
 from e3pose.errors import InputError
 from e3pose.estimate.per_slot.fuse import MAX_POSES, Fuser, Fusion, FusionSettings
 from e3pose.geometry.camera import Camera, Rig
@@ -289,12 +290,6 @@ def test_workloads_reach_the_best_known_quality(
     folder = os.environ.get("E3POSE_SHARED")
     if not folder:
         pytest.skip("E3POSE_SHARED is not set")
-    path = Path(__file__).parents[3] / "benchmarks"
-    sys.path.insert(0, str(path))
-    try:
-        from bench_fuse import load_workload, quality, run
-    finally:
-        sys.path.remove(str(path))
     bench = load_workload(Path(folder) / "bench" / f"workload_{workload}.npz")
     found = quality(run(bench, FusionSettings()), bench.truth_m)
     assert found["recall"] >= recall

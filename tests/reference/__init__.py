@@ -1,1 +1,0 @@
-"""Plain numpy forms of the compiled kernels: what these are held against."""
