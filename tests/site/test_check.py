@@ -1,19 +1,224 @@
-"""What `e3pose check` says of the store and the state of a site."""
+"""What `e3pose check` finds: each thing that can be wrong, by itself."""
 
 from __future__ import annotations
 
+import datetime
+import os
 import sqlite3
+from collections.abc import Iterable
 from pathlib import Path
 
-from e3pose.settings.site_file import SiteTable, StoreTable
-from e3pose.site.check import check_places
+import numpy as np
+import pytest
+from tests.rigs import looking
+from tests.site.tables import write_site
+
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.site.check import (
+    CLOCK_MS,
+    Finding,
+    check_calibration,
+    check_clock,
+    check_link_of,
+    check_models,
+    check_places,
+    check_running,
+)
+from e3pose.wire.keys.folder import add_keys, init_keys
+from e3pose.wire.messages import CameraStatus, Status
+
+NOW = datetime.datetime.now(datetime.timezone.utc)
+RIG = looking((4, 0), (0, 4))
+
+
+def wrong(findings: Iterable[Finding]) -> list[Finding]:
+    """Return what is not as it should be; each says what to do about it."""
+    found = [finding for finding in findings if finding.level != "ok"]
+    assert all(finding.found for finding in found)
+    return found
+
+
+def moved(camera: Camera, camera_id: str, shift_m: tuple[float, float, float]) -> Camera:
+    T = np.linalg.inv(camera.T_world_camera)
+    centre = camera.T_world_camera[:3, 3] + shift_m
+    R = T[:3, :3]
+    return Camera.from_world_to_camera(camera_id, camera.image_size, camera.K, R, -R @ centre)
+
+
+def test_good_calibration_is_no_finding() -> None:
+    found = list(check_calibration(looking((4, 0), (0, 4), (-4, 0))))
+    assert [finding.level for finding in found] == ["ok"] and "3 cameras" in found[0].found
+
+
+def test_one_camera_is_too_few() -> None:
+    (found,) = wrong(check_calibration(looking((4, 0))))
+    assert found.level == "problem"
+
+
+def test_two_cameras_in_one_place_are_named() -> None:
+    (a, b) = RIG.cameras
+    (found,) = wrong(check_calibration(Rig((a, b, moved(a, "twin", (0, 0, 0.05))))))
+    assert found.level == "warning"
+    assert "c0" in found.found and "twin" in found.found and "5 cm" in found.found
+    assert not wrong(check_calibration(Rig((a, b, moved(a, "near", (0, 0, 0.15))))))
+
+
+def test_calibration_in_centimetres_is_a_problem() -> None:
+    centimetres = looking((400, 0), (0, 400))
+    problems = [f for f in wrong(check_calibration(centimetres)) if f.level == "problem"]
+    assert len(problems) == 1 and "metres" in problems[0].advice
+
+
+def test_cameras_that_look_apart_share_no_view() -> None:
+    found = wrong(check_calibration(looking((4, 0), (-4, 0), away=True)))
+    assert [finding.level for finding in found] == ["warning", "warning"]
+    assert [finding.found.split()[0] for finding in found] == ["c0", "c1"]
+
+
+def test_camera_below_the_floor_is_named() -> None:
+    (a, b) = RIG.cameras
+    low = moved(b, "low", (0, 0, -2.0))
+    below = [f for f in wrong(check_calibration(Rig((a, b, low)))) if "floor" in f.found]
+    assert len(below) == 1 and "low" in below[0].found and "c1" not in below[0].found
+
+
+def linked(tmp_path: Path, link: str, rig: Rig = RIG) -> list[Finding]:
+    path, site = write_site(tmp_path, f"[link]\n{link}\n")
+    return list(check_link_of(path, site, rig))
+
+
+def test_plain_tcp_on_this_machine_is_no_finding(tmp_path: Path) -> None:
+    found = linked(tmp_path, 'endpoint = "tcp/127.0.0.1:7001"')
+    assert [(f.level, f.what) for f in found] == [("ok", "link")]
+
+
+def test_plain_tcp_beyond_it_is_a_warning_where_it_was_asked_for(tmp_path: Path) -> None:
+    (found,) = wrong(linked(tmp_path, 'endpoint = "tcp/0.0.0.0:7001"\ninsecure = true'))
+    assert (found.level, found.what) == ("warning", "link")
+    (found,) = linked(tmp_path, 'endpoint = "tcp/0.0.0.0:7001"')
+    assert (found.level, found.what) == ("problem", "link")
+
+
+def test_tls_without_certificates_names_the_command_that_makes_them(tmp_path: Path) -> None:
+    (found,) = linked(tmp_path, 'endpoint = "tls/0.0.0.0:7001"')
+    assert found.level == "problem"
+    assert f"e3pose keys init lab --out {tmp_path / 'keys'}" in found.advice
+    assert "keys = 'keys'" in found.advice
+    (found,) = linked(tmp_path, 'endpoint = "tls/0.0.0.0:7001"\nkeys = "keys"')
+    assert "keys init" in found.advice and "keys = " not in found.advice
+
+
+def test_certificates_are_looked_at_one_by_one(tmp_path: Path) -> None:
+    init_keys(tmp_path / "keys", "lab", [], NOW)
+    add_keys(tmp_path / "keys", "c0", NOW)
+    found = linked(tmp_path, 'endpoint = "tls/127.0.0.1:7001"\nkeys = "keys"')
+    by_what = {finding.what: finding for finding in found}
+    assert by_what["certificate c0"].level == "ok"
+    assert by_what["certificate c1"].level == "problem"
+    assert f"e3pose keys add c1 --keys {tmp_path / 'keys'}" in by_what["certificate c1"].advice
+    assert [f.level for f in found if f.what == "link"] == ["ok", "warning"]  # this machine alone
+
+
+def sources(tmp_path: Path, **keys: str) -> list[Finding]:
+    """Return what is found of a camera with these keys."""
+    table = "\n".join(f'{key} = "{value}"' for key, value in keys.items())
+    path, site = write_site(tmp_path, f'[[camera]]\nid = "c0"\n{table}\n')
+    return list(check_models(path, site, RIG))
+
+
+def test_cameras_that_run_elsewhere_are_not_looked_at(tmp_path: Path) -> None:
+    assert sources(tmp_path) == []
+
+
+@pytest.mark.parametrize("source", ["walk.mp4", "recorded:walk", "usb:987"])
+def test_source_that_is_not_there_is_a_problem(tmp_path: Path, source: str) -> None:
+    found = wrong(sources(tmp_path, source=source, model="net.onnx"))
+    assert {finding.what for finding in found} == {"camera c0"}
+    assert found[0].level == "problem" and source.partition(":")[2] in found[0].found
+
+
+def test_recorded_source_needs_no_network(tmp_path: Path) -> None:
+    (tmp_path / "walk").mkdir()
+    assert [f.level for f in sources(tmp_path, source="recorded:walk")] == ["ok"]
+
+
+def test_network_that_is_missing_or_unknown_is_a_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "walk.mp4").touch()
+    (missing,) = wrong(sources(tmp_path, source="walk.mp4"))
+    assert missing.advice == "e3pose models pull movenet-multipose"
+    (unknown,) = wrong(sources(tmp_path, source="walk.mp4", detector="eyes"))
+    assert "eyes" in unknown.found and "movenet-multipose" in unknown.advice
+    (lost,) = wrong(sources(tmp_path, source="walk.mp4", model="net.onnx"))
+    assert str(tmp_path / "net.onnx") in lost.found
+    (tmp_path / "net.onnx").touch()
+    assert not wrong(sources(tmp_path, source="walk.mp4", model="net.onnx"))
+
+
+def on_path(folder: Path, name: str, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have a program of that name, and no other, on the path."""
+    program = folder / name
+    program.write_text(f"#!/bin/sh\necho '{says}'\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(folder))
+
+
+FOLLOWS = "A1B2C3D4,192.0.2.7,3,1700000000.1,0.000012,0.00001,0.00002,1,0,0,0.01,0.002,64,Normal"
+NOBODY = "00000000,0.0.0.0,0,0.0,0.0,0.0,0.0,0,0,0,1,1,0,Not synchronised"
+
+
+@pytest.mark.parametrize(
+    ("name", "says", "level", "told"),
+    [
+        ("chronyc", FOLLOWS, "ok", "192.0.2.7"),
+        ("chronyc", NOBODY, "warning", "chrony"),
+        ("chronyc", "", "warning", "chrony"),
+        ("timedatectl", "NTP=yes\nNTPSynchronized=yes", "ok", "timesyncd"),
+        ("timedatectl", "NTP=no\nNTPSynchronized=no", "warning", "not synchronised"),
+        ("nothing", "", "warning", "nothing"),
+    ],
+)
+def test_what_keeps_the_clock_right_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, says: str, level: str, told: str
+) -> None:
+    assert os.access("/bin/sh", os.X_OK)
+    on_path(tmp_path, name, says, monkeypatch)
+    found = check_clock()
+    assert (found.level, found.what) == (level, "clock") and told in found.found
+    assert bool(found.advice) == (level == "warning")
+
+
+def test_edge_that_does_not_answer_is_a_warning() -> None:
+    (found,) = check_running(None, "tcp/127.0.0.1:7001")
+    assert (found.level, found.what) == ("warning", "edge")
+    assert "tcp/127.0.0.1:7001" in found.found and "e3pose edge" in found.advice
+
+
+def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:
+    cameras = (
+        CameraStatus("cam0", True, clock_offset_ms=CLOCK_MS - 0.5),
+        CameraStatus("cam1", True, clock_offset_ms=-CLOCK_MS - 0.5),
+        CameraStatus("cam2", False, why="never seen"),
+    )
+    found = list(check_running(Status("lab", 417, 20.0, 3, 0, cameras), "tcp/127.0.0.1:7001"))
+    assert [finding.level for finding in found] == ["ok", "ok", "warning", "problem"]
+    assert "417" in found[0].found and "+4.5 ms" in found[1].found and "-5.5 ms" in found[2].found
+    assert found[3].what == "camera cam2" and found[3].found == "never seen"
+
+
+def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
+    for gauge, told in ((False, "delete the file"), (True, "see its log")):
+        camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)
+        found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))
+        assert found[-1].level == "problem" and told in found[-1].advice
 
 
 def found(folder: Path) -> dict[str, str]:
     """Return the level of what is found, by its name; the worst of each."""
-    site = SiteTable("e3pose-site", 1, "lab", "rig.toml", 25.0, store=StoreTable("live.db"))
     worst: dict[str, str] = {}
-    for finding in check_places(folder / "site.toml", site):
+    for finding in check_places(*write_site(folder, '[store]\npath = "live.db"\n')):
         if worst.get(finding.what) != "problem":
             worst[finding.what] = finding.level
     return worst
@@ -54,3 +259,13 @@ def test_files_that_everybody_may_read_are_told_of(tmp_path: Path) -> None:
     (tmp_path / "live.db").chmod(0o644)
     (tmp_path / "state.npz").chmod(0o640)
     assert found(tmp_path).items() >= {"store": "warning", "state": "ok"}.items()
+
+
+def test_place_that_is_no_folder_and_a_site_that_keeps_nothing_are_told(tmp_path: Path) -> None:
+    path, site = write_site(tmp_path, 'state = "missing/state.npz"\n')
+    state, store = wrong(check_places(path, site))
+    assert (state.level, state.what) == ("problem", "state")
+    assert state.advice == f"mkdir -p {tmp_path / 'missing'}"
+    assert (store.level, store.what) == ("warning", "store")
+    path, site = write_site(tmp_path, 'state = ""\n[store]\npath = "postgresql://host/poses"\n')
+    assert not list(check_places(path, site))  # places of other machines

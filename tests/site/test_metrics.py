@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import socket
 import urllib.request
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.edge.one_process import site_at_work
+from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.errors import InputError
@@ -30,11 +30,6 @@ class Kept:
 
     def status(self) -> WriterStatus:
         return WriterStatus(7, 0, spooled=4, shed=5, trouble="disk full", corrupt=2)
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
 
 
 def scraped(port: int) -> dict[str, float]:

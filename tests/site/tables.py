@@ -1,0 +1,26 @@
+"""Site files for tests of the programs that read them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from e3pose.settings.site_file import SiteTable, load_site
+
+HEAD = """format = "e3pose-site"
+version = 1
+name = "lab"
+calibration = "rig.toml"
+fps = 20
+"""
+
+
+def write_site(folder: Path, more: str = "") -> tuple[Path, SiteTable]:
+    """Write a site file to a folder; return it and what it says.
+
+    Args:
+        folder: to write to.
+        more: keys and tables after those that every site has.
+    """
+    path = folder / "site.toml"
+    path.write_text(HEAD + more)
+    return path, load_site(path)

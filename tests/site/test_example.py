@@ -1,0 +1,71 @@
+"""Sites that are written for a try."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from e3pose.calibration import load_rig
+from e3pose.errors import InputError
+from e3pose.recording import load_recording
+from e3pose.settings.site_file import SITE_FILE, load_site
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.site import example
+from e3pose.site.check import check_calibration, check_link_of, check_models
+from e3pose.site.example import Example, free_port, make_example, write_example, write_recorded
+
+
+def test_site_of_a_recording_passes_its_own_check(tmp_path: Path) -> None:
+    recording = simulate(SceneSettings(people=1, seconds=0.2, cameras=3), 0)
+    path = write_recorded(tmp_path, recording, "hall")
+    site, rig = load_site(path), load_rig(tmp_path / "rig.toml")
+    assert (site.name, site.fps, site.skeleton) == ("hall", recording.fps, recording.skeleton.name)
+    assert rig.camera_ids == recording.rig.camera_ids
+    found = [
+        *check_calibration(rig), *check_link_of(path, site, rig), *check_models(path, site, rig)
+    ]  # fmt: skip
+    assert [f for f in found if f.level != "ok"] == []
+    assert path.read_text().startswith("# ")
+
+
+def test_example_says_what_it_is_given(tmp_path: Path) -> None:
+    rig = simulate(SceneSettings(people=0, seconds=0.1, cameras=2), 0).rig
+    told = Example(
+        "lab", dict.fromkeys(rig.camera_ids, "usb:0"), 12.5, "coco18", 1, 0.5, 300.0,
+        {"threads": 2}, "one\ntwo",
+    )  # fmt: skip
+    path = write_example(tmp_path / "new", told, rig)
+    site = load_site(path)
+    assert (site.fps, site.skeleton, site.pace, site.deadline_ms) == (12.5, "coco18", 0.5, 300.0)
+    assert site.loop == {"cameras": 1}
+    assert [(c.id, c.source, c.threads) for c in site.camera] == [
+        (camera_id, "usb:0", 2) for camera_id in rig.camera_ids
+    ]
+    assert path.read_text().startswith("# one\n# two\n")
+
+
+def test_example_of_a_simulated_scene_is_for_its_owner(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(example, "SCENE", replace(example.SCENE, seconds=0.5))
+    path = make_example(tmp_path / "try")
+    assert path == tmp_path / "try" / SITE_FILE
+    assert len(load_recording(tmp_path / "try" / "recording").rig) == example.SCENE.cameras
+    assert (tmp_path / "try").stat().st_mode & 0o077 == 0
+    with pytest.raises(InputError, match="is there already"):
+        make_example(tmp_path / "try")
+
+
+def test_file_in_the_place_of_an_example_stays(tmp_path: Path) -> None:
+    (tmp_path / "try").write_text("mine")
+    with pytest.raises(InputError, match="is there already"):
+        make_example(tmp_path / "try")
+    assert (tmp_path / "try").read_text() == "mine"
+
+
+def test_port_is_free() -> None:
+    with socket.create_server(("127.0.0.1", free_port())):
+        pass

@@ -1,0 +1,137 @@
+"""What `e3pose top` draws of a status."""
+
+from __future__ import annotations
+
+import io
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from e3pose.site.screen import EVENTS, screen
+from e3pose.wire.codec import MAX_FIGURE
+from e3pose.wire.messages import CameraStatus, Status
+
+NUMBERS = st.floats() | st.sampled_from(
+    [0.0, -0.0, 1.0, -1.0, MAX_FIGURE, -MAX_FIGURE, math.inf, -math.inf, math.nan]
+)
+
+
+def drawn(status: Status | None, stale_s: float = 0.0) -> str:
+    """Return the text of the screen, without colours."""
+    out = io.StringIO()
+    Console(file=out, width=120).print(screen(status, stale_s))
+    return out.getvalue()
+
+
+def row(camera: CameraStatus) -> list[str]:
+    """Return the cells of a camera, as they are drawn."""
+    return drawn(Status("lab", 1, 20.0, 1, 1, (camera,))).splitlines()[-1].split()
+
+
+def test_before_the_first_status_it_says_that_it_waits() -> None:
+    assert "waiting for the edge" in drawn(None)
+
+
+def test_head_sums_up_what_the_edge_measured() -> None:
+    cameras = (
+        CameraStatus("cam0", True, power_w=4.25, measured=True),
+        CameraStatus("cam1", True, power_w=3.0),
+        CameraStatus("cam2", False, power_w=9.0),  # what it drew when it was there
+        CameraStatus("cam3", True),
+    )
+    text = drawn(
+        Status(
+            "lab", 417, 19.96, 3, 2, cameras, (1.25, 2.5), (3.75, 5.0), 3661.0,
+            expected_error_mm=23.4, slots_lost=5,
+        )
+    )  # fmt: skip
+    for said in (
+        "lab", "3/4 cameras", "2 people", "23 mm", "slot 417", "20.0 a second", "lead 3",
+        "1:01:01", "1.2 ms (99 %: 2.5)", "3.8 ms (99 %: 5.0)", "5 slots lost", "7.2 W",
+    ):  # fmt: skip
+        assert said in text, said
+    assert "no news" not in text
+
+
+def test_row_of_a_camera_that_is_there_and_of_one_that_is_not() -> None:
+    here = CameraStatus(
+        "cam0", True, "views come late", "power-saving", 0.25, 0.5, 4.25, True, deficit=1.5,
+        late=3, lost=4, clock_offset_ms=-2.5, noise_factor=1.25,
+    )  # fmt: skip
+    cells = ["cam0", "saving", "50%", "4.2", "1.5", "0.2", "s", "3", "4", "-2.5", "1.2x"]
+    assert row(here) == [*cells, "views", "come", "late"]
+    never = CameraStatus("cam1", False, "never seen", power_w=4.0)
+    assert row(never) == ["cam1", "offline", "0%", "0.0", "never", "0", "0", "never", "seen"]
+
+
+def test_watts_that_a_model_says_are_marked() -> None:
+    assert "~4.2" in row(CameraStatus("cam0", True, power_w=4.25))
+    assert "4.2" in row(CameraStatus("cam0", True, power_w=4.25, measured=True))
+
+
+def test_status_that_is_old_says_so() -> None:
+    status = Status("lab", 1, 20.0, 1, 1, ())
+    assert "no news for 12 s" in drawn(status, 12.2)
+    assert "no news" not in drawn(status, 2.9)
+
+
+def test_newest_events_are_shown_and_older_ones_are_not() -> None:
+    events = tuple(f"event {number:02}" for number in range(EVENTS + 3))
+    text = drawn(Status("lab", 1, 20.0, 1, 1, (), events=events))
+    assert [line for line in text.splitlines() if line.startswith("event ")] == [*events[3:]]
+
+
+def test_the_screen_tells_of_a_shifted_camera_unless_something_is_worse() -> None:
+    cameras = (
+        CameraStatus("cam0", True, last_seen_s=0.1, shift_px=2.0),
+        CameraStatus("cam1", True, last_seen_s=0.1, shift_px=6.2),
+        CameraStatus("cam2", True, why="views come late", last_seen_s=0.1, shift_px=9.0),
+        CameraStatus("cam3", True, last_seen_s=0.1, shift_px=math.nan),
+    )
+    told = drawn(Status("lab", 1, 20.0, 2, 1, cameras), 0.1)
+    assert told.count("px off") == 1
+    assert "6 px off" in told
+    assert "views come late" in told
+
+
+def test_screen_marks_what_a_model_says() -> None:
+    told = []
+    for gauge in (True, False):
+        camera = CameraStatus("cam0", True, mode="active", battery=0.625, gauge=gauge)
+        told.append(drawn(Status("lab", 1, 20.0, 1, 1, (camera,))))
+        assert "1 person" in told[-1] and "1/1 camera" in told[-1]
+    assert " 62%" in told[0] and "~" not in told[0]
+    assert "~62%" in told[1]
+
+
+def test_screen_before_the_first_slot_measures_nothing() -> None:
+    text = drawn(Status("lab", 0, 0.0, 5, 0, (CameraStatus("cam0", False, why="never seen"),)))
+    assert "no slots yet" in text and "step" not in text
+
+
+@settings(max_examples=100, deadline=None)
+@given(*[NUMBERS] * 10)
+def test_screen_draws_whatever_numbers_a_status_has(
+    battery: float, duty: float, seen_s: float, power_w: float, deficit: float, offset_ms: float,
+    uptime_s: float, fps: float, error_mm: float, step_ms: float,
+) -> None:  # fmt: skip
+    camera = CameraStatus(
+        "cam0", True, "", "active", seen_s, duty, power_w, True, battery, deficit,
+        clock_offset_ms=offset_ms,
+    )  # fmt: skip
+    status = Status(
+        "lab", 1, fps, 1, 2, (camera,), (step_ms, step_ms), (step_ms, step_ms), uptime_s,
+        expected_error_mm=error_mm,
+    )  # fmt: skip
+    assert drawn(status)
+
+
+def test_screen_draws_a_battery_and_a_time_within_their_ends() -> None:
+    def said(battery: float, uptime_s: float) -> str:
+        camera = CameraStatus("cam0", True, last_seen_s=0.1, battery=battery, gauge=True)
+        return drawn(Status("lab", 1, 0.0, 1, 0, (camera,), uptime_s=uptime_s))
+
+    assert "||||||||||  100%" in said(math.inf, 61.0) and "up 0:01:01" in said(0.5, 61.0)
+    assert "..........    0%" in said(-math.inf, math.nan) and "up 0:00:00" in said(0, -math.inf)

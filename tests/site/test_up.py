@@ -1,0 +1,229 @@
+"""A whole site on one machine: command lines, restarts and endings, with real small programs."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tests.rigs import looking
+from tests.site.tables import write_site
+
+from e3pose.cli.app import app
+from e3pose.errors import InputError
+from e3pose.site import up
+from e3pose.site.up import Program, camera_command, edge_command, end, run_site
+
+RIG = looking((4, 0), (0, 4))
+
+
+def options(command: list[str]) -> dict[str, str]:
+    """Return what a command line of a camera says, by option."""
+    assert command[:4] == [sys.executable, "-m", "e3pose", "camera"]
+    words = [word for word in command[4:] if word not in ("--end-with-parent", "--insecure")]
+    return dict(zip(words[::2], words[1::2], strict=True))
+
+
+def camera(
+    tmp_path: Path, keys: str, link: str = "tcp/127.0.0.1:7001", more: str = ""
+) -> list[str]:
+    """Return the command line of a camera with these keys."""
+    text = f'{more}\n[link]\nendpoint = "{link}"\n[[camera]]\nid = "c1"\n{keys}\n'
+    path, site = write_site(tmp_path, text)
+    return camera_command(path, site, "c1", RIG)
+
+
+def test_edge_reads_the_site_file_and_ends_with_its_parent() -> None:
+    command = edge_command(Path("lab/site.toml"))
+    assert command == [
+        sys.executable, "-m", "e3pose", "edge", "lab/site.toml", "--end-with-parent",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("source", "found"),
+    [
+        ("walk.mp4", "{folder}/walk.mp4"),
+        ("recorded:walk", "recorded:{folder}/walk"),
+        ("usb:0", "usb:0"),
+        ("rtsp://cam.local/1", "rtsp://cam.local/1"),
+        ("gstreamer:videotestsrc ! appsink", "gstreamer:videotestsrc ! appsink"),
+    ],
+)
+def test_sources_that_are_files_are_beside_the_site_file(
+    tmp_path: Path, source: str, found: str
+) -> None:
+    command = options(camera(tmp_path, f'source = "{source}"'))
+    assert command["--source"] == found.format(folder=tmp_path)
+    assert (command["--site"], command["--name"]) == ("lab", "c1")
+
+
+def test_options_of_a_camera_are_those_of_its_table(tmp_path: Path) -> None:
+    plain = options(camera(tmp_path, 'source = "usb:0"'))
+    assert plain["--meter"] == "model" and plain["--endpoint"] == "tcp/127.0.0.1:7001"
+    assert not {"--detector", "--model", "--threads", "--pace", "--battery-wh", "--keys"} & {*plain}
+    table = """
+        source = "usb:0"
+        detector = "openpose-thin"
+        model = "nets/thin.onnx"
+        threads = 2
+        battery_wh = 10.0
+        wake_s = 1.5
+        meter = "auto"
+    """
+    full = options(camera(tmp_path, table, more="pace = 0.5"))
+    assert full["--model"] == str(tmp_path / "nets/thin.onnx")
+    assert full["--detector"] == "openpose-thin" and full["--threads"] == "2"
+    assert full["--battery-wh"] == "10.0" and full["--wake-s"] == "1.5"
+    assert full["--state"] == str(tmp_path / "batteries" / "c1.json")
+    assert full["--meter"] == "auto" and full["--pace"] == "0.5"
+
+
+@pytest.mark.parametrize(
+    ("listens", "found"),
+    [
+        ("tcp/127.0.0.1:7001", "tcp/127.0.0.1:7001"),
+        ("tcp/0.0.0.0:7001", "tcp/localhost:7001"),
+        ("tls/127.0.0.1:7001", "tls/localhost:7001"),
+        ("tls/0.0.0.0:7001", "tls/localhost:7001"),
+    ],
+)
+def test_cameras_find_an_edge_that_listens_everywhere(
+    tmp_path: Path, listens: str, found: str
+) -> None:
+    command = options(camera(tmp_path, 'source = "usb:0"', listens))
+    assert command["--endpoint"] == found
+    keys = str(tmp_path / "keys/cameras/c1") if listens.startswith("tls") else None
+    assert command.get("--keys") == keys
+
+
+def test_command_line_of_a_camera_is_one_that_the_program_takes(tmp_path: Path) -> None:
+    """What is written here and parsed there are two places; they must not part."""
+    table = 'source = "usb:0"\ndetector = "movenet-multipose"\nthreads = 2\nbattery_wh = 10.0'
+    command = camera(tmp_path, table, "tls/0.0.0.0:7001", "pace = 0.5")
+    _, bound, unused, _ = app.parse_known_args(command[3:])
+    assert not unused and bound.arguments
+
+
+def test_camera_without_a_source_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="camera c1: source"):
+        camera(tmp_path, "")
+
+
+def program(folder: Path, name: str, text: str) -> Program:
+    """Return a program that is a few lines of Python; they may write to files of its folder."""
+    script = folder / f"{name}.py"
+    script.write_text(text)
+    return Program(name, [sys.executable, "-S", str(script)], folder / "logs" / f"{name}.log")
+
+
+# Waits for its parent's end, or to be interrupted.
+WAITS = "import signal; signal.signal(signal.SIGINT, signal.SIG_DFL); signal.pause()\n"
+# Leaves a word when it is interrupted.
+POLITE = """
+import pathlib, signal, sys, time
+here = pathlib.Path(__file__)
+def end(*_):
+    here.with_suffix(".ended").write_text(str(time.monotonic()))
+    sys.exit(0)
+signal.signal(signal.SIGINT, end)
+here.with_suffix(".ready").touch()
+while True:
+    time.sleep(0.01)
+"""
+
+# Fails in its first life.
+ONCE = """
+import pathlib, signal, sys
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+here = pathlib.Path(__file__).with_suffix(".ran")
+print("run", flush=True)
+if not here.exists():
+    here.touch()
+    sys.exit(7)
+signal.pause()
+"""
+DEAF = """
+import signal
+signal.signal(signal.SIGINT, signal.SIG_IGN)
+print("deaf", flush=True)
+while True:
+    signal.pause()
+"""
+
+
+def stop_when(condition: Callable[[], bool], seconds: float = 30.0) -> Callable[[], bool]:
+    until_s = time.monotonic() + seconds
+    return lambda: condition() or time.monotonic() > until_s
+
+
+def test_programs_run_until_stopped_and_cameras_end_before_the_edge(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    programs = [program(tmp_path, name, POLITE) for name in ("edge", "cam0", "cam1")]
+    ready = [tmp_path / f"{p.name}.ready" for p in programs]
+    told: list[str] = []
+    run_site(programs, stop_when(lambda: all(p.exists() for p in ready)), told.append)
+    assert not told and [p.ended() for p in programs] == [0, 0, 0]
+    edge_s, *cameras_s = [float((tmp_path / f"{p.name}.ended").read_text()) for p in programs]
+    assert max(cameras_s) < edge_s
+
+
+def test_program_that_ends_is_told_of_and_started_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(up, "RESTART_S", 0.1)
+    (tmp_path / "logs").mkdir()
+    programs = [program(tmp_path, "edge", WAITS), program(tmp_path, "cam0", ONCE)]
+    log, told = programs[1].log, list[str]()
+    again = stop_when(lambda: log.exists() and log.read_text().count("run") == 2)
+    run_site(programs, again, told.append)
+    assert programs[1].restarts == 1 and programs[0].restarts == 0
+    assert len(told) == 1 and told[0].startswith("cam0 ") and "7" in told[0]
+    assert log.read_text() == "run\nrun\n"  # both lives in one log
+
+
+def test_program_that_refuses_its_input_ends_all_with_its_last_words(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    refuses = "import sys\nprint('loading')\nprint('e3pose: source x: found none')\nsys.exit(2)\n"
+    programs = [program(tmp_path, "edge", WAITS), program(tmp_path, "cam0", refuses)]
+    with pytest.raises(InputError) as told:
+        run_site(programs, stop_when(lambda: False), print)
+    assert str(told.value) == "cam0: source x: found none"
+    assert programs[0].ended() is not None
+
+
+def test_program_that_says_nothing_and_refuses_has_words_too(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    silent = program(tmp_path, "edge", "import sys; sys.exit(2)\n")
+    with pytest.raises(InputError, match=r"^edge: .+"):
+        run_site([silent], stop_when(lambda: False), print)
+
+
+def test_who_does_not_listen_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(up, "END_S", 0.2)
+    (tmp_path / "logs").mkdir()
+    one = program(tmp_path, "edge", DEAF)
+    one.start()
+    stopped = stop_when(lambda: "deaf" in one.log.read_text())
+    while not stopped():
+        time.sleep(0.01)
+    end([one])
+    assert one.ended() == -signal.SIGKILL
+
+
+def test_program_that_never_started_is_no_trouble(tmp_path: Path) -> None:
+    never = program(tmp_path, "edge", WAITS)
+    end([never])
+    assert never.ended() is None
+
+
+def test_pipe_that_keeps_a_program_running_ends_with_it(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    one = program(tmp_path, "edge", "import sys; sys.stdin.buffer.read()\n")
+    one.start()
+    assert one.process is not None and one.ended() is None
+    one.let_go()
+    assert one.process.wait(30) == 0
