@@ -19,3 +19,19 @@ def eventually(condition: Callable[[], object], seconds: float = WAIT_S) -> bool
             return False
         time.sleep(0.02)
     return True
+
+
+def settled(count: Callable[[], int], for_s: float = 0.25, seconds: float = WAIT_S) -> int:
+    """Return a count once it has stayed the same for a while, or the last one after `seconds`.
+
+    For what must not go on: a machine that was busy meanwhile can hide that it does, but can not
+    make a test fail.
+    """
+    end_s = time.monotonic() + seconds
+    last, since_s = count(), time.monotonic()
+    while time.monotonic() < min(since_s + for_s, end_s):
+        time.sleep(0.02)
+        now = count()
+        if now != last:
+            last, since_s = now, time.monotonic()
+    return last

@@ -78,6 +78,30 @@ def test_sleeper_is_woken_by_a_view_of_its_slot() -> None:
     assert set(gather.close()) == {0}
 
 
+class Naps(threading.Condition):
+    """A condition that notes how long somebody wants to wait, and does not."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seconds: list[float | None] = []
+
+    def wait(self, timeout: float | None = None) -> bool:
+        self.seconds.append(timeout)
+        return False
+
+
 def test_nobody_sleeps_past_the_deadline() -> None:
-    gather, clock = Gather(1), ManualClock(1000)
-    gather.sleep(clock, 1000)  # returns at once
+    naps, clock = Naps(), ManualClock(1000)
+    gather = Gather(1, _lock=naps)
+    gather.sleep(clock, 1000)
+    gather.sleep(clock, 0)
+    assert naps.seconds == []
+    gather.sleep(clock, 1000 + 2_000_000)
+    assert naps.seconds == [0.002]
+
+
+def test_sleeper_looks_again_long_before_a_far_deadline() -> None:
+    naps, clock = Naps(), ManualClock(1000)
+    Gather(1, _lock=naps).sleep(clock, 10**12)
+    assert len(naps.seconds) == 1 and naps.seconds[0] is not None
+    assert 0 < naps.seconds[0] <= 0.05

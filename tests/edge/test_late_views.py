@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
+pytestmark = pytest.mark.timed
+
 DEADLINE_S = 0.1
 
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    with site_at_work(tmp_path_factory.mktemp("late"), DEADLINE_S, num_selected=3) as made:
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    with site_at_work(tmp_path, DEADLINE_S, num_selected=3) as made:
         yield made
 
 
@@ -35,8 +38,6 @@ def test_jitter_and_loss_leave_no_camera_out(site: Site) -> None:
 
     assert eventually(looked)
     assert np.mean(left_out) < 0.1, site.events  # a half, if what comes late does not count
-    site.hub.delay_s = lambda topic: 0.0
-    site.hub.fault = lambda topic, payload: payload
 
 
 def test_camera_that_is_always_late_is_left_out_told_and_taken_back(site: Site) -> None:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import random
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,13 +19,16 @@ from e3pose.energy.budgets import parse_budget
 from e3pose.energy.profiles import load_profile
 from e3pose.wire.codec import unpack
 
+pytestmark = pytest.mark.slow
 
-@pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
-    with site_at_work(tmp_path_factory.mktemp("edge")) as made:
+
+@pytest.fixture
+def site(tmp_path: Path) -> Iterator[Site]:
+    with site_at_work(tmp_path) as made:
         yield made
 
 
+@pytest.mark.timed
 def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
     edge = site.edge
     assert edge is not None and edge.failure is None
@@ -34,11 +37,12 @@ def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
     assert slots == list(range(slots[0], slots[0] + len(slots)))
 
     def in_time() -> bool:
-        """Return whether orders of a second and a half come in time: on a busy machine in the end,
-        since the lead follows."""
+        """Return whether orders for 30 slots come in time: on a busy machine in the end, since
+        the lead follows."""
         before = {i: (node.schedule.orders, node.schedule.late) for i, node in site.nodes.items()}
         missed, ordered = edge.counts.missed.sum(), edge.counts.ordered.sum()
-        time.sleep(1.5)
+        done = edge.counts.slots + 30
+        assert eventually(lambda: edge.counts.slots >= done)
         came = {
             i: (node.schedule.orders - before[i][0], node.schedule.late - before[i][1])
             for i, node in site.nodes.items()
@@ -76,6 +80,7 @@ def test_garbage_puts_a_camera_in_quarantine_and_no_other(site: Site) -> None:
     assert eventually(lambda: site.online() == {"cam0", "cam1", "cam2"})
 
 
+@pytest.mark.timed
 def test_partition_is_noticed_in_two_seconds_and_healed(site: Site) -> None:
     def cut(topic: str, payload: bytes) -> bytes | None:
         return None if "cam2" in topic else payload
@@ -101,6 +106,7 @@ def test_partition_is_noticed_in_two_seconds_and_healed(site: Site) -> None:
     assert eventually(lambda: site.told("camera-back", "cam2"))
 
 
+@pytest.mark.timed
 def test_lossy_network_loses_views_but_no_slot(site: Site) -> None:
     rng, edge = random.Random(1), site.edge
     assert edge is not None
@@ -140,7 +146,7 @@ def test_restarted_edge_goes_on_where_it_was(site: Site) -> None:
     assert edge.newest is not None
     last, ids = edge.newest, set(edge.newest.track_ids.tolist())
     again = site.start_edge()
-    assert again.state.slot == last.slot + 1
+    assert again.state.slot == edge.state.slot > last.slot
     np.testing.assert_allclose(again.state.deficit, edge.state.deficit)
     assert eventually(lambda: again.counts.slots > 5)
     assert again.times == edge.times  # the same slots in the same time
@@ -162,6 +168,7 @@ def test_damaged_state_is_set_aside_not_lost(site: Site) -> None:
     assert eventually(lambda: again.counts.slots > 5)
 
 
+@pytest.mark.timed
 def test_slow_and_lossy_air_makes_orders_go_out_earlier(site: Site) -> None:
     rng, edge = random.Random(2), site.edge
     assert edge is not None

@@ -6,7 +6,6 @@ import datetime
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -18,8 +17,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.ports import free_port
 from tests.waiting import WAIT_S, eventually
 
+from e3pose.errors import InputError
 from e3pose.recording import save_recording
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate
@@ -33,12 +34,6 @@ HERE = Path(__file__).parent
 CAMERAS = ("cam0", "cam1", "cam2")
 FPS = 20.0
 COMPILE_S = 240.0  # what a machine that never ran this may take
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def make_recording(folder: Path) -> Path:
@@ -169,6 +164,10 @@ class LiveSite:
             return set()
         return {camera.camera_id for camera in self.status().cameras if camera.online}
 
+    def cameras_since(self, since: int) -> list[CameraStatus]:
+        """Return what was said of all cameras from a status on."""
+        return [camera for _, status in self.statuses[since:] for camera in status.cameras]
+
     def becomes(self, *camera_ids: str) -> None:
         """Wait until exactly these cameras are online."""
         assert eventually(lambda: self.online() == set(camera_ids)), self.told()
@@ -182,7 +181,7 @@ class LiveSite:
             camera_id: which.
             since: the first status to look at.
         """
-        cameras = [c for _, s in self.statuses[since:] for c in s.cameras if c.online]
+        cameras = [c for c in self.cameras_since(since) if c.online]
         silences_s = [c.last_seen_s for c in cameras if c.camera_id == camera_id]
         return max((s for s in silences_s if s is not None), default=0.0)
 
@@ -203,13 +202,20 @@ class LiveSite:
             given_up = self.status().slots_lost - lost
             if len(missing) <= given_up:
                 return True
-            store = self.folder / "poses.db"
-            if not store.exists():
-                return False
-            kept = {row["slot"] for row in Store(store).rows("slots")}
-            return len(missing - kept) <= given_up
+            return len(missing - set(self.stored())) <= given_up
 
         assert eventually(told, 3.0), self.told()
+
+    def stored(self, database: str = "poses.db") -> list[int]:
+        """Return the slots in the store, oldest first; none while there is no store."""
+        try:
+            return [row["slot"] for row in Store(self.folder / database).rows("slots")]
+        except InputError:
+            return []
+
+    def stores(self, slot: int, database: str = "poses.db") -> None:
+        """Wait until the store has a slot or a later one."""
+        assert eventually(lambda: max(self.stored(database), default=-1) >= slot), self.told()
 
     def whole(self) -> None:
         """Start cameras that do not run, and wait for all."""

@@ -13,7 +13,7 @@ from tests.waiting import eventually
 from e3pose.store import Store
 from e3pose.wire.access import VIEW_BYTES
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.timed]
 
 NOTICED_S = 2.0
 QUEUE_BYTES = 256 * VIEW_BYTES  # what the network keeps at most until it is read
@@ -60,8 +60,7 @@ def test_killed_camera_is_noticed_and_replaced_by_others(site: LiveSite) -> None
     assert site.longest_silence_s("cam1", since) < NOTICED_S
     site.flows(5)
     here = site.status().slot + 10
-    site.flows(30)
-    time.sleep(1.0)  # the store commits
+    site.stores(here + 20)
     first, killed, last = looked(site, here)
     assert killed == 0.0 and min(first, last) > 0.7  # but for slots whose orders were late
     site.wait("cam1")

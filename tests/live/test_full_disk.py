@@ -43,8 +43,6 @@ def fill(path: Path) -> None:
 
 
 def test_full_disk_is_told_and_stops_nobody(small_site: LiveSite) -> None:
-    from e3pose.store import Store
-
     site, disk = small_site, small_site.folder / "disk"
     state = disk / "state.npz"
     assert eventually(state.exists)
@@ -64,7 +62,5 @@ def test_full_disk_is_told_and_stops_nobody(small_site: LiveSite) -> None:
     os.unlink(disk / "filler")
     assert eventually(lambda: "the state is kept again" in site.log("edge").read_text())
     site.flows(30)
-    newest = site.poses[-1].slot
-    database = Store(disk / "poses.db")
-    assert eventually(lambda: database.rows("slots")[-1]["slot"] >= newest), site.told()
-    site.unbroken([row["slot"] for row in database.rows("slots")], 0)  # the spool had the rest
+    site.stores(site.poses[-1].slot, "disk/poses.db")
+    site.unbroken(site.stored("disk/poses.db"), 0)  # the spool had the rest

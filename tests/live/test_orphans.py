@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import signal
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
 import pytest
-from tests.live.processes import COMPILE_S, e3pose
+from tests.live.processes import COMPILE_S, LiveSite, e3pose
 from tests.waiting import eventually
 
 pytestmark = pytest.mark.live
@@ -54,7 +53,8 @@ def test_killed_up_leaves_nobody_behind(tmp_path: Path) -> None:
     with killed(command, tmp_path / "up.log", 5) as children:
         state = folder / "state.npz"
         assert eventually(state.exists, COMPILE_S), logs[0].read_text()
-        time.sleep(1.0)
+        site = LiveSite(folder)
+        assert eventually(lambda: len(site.stored("live.db")) >= 10), logs[0].read_text()
         psutil.Process(children[0].ppid()).send_signal(signal.SIGKILL)
         assert eventually(lambda: gone(children), GONE_S), children
     # Each ended as if it was told to: with its last words, and what it keeps whole.

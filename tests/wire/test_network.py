@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.errors import InputError
@@ -19,12 +20,6 @@ from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_r
 from e3pose.wire.network import NetworkTransport, open_network
 
 SILENCE_S = 0.4  # how long to wait for what must not come
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Site:

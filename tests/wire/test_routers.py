@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import datetime
 import re
-import socket
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 import zenoh
+from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.wire.access import Link
@@ -20,12 +20,6 @@ from e3pose.wire.network import NetworkTransport, open_network
 PAGE = (Path(__file__).parents[2] / "docs" / "live.md").read_text()
 NOW = datetime.datetime.now(datetime.timezone.utc)
 SILENCE_S = 0.4
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Site:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.waiting import settled
 
 from e3pose.errors import InputError
 from e3pose.learn.train.parallel import ROUND, Workers
@@ -38,8 +38,7 @@ def make_file(folder: Path, task: int) -> int:
 def test_no_more_is_made_than_is_soon_used(tmp_path: Path) -> None:
     results = Workers(2).run(make_file, tmp_path, range(1000))
     assert [next(results) for _ in range(20)] == list(range(20))
-    time.sleep(1.0)  # in which hundreds could be made
-    assert len(list(tmp_path.iterdir())) <= 20 + 2 * ROUND * 2
+    assert settled(lambda: len(list(tmp_path.iterdir()))) <= 20 + 2 * ROUND * 2
     results.close()  # type: ignore[attr-defined]
 
 
