@@ -9,7 +9,14 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
+MARKED = sorted(
+    str(path)
+    for path in (ROOT / "tests").rglob("test_*.py")
+    if "pytest.mark.shared" in path.read_text() and path != Path(__file__)
+)
 
 
 @pytest.mark.parametrize("value", ["", None])
@@ -18,8 +25,9 @@ def test_without_real_recordings_their_tests_skip(value: str | None, tmp_path: P
     if value is not None:
         environment["E3POSE_SHARED"] = value
     command = [sys.executable, "-m", "pytest", "-q", "-m", "shared", "-p", "no:cacheprovider"]
+    assert len(MARKED) > 10
     done = subprocess.run(
-        [*command, f"--basetemp={tmp_path / 'base'}"],
+        [*command, f"--basetemp={tmp_path / 'base'}", *MARKED],
         cwd=ROOT,
         env=environment,
         capture_output=True,

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 SIZE = (1000, 800)
 K = np.array([[700.0, 3.0, 500.0], [0.0, 690.0, 400.0], [0.0, 0.0, 1.0]])
 NUM_JOINTS = 17
-NUM_LENSES = 400
+NUM_LENSES = 200
 LENSES: dict[str, tuple[list[float], bool]] = {
     "none": ([], False),
     "zeros": ([0.0] * 5, False),
@@ -110,7 +110,7 @@ def test_random_lenses_are_inverted_as_in_the_reference() -> None:
         well_seen = on_the_image_plane(seen_by, rng.uniform(0, 0.95, 600), directions)
         assert assert_same(seen_by, well_seen).max() < 1e-9
         kept += len(well_seen)
-    assert lost > 10_000 and kept > 100_000
+    assert lost > 5_000 and kept > 50_000
 
 
 @pytest.mark.parametrize("lens", [name for name in LENSES if name not in ("none", "enormous")])

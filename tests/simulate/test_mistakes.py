@@ -13,6 +13,8 @@ from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.hiding import covered_by_others
 from e3pose.simulate.mistakes import episodes, merge_people, swap_sides
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 
 FAULTLESS = DetectorSettings(
@@ -26,7 +28,7 @@ def record(
     detector: DetectorSettings, people: int = 1, seed: int = 0, scene: str = "ring"
 ) -> Recording:
     return simulate(
-        SceneSettings(scene=scene, people=people, seconds=120, cameras=4, detector=detector), seed
+        SceneSettings(scene=scene, people=people, seconds=60, cameras=4, detector=detector), seed
     )
 
 
@@ -95,7 +97,7 @@ def test_whole_people_are_missed_in_episodes_as_often_as_asked() -> None:
 
 def test_occluded_joints_are_missed_more_often_and_score_lower() -> None:
     detector = replace(DetectorSettings(), person_miss=0, merge=0, swap=0, ghosts=0, noise=0)
-    settings = SceneSettings(scene="crossing", people=2, seconds=240, cameras=3, detector=detector)
+    settings = SceneSettings(scene="crossing", people=2, seconds=120, cameras=3, detector=detector)
     recording = simulate(settings, 5)
     assert recording.truth is not None
     joints = recording.truth.joints_m

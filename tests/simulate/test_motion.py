@@ -12,13 +12,15 @@ from e3pose.model.skeleton import COCO17
 from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.body import Body, Posture, draw_body, joints_of
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 TORSO = {(5, 11), (6, 12)}  # not bones: the spine twists between shoulders and hips
 SEEDS = (1, 2)
 
 
 @cache
-def truth(scene: str, seed: int, seconds: float = 60.0) -> Floats:
+def truth(scene: str, seed: int, seconds: float = 30.0) -> Floats:
     settings = SceneSettings(
         scene=scene, seconds=seconds, cameras=1, fps=25, detector=DetectorSettings(perfect=True)
     )
@@ -121,7 +123,7 @@ def test_walking_knees_swing_and_arms_go_against_the_legs() -> None:
 
 
 def test_people_sit_on_seats_and_get_up_again() -> None:
-    joints = truth("meeting", 1)
+    joints = truth("meeting", 1, 60.0)
     height = hips(joints)[..., 2]
     seated = height < 0.6
     assert seated.any(axis=0).all() and (~seated & np.isfinite(height)).any(axis=0).all()

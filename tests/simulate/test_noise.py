@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.noise import correlated, normal_cdf, size_scale
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 
 # Measured on Shelf: scores, median residual in pixels, share beyond 40 pixels.
@@ -41,7 +43,7 @@ def noisy() -> tuple[Floats, Floats]:
     """
     detector = DetectorSettings(swap=0, merge=0, ghosts=0, person_miss=0)
     all_errors, all_scores = [], []
-    for seed in range(8):
+    for seed in range(6):
         settings = SceneSettings(people=1, seconds=80, cameras=5, radius_m=3.7, detector=detector)
         recording = simulate(settings, seed)
         assert recording.truth is not None

@@ -16,6 +16,8 @@ from e3pose.simulate.occluders import Box
 from e3pose.simulate.steering import PERSON_RADIUS_M
 from e3pose.simulate.ways import Ways
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 
 ROOMS = ("two-rooms", "l-hall")

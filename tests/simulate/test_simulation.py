@@ -14,6 +14,8 @@ from e3pose.geometry.rigs import ring_rig, watched_area
 from e3pose.recording import Recording
 from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 PERFECT = DetectorSettings(perfect=True)
 

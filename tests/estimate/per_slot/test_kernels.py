@@ -22,10 +22,12 @@ from e3pose.estimate.per_slot.fuse import Fuser, Fusion, FusionSettings
 from e3pose.estimate.per_slot.nullspace import null_vector
 from e3pose.geometry.camera import Camera, Rig
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 Slot = tuple[Floats, Floats, NDArray[np.int64]]
 
-NUM_RIGS = {"without distortion": 500, "with any lenses": 2000}
+NUM_RIGS = {"without distortion": 250, "with any lenses": 500}
 AGREE_M = 1e-6
 REACH_M = 100.0  # a joint further away than this is an accident of nearly parallel rays
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
@@ -23,11 +24,14 @@ from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.noise import MEMORY, correlated, normal_cdf
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 
 KNOTS, SIGMA_PX = np.array([0.1, 0.4, 0.7, 1.0]), np.array([14.0, 9.0, 5.0, 2.5])
 
 
+@functools.cache
 def known_noise(cameras: int = 5, seed: int = 1) -> Recording:
     """Return people of whom each keypoint has a random score, and the error of that score.
 
