@@ -8,7 +8,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test check lint bench soak attack test-all clean
+.PHONY: help demo test test-fast check lint bench soak attack test-all clean
 help:  ## say what there is
 	@echo 'make WHAT, each from a bare Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -29,11 +29,18 @@ $(VENV)/.dev: pyproject.toml | $(BIN)/python
 demo: $(VENV)/.all  ## a live site on real videos; poses and a report out (demo-output/)
 	$(BIN)/e3pose demo demo-output --overwrite
 
+# What computes shares the cores; sites run beside each other; what is timed runs beside nothing.
+PYTEST := $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
+COVERED := --cov --cov-append --cov-report= --cov-fail-under=0
 test: $(VENV)/.dev  ## run the tests and print the coverage
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest -q
-	$(BIN)/coverage combine --quiet
+	$(PYTEST) $(COVERED) -n 2 -m 'not live and not timed'
+	$(PYTEST) $(COVERED) -n 3 -m 'live and not timed' tests/live
+	$(PYTEST) $(COVERED) -m timed
 	$(BIN)/coverage report
+
+test-fast: $(VENV)/.dev  ## run what takes less than a minute in all, for while you work
+	$(PYTEST) -n 2 -m 'not slow and not live and not timed and not shared and not network'
 
 check: $(VENV)/.dev  ## formatting, lint, types, and who may import whom
 	$(BIN)/ruff format --check .

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import signal
+import subprocess
+import sys
 
+import pytest
 from hypothesis import settings
 
 # The same examples in every run. Others are found, and worth looking for, with
@@ -15,3 +18,30 @@ settings.load_profile("fixed")
 # tests that interrupt a program would wait for it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+COMPILED = "e3pose/compiled"  # key in pytest's cache
+
+# The loop of either estimator, over a few slots.
+COMPILE = """
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.simulate import SceneSettings, simulate
+recording = simulate(SceneSettings(people=2, seconds=0.5, cameras=3), 0)
+for name in ("default", "paper"):
+    list(replay(recording, ReplaySettings(pipeline=name, num_selected=3)))
+"""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the kernels before workers start, who would each compile all of them."""
+    config = session.config
+    if not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
+        return
+    from e3pose.kernel import FILTER_SOURCES, sources_stamp
+
+    stamp, cache = sources_stamp(FILTER_SOURCES), getattr(config, "cache", None)
+    if cache is not None and cache.get(COMPILED, None) == stamp:
+        return
+    subprocess.run([sys.executable, "-c", COMPILE], check=True)
+    if cache is not None:
+        cache.set(COMPILED, stamp)

@@ -41,6 +41,8 @@ from e3pose.simulate import DetectorSettings, SceneSettings
 from e3pose.store import Run, StoreWriter
 from e3pose.wire.messages import Heartbeat, Status
 
+pytestmark = pytest.mark.slow
+
 BEGIN_NS = 1_795_000_000_000_000_000
 SMALL = SceneSettings(
     people=2, seconds=2.0, fps=10, cameras=4, detector=DetectorSettings(perfect=True)

@@ -14,6 +14,8 @@ import pytest
 
 import e3pose
 
+pytestmark = pytest.mark.slow
+
 HEAVY = {
     "torch",
     "cv2",

@@ -9,6 +9,8 @@ import pytest
 from e3pose.cli.app import main
 from e3pose.simulate import DetectorSettings, SceneSettings
 
+pytestmark = pytest.mark.slow
+
 
 def run(*words: str) -> int | str | None:
     with pytest.raises(SystemExit) as ended:

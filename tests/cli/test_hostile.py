@@ -17,6 +17,8 @@ from e3pose.cli import main
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 HEADER, RIG, KEYPOINTS, TRUTH = (
     "recording.toml",
     "calibration.toml",

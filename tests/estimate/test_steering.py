@@ -27,6 +27,8 @@ from e3pose.recording import Recording
 from e3pose.settings.loop import STEERING_SLOTS
 from e3pose.simulate import SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 CASES = [("two-rooms", 31), ("ring", 32), ("crossing", 31)]
 INTERVAL_S = 0.08
 

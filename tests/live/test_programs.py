@@ -13,7 +13,8 @@ from pathlib import Path
 
 import psutil
 import pytest
-from tests.live.processes import COMPILE_S, LiveSite, e3pose, free_port, run
+from tests.live.processes import COMPILE_S, LiveSite, e3pose, run
+from tests.ports import free_port
 from tests.waiting import eventually
 
 from e3pose.calibration import load_rig

@@ -179,6 +179,7 @@ def test_with_a_target_somebody_always_looks_now_and_then() -> None:
     assert policy.select(situation(nobody, unseen_slots=stale)).sum() == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target_error_m", [None, 0.02])
 def test_unequal_budgets_are_kept_in_the_long_run(target_error_m: float | None) -> None:
     rng = np.random.default_rng(5)

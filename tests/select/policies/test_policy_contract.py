@@ -105,6 +105,7 @@ def test_makes_up_the_number_when_cameras_die(name: str) -> None:
         assert not (selection & ~online).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BUDGETED)
 @pytest.mark.parametrize("budget", [0.6, 0.7, 0.9])
 def test_keeps_the_budget_in_the_long_run(name: str, budget: float) -> None:

@@ -27,6 +27,8 @@ from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 Slot = tuple[Mapping[int, Poses2D], float]
 Slots = list[Slot]
