@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -125,30 +124,6 @@ def test_left_right_swap_in_one_view_does_little_harm() -> None:
     views[1] = Poses2D(views[1].keypoints_px[:, swapped], views[1].scores)
     _, estimates = run([views] * 10, belief=belief)
     assert error_m(estimates[-1], person)[0, 0] < 0.02
-
-
-def test_saved_and_restored_goes_on_exactly() -> None:
-    rng = np.random.default_rng(5)
-    people = standing((0.0, 0.0), (1.0, 0.3))
-    slots = [see(people, turn(i), 2.0, rng) for i in range(30)]
-    half, _ = run(slots[:15])
-    file = io.BytesIO()
-    np.savez(file, **belief_to_arrays(half))  # type: ignore[arg-type]
-    file.seek(0)
-    with np.load(file, allow_pickle=False) as arrays:
-        restored = belief_from_arrays(arrays, MODEL)
-    straight, _ = run(slots[15:], belief=half)
-    resumed, _ = run(slots[15:], belief=restored)
-    for name, array in belief_to_arrays(straight).items():
-        np.testing.assert_array_equal(belief_to_arrays(resumed)[name], array)
-
-
-def test_step_changes_nothing_it_was_given() -> None:
-    belief, _ = run(see(standing((0.0, 0.0))) for _ in range(5))
-    before = {name: np.array(array) for name, array in belief_to_arrays(belief).items()}
-    step(MODEL, belief, see(standing((0.1, 0.0))), belief.time_s + 0.04)
-    for name, array in belief_to_arrays(belief).items():
-        np.testing.assert_array_equal(array, before[name])
 
 
 @pytest.mark.parametrize(
