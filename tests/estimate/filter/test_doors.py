@@ -38,7 +38,9 @@ def visits(belief: Belief | None, times: int) -> Belief:
     return belief
 
 
-VISITED = visits(None, 3)
+@pytest.fixture(scope="module")
+def visited() -> Belief:
+    return visits(None, 3)
 
 
 def hazard_at(belief: Belief, place: tuple[float, float]) -> float:
@@ -53,23 +55,27 @@ def looks_until_hidden(belief: Belief, place: tuple[float, float]) -> int:
     return [len(estimate) for estimate in estimates].index(0)
 
 
-def test_hazard_is_high_where_people_came_and_left_and_low_where_they_stayed() -> None:
-    assert hazard_at(VISITED, DOOR) > 10 * doors.PRIOR_HZ
-    assert hazard_at(VISITED, MIDDLE) < doors.PRIOR_HZ
-    assert hazard_at(VISITED, (-3.0, -3.0)) == pytest.approx(doors.PRIOR_HZ)
+def test_hazard_is_high_where_people_came_and_left_and_low_where_they_stayed(
+    visited: Belief,
+) -> None:
+    assert hazard_at(visited, DOOR) > 10 * doors.PRIOR_HZ
+    assert hazard_at(visited, MIDDLE) < doors.PRIOR_HZ
+    assert hazard_at(visited, (-3.0, -3.0)) == pytest.approx(doors.PRIOR_HZ)
 
 
-def test_who_leaves_through_a_learned_door_is_gone_sooner_than_who_is_lost_in_the_middle() -> None:
-    assert looks_until_hidden(VISITED, DOOR) == 1
-    assert looks_until_hidden(VISITED, MIDDLE) >= 2
+def test_who_leaves_through_a_learned_door_is_gone_sooner_than_who_is_lost_in_the_middle(
+    visited: Belief,
+) -> None:
+    assert looks_until_hidden(visited, DOOR) == 1
+    assert looks_until_hidden(visited, MIDDLE) >= 2
     assert looks_until_hidden(Belief.empty(MODEL), DOOR) >= 2  # nobody knows yet that it is one
 
 
-def test_who_is_hidden_behind_a_pillar_stays() -> None:
+def test_who_is_hidden_behind_a_pillar_stays(visited: Belief) -> None:
     """Two of five cameras never show the middle; people there were seen by the others."""
     person = standing(MIDDLE)
     hidden = {0: Poses2D.empty(17), 3: Poses2D.empty(17)}
-    belief, _ = run((see(person) | hidden for _ in range(50)), FPS, belief=VISITED)
+    belief, _ = run((see(person) | hidden for _ in range(50)), FPS, belief=visited)
     _, estimates = run([hidden] * 2, FPS, belief=belief)
     assert [len(estimate) for estimate in estimates] == [1, 1]
     _, estimates = run([NOBODY] * 2, FPS, belief=belief)
@@ -92,9 +98,9 @@ def test_a_second_track_of_somebody_there_leaves_through_no_door() -> None:
     assert doors.learn(before, alone, MODEL)[..., doors.PASSED].sum() > 0
 
 
-def test_a_door_that_is_locked_is_forgotten() -> None:
-    belief, _ = run((see(standing(DOOR)) for _ in range(300)), FPS, belief=VISITED)
-    assert hazard_at(belief, DOOR) < 0.3 * hazard_at(VISITED, DOOR)
+def test_a_door_that_is_locked_is_forgotten(visited: Belief) -> None:
+    belief, _ = run((see(standing(DOOR)) for _ in range(300)), FPS, belief=visited)
+    assert hazard_at(belief, DOOR) < 0.3 * hazard_at(visited, DOOR)
     assert belief.doors[..., doors.FOLLOWED].max() <= doors.MOST_S + 1e-9
 
 
@@ -107,15 +113,15 @@ def test_place_where_somebody_was_last_measured_is_found_back() -> None:
     np.testing.assert_allclose(doors.measured_m(later, np.array([0]), MODEL), place, atol=0.01)
 
 
-def test_doors_outlast_a_long_pause_and_are_the_same_compiled() -> None:
-    kernel, plain, fast = StepKernel(), VISITED, VISITED
-    later, _ = run([{}], 0.001, belief=VISITED)
-    np.testing.assert_array_equal(later.doors, VISITED.doors)
+def test_doors_outlast_a_long_pause_and_are_the_same_compiled(visited: Belief) -> None:
+    kernel, plain, fast = StepKernel(), visited, visited
+    later, _ = run([{}], 0.001, belief=visited)
+    np.testing.assert_array_equal(later.doors, visited.doors)
     way = [see(p) for p in walk(MIDDLE, DOOR, 2.0)] + [NOBODY] * 20 + [{}]
-    times = [VISITED.time_s + (i + 1) / FPS for i in range(len(way))]
+    times = [visited.time_s + (i + 1) / FPS for i in range(len(way))]
     times[-1] += 60.0
     for views, time_s in zip(way, times, strict=True):
         plain, _ = run([views], 1 / (time_s - plain.time_s), belief=plain)
         fast, _ = kernel(MODEL, fast, views, time_s)
-    assert plain.doors[..., doors.PASSED].sum() > VISITED.doors[..., doors.PASSED].sum()
+    assert plain.doors[..., doors.PASSED].sum() > visited.doors[..., doors.PASSED].sum()
     np.testing.assert_allclose(fast.doors, plain.doors, atol=1e-9)
