@@ -8,7 +8,7 @@ from tests.reference.filter_motion import spread
 
 from e3pose.estimate.base import People
 from e3pose.estimate.filter.motion import places
-from e3pose.estimate.filter.posterior import Posterior
+from e3pose.estimate.filter.posterior import Posterior, Start
 from e3pose.estimate.filter.tree import grow
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
@@ -74,10 +74,10 @@ def test_whole_bodies_move_on_as_the_filter_says(
 ) -> None:
     posterior = replayed[1][40]
     whole = written_out(TREE, posterior.covariance, posterior.shared)
-    move, noise = body_transition(TREE, 0.08)
+    shares = np.linspace(0.4, 2.0, 17 * len(whole)).reshape(len(whole), 17)
+    move, noise = body_transition(TREE, 0.08, shares)
     after = (move @ whole @ move.T + noise).reshape(len(whole), 17, 6, 17, 6)
-    all_noise = np.ones(posterior.covariance.shape[:2])
-    covariance, shared = spread(TREE, posterior.covariance, posterior.shared, all_noise, 0.08)
+    covariance, shared = spread(TREE, posterior.covariance, posterior.shared, shares, 0.08)
     for joint, parent in enumerate(TREE.parents.tolist()):
         np.testing.assert_allclose(after[:, joint, :, joint], covariance[:, joint], atol=1e-12)
         if parent >= 0:
@@ -145,10 +145,21 @@ def test_people_who_come_and_go_are_smoothed_by_themselves(
         np.testing.assert_array_equal(known, np.isfinite(late.poses.joints_m).all(axis=-1))
 
 
+def test_a_slot_starts_where_steering_left_the_one_before(
+    replayed: tuple[list[SlotRecord], list[Posterior]],
+) -> None:
+    before, posterior = replayed[1][39:41]
+    assert posterior.start.time_s == before.time_s
+    np.testing.assert_array_equal(posterior.start.tracks, before.tracks)
+    np.testing.assert_array_equal(posterior.start.state[..., :3], before.state[..., :3])
+    assert (posterior.start.state[..., 3:] != before.state[..., 3:]).any()
+    assert (posterior.start.drift_share < 1).any()
+
+
 def test_nobody_is_nobody() -> None:
     none = np.zeros(0, dtype=np.int64)
-    empty = Posterior(
-        0.0, none, none, np.zeros((0, 17, 6)), np.zeros((0, 17, 6, 6)), np.zeros((0, 17, 6, 6))
-    )
+    state, covariance = np.zeros((0, 17, 6)), np.zeros((0, 17, 6, 6))
+    start = Start(0.0, none, state, np.ones((0, 17)))
+    empty = Posterior(0.0, none, none, state, covariance, covariance, start)
     assert [late.joints_m.shape for late in smooth_bodies(TREE, [empty, empty])] == [(0, 17, 3)] * 2
     assert smooth_bodies(TREE, []) == []

@@ -2,8 +2,8 @@
 
 A body of the filter is a Gaussian tree over the joints (`filter.tree`). Written out it is one
 Gaussian of all positions and velocities, moved on by the filter's own motion model
-(`filter.motion`); `rauch` takes it back. Nothing is linearised again and no view is read: all that
-views said is in the posteriors.
+(`filter.motion`), with the velocities and the noise that steering left; `rauch` takes it back.
+Nothing is linearised again and no view is read: all that views said is in the posteriors.
 """
 
 from __future__ import annotations
@@ -142,11 +142,19 @@ def written_out(tree: Tree, covariance: Floats, shared: Floats) -> Floats:
     return np.asarray(whole.transpose(2, 0, 3, 1, 4).reshape(num_tracks, size, size))
 
 
-def body_transition(tree: Tree, dt: float) -> tuple[Floats, Floats]:
-    """Return F and Q of a whole body over `dt` seconds, `(6 num_joints, 6 num_joints)` each.
+def body_transition(tree: Tree, dt: float, drift_share: Floats) -> tuple[Floats, Floats]:
+    """Return F of a whole body over `dt` seconds and Q of each.
 
     x' = F x + w, Cov w = Q: what `filter.motion` says joint by joint, but for the swing of limbs,
     which moves the mean alone.
+
+    Args:
+        tree: of the skeleton.
+        dt: seconds, 0 or more.
+        drift_share: `(num_tracks, num_joints)` share of the process noise that counts.
+
+    Returns:
+        `(6 num_joints, 6 num_joints)` and `(num_tracks, 6 num_joints, 6 num_joints)`.
     """
     num_joints = len(tree.parents)
     move = np.zeros((num_joints, 6, num_joints, 6))
@@ -162,9 +170,10 @@ def body_transition(tree: Tree, dt: float) -> tuple[Floats, Floats]:
                 move[joint] += move[parent]
                 move[joint, :, parent] -= R[row]
                 above[joint] += above[parent]
-    noise = np.einsum("jk,kab,ik->jaib", above, own, above, optimize=True)
+    both = above[:, None] * above  # in whose noise two joints both take part
+    noise = np.einsum("jik,tk,kab->tjaib", both, drift_share, own, optimize=True)
     size = 6 * num_joints
-    return move.reshape(size, size), noise.reshape(size, size)
+    return move.reshape(size, size), noise.reshape(-1, size, size)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,9 +206,13 @@ def _linked(tree: Tree, posterior: Posterior, later: Posterior | None) -> _Link:
     if len(now) == 0:
         return _Link(posterior, covariance, none, none, None)
     dt = later.time_s - posterior.time_s
-    move, noise = body_transition(tree, dt)
+    state, share = posterior.state[now], np.ones((len(now), len(tree.parents)))
+    if later.start.time_s == posterior.time_s:  # no slot between them was left out
+        rows = np.searchsorted(later.start.tracks, posterior.tracks[now])
+        state, share = later.start.state[rows], later.start.drift_share[rows]
+    move, noise = body_transition(tree, dt, share)
     across = covariance[now] @ move.T
-    mean = _columns(places(tree, posterior.state[now], dt))
+    mean = _columns(places(tree, state, dt))
     expected = expect(mean, move @ across + noise, across)
     return _Link(posterior, covariance, now, then, expected)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tests.estimate.filter.room import step
 
 from e3pose.estimate.filter import Belief, Model, outlook
-from e3pose.estimate.filter.motion import places, strayed
+from e3pose.estimate.filter.motion import fading, places
 from e3pose.estimate.filter.steer import GAIN, LEAST_SHARE, MOST_SHARE, SQUARES, steer, unforeseen
 from e3pose.model.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate
@@ -93,7 +93,7 @@ def test_less_is_unknown_of_motion_that_is_foretold() -> None:
 def grown(shares: float, interval_s: float) -> Floats:
     """Return errors of two slots that grow by a share of what the filter's motion leaves open."""
     drift, lasts_s = MODEL.alone
-    first, second = (3 * drift * strayed(lasts_s, n * interval_s) for n in (1, 2))
+    first, second = (3 * fading(drift, lasts_s, n * interval_s)[1][:, 0, 0] for n in (1, 2))
     error_m = np.full((2, 1, len(drift)), 0.02)
     error_m[1] = np.sqrt(error_m[0] ** 2 + shares * (second - first) / SQUARES)
     return error_m

@@ -101,7 +101,7 @@ class Filtered:
             estimate.measured,
             {"estimate": clock() - start},
             learned_noise.found(belief.noise, self.model.noise.weight),
-            posterior_of(belief, identities.of(belief.track_ids)),
+            posterior_of(memory.belief, belief, identities.of(belief.track_ids)),
             learned_shift.found_px(belief.shifts, self.model),
         )
         return Remembered(belief, identities, estimate.track_ids, history), people

@@ -81,7 +81,7 @@ def fading(density_m2ps3: Floats, lasts_s: Floats, dt: float) -> tuple[Floats, F
     fade = np.exp(-dt / tau)
     gone = 1 - fade
     step = np.array([[np.ones_like(tau), tau * gone], [np.zeros_like(tau), fade]])
-    pp = strayed(tau, dt)
+    pp = tau**2 * (dt - 2 * tau * gone + tau * (1 - fade**2) / 2)
     pv, vv = (tau * gone) ** 2 / 2, tau * (1 - fade**2) / 2
     noise: Floats = np.array([[pp, pv], [pv, vv]]) * density_m2ps3
     R = np.moveaxis(step, (0, 1), (-2, -1))
@@ -101,14 +101,3 @@ def transitions(tree: Tree, level: Ints, dt: float) -> tuple[Floats, Floats]:
     step, noise = fading(density, tree.lasts_s[level], dt)
     R, W = (np.asarray(np.kron(each, np.eye(3)), dtype=np.float64) for each in (step, noise))
     return R, W
-
-
-def strayed(lasts_s: Floats, dt: float) -> Floats:
-    """Return by how much the variance of a place grows in `dt` seconds, by density of the noise.
-
-    Args:
-        lasts_s: until a velocity is down to 1/e, of any shape.
-        dt: seconds, 0 or more.
-    """
-    fade = np.exp(-dt / lasts_s)
-    return np.asarray(lasts_s**2 * (dt - 2 * lasts_s * (1 - fade) + lasts_s * (1 - fade**2) / 2))

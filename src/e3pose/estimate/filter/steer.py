@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.estimate.filter.motion import places, strayed
+from e3pose.estimate.filter.motion import fading, places
 from e3pose.estimate.filter.state import Belief, Floats, Ints, Model
 from e3pose.estimate.filter.tree import Tree
 
@@ -78,7 +78,7 @@ def unforeseen(model: Model, error_m: Floats, interval_s: float) -> Floats:
         interval_s: seconds a slot.
     """
     drift, lasts_s = model.alone
-    first, second = (strayed(lasts_s, slots * interval_s) for slots in (1, 2))
+    first, second = (fading(drift, lasts_s, slots * interval_s)[1][..., 0, 0] for slots in (1, 2))
     grown = SQUARES * (error_m[1] ** 2 - error_m[0] ** 2)
-    share = LEAST_SHARE + grown / (3 * drift * (second - first))
+    share = LEAST_SHARE + grown / (3 * (second - first))
     return np.asarray(np.clip(share, LEAST_SHARE, MOST_SHARE))
