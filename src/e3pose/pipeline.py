@@ -53,6 +53,7 @@ class Pipeline:
         steering: the predictor that steers the estimator, as far as it states its errors; None
             leaves the estimator alone.
         own_boxes: whether the policy asks what cameras foresee from the boxes of their own views.
+        waking: makes the policy for another number of cameras a slot; None where it has none.
         clock: seconds, for stage times only.
     """
 
@@ -71,6 +72,7 @@ class Pipeline:
     foresees: bool = False
     steering: Predictor | None = None
     own_boxes: bool = True
+    waking: Callable[[float], Policy] | None = None
 
     def with_predictor(self, predictor: Predictor) -> Pipeline:
         """Return the pipeline with another predictor, which steers where one did."""

@@ -8,15 +8,18 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+from e3pose.settings.parts import make_pipeline
 from tests.waiting import eventually
 
 from e3pose.camera.live import CameraNode, NodeSettings
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
 from e3pose.clock import WallClock
+from e3pose.edge.news import News
 from e3pose.edge.server import EdgeServer
+from e3pose.edge.state_file import StateFile
 from e3pose.recording import Recording
 from e3pose.settings.edge import EdgeSettings
-from e3pose.settings.loop import ReplaySettings, make_pipeline
+from e3pose.settings.loop import ReplaySettings
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.store.rows import Event
@@ -52,16 +55,17 @@ class Site:
             self.recording.skeleton.joints,
             deadline_s=self.deadline_s,
             idle_modes=["power-saving"] * len(self.recording.rig),
-            checkpoint=self.folder / "state.npz",
             start_wait_s=1.0,
             smooth_delay_s=self.smooth_delay_s,
         )
+        news = News(self.clock, self.events.append)
         self.edge = EdgeServer(
             make_pipeline(self.recording, settings),
             self.hub.join(),
             edge_settings,
             self.clock,
-            tell=self.events.append,
+            StateFile(self.folder / "state.npz", news.tell, self.clock.now_ns()),
+            news,
         )
         self.edge.start()
         return self.edge

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from e3pose.settings.parts import make_pipeline
 from numpy.lib import format as npy
 
 from e3pose.clock import SlotTimes
@@ -22,7 +23,7 @@ from e3pose.edge.state_file import StateFile
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.recording import Recording
-from e3pose.settings.loop import ReplaySettings, make_pipeline
+from e3pose.settings.loop import ReplaySettings
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 
@@ -266,10 +267,13 @@ def test_values_that_make_no_sense_begin_afresh(
     state = replace(state, memory=replace(state.memory, belief=belief))
     save_checkpoint(path, Checkpoint(state, 1, 3, 2), pipeline)
     told: list[str] = []
-    file = StateFile(path, lambda kind, message: told.append(message))
-    assert file.take_up(pipeline) is not None and not told
+
+    def taken_up() -> Checkpoint | None:
+        return StateFile(path, lambda kind, message: told.append(message), 0).take_up(pipeline)
+
+    assert taken_up() is not None and not told
     change_file(path, HOSTILE[name])
-    assert file.take_up(pipeline) is None
+    assert taken_up() is None
     assert len(told) == 1 and "begun afresh" in told[0]
     assert not path.exists()
 
@@ -285,7 +289,7 @@ def test_state_that_the_loop_fails_on_begins_afresh(
 
     monkeypatch.setattr("e3pose.edge.state_file.step", fail)
     told: list[str] = []
-    assert StateFile(path, lambda kind, message: told.append(message)).take_up(pipeline) is None
+    assert StateFile(path, lambda kind, message: told.append(message), 0).take_up(pipeline) is None
     assert "the loop fails on" in told[0] and "one of many" in told[0]
 
 

@@ -58,7 +58,7 @@ def test_an_edge_tells_the_same_people_again(tmp_path: Path) -> None:
             assert late.time_edge_ns == first.time_edge_ns
             assert late.published_edge_ns > first.published_edge_ns
             assert unpack(late.track_ids).tolist() == unpack(first.track_ids).tolist()
-        assert site.edge is not None and site.edge.failure is None
+        assert site.edge is not None and site.edge.crew.failure is None
 
 
 def test_the_papers_pipeline_has_nothing_to_smooth_with(tmp_path: Path) -> None:
@@ -66,5 +66,5 @@ def test_the_papers_pipeline_has_nothing_to_smooth_with(tmp_path: Path) -> None:
         'format = "e3pose-site"\nversion = 1\nname = "lab"\ncalibration = "rig.toml"\nfps = 25\n'
         'smooth_delay_ms = 200\n[loop]\npipeline = "paper"\n'
     )
-    with pytest.raises(InputError, match="smooth_delay_ms: found it with pipeline paper"):
+    with pytest.raises(InputError, match="smooth_delay_ms: found it with the pipeline paper"):
         load_site(tmp_path / "site.toml")

@@ -14,6 +14,7 @@ from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
 from e3pose.clock import WallClock
+from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import parse_budget
 from e3pose.energy.profiles import load_profile
@@ -31,7 +32,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 @pytest.mark.timed
 def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
     edge = site.edge
-    assert edge is not None and edge.failure is None
+    assert edge is not None and edge.crew.failure is None
     assert edge.counts.lost == 0
     slots = [poses.slot for poses in site.poses]
     assert slots == list(range(slots[0], slots[0] + len(slots)))
@@ -234,7 +235,7 @@ def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
     active_w, idle_w = profile.watts("active"), profile.watts("power-saving")
     watts = idle_w + 0.75 * (active_w - idle_w)
     words = ("80%", f"{watts:.6f}W", f"{watts * 0.05:.6f}J")
-    edge.ledger = EnergyLedger(
+    ledger = EnergyLedger(
         site.recording.rig.camera_ids,
         [profile] * 3,
         edge.settings.idle_modes,
@@ -243,9 +244,10 @@ def test_budgets_in_different_words_reach_the_queues(site: Site) -> None:
         2,
         edge.clock.now_ns,
     )
+    edge.consumers = Consumers(ledger=ledger)
     expected = (0.8, 0.75, 0.75)
     assert eventually(lambda: np.allclose(edge.pipeline.budget, expected, atol=1e-4))
     slots = edge.counts.slots
     assert eventually(lambda: edge.counts.slots > slots + 10)
-    spent_j = edge.ledger.spent_j(np.array([True, False, True]))
+    spent_j = ledger.spent_j(np.array([True, False, True]))
     np.testing.assert_allclose(spent_j, np.array([active_w, idle_w, active_w]) * 0.05)

@@ -149,7 +149,7 @@ def test_pipeline_follows_the_reckoning() -> None:
     pipeline = Pipeline(
         rig=cast(Any, None), num_joints=17, interval_s=0.04, estimator=cast(Any, None),
         predictor=cast(Any, None), policy=DriftPlusPenalty(2), budget=np.ones(2),
-        clock=lambda: 0.0,
+        clock=lambda: 0.0, waking=DriftPlusPenalty,
     )  # fmt: skip
     on_mains, news = ledger.reckoned(pipeline)
     assert news == []

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter import Belief, Model, Outlook, outlook
+from e3pose.estimate.base import Outlook
+from e3pose.estimate.filter import Belief, Model, outlook
 from e3pose.estimate.filter import blindness as blind
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.model.pose import Poses2D

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.rigs import looking
 
-from e3pose.estimate.filter import Outlook
+from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import inflation
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import project

@@ -11,6 +11,7 @@ from tests.edge.one_process import site_at_work
 from tests.ports import free_port
 from tests.waiting import eventually
 
+from e3pose.edge.consumers import Consumers
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
 from e3pose.site.metrics import serve_metrics
@@ -49,7 +50,7 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
         for _ in range(3):
             liar.publish("e3pose/lab/camera/cam1/view", b"garbage")
             liar.publish("e3pose/lab/camera/nobody/view", b"garbage")
-        edge.sink = Kept()
+        edge.consumers = Consumers(sink=Kept())
         server = serve_metrics(edge, port)
         try:
             with pytest.raises(InputError, match=f"metrics_port: {port}: .*expected a free port"):

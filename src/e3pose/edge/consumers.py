@@ -1,15 +1,19 @@
-"""Whom an edge hands its slots to: who keeps them, and who learns from them."""
+"""Whom an edge hands its slots to: who keeps them, who learns from them, who reckons energy."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.pipeline import SlotRecord
+from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.predict.base import Predictor
 from e3pose.store.rows import Event
+from e3pose.wire.messages import Heartbeat
 
 if TYPE_CHECKING:
     from e3pose.store.writer import WriterStatus
@@ -48,3 +52,61 @@ class Learner(Protocol):
     def poll(self) -> Predictor | None:
         """Return a better predictor to use from now on, if there is one."""
         ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Consumers:
+    """To whom an edge hands what it gets and makes.
+
+    Attributes:
+        sink: keeps every slot.
+        learner: improves the predictor.
+        ledger: reckons what cameras spend and may spend.
+        on_beat: called with every heartbeat, on a thread of the transport.
+    """
+
+    sink: Sink | None = None
+    learner: Learner | None = None
+    ledger: EnergyLedger | None = None
+    on_beat: Callable[[Heartbeat], None] = lambda beat: None
+
+    def take(self, beat: Heartbeat) -> None:
+        """Hand on a heartbeat; on a thread of the transport."""
+        if self.ledger is not None:
+            self.ledger.take(beat)
+        self.on_beat(beat)
+
+    def keep(self, record: SlotRecord, time_ns: int) -> None:
+        """Hand on a slot that was computed."""
+        if self.sink is not None:
+            spent_j = None if self.ledger is None else self.ledger.spent_j(record.selected)
+            self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
+
+    def improved(
+        self, pipeline: Pipeline, record: SlotRecord
+    ) -> tuple[Pipeline, list[tuple[str, str, str | None]]]:
+        """Return the parts to go on with, between two slots, and what to tell of them.
+
+        Args:
+            pipeline: the parts so far.
+            record: of the slot that was computed.
+
+        Returns:
+            Other budgets and a better predictor, where there are any; kind, line and camera of
+            what a person should know.
+        """
+        told: list[tuple[str, str, str | None]] = []
+        if self.ledger is not None:
+            pipeline, news = self.ledger.reckoned(pipeline)
+            told += [("energy", line, camera_id) for camera_id, line in news]
+        if self.learner is not None:
+            self.learner.collect(record)
+            better = self.learner.poll()
+            if better is not None:
+                pipeline = pipeline.with_predictor(better)
+                line = "a better predictor was learned and is used from now on"
+                told.append(("predictor", line, None))
+        return pipeline, told
+
+
+NOBODY = Consumers()

@@ -97,10 +97,9 @@ class EnergyLedger:
         if not new:
             return pipeline, []
         told, self._told = self._told, reckoning
-        policy: Any = pipeline.policy
-        if hasattr(policy, "num_selected"):
-            policy = replace(policy, num_selected=reckoning.num_selected)
-        changed = replace(pipeline, budget=reckoning.budget, cost_j=reckoning.cost_j, policy=policy)
+        changed = replace(pipeline, budget=reckoning.budget, cost_j=reckoning.cost_j)
+        if pipeline.waking is not None:
+            changed = replace(changed, policy=pipeline.waking(reckoning.num_selected))
         return changed, self._news(told, reckoning)
 
     def _news(self, told: Reckoning | None, now: Reckoning) -> list[tuple[str | None, str]]:

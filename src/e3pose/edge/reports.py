@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.edge.roster import CameraLife
+from e3pose.edge.tally import Counts
 from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
-from e3pose.wire.codec import pack
+from e3pose.pipeline import SlotRecord
+from e3pose.wire.codec import one_line, pack
 from e3pose.wire.messages import CameraStatus, Poses, Status
-
-if TYPE_CHECKING:
-    from e3pose.edge.server import EdgeServer
 
 
 def poses_message(
@@ -85,43 +85,76 @@ def camera_status(
     )
 
 
-def site_status(edge: EdgeServer) -> Status:
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """What an edge knows of its site at one time.
+
+    Attributes:
+        site: its name.
+        now_ns: the time.
+        uptime_s: since it began.
+        record: of the newest slot, if there is one.
+        lives: `(num_cameras,)` of the cameras.
+        troubles: `(num_cameras,)` why each cannot be chosen; empty if it can.
+        oddities: `(num_cameras,)` why each is of no use all the same.
+        deficit: `(num_cameras,)` their queues.
+        late: `(num_cameras,)` views that came too late.
+        lead_slots: between an order and its slot.
+        counts: of slots, views and times.
+        events: what was told last.
+    """
+
+    site: str
+    now_ns: int
+    uptime_s: float
+    record: SlotRecord | None
+    lives: Sequence[CameraLife]
+    troubles: Sequence[str]
+    oddities: Sequence[str]
+    deficit: NDArray[np.float64]
+    late: NDArray[np.int64]
+    lead_slots: int
+    counts: Counts
+    events: Sequence[str]
+
+
+def site_status(moment: Moment) -> Status:
     """Return how a site is."""
-    now_ns, record, counts = edge.clock.now_ns(), edge.newest, edge.counts
+    record, counts = moment.record, moment.counts
     factors = record.noise_factors if record else None
     if factors is None:
-        factors = np.full(len(edge.inbox.roster.lives), np.nan)
+        factors = np.full(len(moment.lives), np.nan)
     shifts_px = record.shifts_px if record else None
     if shifts_px is None:
-        shifts_px = np.full((len(edge.inbox.roster.lives), 2), np.nan)
-    duty, troubles, oddities = counts.duty(), edge.inbox.troubles(), edge.oddities()
+        shifts_px = np.full((len(moment.lives), 2), np.nan)
+    duty = counts.duty()
     cameras = tuple(
         camera_status(
             life,
-            troubles[index],
-            oddities[index],
-            edge.state.deficit[index],
+            moment.troubles[index],
+            moment.oddities[index],
+            moment.deficit[index],
             float(duty[index]),
-            int(edge.gather.late[index]),
-            max(int(counts.missed[index] - edge.gather.late[index]), 0),
-            now_ns,
+            int(moment.late[index]),
+            max(int(counts.missed[index] - moment.late[index]), 0),
+            moment.now_ns,
             factors[index],
             float(np.hypot(*shifts_px[index])),
         )
-        for index, life in enumerate(edge.inbox.roster.lives)
+        for index, life in enumerate(moment.lives)
     )
     error_m = record.reasons.error_m if record and record.reasons else np.nan
     return Status(
-        site=edge.settings.site,
+        site=moment.site,
         slot=record.slot if record else 0,
-        fps=counts.fps(now_ns),
-        lead=edge.lead.slots,
+        fps=counts.fps(moment.now_ns),
+        lead=moment.lead_slots,
         people=len(record.track_ids) if record else 0,
         cameras=cameras,
         step_ms=counts.stepping.median_and_99_ms(),
         latency_ms=counts.latency.median_and_99_ms(),
-        uptime_s=(now_ns - edge.started_ns) / 1e9,
-        events=tuple(one_line(event.message) for event in edge.events),
+        uptime_s=moment.uptime_s,
+        events=tuple(map(one_line, moment.events)),
         expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
         slots_lost=counts.lost,
     )
@@ -143,8 +176,3 @@ def changes(
         for camera_id, was, why in zip(camera_ids, before, after, strict=True)
         if bool(was) != bool(why)
     ]
-
-
-def one_line(text: str) -> str:
-    """Return text as a message may carry it: printable, on one line, not endless."""
-    return "".join(char if char.isprintable() else " " for char in text)[:300]

@@ -14,25 +14,25 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.clock import Clock, SlotTimes
 from e3pose.edge.checkpoint import Checkpoint
-from e3pose.edge.consumers import Learner, Sink
-from e3pose.edge.delayed import DelayedPoses, lag_slots
-from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.edge.consumers import NOBODY, Consumers
+from e3pose.edge.crew import Crew
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lateness import forgiven, oddities
 from e3pose.edge.lead import Lead, adapt, cautious, lagging, take_in_delay
 from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
+from e3pose.edge.news import News
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.overload import WORDS, Load, after_slot, thinned
-from e3pose.edge.reports import changes, poses_message, site_status
+from e3pose.edge.publisher import Publisher
+from e3pose.edge.reports import Moment, changes, site_status
 from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.tally import Counts
@@ -40,16 +40,15 @@ from e3pose.edge.warm import warm_up
 from e3pose.estimate.base import People
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.settings.edge import EdgeSettings
-from e3pose.store.rows import Event
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
-from e3pose.wire.messages import Heartbeat, Status
+from e3pose.wire.messages import Status
 from e3pose.wire.transport import Transport
 
 BACKLOG_S = 2.0  # an edge that is farther behind gives up slots instead of working them off
-KEEP_EVENTS = 20
 IDS_LEFT_OUT = 100  # an edge that was killed had given some that its last checkpoint lacks
 KEEPING_S = 1.0  # status, checkpoint
+END_S = 5.0  # to end a thread
 LOOK_S = 0.1  # who is there, and how long to wait for the moment after a slot
 
 
@@ -62,10 +61,9 @@ class EdgeServer:
         transport: Transport,
         settings: EdgeSettings,
         clock: Clock,
-        sink: Sink | None = None,
-        learner: Learner | None = None,
-        tell: Callable[[Event], None] = lambda event: None,
-        on_beat: Callable[[Heartbeat], None] = lambda beat: None,
+        state_file: StateFile | None = None,
+        news: News | None = None,
+        consumers: Consumers = NOBODY,
     ) -> None:
         """Take up the state of the checkpoint, if there is one that fits.
 
@@ -74,18 +72,16 @@ class EdgeServer:
             transport: how to reach the cameras; the server closes it.
             settings: see `EdgeSettings`.
             clock: the edge's time.
-            sink: keeps every slot.
-            learner: improves the predictor.
-            tell: called with what a person should know, on any thread.
-            on_beat: called with every heartbeat, on a thread of the transport.
+            state_file: keeps the state, and has that of an earlier life; None keeps none.
+            news: what a person should know.
+            consumers: to whom slots and heartbeats are handed.
         """
         self.pipeline, self.settings, self.clock = pipeline, settings, clock
-        self.transport, self.sink, self.learner = transport, sink, learner
-        self.ledger: EnergyLedger | None = None
-        self._tell_person = tell
+        self.transport, self.consumers = transport, consumers
+        self.news = news or News(clock)
         self.interval_ns = round(pipeline.interval_s / settings.pace * 1e9)
         interval_s = self.interval_ns / 1e9
-        self.started_ns = self.run_ns = clock.now_ns()
+        self.started_ns = clock.now_ns()
         num_cameras = len(pipeline.rig)
         self.counts = Counts(num_cameras, interval_s)
         self.gather = Gather(num_cameras)
@@ -99,9 +95,8 @@ class EdgeServer:
             clock,
             # Deques are safe to append to from any thread.
             lambda camera, delay_s: self._delays.append((camera, delay_s)),
-            self._take_beat,
+            consumers.take,
         )
-        self._on_beat = on_beat
         self._late = self.gather.late.copy()  # up to the slot before
         self.outbox = Outbox()
         self.orders = Orders(
@@ -112,26 +107,19 @@ class EdgeServer:
             self.outbox,
             clock,
         )
-        self.state_file = StateFile(settings.checkpoint, self.tell)
+        self.state_file = state_file or StateFile(None, self.news.tell, self.started_ns)
         if settings.adaptive_lead:
             self.lead = cautious(settings.deadline_s, interval_s)
             self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
         else:
             self.lead = Lead(pipeline.lead_slots)
         self.load = Load()
-        self.events: deque[Event] = deque(maxlen=KEEP_EVENTS)
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
-        self._poses_topic = topics.of_site(settings.site, "poses")
-        self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
-        lag = lag_slots(settings.smooth_delay_s, interval_s)
-        self._delayed = DelayedPoses(settings.joints, lag) if settings.smooth_delay_s else None
-        self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
+        self.publisher = Publisher(settings, interval_s, self.outbox, clock)
         self._quiet = threading.Event()  # a slot was just done
-        self._stop = threading.Event()
-        self._threads: list[threading.Thread] = []
-        self.failure: BaseException | None = None
+        self.crew = Crew(self._wake)
         self._resume()
 
     def __enter__(self) -> EdgeServer:
@@ -143,9 +131,8 @@ class EdgeServer:
 
     def start(self) -> None:
         """Begin to receive, and to compute slots once cameras are there."""
-        if self.sink is not None:
-            for event in self.events:  # told before there was somebody to keep it
-                self.sink.event(event)
+        if self.consumers.sink is not None:
+            self.news.keep_in(self.consumers.sink)
         self._join()  # cameras find the edge again while it gets ready
         warm_up(self.pipeline)
         for name, body in (
@@ -153,23 +140,17 @@ class EdgeServer:
             ("sending", lambda: self.outbox.run(self._publish)),
             ("keeping", self._run_housekeeping),
         ):
-            thread = threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
-            self._threads.append(thread)
-            thread.start()
+            self.crew.start(name, body)
 
     def stop(self) -> None:
         """End after the slot in work, keep the state, leave the site."""
-        if self._stop.is_set():
+        if not self.crew.stop():
             return
-        self._stop.set()
         self.gather.wake()
-        for thread in self._threads:
-            if thread.name != "sending":
-                thread.join(timeout=5.0)
+        self.crew.join(END_S, without="sending")
         self._keep_checkpoint()
         self.outbox.close()
-        for thread in self._threads:
-            thread.join(timeout=5.0)
+        self.crew.join(END_S)
         self.transport.close()
 
     def rejoin(self, open_transport: Callable[[], Transport]) -> None:
@@ -184,20 +165,16 @@ class EdgeServer:
 
     def _publish(self, topic: str, payload: bytes, slot: int) -> None:
         self.transport.publish(topic, payload)
-        if topic == self._poses_topic and (last_ns := self._last_in_ns.pop(slot, None)):
-            self.counts.latency.add(self.clock.now_ns() - last_ns)
+        if (latency_ns := self.publisher.latency_ns(topic, slot)) is not None:
+            self.counts.latency.add(latency_ns)
+
+    def _wake(self) -> None:
+        self.gather.wake()
+        self.outbox.close()
 
     def running(self) -> bool:
         """Return whether all threads still work."""
-        return self.failure is None and not self._stop.is_set()
-
-    def tell(self, kind: str, message: str, camera_id: str | None = None) -> None:
-        """Let people and the store know of something."""
-        event = Event(self.clock.now_ns(), kind, message, camera_id)
-        self.events.append(event)
-        self._tell_person(event)
-        if self.sink is not None and self._threads:
-            self.sink.event(event)
+        return self.crew.running()
 
     def oddities(self) -> list[str]:
         """Return, camera by camera, why one that can be chosen is of no use; empty where it is."""
@@ -209,7 +186,23 @@ class EdgeServer:
 
     def status(self) -> Status:
         """Return how the site is."""
-        return site_status(self)
+        now_ns = self.clock.now_ns()
+        return site_status(
+            Moment(
+                site=self.settings.site,
+                now_ns=now_ns,
+                uptime_s=(now_ns - self.started_ns) / 1e9,
+                record=self.newest,
+                lives=self.inbox.roster.lives,
+                troubles=self.inbox.troubles(),
+                oddities=self.oddities(),
+                deficit=self.state.deficit,
+                late=self.gather.late,
+                lead_slots=self.lead.slots,
+                counts=self.counts,
+                events=[event.message for event in self.news.recent],
+            )
+        )
 
     # The fusion thread.
 
@@ -217,7 +210,7 @@ class EdgeServer:
         if not self._wait_for_cameras():
             return
         times = self.times = self._begin()
-        while not self._stop.is_set():
+        while not self.crew.stopping.is_set():
             self._catch_up(times)
             slot = self.state.slot
             if not self._wait_for_views(times, slot):
@@ -227,13 +220,13 @@ class EdgeServer:
     def _wait_for_cameras(self) -> bool:
         """Wait until all cameras are there, or two and then a while; return whether to begin."""
         two_ns: int | None = None
-        while not self._stop.is_set():
+        while not self.crew.stopping.is_set():
             online, now_ns = self.inbox.online(), self.clock.now_ns()
             two_ns = (two_ns or now_ns) if online.sum() >= min(2, len(online)) else None
             waited = two_ns is not None and now_ns - two_ns >= self.settings.start_wait_s * 1e9
             if online.all() or waited or (self.times is not None and online.any()):
                 return True
-            self.clock.wait(self._stop, now_ns + 50_000_000)
+            self.clock.wait(self.crew.stopping, now_ns + 50_000_000)
         return False
 
     def _begin(self) -> SlotTimes:
@@ -244,7 +237,9 @@ class EdgeServer:
         else:
             times, moved = still_true(self.times, self.state.slot, now_ns, self.lead.slots)
             if moved:
-                self.tell("clock", f"{moved}: slots go on with the next number and nobody in them")
+                self.news.tell(
+                    "clock", f"{moved}: slots go on with the next number and nobody in them"
+                )
                 memory = self.pipeline.estimator.forget_people(self.state.memory)
                 self.state = replace(self.state, memory=memory)
             self._skip(max(self.state.slot, times.slot_at(now_ns) + 1))
@@ -258,7 +253,9 @@ class EdgeServer:
             return
         slot = self.state.slot + behind_ns // self.interval_ns
         self.counts.lost += slot - self.state.slot
-        self.tell("slots-lost", f"slots given up, as the edge was behind: {slot - self.state.slot}")
+        self.news.tell(
+            "slots-lost", f"slots given up, as the edge was behind: {slot - self.state.slot}"
+        )
         self._skip(slot)
 
     def _skip(self, slot: int) -> None:
@@ -271,7 +268,7 @@ class EdgeServer:
     def _wait_for_views(self, times: SlotTimes, slot: int) -> bool:
         """Wait until nothing more is to come, or the deadline; return False when to end."""
         deadline_ns = self._deadline_ns(times, slot)
-        while not self._stop.is_set():
+        while not self.crew.stopping.is_set():
             now_ns = self.clock.now_ns()
             wanted = self._told(times, slot) & self.inbox.online()
             until_ns = deadline_ns if self.gather.waits_for(wanted) else times.middle_ns(slot)
@@ -296,15 +293,9 @@ class EdgeServer:
         online = online | np.isin(np.arange(len(online)), list(views))
         used = [a.arrived_ns for camera, a in arrivals.items() if told[camera]]
         time_ns = times.middle_ns(slot)
-        self._last_in_ns = {slot: max(*used, time_ns)} if used else {}
-
-        shown: list[People] = []
 
         def publish(people: People) -> None:
-            shown.append(people)
-            now_ns = self.clock.now_ns()
-            message = poses_message(slot, people, self.settings.joints, time_ns, now_ns)
-            self.outbox.put(self._poses_topic, encode(message), slot)
+            self.publisher.tell(slot, time_ns, people, used)
 
         self.state, record = step(thinned(self.pipeline, self.load), state, views, online, publish)
         took_ns = self.clock.now_ns() - begun_ns
@@ -318,10 +309,8 @@ class EdgeServer:
         self.counts.ordered += wanted
         self.counts.missed += wanted & ~record.arrived
         self.counts.looked(record.selected)
-        if self.sink is not None:
-            spent_j = None if self.ledger is None else self.ledger.spent_j(record.selected)
-            self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
-        took_ns += self._tell_again(slot, time_ns, shown[0])
+        self.consumers.keep(record, time_ns)
+        took_ns += self.publisher.tell_again(busy=self.load.level > 0)
         self._improve(times, record)
         self._cope(took_ns / 1e9, record)
         self._quiet.set()
@@ -330,31 +319,11 @@ class EdgeServer:
         """Return `(num_cameras,)`: who was selected for a slot and can have known of it."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 
-    def _tell_again(self, slot: int, time_ns: int, people: People) -> int:
-        """Publish an earlier slot, smoothed, unless there is too much to do; return the time."""
-        if self._delayed is None:
-            return 0
-        if self.load.level:
-            self._delayed.forget()
-            return 0
-        begun_ns = self.clock.now_ns()
-        late = self._delayed.push(slot, time_ns, people, self.clock.now_ns)
-        if late is not None:
-            self.outbox.put(self._delayed_topic, encode(late), late.slot)
-        return self.clock.now_ns() - begun_ns
-
     def _improve(self, times: SlotTimes, record: SlotRecord) -> None:
         """Between two slots: another lead, a better predictor, other budgets."""
-        if self.ledger is not None:
-            self.pipeline, news = self.ledger.reckoned(self.pipeline)
-            for camera_id, line in news:
-                self.tell("energy", line, camera_id)
-        if self.learner is not None:
-            self.learner.collect(record)
-            better = self.learner.poll()
-            if better is not None:
-                self.pipeline = self.pipeline.with_predictor(better)
-                self.tell("predictor", "a better predictor was learned and is used from now on")
+        self.pipeline, news = self.consumers.improved(self.pipeline, record)
+        for kind, line, camera_id in news:
+            self.news.tell(kind, line, camera_id)
         if not self.settings.adaptive_lead:
             return
         while self._delays:
@@ -365,7 +334,7 @@ class EdgeServer:
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"
-            self.tell("lead", f"lead {changed} from {before} to {self.lead.slots} slots")
+            self.news.tell("lead", f"lead {changed} from {before} to {self.lead.slots} slots")
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
             for ahead in range(before, self.lead.slots):  # slots that nobody was told of yet
@@ -380,31 +349,26 @@ class EdgeServer:
             busy = f"a slot takes {self.load.busy:.0%} of its time to compute"
             overloaded = self.load.level > before
             what = "overloaded" if overloaded else "less load"
-            self.tell("overload", f"{what}, {busy}: {WORDS[self.load.level]}")
-
-    def _take_beat(self, beat: Heartbeat) -> None:
-        if self.ledger is not None:
-            self.ledger.take(beat)
-        self._on_beat(beat)
+            self.news.tell("overload", f"{what}, {busy}: {WORDS[self.load.level]}")
 
     # The keeping thread.
 
     def _run_housekeeping(self) -> None:
         ids, due_ns = self.pipeline.rig.camera_ids, 0
         troubles, odd = ["never seen"] * len(ids), [""] * len(ids)
-        while not self._stop.is_set():
+        while not self.crew.stopping.is_set():
             before = troubles, odd
             troubles, odd = self.inbox.troubles(), self.oddities()
             news = changes(ids, before[0], troubles, ("camera-lost", "camera-back"))
             news += changes(ids, before[1], odd, ("camera-useless", "camera-useful"))
             for kind, message, camera_id in news:
-                self.tell(kind, message, camera_id)
+                self.news.tell(kind, message, camera_id)
             if news or self.clock.now_ns() >= due_ns:
                 due_ns = self.clock.now_ns() + round(KEEPING_S * 1e9)
                 status = encode(self.status())
                 self.outbox.put(topics.of_site(self.settings.site, "status"), status)
                 self._keep_checkpoint()
-            self.clock.wait(self._stop, self.clock.now_ns() + round(LOOK_S * 1e9))
+            self.clock.wait(self.crew.stopping, self.clock.now_ns() + round(LOOK_S * 1e9))
             # Two threads of Python work at half the speed: not while a slot is computed.
             self._quiet.clear()
             self._quiet.wait(LOOK_S)
@@ -414,27 +378,20 @@ class EdgeServer:
         if times is None:
             return
         now_ns = self.clock.now_ns()
-        made = Checkpoint(state, times.origin_ns, len(state.selections), now_ns, self.run_ns)
+        made = Checkpoint(
+            state, times.origin_ns, len(state.selections), now_ns, self.state_file.run_ns
+        )
         self.state_file.keep(made, pipeline)
 
     def _resume(self) -> None:
         found = self.state_file.take_up(self.pipeline)
         if found is None:
             return
-        self.times, self.run_ns = SlotTimes(found.origin_ns, self.interval_ns), found.run_ns
+        self.times = SlotTimes(found.origin_ns, self.interval_ns)
         self.lead = Lead(found.lead_slots if self.settings.adaptive_lead else self.lead.slots)
         self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
         memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
         away_s = (self.clock.now_ns() - found.made_ns) / 1e9
         when = f"{lasting(abs(away_s))} {'later' if away_s >= 0 else 'before it was kept'}"
-        self.tell("resumed", f"goes on after slot {self.state.slot - 1}, {when}")
-
-    def _guarded(self, body: Callable[[], Any]) -> None:
-        try:
-            body()
-        except BaseException as error:  # the program must end with it, not go on half
-            self.failure = error
-            self._stop.set()
-            self.gather.wake()
-            self.outbox.close()
+        self.news.tell("resumed", f"goes on after slot {self.state.slot - 1}, {when}")

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
-from e3pose.edge.reports import one_line
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, step
+from e3pose.wire.codec import one_line
 
 
 @dataclass(slots=True, eq=False)
@@ -21,12 +21,16 @@ class StateFile:
     Attributes:
         path: the file; None keeps nothing.
         tell: called with a kind and a line that a person should know; what goes on is told once.
+        run_ns: when the run began: that of the state that is taken up, if there is one.
         trouble: why the state cannot be kept at present; empty if it can.
     """
 
     path: Path | None
     tell: Callable[[str, str], None]
+    run_ns: int
     trouble: str = ""
+    _found: Checkpoint | None = None
+    _looked: bool = False
 
     def keep(self, made: Checkpoint, pipeline: Pipeline) -> None:
         """Keep a state; a disk that is full is no reason to stop."""
@@ -45,15 +49,17 @@ class StateFile:
 
     def take_up(self, pipeline: Pipeline) -> Checkpoint | None:
         """Return the state that was kept; None, and the old file set aside, if it is of no use."""
-        if self.path is None or not self.path.exists():
-            return None
+        if self._looked or self.path is None or not self.path.exists():
+            return self._found
+        self._looked = True
         try:
             found = load_checkpoint(self.path, pipeline)
             self._try(self.path, found, pipeline)
-            return found
         except InputError as error:
             self._set_aside(self.path, error)
             return None
+        self._found, self.run_ns = found, found.run_ns
+        return found
 
     def _try(self, path: Path, found: Checkpoint, pipeline: Pipeline) -> None:
         """Raise `InputError` if the loop fails on a state, as it would at every start from now."""

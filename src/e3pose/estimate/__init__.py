@@ -4,14 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from e3pose.errors import InputError
 from e3pose.estimate.base import Estimator as Estimator
 from e3pose.estimate.base import Outlook as Outlook
 from e3pose.estimate.base import People as People
 from e3pose.estimate.filter import OPENPOSE, Model, Noise, wait_s
 from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.per_slot.estimator import PerSlot
-from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
+from e3pose.estimate.per_slot.fuse import Fuser
+from e3pose.estimate.per_slot.fusion import FusionSettings
+from e3pose.family import made, member
 from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
 
@@ -53,6 +54,7 @@ def _filtered(settings: EstimatorSettings) -> Filtered:
     return Filtered(model, StepKernel(), settings.history_slots)
 
 
+GROUP = "e3pose.estimators"  # the entry points of other packages
 ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator[Any]]] = {
     "paper": _per_slot,
     "memory": _filtered,
@@ -61,8 +63,5 @@ ESTIMATORS: dict[str, Callable[[EstimatorSettings], Estimator[Any]]] = {
 
 def make_estimator(name: str, settings: EstimatorSettings) -> Estimator[Any]:
     """Return the estimator of the pipeline `name`; raise `InputError` listing the known ones."""
-    if name not in ESTIMATORS:
-        raise InputError(
-            f"pipeline {name[:40]!r} is unknown, expected one of {', '.join(ESTIMATORS)}"
-        )
-    return ESTIMATORS[name](settings)
+    found: Estimator[Any] = made(member(GROUP, "pipeline", name, ESTIMATORS), settings)
+    return found

@@ -9,14 +9,52 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter import Outlook as Outlook
-from e3pose.estimate.filter.posterior import Posterior
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
 
 STEER_SLOTS = 2  # how far ahead `Estimator.steer` needs a prediction
 
 Memory = TypeVar("Memory")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """Where the filter's prediction of a slot started: the slot before, steered (`steer`).
+
+    Attributes:
+        time_s: of the slot before; NaN before the first.
+        tracks: `(num_before,)` ids as in `Posterior`, of the slot before.
+        state: `(num_before, num_joints, 6)` with the velocities as they were steered.
+        drift_share: `(num_before, num_joints)` share of the process noise that was taken.
+    """
+
+    time_s: float
+    tracks: NDArray[np.int64]
+    state: NDArray[np.float64]
+    drift_share: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Posterior:
+    """Everybody followed, after the views of one slot.
+
+    Attributes:
+        time_s: of the slot.
+        tracks: `(num_tracks,)` the belief's own ids, rising: the same for as long as it follows.
+        track_ids: `(num_tracks,)` the identities that they are shown with.
+        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres a second.
+        covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
+        shared: `(num_tracks, num_joints, 6, 6)` of each joint's `state` with its parent's.
+        start: what the slot was predicted from.
+    """
+
+    time_s: float
+    tracks: NDArray[np.int64]
+    track_ids: NDArray[np.int64]
+    state: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    shared: NDArray[np.float64]
+    start: Start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +90,54 @@ class People:
     noise_factors: NDArray[np.float64] | None = None
     posterior: Posterior | None = None
     shifts_px: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """What an estimator expects of a slot to come, and what it knows in its newest slot.
+
+    Attributes:
+        track_ids: `(num_tracks,)` everybody followed, also those not yet shown.
+        confirmed: `(num_tracks,)` who is shown.
+        joints_m: `(num_tracks, num_joints, 3)` metres in the slot to come, never missing.
+        covariance: `(num_tracks, num_joints, 6, 6)` of position and velocity in the newest slot,
+            metres and metres per second.
+        drift_m2ps3: `(num_tracks, num_joints)` power density of the acceleration along an axis.
+        velocity_lasts_s: `(num_joints,)` until a velocity is down to 1/e.
+        remembers: whether views of slots in between tell about the slot to come.
+        delivered: `(num_tracks, num_cameras)` in [0, 1]: what a camera's views recently told about
+            the person, as a share of a view with every joint in plain sight.
+        shows: `(num_tracks, num_cameras)` in [0, 1]: how likely a look of the camera shows somebody
+            where the person will be, as a share of that in plain sight.
+        last_seen_s: `(num_tracks, num_cameras)` seconds since each camera showed the person; inf if
+            never.
+        needed: `(num_tracks, num_cameras)` cameras of which one must show the person by then, or
+            the person is not shown; none for people who are shown anyway.
+        sigma_px: `(num_cameras,)` error of a keypoint in plain sight.
+        unexplained: `(num_cameras,)` detections of each camera's newest look that no track
+            explains, as long as they wait for another camera.
+        unexplained_s: `(num_cameras,)` seconds since that look.
+        wait_s: how far apart two looks may be to start a person.
+    """
+
+    track_ids: NDArray[np.int64]
+    confirmed: NDArray[np.bool_]
+    joints_m: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    drift_m2ps3: NDArray[np.float64]
+    velocity_lasts_s: NDArray[np.float64]
+    remembers: bool
+    delivered: NDArray[np.float64]
+    shows: NDArray[np.float64]
+    last_seen_s: NDArray[np.float64]
+    needed: NDArray[np.bool_]
+    sigma_px: NDArray[np.float64]
+    unexplained: NDArray[np.int64]
+    unexplained_s: NDArray[np.float64]
+    wait_s: float
+
+    def __len__(self) -> int:
+        return len(self.track_ids)
 
 
 class Estimator(Protocol[Memory]):

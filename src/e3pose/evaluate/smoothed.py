@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.posterior import Posterior
+from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import Skeleton

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from e3pose.estimate.filter.outlook import Outlook
+from e3pose.estimate.base import Outlook
 
 # A view in plain sight knows a joint to about 2 cm, an unseen one may be off by 20 cm: a view adds
 # 100 times the information there was.

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import inflation
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.outlook import Outlook
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 from e3pose.model.uncertainty import mean_distance

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from e3pose.wire.messages import CameraMode
 
@@ -19,7 +18,6 @@ class EdgeSettings:
         deadline_s: how long after the middle of a slot its views are waited for.
         idle_modes: what each camera does in slots without an order.
         adaptive_lead: whether the lead follows the delays; otherwise it stays.
-        checkpoint: file for the state; None keeps none.
         start_wait_s: how long to wait for the rest once two cameras are there.
         pace: seconds of the scene that pass in a second; below 1 recordings are played slower.
         smooth_delay_s: how much later people are told a second time, smoothed; 0 for never.
@@ -30,7 +28,6 @@ class EdgeSettings:
     deadline_s: float
     idle_modes: Sequence[CameraMode]
     adaptive_lead: bool = True
-    checkpoint: Path | None = None
     start_wait_s: float = 3.0
     pace: float = 1.0
     smooth_delay_s: float = 0.0

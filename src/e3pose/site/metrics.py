@@ -83,9 +83,9 @@ class EdgeCollector:
 def _store(edge: EdgeServer) -> Iterator[Any]:
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-    if edge.sink is None:
+    if edge.consumers.sink is None:
         return
-    kept = edge.sink.status()
+    kept = edge.consumers.sink.status()
     for name, text, count in (
         ("store_corrupt", "databases set aside because their content was wrong", kept.corrupt),
         ("store_shed", "records given up", kept.shed),

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.motion import places, transitions
-from e3pose.estimate.filter.posterior import Posterior
 from e3pose.estimate.filter.tree import Tree
 from e3pose.model.pose import Poses3D
 from e3pose.smooth.rauch import Expected, expect, step_back

@@ -312,3 +312,8 @@ _CHECKS: dict[type[Any], Any] = {
 
 def _short(error: Exception) -> str:
     return " ".join(str(error).split())[:200]
+
+
+def one_line(text: str) -> str:
+    """Return text as a message may carry it: printable, on one line, not endless."""
+    return "".join(char if char.isprintable() else " " for char in text)[:300]

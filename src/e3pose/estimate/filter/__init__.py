@@ -6,7 +6,6 @@ A step is a pure function: the belief of the slot before and the views of this s
 of this slot and the people out. `docs/estimator.md` has the method and where its numbers come from.
 """
 
-from e3pose.estimate.filter.outlook import Outlook as Outlook
 from e3pose.estimate.filter.outlook import outlook as outlook
 from e3pose.estimate.filter.shown import Estimate as Estimate
 from e3pose.estimate.filter.state import Belief as Belief

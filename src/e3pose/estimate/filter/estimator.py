@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.base import STEER_SLOTS, People
+from e3pose.estimate.base import STEER_SLOTS, Outlook, People
 from e3pose.estimate.filter import (
     Belief,
     Estimate,
     Model,
-    Outlook,
     learned_noise,
     learned_shift,
     outlook,

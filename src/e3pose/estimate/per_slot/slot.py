@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.per_slot.dissolve import dissolve_groups, weigh_groups
+from e3pose.estimate.per_slot.fusion import Fused, FusionSettings
 from e3pose.estimate.per_slot.group import group_poses
 from e3pose.estimate.per_slot.pairs import PLANES, gather, measure_pairs
 from e3pose.estimate.per_slot.triangulate import (
@@ -20,9 +21,6 @@ from e3pose.estimate.per_slot.triangulate import (
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.undistort import make_lenses, undistort_slot
 from e3pose.kernel import LANES, kernel
-
-if TYPE_CHECKING:
-    from e3pose.estimate.per_slot.fuse import Fused, FusionSettings
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -1,0 +1,70 @@
+"""Publishing the people of a slot: at once, and where that is asked for again later, smoothed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from e3pose.clock import Clock
+from e3pose.edge.delayed import DelayedPoses, lag_slots
+from e3pose.edge.outbox import Outbox
+from e3pose.edge.reports import poses_message
+from e3pose.estimate.base import People
+from e3pose.settings.edge import EdgeSettings
+from e3pose.wire import topics
+from e3pose.wire.codec import encode
+
+
+class Publisher:
+    """Puts people into the outbox, and knows how long after the last view they left it."""
+
+    def __init__(
+        self, settings: EdgeSettings, interval_s: float, outbox: Outbox, clock: Clock
+    ) -> None:
+        """Begin with nobody.
+
+        Args:
+            settings: of the edge.
+            interval_s: of a slot.
+            outbox: sends.
+            clock: the edge's.
+        """
+        self._joints, self._outbox, self._clock = settings.joints, outbox, clock
+        self._topic = topics.of_site(settings.site, "poses")
+        self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
+        lag = lag_slots(settings.smooth_delay_s, interval_s)
+        self._delayed = DelayedPoses(settings.joints, lag) if settings.smooth_delay_s else None
+        self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
+        self._told: tuple[int, int, People] | None = None  # the newest slot, its time and people
+
+    def tell(self, slot: int, time_ns: int, people: People, came_ns: Sequence[int]) -> None:
+        """Publish the people of a slot.
+
+        Args:
+            slot: which.
+            time_ns: when it was.
+            people: who was there.
+            came_ns: when its views came.
+        """
+        self._told = slot, time_ns, people
+        self._last_in_ns = {slot: max(*came_ns, time_ns)} if came_ns else {}
+        now_ns = self._clock.now_ns()
+        message = poses_message(slot, people, self._joints, time_ns, now_ns)
+        self._outbox.put(self._topic, encode(message), slot)
+
+    def tell_again(self, busy: bool) -> int:
+        """Publish an earlier slot, smoothed, unless there is too much to do; return the time."""
+        if self._delayed is None or self._told is None:
+            return 0
+        if busy:
+            self._delayed.forget()
+            return 0
+        begun_ns = self._clock.now_ns()
+        late = self._delayed.push(*self._told, self._clock.now_ns)
+        if late is not None:
+            self._outbox.put(self._delayed_topic, encode(late), late.slot)
+        return self._clock.now_ns() - begun_ns
+
+    def latency_ns(self, topic: str, slot: int) -> int | None:
+        """Return how long ago the last view of a slot came whose people just left; None of else."""
+        last_ns = self._last_in_ns.pop(slot, None) if topic == self._topic else None
+        return None if last_ns is None else self._clock.now_ns() - last_ns

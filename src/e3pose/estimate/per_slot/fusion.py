@@ -1,0 +1,81 @@
+"""What fusing the views of a slot takes and gives."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.model.pose import Poses3D
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+# joints_m, scores, members, reprojection_error_px
+Fused = tuple[Floats, Floats, Integers, Floats]
+
+OUTLIER_STEPS = 4  # reweighting converges more slowly than plain least squares
+
+
+@dataclass(frozen=True, slots=True)
+class FusionSettings:
+    """What counts as the same person, and how joints are placed.
+
+    Attributes:
+        max_distance_m: mean distance between rays up to which poses are one person. Detector noise
+            of 5 to 10 px at 5 m and 1000 px focal length is 3 to 5 cm between rays; of wild
+            detections several times that. Chosen on simulated scenes, `docs/paper-comparison.md`.
+        cap_m: the most that one joint may count in that mean. People who pass each other are
+            seldom closer, so a larger distance carries no more information than this.
+        duplicate_m: a pose nearer than this to a stronger one, as a mean over their joints, is
+            the same person again: half the breadth of shoulders, no two bodies come closer.
+        min_joints: a person with fewer joints in 3D is a coincidence of scraps.
+        refine_steps: Gauss-Newton steps on the reprojection error after the DLT; 0 gives exactly
+            the paper's DLT.
+        reject_outliers: let views that disagree about a joint lose their weight.
+
+    Raises:
+        InputError: naming the setting that is out of range.
+    """
+
+    max_distance_m: float = 0.15
+    cap_m: float = 0.30
+    duplicate_m: float = 0.25
+    min_joints: int = 3
+    refine_steps: int = 1
+    reject_outliers: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("max_distance_m", "cap_m", "duplicate_m"):
+            value = getattr(self, name)
+            lowest_ok = value >= 0 if name == "duplicate_m" else value > 0
+            if not (math.isfinite(value) and lowest_ok):
+                raise InputError(f"fusion: {name}: found {value}, expected metres above 0")
+        if self.min_joints < 1:
+            raise InputError(f"fusion: min_joints: found {self.min_joints}, expected 1 or more")
+        if not 0 <= self.refine_steps <= 50:
+            raise InputError(f"fusion: refine_steps: found {self.refine_steps}, expected 0 to 50")
+
+    @property
+    def steps(self) -> int:
+        """Gauss-Newton steps that will be taken."""
+        return max(self.refine_steps, OUTLIER_STEPS) if self.reject_outliers else self.refine_steps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fusion:
+    """The people of one slot and where they come from, the best supported person first.
+
+    Attributes:
+        poses: joints in metres. The score of a joint is the mean score of the keypoints that saw
+            it, each multiplied by how far it was believed (1 unless outliers are rejected).
+        members: `(num_persons, num_cameras)` row of the person in each view, -1 if not in it.
+        reprojection_error_px: `(num_persons, num_joints)` mean over the views that saw the joint,
+            in undistorted pixels; NaN where the joint is missing.
+    """
+
+    poses: Poses3D
+    members: Integers
+    reprojection_error_px: Floats
