@@ -19,3 +19,21 @@ def test_triangulate_example_finds_the_people(capsys: pytest.CaptureFixture[str]
     found, people, error_mm = map(int, numbers.groups())
     assert people == 200 and found >= 190
     assert error_mm < 40
+
+
+@pytest.mark.parametrize(
+    ("example", "told"),
+    [
+        ("02_own_policy.py", r"(cam\d: awake in \d+% of the slots\n){4}"),
+        ("03_own_predictor.py", r"[12]\.\d people shown a slot, chosen for 3 slots ahead\n"),
+        ("04_own_detector.py", r"right_wrist: 31\.5, 41\.5\nleft_wrist: 121\.5, 61\.5\n"),
+        ("05_own_estimator.py", r"[12]\.\d people shown a slot, each as the mean of 3 slots\n"),
+        ("06_live.py", r"slot \d+: 3 cameras online, [012] people\n"),
+    ],
+)
+def test_example_says_what_it_promises(
+    example: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runpy.run_path(str(EXAMPLES / example), run_name="__main__")
+    output = capsys.readouterr().out
+    assert re.fullmatch(told, output), output

@@ -3,33 +3,24 @@
 from __future__ import annotations
 
 import re
+from dataclasses import fields as dataclass_fields
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 import pytest
 
-from e3pose.calibration import load_rig, save_rig
-from e3pose.cli.site_settings import check_settings
+from e3pose.calibration import save_rig
 from e3pose.errors import InputError
+from e3pose.files.table import entries
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
 from e3pose.recording import load_recording
-from e3pose.settings.loop import make_pipeline
-from e3pose.settings.site_file import (
-    CameraTable,
-    LinkTable,
-    NodeTable,
-    SiteTable,
-    StoreTable,
-    cameras_of,
-    load_node,
-    load_site,
-)
+from e3pose.settings.camera_file import NodeTable, load_node
+from e3pose.settings.site_file import CameraTable, LinkTable, SiteTable, StoreTable, load_site
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-from e3pose.site.edge_program import place_of
+from e3pose.site.edge_program import check_edge
 from e3pose.site.example import make_example, write_recorded
 from e3pose.site.up import camera_command
 
@@ -44,16 +35,14 @@ def test_example_site_makes_a_pipeline(tmp_path: Path) -> None:
     cameras = [replace(c, camera_id=f"cam{n}") for n, c in enumerate(three.cameras, 1)]
     rig = Rig(tuple(cameras))
     save_rig(rig, tmp_path / "rig.toml")
-    path = tmp_path / "site.toml"
-    site = load_site(path)
-    assert set(cameras_of(path, site, rig)) == {"cam1", "cam2", "cam3"}
-    settings = check_settings(path, site, rig)
-    pipeline = make_pipeline(place_of(path, site, rig), settings)
+    live = check_edge(load_site(tmp_path))
+    assert set(live.cameras) == {"cam1", "cam2", "cam3"}
+    pipeline = live.pipeline()
     assert len(pipeline.budget) == 3 and pipeline.interval_s == pytest.approx(0.04)
 
 
 def test_example_camera_is_of_the_example_site() -> None:
-    node, site = load_node(EXAMPLES / "camera.toml", {}), load_site(EXAMPLES / "site.toml")
+    node, site = load_node(EXAMPLES / "camera.toml"), load_site(EXAMPLES / "site.toml")
     assert node.site == site.name and node.camera in {camera.id for camera in site.camera}
     assert node.endpoint.rpartition(":")[2] == site.link.endpoint.rpartition(":")[2]
 
@@ -62,19 +51,22 @@ def test_example_camera_is_of_the_example_site() -> None:
 def test_page_explains_every_key_and_its_default(table: Any) -> None:
     (text,) = re.findall(rf"<!-- {table.__name__} -->\n(.*?)\n\n", TEXT, re.S)
     rows = dict(re.findall(r"^\| `(\w+)` \|\s*([^|]*?)\s*\|", text, re.M))
-    fields = {field.name: field for field in msgspec.structs.fields(table)}
+    fields = {item.key: (item, defaults(table).get(item.field)) for item in entries(table)}
     tables = {"link", "store", "loop", "energy", "camera"} if table is SiteTable else set()
     assert set(rows) == set(fields) - tables - {"format", "version"}
     for name, told in rows.items():
-        field = fields[name]
-        if field.required:
+        item, default = fields[name]
+        if item.required:
             assert told == "must be there", name
-        elif field.default is None or field.default == ():
+        elif default is None or default == ():
             assert told == "", name
         else:
-            default = field.default
             shown = str(default).lower() if isinstance(default, bool) else f"{default}"
             assert told in (f"`{shown}`", f"`{shown.removesuffix('.0')}`"), name
+
+
+def defaults(table: Any) -> dict[str, Any]:
+    return {field.name: field.default for field in dataclass_fields(table)}
 
 
 def test_made_example_is_a_site_that_can_be_started(tmp_path: Path) -> None:
@@ -85,7 +77,7 @@ def test_made_example_is_a_site_that_can_be_started(tmp_path: Path) -> None:
     path = write_recorded(tmp_path / "try", recording)
     site = load_site(path)
     assert site.fps == 10 and site.link.endpoint.startswith("tcp/127.0.0.1:")
-    command = camera_command(path, site, "cam1", recording.rig)
+    command = camera_command(site, "cam1", recording.rig)
     source = command[command.index("--source") + 1]
     assert source.startswith("recorded:")
     assert load_recording(Path(source.partition(":")[2])).num_slots == 10
@@ -97,10 +89,7 @@ def test_example_is_made_in_a_new_folder_only(
     small = SceneSettings(people=1, seconds=1.0, fps=10, cameras=4)
     monkeypatch.setattr("e3pose.site.example.SCENE", small)
     path = make_example(tmp_path / "try")
-    site = load_site(path)
-    rig = load_rig(tmp_path / "try" / "rig.toml")
-    check_settings(path, site, rig)
-    assert len(cameras_of(path, site, rig)) == 4
+    assert len(check_edge(load_site(path)).cameras) == 4
     (tmp_path / "try" / "mine.txt").write_text("mine")
     with pytest.raises(InputError, match=r"try: is there already, expected a new folder"):
         make_example(tmp_path / "try")

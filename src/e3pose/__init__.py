@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from e3pose.recording import Recording as Recording
     from e3pose.recording import load_recording as load_recording
     from e3pose.recording import save_recording as save_recording
+    from e3pose.site.camera_program import open_camera as open_camera
+    from e3pose.site.edge_program import open_edge as open_edge
 
 _HOMES = {
     "Camera": "geometry.camera",
@@ -40,6 +42,8 @@ _HOMES = {
     "Skeleton": "model.skeleton",
     "load_recording": "recording",
     "load_rig": "calibration",
+    "open_camera": "site.camera_program",
+    "open_edge": "site.edge_program",
     "replay": "evaluate.replay",
     "save_recording": "recording",
     "save_rig": "calibration",
@@ -53,4 +57,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOMES])
+    return ["__version__", *sorted(_HOMES)]

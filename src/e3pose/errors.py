@@ -2,10 +2,71 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+MISSING = "missing"  # found, where what is expected says what to write
+
 
 class InputError(ValueError):
     """A file, option or message is not what it should be.
 
-    The message is one line a user can act on: it names the file, camera or field, what was found
-    and what was expected. The command line prints it and exits with code 2.
+    Its text is one line a user can act on: `site.toml: loop.cameras: found 99, expected ...`. The
+    command line prints it and exits with code 2. Whoever finds the fault knows what was found and
+    what was expected; whoever knows where that was written adds it on the way out, with `at`.
+
+    Attributes:
+        place: the file, or empty.
+        thing: what is wrong: a key, an option, a camera; or empty.
+        found: what it was, in words; None in an error that is all one sentence.
+        expected: what it should have been, likewise.
     """
+
+    def __init__(
+        self, thing: str, found: object = None, expected: str | None = None, place: str = ""
+    ) -> None:
+        """Say what is wrong.
+
+        Args:
+            thing: what is wrong; or, alone, the whole sentence.
+            found: what it was.
+            expected: what it should have been.
+            place: the file.
+        """
+        super().__init__(thing, found, expected, place)
+        self.sentence = thing if found is None and expected is None else ""
+        self.thing = "" if self.sentence else thing
+        self.found = None if found is None else str(found)
+        self.expected, self.place = expected, place
+
+    def at(self, place: object = "", thing: str | None = None) -> InputError:
+        """Return the error with the place where it was written.
+
+        Args:
+            place: the file; the one that is known stays, as it is nearer to the fault.
+            thing: what the thing is called there, such as `loop.cameras` or `--cameras`.
+        """
+        place = self.place or str(place)
+        if self.sentence:
+            named = f"{thing}: {self.sentence}" if thing else self.sentence
+            return InputError(named, place=place)
+        return InputError(self.thing if thing is None else thing, self.found, self.expected, place)
+
+    def under(self, table: str) -> InputError:
+        """Return the error with its thing as a part of another: `loop` makes `loop.cameras`."""
+        if self.sentence or self.place:
+            return self.at(thing=table) if self.sentence and not self.place else self
+        between = "." if self.thing and self.thing[0] != "[" else ""
+        return self.at(thing=f"{table}{between}{self.thing}")
+
+    def __str__(self) -> str:
+        """Return the one line."""
+        found = None if self.found is None else f"found {self.found}"
+        expected = None if self.expected is None else f"expected {self.expected}"
+        what = self.sentence or ", ".join(part for part in (found, expected) if part)
+        if self.found == MISSING:
+            what = f"missing: {self.expected}"
+        return ": ".join(part for part in (self.place, self.thing, what) if part)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes the error again in another process."""
+        return InputError, self.args

@@ -54,7 +54,7 @@ def test_doubt_is_an_error_that_lists_both_sides(videos: list[str]) -> None:
 
 
 def test_wrong_camera_or_camera_twice_is_named() -> None:
-    with pytest.raises(InputError, match="'cam9' is not in the rig"):
+    with pytest.raises(InputError, match="'cam9', which is not in the rig"):
         pair_videos(["cam9=x.mp4"], rig("cam1"))
     with pytest.raises(InputError, match="'cam1' is given twice"):
         pair_videos(["cam1=x.mp4", "cam1=y.mp4"], rig("cam1", "cam2"))

@@ -129,7 +129,7 @@ def test_options_reach_the_recording(
     [
         (["--offset", "cam1"], "CAMERA=SECONDS"),
         (["--offset", "cam1=soon"], "CAMERA=SECONDS"),
-        (["--offset", "cam7=1"], "'cam7' is not in the rig"),
+        (["--offset", "cam7=1"], "'cam7', which is not in the rig"),
         (["--link-videos", "--copy-videos"], "at most one"),
         (["--fps", "0"], "fps"),
         (["--every", "0"], "every"),

@@ -67,7 +67,7 @@ def test_leads_are_drawn(folder: Path, tmp_path: Path) -> None:
     ("options", "named"),
     [
         (["--policies", "all,best"], "'best'"),
-        (["--policies", ""], "policy"),
+        (["--policies", ""], "--policies"),
         (["--cameras", "2,x"], "--cameras"),
         (["--cameras", "2,9"], "cameras"),
         (["--cameras", "0"], "cameras"),

@@ -81,4 +81,4 @@ def test_key_of_a_site_is_not_called_an_option(
     path.write_text(path.read_text() + '\n[energy]\nbattery_wh = "50,cam9=1"\n')
     assert run("check", path) == 2
     err = capsys.readouterr().err
-    assert f"{path}: battery_wh: found camera 'cam9'" in err and "--" not in err, err
+    assert f"{path}: energy.battery_wh: found camera 'cam9'" in err and "--" not in err, err

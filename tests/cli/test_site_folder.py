@@ -120,4 +120,4 @@ def test_query_of_a_site_without_a_store_is_one_line(
     path.write_text(path.read_text().replace('[store]\npath = "live.db"\n', ""))
     assert run("query", tmp_path) == 2
     err = capsys.readouterr().err
-    assert err.count("\n") == 1 and "site.toml: store: not found" in err, err
+    assert err.count("\n") == 1 and "site.toml: missing: [store] path" in err, err

@@ -161,7 +161,7 @@ def test_a_truncated_network_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "model", "message"),
     [
-        ("mediapipe", None, "detector 'mediapipe' is unknown, expected one of movenet-multipose"),
+        ("mediapipe", None, "detector: found 'mediapipe', expected one of movenet-multipose"),
         ("trt-pose", None, "trt-pose: bring your own"),
         ("openpose-thin", "gone.onnx", r"gone\.onnx: no such file"),
         ("gone.onnx", None, r"gone\.onnx: no such file"),
@@ -282,7 +282,7 @@ def test_recorded_plays_back_slot_by_slot() -> None:
     np.testing.assert_array_equal(detector.detect().keypoints_px, views[1].keypoints_px)
     with pytest.raises(InputError, match="slot 4 is outside"):
         detector.seek(4)
-    with pytest.raises(InputError, match="'middle' is not in the rig"):
+    with pytest.raises(InputError, match="'middle', which is not in the rig"):
         Recorded(recording, "middle")
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from e3pose.settings.parts import make_pipeline
 from tests.waiting import eventually
 
 from e3pose.camera.live import CameraNode, NodeSettings
@@ -20,6 +19,7 @@ from e3pose.edge.state_file import StateFile
 from e3pose.recording import Recording
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.parts import make_pipeline
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.store.rows import Event

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from e3pose.settings.parts import make_pipeline
 from numpy.lib import format as npy
 
 from e3pose.clock import SlotTimes
@@ -24,6 +23,7 @@ from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.recording import Recording
 from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.parts import make_pipeline
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 

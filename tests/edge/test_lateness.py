@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from e3pose.settings.parts import make_pipeline
 
 from e3pose.edge.lateness import TOLD_FAILURES, forgiven, oddities
 from e3pose.edge.reports import changes
 from e3pose.pipeline import SlotState, initial_state
 from e3pose.select.failure_detector import Silence, listen
 from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.parts import make_pipeline
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 

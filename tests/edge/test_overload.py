@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from e3pose.settings.parts import make_pipeline
 
 from e3pose.edge.overload import (
     CALM_S,
@@ -26,6 +25,7 @@ from e3pose.pipeline import initial_state, step
 from e3pose.select.camera_order import spread_order
 from e3pose.select.policies.fixed import RoundRobin
 from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.parts import make_pipeline
 from e3pose.simulate import SceneSettings, simulate
 
 INTERVAL_S = 0.04

@@ -250,7 +250,7 @@ def test_a_lifetime_spends_the_battery_to_the_end_of_it() -> None:
 
 def test_a_lifetime_that_idle_cameras_outspend_names_the_camera() -> None:
     profiles = [load_profile("xavier-nx")] * 2  # 6.25 W when idle
-    with pytest.raises(InputError, match=r"camera b: lifetime: found 4 h, .* than 3\.2 h"):
+    with pytest.raises(InputError, match=r"lifetime: found 4 h for camera b, .* than 3\.2 h"):
         lifetime_budget(4 * 3600, [50, 20], profiles, ["a", "b"])
     for never in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match="lifetime"):

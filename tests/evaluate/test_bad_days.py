@@ -8,19 +8,12 @@ import numpy as np
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.evaluate.bad_days import (
-    BadDay,
-    Kill,
-    arriving,
-    capacity_j,
-    deaths_s,
-    parse_kill,
-    thinned,
-)
+from e3pose.evaluate.bad_days import arriving, capacity_j, deaths_s, parse_kill, thinned
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.geometry.camera import Rig
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
+from e3pose.settings.bad_day import BadDay, Kill
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
 SCENE = simulate(

@@ -120,9 +120,9 @@ def test_replays_repeat_to_the_last_bit() -> None:
         ({"budget": float("nan")}, "budget"),
         ({"lead_slots": 0}, "lead"),
         ({"warmup_slots": -1}, "warmup"),
-        ({"quality_weight": -1.0}, "quality weight"),
-        ({"quality_weight": float("nan")}, "quality weight"),
-        ({"round_trip_s": float("inf")}, "round trip"),
+        ({"quality_weight": -1.0}, "quality_weight"),
+        ({"quality_weight": float("nan")}, "quality_weight"),
+        ({"round_trip_s": float("inf")}, "round_trip_ms"),
         ({"seed": -1}, "seed"),
     ],
 )
@@ -159,11 +159,19 @@ def test_views_that_disagree_match_up_to_the_distance(
 @pytest.mark.parametrize(
     ("pipeline", "distance_m", "told"),
     [
-        ("default", 0.15, "match distance: the pipeline default .* expected paper"),
-        ("memory", 0.15, "match distance: the pipeline memory .* expected paper"),
-        ("paper", 0.0, "match distance: 0 mm"),
-        ("paper", 0.3, "match distance: 300 mm, expected .* less than 300 mm"),
-        ("paper", float("nan"), "match distance: nan mm"),
+        (
+            "default",
+            0.15,
+            "match_distance: found it with the pipeline default",
+        ),
+        (
+            "memory",
+            0.15,
+            "match_distance: found it with the pipeline memory",
+        ),
+        ("paper", 0.0, "match_distance: found 0 mm"),
+        ("paper", 0.3, "match_distance: found 300 mm, expected .* less than 300 mm"),
+        ("paper", float("nan"), "match_distance: found nan mm"),
     ],
 )
 def test_match_distance_is_the_papers_and_a_small_length(
@@ -176,7 +184,13 @@ def test_match_distance_is_the_papers_and_a_small_length(
 def test_python_and_the_command_line_run_the_same_system_by_default() -> None:
     from e3pose.cli.options import LoopOptions
 
-    asked = LoopOptions().settings()
     default = ReplaySettings()
-    assert {key: getattr(default, key) for key in asked} == asked
+    assert LoopOptions().settings() == default
     assert default.policy_name == "information"
+
+
+@pytest.mark.parametrize(("pipeline", "count"), [("memory", 2), ("paper", 3)])
+def test_a_rig_of_two_cameras_has_defaults_too(pipeline: str, count: int) -> None:
+    settings = ReplaySettings(pipeline=pipeline)
+    assert settings.for_rig(2).num_selected == 2
+    assert settings.for_rig(5).num_selected == count

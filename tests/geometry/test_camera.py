@@ -324,7 +324,7 @@ def test_rig_knows_its_cameras_by_name_and_order() -> None:
     assert rig.subset([2, 1]).camera_ids == ("c", "b")
     np.testing.assert_allclose(rig.centers_m[1], [-1, 0, -3])
     np.testing.assert_array_equal(rig.projections[1], rig.cameras[1].projection)
-    with pytest.raises(InputError, match="'d' is not in the rig, which has a, b, c"):
+    with pytest.raises(InputError, match="'d', which is not in the rig, expected one of a, b, c"):
         rig.index("d")
     with pytest.raises(InputError, match="'a' appears twice"):
         Rig((camera(), camera()))

@@ -138,7 +138,7 @@ class LiveSite:
     def watch(self) -> None:
         """Follow what the edge says."""
         follower = Follower("lab")
-        self._viewer = open_network(viewer_link(self.path, load_site(self.path), None))
+        self._viewer = open_network(viewer_link(load_site(self.path), None))
         follower.listen(self._viewer, self.poses.append, self._take)
 
     def _take(self, status: Status) -> None:

@@ -70,7 +70,7 @@ def test_up_runs_a_site_and_ends_all_of_it(
         text=True,
         start_new_session=True,
     )
-    follower, transport = Follower("lab"), open_network(viewer_link(path, load_site(path), None))
+    follower, transport = Follower("lab"), open_network(viewer_link(load_site(path), None))
     try:
         follower.listen(transport)
         assert eventually(lambda: follower.status and follower.status.slot > 10, COMPILE_S)
@@ -181,7 +181,7 @@ def test_two_sites_share_one_router(tmp_path: Path, recording: Path) -> None:
                 )  # fmt: skip
         for path, name in zip(paths, ("lab", "hall"), strict=True):
             follower = Follower(name)
-            transports.append(open_network(viewer_link(path, load_site(path), None)))
+            transports.append(open_network(viewer_link(load_site(path), None)))
             follower.listen(transports[-1])
             followers.append(follower)
 

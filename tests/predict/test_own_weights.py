@@ -35,5 +35,5 @@ def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:
 
 
 def test_an_unknown_name_lists_what_there_is() -> None:
-    with pytest.raises(InputError, match=r"'nobody' is unknown, expected one of zero.*\.onnx"):
+    with pytest.raises(InputError, match=r"found 'nobody', expected one of zero.*\.onnx"):
         make_predictor("nobody")

@@ -14,8 +14,8 @@ fps = 20
 """
 
 
-def write_site(folder: Path, more: str = "") -> tuple[Path, SiteTable]:
-    """Write a site file to a folder; return it and what it says.
+def write_site(folder: Path, more: str = "") -> SiteTable:
+    """Write a site file to a folder; return what it says.
 
     Args:
         folder: to write to.
@@ -23,4 +23,4 @@ def write_site(folder: Path, more: str = "") -> tuple[Path, SiteTable]:
     """
     path = folder / "site.toml"
     path.write_text(HEAD + more)
-    return path, load_site(path)
+    return load_site(path)

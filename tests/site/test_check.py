@@ -83,8 +83,8 @@ def test_camera_below_the_floor_is_named() -> None:
 
 
 def linked(tmp_path: Path, link: str, rig: Rig = RIG) -> list[Finding]:
-    path, site = write_site(tmp_path, f"[link]\n{link}\n")
-    return list(check_link_of(path, site, rig))
+    site = write_site(tmp_path, f"[link]\n{link}\n")
+    return list(check_link_of(site, rig))
 
 
 def test_plain_tcp_on_this_machine_is_no_finding(tmp_path: Path) -> None:
@@ -122,8 +122,8 @@ def test_certificates_are_looked_at_one_by_one(tmp_path: Path) -> None:
 def sources(tmp_path: Path, **keys: str) -> list[Finding]:
     """Return what is found of a camera with these keys."""
     table = "\n".join(f'{key} = "{value}"' for key, value in keys.items())
-    path, site = write_site(tmp_path, f'[[camera]]\nid = "c0"\n{table}\n')
-    return list(check_models(path, site, RIG))
+    site = write_site(tmp_path, f'[[camera]]\nid = "c0"\n{table}\n')
+    return list(check_models(site, RIG))
 
 
 def test_cameras_that_run_elsewhere_are_not_looked_at(tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
 def found(folder: Path) -> dict[str, str]:
     """Return the level of what is found, by its name; the worst of each."""
     worst: dict[str, str] = {}
-    for finding in check_places(*write_site(folder, '[store]\npath = "live.db"\n')):
+    for finding in check_places(write_site(folder, '[store]\npath = "live.db"\n')):
         if worst.get(finding.what) != "problem":
             worst[finding.what] = finding.level
     return worst
@@ -262,10 +262,10 @@ def test_files_that_everybody_may_read_are_told_of(tmp_path: Path) -> None:
 
 
 def test_place_that_is_no_folder_and_a_site_that_keeps_nothing_are_told(tmp_path: Path) -> None:
-    path, site = write_site(tmp_path, 'state = "missing/state.npz"\n')
-    state, store = wrong(check_places(path, site))
+    site = write_site(tmp_path, 'state = "missing/state.npz"\n')
+    state, store = wrong(check_places(site))
     assert (state.level, state.what) == ("problem", "state")
     assert state.advice == f"mkdir -p {tmp_path / 'missing'}"
     assert (store.level, store.what) == ("warning", "store")
-    path, site = write_site(tmp_path, 'state = ""\n[store]\npath = "postgresql://host/poses"\n')
-    assert not list(check_places(path, site))  # places of other machines
+    site = write_site(tmp_path, 'state = ""\n[store]\npath = "postgresql://host/poses"\n')
+    assert not list(check_places(site))  # places of other machines

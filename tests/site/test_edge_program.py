@@ -11,13 +11,14 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import write_site
 
+from e3pose.calibration import save_rig
 from e3pose.clock import ManualClock
 from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
 from e3pose.model.noises import DEFAULT
-from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.site_file import SiteTable
-from e3pose.site.edge_program import Admission, edge_link, make_edge, place_of
+from e3pose.site.edge_program import Admission, edge_link, make_edge
 from e3pose.store.rows import Event
 from e3pose.wire.access import Link
 from e3pose.wire.keys.folder import Roll, add_keys, init_keys, revoke_keys
@@ -25,83 +26,86 @@ from e3pose.wire.memory import Hub, MemoryTransport
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 RIG = looking((4, 0), (0, 4))
-LOOP = ReplaySettings(pipeline="paper", policy="round-robin", num_selected=2)
 TLS = '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n'
 
 
-def edge_of(
-    path: Path, site: SiteTable, stack: ExitStack, tell: list[Event] | None = None
-) -> EdgeServer:
-    tell = [] if tell is None else tell
-    place, transport = place_of(path, site, RIG), Hub().join()
-    return make_edge(path, site, place, LOOP, transport, ManualClock(10**18), tell.append, stack)
+def live_of(site: SiteTable) -> LiveSite:
+    save_rig(RIG, site.path.with_name("rig.toml"))
+    return live_site(site)
+
+
+def edge_of(site: SiteTable, stack: ExitStack, tell: list[Event] | None = None) -> EdgeServer:
+    tell, live = [] if tell is None else tell, live_of(site)
+    clock = ManualClock(10**18)
+    return make_edge(live, live.pipeline(), Hub().join(), clock, tell.append, stack)
 
 
 def test_place_is_that_of_the_site_file(tmp_path: Path) -> None:
-    place = place_of(*write_site(tmp_path, 'skeleton = "coco18"\n'), RIG)
+    place = live_of(write_site(tmp_path, 'skeleton = "coco18"\n'))
     assert place.interval_s == 0.05 and place.skeleton.name == "coco18"
-    assert place.rig is RIG and place.detector == DEFAULT
+    assert place.rig.camera_ids == RIG.camera_ids and place.detector == DEFAULT
     camera = '[[camera]]\nid = "c1"\ndetector = "openpose-thin"\n'
-    assert place_of(*write_site(tmp_path, camera), RIG).detector == "openpose-thin"
+    assert live_of(write_site(tmp_path, camera)).detector == "openpose-thin"
 
 
 def test_edge_has_the_settings_of_its_site(tmp_path: Path) -> None:
-    path, site = write_site(
+    site = write_site(
         tmp_path,
         'deadline_ms = 250\npace = 0.5\nlead = 3\nstate = "kept/state.npz"\n'
         '[[camera]]\nid = "c1"\nidle_mode = "aggressive-power-saving"\n',
     )
     with ExitStack() as stack:
-        edge = edge_of(path, site, stack)
+        edge = edge_of(site, stack)
         settings = edge.settings
         assert (settings.site, settings.deadline_s, settings.pace) == ("lab", 0.25, 0.5)
         assert not settings.adaptive_lead
         assert settings.idle_modes == ["power-saving", "aggressive-power-saving"]
-        assert settings.checkpoint == tmp_path / "kept" / "state.npz"
+        assert edge.state_file.path == tmp_path / "kept" / "state.npz"
         assert edge.interval_ns == 100_000_000  # twice a slot of the scene
-        assert edge.sink is None and edge.learner is None
+        assert edge.consumers.sink is None and edge.consumers.learner is None
         assert (tmp_path / "kept").is_dir()
 
 
 def test_store_of_a_site_is_open_while_its_edge_is(tmp_path: Path) -> None:
-    path, site = write_site(tmp_path, '[store]\npath = "live.db"\nkeep = "2d"\n')
+    site = write_site(tmp_path, '[store]\npath = "live.db"\nkeep = "2d"\n')
     with ExitStack() as stack:
-        edge = edge_of(path, site, stack)
-        assert edge.sink is not None and edge.sink.status().trouble is None
+        edge = edge_of(site, stack)
+        sink = edge.consumers.sink
+        assert sink is not None and sink.status().trouble is None
     assert (tmp_path / "live.db").is_file()
 
 
 def test_two_edges_do_not_keep_one_state(tmp_path: Path) -> None:
-    path, site = write_site(tmp_path)
+    site = write_site(tmp_path)
     with ExitStack() as stack:
-        edge_of(path, site, stack)
+        edge_of(site, stack)
         with pytest.raises(InputError, match=f"process {os.getpid()}"):
-            edge_of(path, site, stack)
+            edge_of(site, stack)
     with ExitStack() as stack:  # the first is gone
-        edge_of(path, site, stack)
+        edge_of(site, stack)
 
 
 def test_link_over_tls_has_the_certificate_and_the_list(tmp_path: Path) -> None:
     init_keys(tmp_path / "keys", "lab", [], NOW)
     add_keys(tmp_path / "keys", "c0", NOW)
-    link, roll = edge_link(*write_site(tmp_path, TLS))
+    link, roll = edge_link(write_site(tmp_path, TLS))
     assert link.role == "edge" and link.certificates is not None
     assert link.certificates.certificate == tmp_path / "keys" / "edge.pem"
     assert roll is not None and set(roll.cameras) == {"c0"}
 
 
 def test_link_without_certificates_is_plain_and_on_this_machine(tmp_path: Path) -> None:
-    link, roll = edge_link(*write_site(tmp_path, '[link]\nendpoint = "tcp/127.0.0.1:7001"\n'))
+    link, roll = edge_link(write_site(tmp_path, '[link]\nendpoint = "tcp/127.0.0.1:7001"\n'))
     assert link.certificates is None and roll is None
     with pytest.raises(InputError, match="plain tcp beyond this machine"):
-        edge_link(*write_site(tmp_path, '[link]\nendpoint = "tcp/0.0.0.0:7001"\n'))
+        edge_link(write_site(tmp_path, '[link]\nendpoint = "tcp/0.0.0.0:7001"\n'))
 
 
 def test_edge_joins_anew_once_for_each_change_of_the_list(tmp_path: Path) -> None:
     keys = tmp_path / "keys"
     init_keys(keys, "lab", [], NOW)
     add_keys(keys, "c0", NOW)
-    path, site = write_site(tmp_path, TLS)
+    site = write_site(tmp_path, TLS)
     hub, told = Hub(), list[str]()
     rolls: list[set[str]] = []
 
@@ -111,8 +115,8 @@ def test_edge_joins_anew_once_for_each_change_of_the_list(tmp_path: Path) -> Non
         return hub.join()
 
     with ExitStack() as stack:
-        server = edge_of(path, site, stack)
-        admission = Admission(path, site, server, join, told.append)
+        server = edge_of(site, stack)
+        admission = Admission(site, server, join, told.append)
         admission.look()
         assert not rolls and not told
         add_keys(keys, "c1", NOW)

@@ -25,7 +25,7 @@ def test_site_of_a_recording_passes_its_own_check(tmp_path: Path) -> None:
     assert (site.name, site.fps, site.skeleton) == ("hall", recording.fps, recording.skeleton.name)
     assert rig.camera_ids == recording.rig.camera_ids
     found = [
-        *check_calibration(rig), *check_link_of(path, site, rig), *check_models(path, site, rig)
+        *check_calibration(rig), *check_link_of(site, rig), *check_models(site, rig)
     ]  # fmt: skip
     assert [f for f in found if f.level != "ok"] == []
     assert path.read_text().startswith("# ")

@@ -92,8 +92,8 @@ def test_message_that_makes_no_sense_is_told_and_changes_nothing(topic: str) -> 
 def test_viewer_finds_an_edge_that_listens_everywhere_on_this_machine(
     tmp_path: Path, listens: str, found: str
 ) -> None:
-    path, site = write_site(tmp_path, f'[link]\nendpoint = "{listens}"\ninsecure = true\n')
-    link = viewer_link(path, site, None)
+    site = write_site(tmp_path, f'[link]\nendpoint = "{listens}"\ninsecure = true\n')
+    link = viewer_link(site, None)
     assert (link.role, link.site, link.endpoint) == ("viewer", "lab", found)
     assert link.certificates is None and link.insecure
 
@@ -109,32 +109,32 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_viewer_over_tls_takes_the_certificate_that_is_named_or_the_first(keys: Path) -> None:
-    path, site = write_site(keys.parent, '[link]\nendpoint = "tls/127.0.0.1:7001"\nkeys = "keys"\n')
-    link = viewer_link(path, site, None)
+    site = write_site(keys.parent, '[link]\nendpoint = "tls/127.0.0.1:7001"\nkeys = "keys"\n')
+    link = viewer_link(site, None)
     assert link.endpoint == "tls/localhost:7001"  # the name in the certificate
     assert link.certificates is not None
     assert link.certificates.certificate == keys / "viewers" / "desk" / "viewer.pem"
-    named = viewer_link(path, site, keys / "viewers" / "wall").certificates
+    named = viewer_link(site, keys / "viewers" / "wall").certificates
     assert named is not None and named.certificate.parent.name == "wall"
 
 
 def test_folder_of_a_camera_is_no_viewer(keys: Path) -> None:
-    path, site = write_site(keys.parent, '[link]\nendpoint = "tls/127.0.0.1:7001"\nkeys = "keys"\n')
+    site = write_site(keys.parent, '[link]\nendpoint = "tls/127.0.0.1:7001"\nkeys = "keys"\n')
     with pytest.raises(InputError, match=r"viewer\.(pem|key)"):
-        viewer_link(path, site, keys / "cameras" / "cam0")
+        viewer_link(site, keys / "cameras" / "cam0")
 
 
 def test_site_without_a_viewer_names_the_command_that_makes_one(tmp_path: Path) -> None:
     init_keys(tmp_path / "keys", "lab", [], NOW)
-    path, site = write_site(tmp_path, '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n')
+    site = write_site(tmp_path, '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n')
     with pytest.raises(InputError, match="e3pose keys add NAME --viewer"):
-        viewer_link(path, site, None)
+        viewer_link(site, None)
 
 
 def test_certificate_that_expired_is_refused(tmp_path: Path) -> None:
     long_ago = NOW - datetime.timedelta(days=2000)
     init_keys(tmp_path / "keys", "lab", [], NOW)
     add_keys(tmp_path / "keys", "wall", long_ago, kind="viewer")
-    path, site = write_site(tmp_path, '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n')
+    site = write_site(tmp_path, '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n')
     with pytest.raises(InputError, match="expired on"):
-        viewer_link(path, site, None)
+        viewer_link(site, None)

@@ -32,8 +32,8 @@ def camera(
 ) -> list[str]:
     """Return the command line of a camera with these keys."""
     text = f'{more}\n[link]\nendpoint = "{link}"\n[[camera]]\nid = "c1"\n{keys}\n'
-    path, site = write_site(tmp_path, text)
-    return camera_command(path, site, "c1", RIG)
+    site = write_site(tmp_path, text)
+    return camera_command(site, "c1", RIG)
 
 
 def test_edge_reads_the_site_file_and_ends_with_its_parent() -> None:

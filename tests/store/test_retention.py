@@ -9,6 +9,7 @@ import pytest
 
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
+from e3pose.quantities import age_s, size_bytes
 from e3pose.store import (
     EnergyReading,
     Event,
@@ -17,8 +18,6 @@ from e3pose.store import (
     Store,
     StoreWriter,
     WriterSettings,
-    parse_age,
-    parse_size,
 )
 from e3pose.store.delivery import Delivery
 from e3pose.store.retention import BATCH_SLOTS
@@ -107,23 +106,23 @@ def test_size_is_kept_by_a_running_writer(tmp_path: Path, record: Records, run: 
     [("30d", 30 * 86400), ("12h", 43200), ("90 min", 5400), ("2w", 14 * 86400), ("1.5s", 1.5)],
 )
 def test_ages(words: str, seconds: float) -> None:
-    assert parse_age(words) == seconds
+    assert age_s(words) == seconds
 
 
 @pytest.mark.parametrize(
     ("words", "size"), [("20GB", 20 * 10**9), ("500 MB", 5 * 10**8), ("0.5tb", 5 * 10**11)]
 )
 def test_sizes(words: str, size: int) -> None:
-    assert parse_size(words) == size
+    assert size_bytes(words) == size
 
 
 @pytest.mark.parametrize("words", ["30", "d", "-3d", "0d", "3 months", "20GB"])
 def test_what_is_no_age(words: str) -> None:
     with pytest.raises(InputError, match="such as 30d"):
-        parse_age(words)
+        age_s(words)
 
 
 @pytest.mark.parametrize("words", ["20", "GB", "-3GB", "10KB", "1d"])
 def test_what_is_no_size(words: str) -> None:
-    with pytest.raises(InputError, match="size: found"):
-        parse_size(words)
+    with pytest.raises(InputError, match=r"found .*expected"):
+        size_bytes(words)

@@ -54,10 +54,10 @@ def make_source(
     """
     kind, _, rest = name.partition(":")
     if pace != 1 and kind in ("usb", "gstreamer", "rtsp", "rtsps"):
-        raise InputError(f"pace: found {pace:g}, expected 1: a camera that films cannot go slower")
+        raise InputError("pace", f"{pace:g}", "1: a camera that films cannot go slower")
     if kind == "usb":
         if not (rest.isascii() and rest.isdigit() and len(rest) < 4):
-            raise InputError(f"source {name[:80]!r}: expected usb:NUMBER, such as usb:0")
+            raise InputError("source", repr(name[:80]), "usb:NUMBER, such as usb:0")
         return OpenCvSource(int(rest), clock, fps)
     if kind == "gstreamer":
         return OpenCvSource(rest, clock, fps)

@@ -46,6 +46,7 @@ MAX_MESSAGE = 1000
 app = App(
     name="e3pose",
     version=__version__,
+    version_flags=["--version", "-V"],
     suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
     help="Multi-camera 3D human pose that wakes only the cameras worth waking.",
 )

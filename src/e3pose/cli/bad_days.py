@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from e3pose.evaluate.bad_days import BadDay
     from e3pose.recording import Recording
+    from e3pose.settings.bad_day import BadDay
 
 
 @Parameter(name="*")
@@ -34,7 +34,8 @@ class BadDayOptions:
             recording: as `thinned` returns it.
             watts: what each camera draws when active, and when not.
         """
-        from e3pose.evaluate.bad_days import BadDay, arriving, deaths_s, parse_kill
+        from e3pose.evaluate.bad_days import arriving, deaths_s, parse_kill
+        from e3pose.settings.bad_day import BadDay
 
         day = BadDay(tuple(parse_kill(text) for text in self.kill_camera), self.loss, watts)
         deaths_s(recording, day.kills)

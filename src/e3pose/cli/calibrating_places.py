@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
+from e3pose.cli.options import as_typed
 from e3pose.errors import InputError
-from e3pose.settings.quantities import length_m
+from e3pose.quantities import length_m
 
 if TYPE_CHECKING:
     from e3pose.calibrate.places import KnownLength, Places
@@ -192,8 +193,10 @@ def _known(height: str | None, distance: str | None, limb: str | None) -> KnownL
 
     if sum(value is not None for value in (height, distance, limb)) > 1:
         raise InputError("--height, --distance, --limb: found several, expected at most one")
+    with as_typed({"": "--height"}):
+        height_m = None if height is None else length_m(height)
     return KnownLength(
-        None if height is None else length_m("--height", height),
+        height_m,
         None if distance is None else _pair("--distance", distance),
         None if limb is None else _pair("--limb", limb),
     )
@@ -204,7 +207,8 @@ def _pair(option: str, word: str) -> tuple[str, str, float]:
     first, comma, second = names.partition(",")
     if not (equals and comma and first and second):
         raise InputError(f"{option}: found {word[:60]!r}, expected A,B=LENGTH such as a,b=3.2m")
-    return first, second, length_m(option, length)
+    with as_typed({"": option}):
+        return first, second, length_m(length)
 
 
 @contextmanager

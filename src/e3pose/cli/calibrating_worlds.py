@@ -11,8 +11,9 @@ from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
 from e3pose.cli.calibrating_places import stage_bar
+from e3pose.cli.options import as_typed
 from e3pose.errors import InputError
-from e3pose.settings.quantities import length_m
+from e3pose.quantities import length_m
 
 if TYPE_CHECKING:
     from e3pose.calibrate.align import Move
@@ -94,7 +95,9 @@ def align(
     elif points is not None:
         move, words = _three_points(points), "floor of the three points"
     elif is_recording:
-        move, words = _people_floor(source, length_m("--height", height), seconds)
+        with as_typed({"": "--height"}):
+            height_m = length_m(height)
+        move, words = _people_floor(source, height_m, seconds)
     elif not chosen:
         raise InputError(
             f"{source}: found a calibration, expected --up, --floor or --points with it, or a "

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole
+from e3pose.cli.options import Whole, as_typed
 from e3pose.errors import InputError
 from e3pose.plural import counted
 
@@ -57,8 +57,8 @@ def detect(
         `e3pose calibrate intrinsics`. Without it cameras are named after their videos, and
         `e3pose calibrate extrinsics` finds lenses and places from the people.
     model
-        A name from `e3pose models list`, or the path of an .onnx or .pb file, whose kind is told
-        from its inputs and outputs.
+        A name from `e3pose models list`, the path of an .onnx or .pb file, whose kind is told from
+        its inputs and outputs, or module:Name of one's own.
     family
         With a path: the detector to run it with, by name, instead of telling from the file.
     provider
@@ -121,7 +121,7 @@ def _detector(
     model: str, family: str | None, provider: str, threads: int | None
 ) -> tuple[Detector, str]:
     """Load the detector; also say which weights it runs: others do not continue its work."""
-    from e3pose.detectors import DETECTORS, identify, make_detector
+    from e3pose.detectors import DETECTORS, identify, is_network, make_detector
     from e3pose.detectors.weights import MODELS, find_weights
     from e3pose.detectors.weights.fetch import file_sha256
 
@@ -132,6 +132,9 @@ def _detector(
         published = model in MODELS and MODELS[model].source is not None
         name = f"{model} {file_sha256(find_weights(model))[:16]}" if published else model
         return make_detector(model, None, provider, threads), name
+    if family is None and not is_network(path):  # one's own, or an error that lists the names
+        with as_typed({"detector": "--model"}):
+            return make_detector(model, None, provider, threads), model
     if family is None:
         detector, family = make_detector(model, None, provider, threads), identify(path)
     else:

@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
 from e3pose.cli.bad_days import BadDayOptions
-from e3pose.cli.options import EnergyOptions, LoopOptions, Whole, check_outputs, choice, warn
+from e3pose.cli.options import (
+    EnergyOptions,
+    LoopOptions,
+    Whole,
+    as_typed,
+    check_outputs,
+    options_of,
+    warn,
+)
 
 LOOP, ENERGY, BAD_DAY = LoopOptions(), EnergyOptions(), BadDayOptions()
 
+POLICIES = {"policy": "--policies"}
 MAX_SEEDS = 10_000
 MAX_JOBS = 1000
 
@@ -70,11 +80,10 @@ def evaluate(
     from e3pose.evaluate.compare import compare, rows, tasks
     from e3pose.evaluate.drawing import check_svg
     from e3pose.evaluate.lead_picture import draw_leads
-    from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.evaluate.tables import print_comparison
     from e3pose.files.atomic import atomic_file
     from e3pose.select.policies import policy_row
-    from e3pose.settings.loop import noise_warning
+    from e3pose.settings.parts import make_pipeline, noise_warning
 
     if not 1 <= seeds <= MAX_SEEDS:
         raise InputError(f"--seeds: found {seeds}, expected 1 to {MAX_SEEDS}")
@@ -86,25 +95,25 @@ def evaluate(
             raise InputError("--plot: found no --leads, expected some to draw against")
     check_outputs(recording, {"--json": json_file, "--plot": plot})
     source = bad_day.thinned(load_placed(recording))
-    plan = energy.plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
-    day = bad_day.day(source, plan.watts)
-    asked = loop.settings()
     names = _names(_usual(loop) if policies is None else policies)
     counts = [None] if cameras is None else _numbers("--cameras", cameras)
     ahead = [] if leads is None else _counts("--leads", leads)
-    settings = [
-        each
-        for name in names
-        for count in (counts if policy_row(name).asks_count else counts[:1])
-        for each in tasks(
-            ReplaySettings(bad_day=day, **{**asked, **choice(count, asked, plan, len(source.rig))}),
-            [name],
-            seeds,
-            ahead,
-        )
-    ]
-    for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
-        make_pipeline(source, each)
+    with as_typed({**options_of(LoopOptions, EnergyOptions, more=("cameras",)), **POLICIES}):
+        plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
+        day = bad_day.day(source, plan.watts)
+        settings = [
+            each
+            for name in names
+            for count in (counts if policy_row(name).asks_count else counts[:1])
+            for each in tasks(
+                replace(loop.settings(None, count).for_rig(len(source.rig), plan), bad_day=day),
+                [name],
+                seeds,
+                ahead,
+            )
+        ]
+        for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
+            make_pipeline(source, each)
     warn(noise_warning(source, settings[0]))
     summaries = compare(
         source,
@@ -136,11 +145,11 @@ def _usual(loop: LoopOptions) -> str:
 
 
 def _numbers(option: str, text: str) -> list[float | None]:
-    from e3pose.settings.quantities import number
+    from e3pose.quantities import number
 
-    parts = [
-        number(option, part.strip(), "numbers with commas, as 1.15,2") for part in text.split(",")
-    ]
+    wanted = "numbers with commas, as 1.15,2"
+    with as_typed({"": option}):
+        parts = [number(part.strip(), wanted) for part in text.split(",")]
     return [int(part) if part == int(part) else part for part in dict.fromkeys(parts)]
 
 

@@ -91,7 +91,7 @@ def export(
     from e3pose.exports import export as write
     from e3pose.exports.resample import resampled
     from e3pose.exports.source import Asked
-    from e3pose.settings.quantities import duration_s
+    from e3pose.quantities import duration_s
     from e3pose.smooth import SmoothSettings, smoothed
 
     form = format_of(dest, format_name)
@@ -100,7 +100,8 @@ def export(
     if units is not None and form not in ("trc", "c3d", "bvh"):
         raise InputError(f"--units: found it with {form}, expected trc, c3d or bvh")
     asked_smoothing = smooth.settings()
-    fill_s = 0.0 if fill is None else duration_s("--fill", fill)
+    with as_typed({"": "--fill"}):
+        fill_s = 0.0 if fill is None else duration_s(fill)
     settings = SmoothSettings(asked_smoothing.method, asked_smoothing.cutoff_hz, fill_s)
     rig = None
     if calibration is not None:
@@ -114,10 +115,8 @@ def export(
             raise InputError(f"--track, --run: found {number}, expected a number of 0 or more")
     corners = None if region is None else _corners(region)
     asked = Asked(from_, to, tuple(track or ()), site, run, corners)
-    try:
+    with as_typed(OPTIONS, source):
         take = _take(source, dest, asked)
-    except InputError as error:
-        raise as_typed(error, OPTIONS, found_in=f"{source}: ") from None
 
     def progress(items: Iterable[Any], total: int, label: str) -> Iterable[Any]:
         return track_progress(items, total, label)

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import re
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import Parameter, Token
 
 from e3pose.errors import InputError
-from e3pose.settings.quantities import duration_s, length_m, number, per_camera
+from e3pose.files.table import read_table
+from e3pose.settings.energy import EnergySettings, IdleMode
+from e3pose.settings.loop import ReplaySettings
 
-if TYPE_CHECKING:
-    from e3pose.energy.profiles import DeviceProfile
-
-# Of the camera slots that a lifetime affords: the rest lets the choice among the cameras be free.
-LIFETIME_SHARE = 0.95
+LOOP, ENERGY = ReplaySettings(), EnergySettings()
 
 
 def whole_number(_: Any, tokens: Sequence[Token]) -> int:
@@ -32,19 +30,26 @@ def whole_number(_: Any, tokens: Sequence[Token]) -> int:
 Whole = Annotated[int, Parameter(converter=whole_number)]
 
 
-def as_typed(error: InputError, names: Mapping[str, str], found_in: str = "") -> InputError:
-    """Return an error that names what was typed, where it begins with what that sets.
+@contextmanager
+def as_typed(names: Mapping[str, str], place: str = "") -> Iterator[None]:
+    """Let errors name what was typed.
 
     Args:
-        error: such as `pace: found 7, expected ...`.
-        names: what errors begin with, to what a person wrote: an option, or a key of a file.
-        found_in: what to take off the beginning first.
+        names: things that errors name, to the option or the key that a person wrote.
+        place: that a person named on the command line, and that errors need not name again.
     """
-    text = str(error).removeprefix(found_in)
-    word = re.match(r"([a-z_]+)( id)?(?=[: ])", text)
-    if word is None or word[1] not in names:
-        return error
-    return InputError(f"{names[word[1]]}{text[word.end() :]}")
+    try:
+        yield
+    except InputError as error:
+        if error.place not in ("", place) or error.thing not in names:
+            raise
+        raise InputError(names[error.thing], error.found, error.expected) from None
+
+
+def options_of(*kinds: type, more: Sequence[str] = ()) -> dict[str, str]:
+    """Return the options of some records, by the thing that errors name."""
+    things = [item.name for kind in kinds for item in fields(kind)] + list(more)
+    return {thing: f"--{thing.replace('_', '-')}" for thing in things}
 
 
 def warn(text: str) -> None:
@@ -82,7 +87,7 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
 class LoopOptions:
     """How the loop runs, for every verb that runs it."""
 
-    pipeline: str = "default"
+    pipeline: str = LOOP.pipeline
     """How the people are found: `default`, which is `memory`, keeps a filter per person, goes on
     with any number of views, and lets the policy `information` decide; `paper` is the published
     system, which places people slot by slot from two views each, under its policy `e3pose`."""
@@ -94,13 +99,13 @@ class LoopOptions:
     quality_weight: Annotated[float | None, Parameter(alias="-V")] = None
     """V: larger prefers clear views, smaller prefers even batteries; the policy's own by default
     (1, `information` 10)."""
-    lead: Whole = 1
+    lead: Whole = LOOP.lead_slots
     """tau, how many slots ahead the cameras are told."""
-    warmup: Whole = 10
+    warmup: Whole = LOOP.warmup_slots
     """M, slots at the start in which every camera detects."""
-    seed: Whole = 0
+    seed: Whole = LOOP.seed
     """Of random choices."""
-    phase: Whole = 0
+    phase: Whole = LOOP.phase
     """Which camera comes first in turns and ties."""
     predictor: str | None = None
     """What foresees the poses for the policy and steers the filter of the pipeline `memory`:
@@ -112,63 +117,24 @@ class LoopOptions:
     match_distance: str | None = None
     """How far apart the rays of two views may pass, as a mean over the joints, to show one person:
     100mm, 0.1m; 150mm by default. For the pipeline `paper` alone."""
-    reject_outliers: bool = False
+    reject_outliers: bool = LOOP.reject_outliers
     """Leave out views that disagree with the others."""
-    occlusion_limit: float = 0.1
+    occlusion_limit: float = LOOP.occlusion_limit
     """The threshold of the policy `independent`."""
-    round_trip_ms: float = 50.0
+    round_trip_ms: float = 1000 * LOOP.round_trip_s
     """The delay that the policy `central-2d` waits for in every decision."""
 
-    def settings(self) -> dict[str, Any]:
-        """Return the fields of `ReplaySettings` that these options set."""
-        return {
-            "pipeline": self.pipeline,
-            "target_error_m": None
-            if self.target_error is None
-            else length_m("--target-error", self.target_error),
-            "budget": self.budget,
-            "quality_weight": self.quality_weight,
-            "lead_slots": self.lead,
-            "warmup_slots": self.warmup,
-            "seed": self.seed,
-            "phase": self.phase,
-            "predictor": self.predictor,
-            "noise": self.noise,
-            "match_distance_m": None
-            if self.match_distance is None
-            else length_m("--match-distance", self.match_distance),
-            "reject_outliers": self.reject_outliers,
-            "occlusion_limit": self.occlusion_limit,
-            "round_trip_s": self.round_trip_ms / 1000,
-        }
+    def settings(self, policy: str | None = None, cameras: float | None = None) -> ReplaySettings:
+        """Return the settings that these options and two that some verbs have mean.
 
-
-@dataclass(frozen=True, slots=True)
-class EnergyPlan:
-    """What every camera draws and has.
-
-    Attributes:
-        profiles: of each camera.
-        battery_wh: of each camera.
-        idle_mode: what a camera does that is not selected.
-        budget: share of slots of each camera that lets its battery last as asked; None if nobody
-            asked.
-        cost_j: energy of an active slot beyond an idle one, if that differs between cameras.
-    """
-
-    profiles: tuple[DeviceProfile, ...]
-    battery_wh: tuple[float, ...]
-    idle_mode: Literal["power-saving", "aggressive-power-saving"]
-    budget: tuple[float, ...] | None
-    cost_j: tuple[float, ...] | None
-
-    @property
-    def watts(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """What the cameras draw when active, and when not."""
-        return (
-            tuple(profile.watts("active") for profile in self.profiles),
-            tuple(profile.watts(self.idle_mode) for profile in self.profiles),
-        )
+        Raises:
+            InputError: naming the option.
+        """
+        given = {item.name: getattr(self, item.name) for item in fields(self)}
+        table = {**given, "policy": policy, "cameras": cameras}
+        written = {key: value for key, value in table.items() if value is not None}
+        with as_typed(options_of(LoopOptions, more=("cameras", "policy"))):
+            return read_table(ReplaySettings, written)
 
 
 @Parameter(name="*")
@@ -176,10 +142,10 @@ class EnergyPlan:
 class EnergyOptions:
     """What the cameras draw, for every verb that reports energy."""
 
-    profile: str = "xavier-nx"
+    profile: str = ENERGY.profile.usual or ""
     """Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file; exceptions with
     commas, as in xavier-nx,cam3=tx2."""
-    idle_mode: Literal["power-saving", "aggressive-power-saving"] = "power-saving"
+    idle_mode: IdleMode = ENERGY.idle_mode
     """What a camera does in slots for which it is not selected."""
     battery_wh: str | None = None
     """Capacity of the cameras' batteries in watt-hours; exceptions with commas: 50,cam1=20. By
@@ -188,70 +154,9 @@ class EnergyOptions:
     """Keep every camera's battery alive this long: 10h, 90min, 2d. Sets the budget of each camera,
     and without --cameras and --target-error wakes as many cameras as these pay for."""
 
-    def plan(
-        self,
-        camera_ids: Sequence[str],
-        interval_s: float,
-        known_wh: Mapping[str, float] | None = None,
-    ) -> EnergyPlan:
-        """Return what these options mean for a rig; raise `InputError` for what cannot be.
-
-        Args:
-            camera_ids: the rig's.
-            interval_s: of a slot.
-            known_wh: by camera, what a recording says of batteries.
-        """
-        from e3pose.energy.profiles import load_profile
-        from e3pose.energy.queues import DEFAULT_BATTERY_WH, active_cost_j, lifetime_budget
-
-        battery_wh = per_camera(
-            "--battery-wh",
-            self.battery_wh or str(DEFAULT_BATTERY_WH),
-            camera_ids,
-            lambda text: number("--battery-wh", text, "watt-hours above 0"),
-            "50 or 50,cam1=20",
-        )
-        if self.battery_wh is None:
-            known = known_wh or {}
-            battery_wh = [known.get(i, wh) for i, wh in zip(camera_ids, battery_wh, strict=True)]
-        profiles = per_camera(
-            "--profile", self.profile, camera_ids, load_profile, "a name or NAME,CAMERA=NAME"
-        )
-        budget = None
-        if self.lifetime is not None:
-            lifetime_s = duration_s("--lifetime", self.lifetime)
-            shares = lifetime_budget(lifetime_s, battery_wh, profiles, camera_ids, self.idle_mode)
-            budget = tuple(shares.tolist())
-        costs = tuple(active_cost_j(profiles, self.idle_mode, interval_s).tolist())
-        alike = max(costs) - min(costs) < 1e-9
-        return EnergyPlan(
-            tuple(profiles), tuple(battery_wh), self.idle_mode, budget, None if alike else costs
-        )
-
-
-def choice(
-    cameras: float | None, settings: Mapping[str, Any], plan: EnergyPlan, num_cameras: int
-) -> dict[str, Any]:
-    """Return the fields of `ReplaySettings` that say how many cameras may be woken.
-
-    Args:
-        cameras: a number a slot, a mean, or None for what the other options leave.
-        settings: of `LoopOptions`.
-        plan: of `EnergyOptions`.
-        num_cameras: of the rig.
-
-    Raises:
-        InputError: for options that contradict each other.
-    """
-    if cameras is not None and settings["target_error_m"] is not None:
-        raise InputError("--target-error: chooses the number of cameras, expected no --cameras")
-    if plan.budget is not None and settings["budget"] is not None:
-        raise InputError("--lifetime: sets the budgets of all cameras, expected no --budget")
-    budget = settings["budget"] if plan.budget is None else plan.budget
-    if cameras is None:
-        cameras = min(3, num_cameras)
-        if plan.budget is not None:
-            cameras = min(LIFETIME_SHARE * sum(plan.budget), num_cameras)
-        elif settings["pipeline"] != "paper":
-            cameras = min(2, num_cameras)
-    return {"num_selected": cameras, "budget": budget, "cost_j": plan.cost_j}
+    def settings(self) -> EnergySettings:
+        """Return the settings that these options mean; raise `InputError` naming the option."""
+        given = {item.name: getattr(self, item.name) for item in fields(self)}
+        written = {key: value for key, value in given.items() if value is not None}
+        with as_typed(options_of(EnergyOptions)):
+            return read_table(EnergySettings, written)

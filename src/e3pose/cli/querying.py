@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed
-from e3pose.errors import InputError
+from e3pose.errors import MISSING, InputError
 from e3pose.plural import counted
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def query(
 
     asked = Store(store)
     bounds: dict[str, Any] = {"start": from_, "end": to, "site": site, "run": run}
-    try:
+    with as_typed(OPTIONS, asked.where):
         if not outputs:
             _show(asked, what, bounds, track, joint)
             return
@@ -108,20 +108,19 @@ def query(
         for form, path in outputs.items():
             count = write_tables(_chunks(asked, what, bounds, track, joint), path, form)
             print(f"{path}: {counted(count, 'row')}")
-    except InputError as error:
-        raise as_typed(error, OPTIONS, found_in=f"{asked.where}: ") from None
 
 
 def store_of(named: str, site: str | None) -> tuple[str, str | None]:
     """Return the store that is meant, and the site whose runs are asked for."""
     if "://" in named or not (Path(named).is_dir() or named.endswith(".toml")):
         return named, site
-    from e3pose.settings.site_file import open_site, store_place
+    from e3pose.settings.site_file import load_site
 
-    path, table = open_site(Path(named))
-    if table.store is None:
-        raise InputError(f"{path}: store: not found, expected one: this site keeps nothing")
-    return str(store_place(path, table.store)), site or table.name
+    table = load_site(Path(named))
+    if table.store_place is None:
+        wanted = '[store] path = "poses.db", without which a site keeps nothing'
+        raise InputError("", MISSING, wanted, str(table.path))
+    return str(table.store_place), site or table.name
 
 
 def files_of(database: Path) -> list[Path]:

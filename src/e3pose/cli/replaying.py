@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from e3pose.cli.bad_days import BadDayOptions
-from e3pose.cli.options import EnergyOptions, LoopOptions, check_outputs, choice, warn
+from e3pose.cli.options import EnergyOptions, LoopOptions, as_typed, check_outputs, options_of, warn
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
-    from e3pose.estimate.base import People
-    from e3pose.estimate.filter.posterior import Posterior
+    from e3pose.estimate.base import People, Posterior
 
 LOOP, ENERGY, BAD_DAY, STORE = LoopOptions(), EnergyOptions(), BadDayOptions(), StoreOptions()
 SMOOTH = SmoothOptions()
@@ -70,13 +70,13 @@ def replay(
     from e3pose.cli.placed import load_placed
     from e3pose.cli.progress import track_progress
     from e3pose.cli.storing import stored
+    from e3pose.evaluate.figures import as_json
     from e3pose.evaluate.poses_table import check_poses_path, write_poses
-    from e3pose.evaluate.replay import ReplaySettings
     from e3pose.evaluate.replay import replay as run_replay
     from e3pose.evaluate.summary import summarise
     from e3pose.evaluate.tables import print_summary
     from e3pose.files.atomic import atomic_file
-    from e3pose.settings.loop import noise_warning
+    from e3pose.settings.parts import noise_warning
 
     if poses is not None:
         check_poses_path(poses)
@@ -93,23 +93,23 @@ def replay(
     outputs = {"--poses": poses, "--json": json_file, "--report": report}
     check_outputs(recording, {"--store": store.file(), **outputs})
     source = bad_day.thinned(load_placed(recording))
-    plan = energy.plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
-    day = bad_day.day(source, plan.watts)
-    asked = loop.settings()
-    settings = ReplaySettings(
-        policy=policy,
-        foresees=report is not None and loop.pipeline != "paper",
-        bad_day=day,
-        **{**asked, **choice(cameras, asked, plan, len(source.rig))},
-    )
     posteriors: list[Posterior] = []
 
     def heard(people: People) -> None:
         if smoothing.method == "rts" and people.posterior is not None:
             posteriors.append(people.posterior)
 
+    asked = loop.settings(policy, cameras)
+    with as_typed(options_of(LoopOptions, EnergyOptions, more=("cameras", "policy"))):
+        plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
+        settings = replace(
+            asked.for_rig(len(source.rig), plan),
+            foresees=report is not None and loop.pipeline != "paper",
+            bad_day=bad_day.day(source, plan.watts),
+        )
+        replayed = run_replay(source, settings, tell=heard)
     slots = stored(
-        run_replay(source, settings, tell=heard),
+        replayed,
         store,
         source,
         f"replay {settings.policy_name}",
@@ -133,13 +133,12 @@ def replay(
         idle_mode=plan.idle_mode,
         battery_wh=plan.battery_wh,
     )
-    if smoothing.method is not None:
-        summary["settings"]["smooth"] = smoothing.method
+    summary = replace(summary, smooth=smoothing.method)
     if poses is not None:
         write_poses(records, source.skeleton, poses)
     if json_file is not None:
         with atomic_file(json_file) as temporary:
-            temporary.write_text(json.dumps(summary, indent=2) + "\n")
+            temporary.write_text(json.dumps(as_json(summary), indent=2) + "\n")
     if report is not None:
         from e3pose.report import write_report
 

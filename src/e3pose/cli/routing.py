@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.settings.quantities import check_seconds
+from e3pose.quantities import check_seconds
 
 
 def router(

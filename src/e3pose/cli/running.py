@@ -9,10 +9,9 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole, as_typed
-from e3pose.cli.site_settings import check_settings, open_ledger, site_rig
-from e3pose.errors import InputError
-from e3pose.settings.quantities import check_seconds
+from e3pose.cli.options import Whole, as_typed, warn
+from e3pose.errors import MISSING, InputError
+from e3pose.quantities import check_seconds
 
 # For programs that start others: `site.up`.
 Child = Annotated[bool, Parameter(negative="", show=False)]
@@ -45,62 +44,18 @@ def edge(
     end_with_parent
         End when standard input ends, a pipe from the program that started this one.
     """
-    from contextlib import ExitStack
-
     _look_after_parent(end_with_parent)
     check_seconds("--for", for_s)
-    from e3pose.clock import WallClock
-    from e3pose.settings.loop import noise_warning
-    from e3pose.settings.site_file import open_site
-    from e3pose.site.edge_program import Admission, edge_link, make_edge, place_of
+    from e3pose.settings.site_file import load_site
+    from e3pose.site.edge_program import open_edge
     from e3pose.site.logs import open_log
-    from e3pose.site.quiet import be_quiet
-    from e3pose.site.run import run_until_stopped
     from e3pose.site.summary import edge_summary
-    from e3pose.wire.network import open_network
 
-    site, table = open_site(site)
-    rig = site_rig(site, table)
-    settings = check_settings(site, table, rig)
-    place = place_of(site, table, rig)
-    link, roll = edge_link(site, table)
-    log = open_log("edge", json_logs, site=table.name)
-    if warning := noise_warning(place, settings):
-        log.warning(warning)
-    clock = WallClock()
-    with ExitStack() as stack:
-        transport = open_network(link, *_people(roll))
-        stack.callback(transport.close)
-
-        def tell(event: Any) -> None:
-            log.info(event.message, kind=event.kind, camera=event.camera_id)
-
-        server = make_edge(site, table, place, settings, transport, clock, tell, stack)
-        server.ledger = open_ledger(site, table, rig, settings, server)
-        if table.metrics_port is not None:
-            from e3pose.site.metrics import serve_metrics
-
-            stack.callback(serve_metrics(server, table.metrics_port).shutdown)
-        stack.callback(server.stop)
-        log.info("getting ready; the very first time this compiles for a minute or two")
-        server.start()
-        be_quiet()
-        log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(rig))
-        end_ns = None if for_s is None else clock.now_ns() + round(for_s * 1e9)
-        admission = Admission(
-            site, table, server, lambda link, roll: open_network(link, *_people(roll)), log.info
-        )
-
-        def running() -> bool:
-            admission.look()
-            return server.running() and (end_ns is None or clock.now_ns() < end_ns)
-
-        run_until_stopped(running)
-        server.stop()
-        if server.failure is not None:
-            raise server.failure
-        counts = server.counts
-        print("\n".join(edge_summary(server.status(), counts.slots, counts.views)))
+    table = load_site(site)
+    with open_edge(table, open_log("edge", json_logs, site=table.name)) as opened:
+        opened.run(for_s)
+        counts = opened.server.counts
+        print("\n".join(edge_summary(opened.status(), counts.slots, counts.views)))
 
 
 def camera(
@@ -184,15 +139,10 @@ def camera(
         End when standard input ends, a pipe from the program that started this one.
     """
     _look_after_parent(end_with_parent)
-    from e3pose.clock import WallClock
-    from e3pose.energy.meters.sampler import open_sampler
-    from e3pose.energy.profiles import load_profile
-    from e3pose.settings.site_file import load_node
-    from e3pose.site.camera_program import EdgeWatch, camera_link, make_camera, remembered_charge
+    from e3pose.settings.camera_file import load_node
+    from e3pose.site.camera_program import open_camera
     from e3pose.site.logs import open_log
-    from e3pose.site.run import run_until_stopped
     from e3pose.site.summary import camera_summary
-    from e3pose.wire.network import open_network
 
     given = {
         "site": site, "camera": name, "source": source, "endpoint": endpoint, "keys": keys,
@@ -205,38 +155,22 @@ def camera(
     if config is None:
         for option, key in (("--site", "site"), ("--name", "camera"), ("--source", "source")):
             if key not in told:
-                raise InputError(f"{option}: not found, expected it or a camera file")
+                raise InputError("", MISSING, f"{option}, or a camera file")
     names = {} if config is None else {key: f"{config}: {key}" for key in given}
     names |= {key: f"--{key.replace('_', '-')}" for key in told}
     if "camera" in told:
         names["camera"] = "--name"
-    folder = Path() if config is None else config.parent
-    try:
+    with as_typed(names):
         node = load_node(config, told)
-        link = camera_link(node, folder)
         log = open_log("camera", json_logs, site=node.site, camera=node.camera)
-        clock = WallClock()
-        charge = remembered_charge(node, config, log.warning)
-        power = open_sampler(load_profile(node.profile), node.meter, node.battery_wh, charge)
-        transport = open_network(link)
-        made = make_camera(node, folder, transport, clock, log.warning, power)
-    except InputError as error:
-        raise as_typed(error, names) from None
-    power.mode = lambda: made.mode
-    with power, made:
-        log.info("ready", source=node.source, endpoint=node.endpoint)
-        watch = EdgeWatch(log.info, node.endpoint)
-
-        def running() -> bool:
-            watch.look(made.edge_there, clock.now_ns() / 1e9)
-            return made.running()
-
-        run_until_stopped(running)
-        counted = made.counted
-    if made.failure is not None:
-        raise made.failure
-    schedule = made.schedule
-    print(camera_summary(node.camera, counted, schedule.orders, schedule.late, made.problem))
+        opened = open_camera(node, log)
+    opened.run()
+    made = opened.node
+    print(
+        camera_summary(
+            node.camera, made.counted, made.schedule.orders, made.schedule.late, made.problem
+        )
+    )
 
 
 def up(
@@ -276,8 +210,8 @@ def up(
     from rich.live import Live
 
     from e3pose.files.private import make_folder
-    from e3pose.settings.site_file import open_site
-    from e3pose.site.edge_program import edge_link
+    from e3pose.settings.site_file import load_site
+    from e3pose.site.edge_program import check_edge, edge_link
     from e3pose.site.example import make_example
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
@@ -286,17 +220,18 @@ def up(
 
     if example:
         make_example(site)
-    site, table = open_site(site)
-    rig = site_rig(site, table)
-    check_settings(site, table, rig)  # what is wrong is told here, not in a log
-    edge_link(site, table)
-    folder = logs or site.parent / "logs"
+    table = load_site(site)
+    checked = check_edge(table)  # what is wrong is told here, not in a log
+    edge_link(table)
+    warn(checked.world_warning())
+    rig = checked.rig
+    folder = logs or table.path.parent / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
-    programs = [Program("edge", edge_command(site), folder / "edge.log")] + [
-        Program(i, camera_command(site, table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
+    programs = [Program("edge", edge_command(table.path), folder / "edge.log")] + [
+        Program(i, camera_command(table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
     ]
-    transport = open_network(viewer_link(site, table, None))
+    transport = open_network(viewer_link(table, None))
     make_folder(folder)
     follower = Follower(table.name)
     follower.listen(transport)
@@ -339,7 +274,3 @@ def _look_after_parent(asked: bool) -> None:
 @contextmanager
 def _nothing() -> Iterator[None]:
     yield None
-
-
-def _people(roll: Any) -> tuple[Any, Any, Any]:
-    return (None,) * 3 if roll is None else (roll.cameras, roll.viewers, roll.routers)

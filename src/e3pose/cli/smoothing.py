@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Literal
 
 from cyclopts import Parameter
 
-from e3pose.settings.quantities import frequency_hz
+from e3pose.cli.options import as_typed
+from e3pose.quantities import frequency_hz
 
 if TYPE_CHECKING:
     from e3pose.smooth import SmoothSettings
@@ -30,7 +31,8 @@ class SmoothOptions:
         """Return what these options ask for; raise `InputError` for what contradicts itself."""
         from e3pose.smooth import SmoothSettings, check_smoothing
 
-        cutoff_hz = None if self.cutoff is None else frequency_hz("--cutoff", self.cutoff)
+        with as_typed({"": "--cutoff"}):
+            cutoff_hz = None if self.cutoff is None else frequency_hz(self.cutoff)
         settings = SmoothSettings(self.smooth, cutoff_hz)
         check_smoothing(settings)
         return settings

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.cli.options import as_typed
 from e3pose.errors import InputError
 from e3pose.plural import counted
 
@@ -41,14 +42,16 @@ class StoreOptions:
 
     def retention(self) -> Retention:
         """Return what to keep; raise `InputError` for what is no age or size."""
-        from e3pose.store import Retention, parse_age, parse_size
+        from e3pose.quantities import age_s, size_bytes
+        from e3pose.store import Retention
 
         if self.store is None and (self.keep or self.max_size):
             raise InputError("--keep, --max-size: found no --store, expected one to keep them in")
-        return Retention(
-            max_age_s=None if self.keep is None else parse_age(self.keep),
-            max_bytes=None if self.max_size is None else parse_size(self.max_size),
-        )
+        with as_typed({"": "--keep"}):
+            max_age_s = None if self.keep is None else age_s(self.keep)
+        with as_typed({"": "--max-size"}):
+            max_bytes = None if self.max_size is None else size_bytes(self.max_size)
+        return Retention(max_age_s, max_bytes)
 
 
 def stored(

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.text import Text
 
+from e3pose.cli.options import warn
 from e3pose.errors import InputError
 from e3pose.plural import counted
-from e3pose.settings.quantities import check_seconds
+from e3pose.quantities import check_seconds
 
 if TYPE_CHECKING:
     from e3pose.settings.site_file import SiteTable
@@ -52,13 +53,13 @@ def top(
     from rich.console import Console
     from rich.live import Live
 
-    from e3pose.settings.site_file import open_site
+    from e3pose.settings.site_file import load_site
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
     from e3pose.wire.network import open_network
 
-    site, table = open_site(site)
-    link = viewer_link(site, table, keys)
+    table = load_site(site)
+    link = viewer_link(table, keys)
     transport = open_network(link)
     follower = Follower(table.name)
     follower.listen(transport)
@@ -103,20 +104,20 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
     from rich.console import Console
     from rich.table import Table
 
-    from e3pose.cli.site_settings import check_settings, site_rig
-    from e3pose.settings.site_file import open_site
+    from e3pose.settings.site_file import load_site
     from e3pose.site import check as examine
+    from e3pose.site.edge_program import check_edge
 
-    site, table = open_site(site)
-    rig = site_rig(site, table)
-    check_settings(site, table, rig)
+    table = load_site(site)
+    live = check_edge(table)
+    warn(live.world_warning())
     findings = [
-        *examine.check_calibration(rig),
-        *examine.check_link_of(site, table, rig),
-        *examine.check_places(site, table),
-        *examine.check_models(site, table, rig),
+        *examine.check_calibration(live.rig),
+        *examine.check_link_of(table, live.rig),
+        *examine.check_places(table),
+        *examine.check_models(table, live.rig),
         examine.check_clock(),
-        *_edge(site, table, keys, timeout),
+        *_edge(table, keys, timeout),
     ]
     shown = Table(box=None, pad_edge=False, show_header=False)
     style = {"ok": "green", "warning": "yellow", "problem": "bold red"}
@@ -136,13 +137,13 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
     print(f"nothing would fail: {told}")
 
 
-def _edge(path: Path, site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]:
+def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]:
     from e3pose.site.check import Finding, check_running
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.wire.network import open_network
 
     try:
-        link = viewer_link(path, site, keys)
+        link = viewer_link(site, keys)
         transport = open_network(link)
     except InputError as error:
         return [Finding("warning", "edge", f"cannot be asked: {error}")]

@@ -9,6 +9,7 @@ from pathlib import Path
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
 from e3pose.errors import InputError
+from e3pose.family import made, member
 
 Factory = Callable[[Path | None, str, int | None], Detector]
 
@@ -45,6 +46,7 @@ def _rtmlib(model: Path | None, provider: str, threads: int | None) -> Detector:
     return make_rtmlib(provider)
 
 
+GROUP = "e3pose.detectors"  # the entry points of other packages
 DETECTORS: dict[str, Factory] = {
     "movenet-multipose": _movenet,
     "openpose-thin": partial(_openpose, "openpose-thin"),
@@ -71,15 +73,19 @@ def make_detector(
         InputError: when the name is unknown, the weights are not there or not what they should be,
             or the provider cannot be had.
     """
-    if name not in DETECTORS:
-        path = Path(name)
-        if model is not None or not (path.suffix in (".onnx", ".pb") or path.is_file()):
-            raise InputError(
-                f"detector {name[:80]!r} is unknown, expected one of {', '.join(DETECTORS)} or the "
-                "path of an .onnx or .pb file"
-            )
+    path = Path(name)
+    if name not in DETECTORS and model is None and is_network(path):
         name, model = identify(path), path
-    return DETECTORS[name](model, provider, threads)
+    more = ", the path of an .onnx or .pb file"
+    found: Detector = made(
+        member(GROUP, "detector", name, DETECTORS, more), model, provider, threads
+    )
+    return found
+
+
+def is_network(path: Path) -> bool:
+    """Return whether a path is meant as the file of a network."""
+    return path.suffix in (".onnx", ".pb") or path.is_file()
 
 
 def identify(path: Path) -> str:

@@ -7,7 +7,7 @@ slots that the deficit queues of `energy` keep: `max(q - E, 0) + s` with a price
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Literal
@@ -16,15 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from e3pose.errors import InputError
+from e3pose.quantities import DURATIONS_S, ENERGIES_J, POWERS_W, SHARES, quantity
 
 Floats = NDArray[np.float64]
 Kind = Literal["duty", "joules", "watts", "until", "together"]
 
 FORM = "0.6 (share of slots), 60%, 0.3J (a slot), 4W, until 18:00, for 8h, or together"
-QUANTITY = re.compile(r"(\d+(?:\.\d+)?)\s*(%|mJ|J|W|mW)?")
-SPAN = re.compile(r"for\s+(\d+(?:\.\d+)?)\s*(min|h|d)")
 UNTIL = re.compile(r"until\s+(\d{1,2}):(\d{2})")
-SPAN_S = {"min": 60.0, "h": 3600.0, "d": 86400.0}
 LEAST_SHARE = 1e-3  # of slots: the queues of a camera that may spend nothing must still end
 BISECTIONS = 60
 FOREVER_S = 1e10  # three centuries
@@ -71,8 +69,8 @@ def parse_budget(words: str, now: datetime) -> Budget:
     text = words.strip()
     if text.lower() == "together":
         return Budget("together")
-    if span := SPAN.fullmatch(text.lower()):
-        return Budget("until", now.timestamp() + float(span[1]) * SPAN_S[span[2]])
+    if text.lower().startswith("for "):
+        return Budget("until", now.timestamp() + _read(words, text[4:], DURATIONS_S))
     if until := UNTIL.fullmatch(text.lower()):
         hour, minute = int(until[1]), int(until[2])
         if hour < 24 and minute < 60:
@@ -88,16 +86,24 @@ def parse_budget(words: str, now: datetime) -> Budget:
         moment = moment if moment.tzinfo else moment.replace(tzinfo=now.tzinfo)
         if moment > now:
             return Budget("until", moment.timestamp())
-        raise InputError(f"budget: found {words[:60]!r}, which has passed, expected a time to come")
-    if (quantity := QUANTITY.fullmatch(text)) and float(quantity[1]) > 0:
-        value, unit = float(quantity[1]), quantity[2] or ""
-        if unit in ("", "%") and value <= (100 if unit else 1):
-            return Budget("duty", value / (100 if unit else 1))
-        if unit in ("J", "mJ"):
-            return Budget("joules", value / (1000 if unit == "mJ" else 1))
-        if unit in ("W", "mW"):
-            return Budget("watts", value / (1000 if unit == "mW" else 1))
-    raise _error(words)
+        raise InputError("budget", f"{words[:60]!r}, which has passed", "a time to come")
+    if text.endswith("J"):
+        return Budget("joules", _read(words, text, ENERGIES_J))
+    if text.endswith("W"):
+        return Budget("watts", _read(words, text, POWERS_W))
+    share = _read(words, text.replace("%", "percent"), SHARES)
+    if share > 1:
+        raise _error(words)
+    return Budget("duty", share)
+
+
+def _read(words: str, text: str, units: Mapping[str, float]) -> float:
+    if "M" in text:  # a million of them is nothing a camera spends
+        raise _error(words)
+    try:
+        return quantity(text, units, "")
+    except InputError:
+        raise _error(words) from None
 
 
 def allowance_j(
@@ -232,4 +238,4 @@ def _scaled(shares: Floats, wanted: float) -> Floats:
 
 
 def _error(words: str) -> InputError:
-    return InputError(f"budget: found {words[:60]!r}, expected {FORM}")
+    return InputError("budget", repr(words[:60]), FORM)

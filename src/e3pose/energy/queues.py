@@ -58,16 +58,18 @@ def check_budget(budget: ArrayLike, num_selected: float) -> None:
     """
     shares = np.asarray(budget, dtype=np.float64)
     if shares.ndim != 1 or len(shares) == 0:
-        raise InputError(f"budget: found shape {shares.shape}, expected (num_cameras,)")
+        raise InputError("budget", f"shape {shares.shape}", "(num_cameras,)")
     if not 0 < num_selected <= len(shares):
-        raise InputError(f"cameras: found {num_selected:g}, expected 1 to {len(shares)} to select")
+        raise InputError("cameras", f"{num_selected:g}", f"1 to {len(shares)} to select")
     for share in shares:
         if not 0 < share <= 1:
-            raise InputError(f"budget: found {share:g}, expected a share of slots in (0, 1]")
+            raise InputError("budget", f"{share:g}", "a share of slots in (0, 1]")
     if shares.min() < num_selected / len(shares) - 1e-9:
         raise InputError(
-            f"budget: found {shares.min():g}, expected at least {num_selected / len(shares):g} "
-            f"for {num_selected:g} of {len(shares)} cameras a slot"
+            "budget",
+            f"{shares.min():g}",
+            f"at least {num_selected / len(shares):g} "
+            f"for {num_selected:g} of {len(shares)} cameras a slot",
         )
 
 
@@ -103,7 +105,7 @@ def lifetime_budget(
         InputError: naming the camera whose battery an idle camera would empty before.
     """
     if not (np.isfinite(lifetime_s) and lifetime_s > 0):
-        raise InputError(f"lifetime: found {lifetime_s:g} s, expected more than 0")
+        raise InputError("lifetime", f"{lifetime_s:g} s", "more than 0")
     capacity_j = 3600 * np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), len(profiles))
     idle = np.array([profile.watts(idle_mode) for profile in profiles])
     active = np.array([profile.watts("active") for profile in profiles])
@@ -112,9 +114,10 @@ def lifetime_budget(
     if spare[worst] <= 0:
         capacity_wh = capacity_j[worst] / 3600
         raise InputError(
-            f"camera {camera_ids[worst]}: lifetime: found {lifetime_s / 3600:.3g} h, expected less "
-            f"than {capacity_wh / idle[worst]:.3g} h, which {capacity_wh:g} Wh last a camera in "
-            f"{idle_mode} mode that is never selected"
+            "lifetime",
+            f"{lifetime_s / 3600:.3g} h for camera {camera_ids[worst]}",
+            f"less than {capacity_wh / idle[worst]:.3g} h, which {capacity_wh:g} Wh last a camera "
+            f"in {idle_mode} mode that is never selected",
         )
     return np.asarray(np.minimum(spare / np.maximum(active - idle, 1e-9), 1.0))
 

@@ -1,10 +1,10 @@
-"""What can go wrong in a replay: cameras that die, views that are lost, fewer frames. Pure."""
+"""A replay on a bad day: cameras that die, views that are lost, fewer frames. Pure."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,47 +12,13 @@ from numpy.typing import NDArray
 from e3pose.errors import InputError
 from e3pose.recording import Recording, ViewSeries
 from e3pose.recording.record import MIN_FPS
+from e3pose.settings.bad_day import EACH, Kill
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-EACH = "each"  # of the repetitions loses another camera
 KILL = re.compile(r"(?P<camera>.+)@(?P<when>\d{1,9}(?:\.\d{1,9})?)(?P<unit>s?)")
 LOSS_STREAM = 7  # sets the draws of losses apart from those of policies with the same seed
-
-
-@dataclass(frozen=True, slots=True)
-class Kill:
-    """A camera that goes for good.
-
-    Attributes:
-        camera_id: which; `each` for that at the position `phase` of the rig.
-        time_s: from when on it is gone, seconds.
-        slot: the same as a slot, if it was told so.
-    """
-
-    camera_id: str
-    time_s: float = 0.0
-    slot: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class BadDay:
-    """What goes wrong.
-
-    Attributes:
-        kills: cameras that die.
-        loss: share of the selected views that never arrive, [0, 1]; their energy is spent.
-        watts: what each camera draws when active, and when not; with them, the cameras for which
-            the recording has a battery are gone once it is empty.
-    """
-
-    kills: tuple[Kill, ...] = ()
-    loss: float = 0.0
-    watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-
-
-NO_BAD_DAY = BadDay()
 
 
 def parse_kill(text: str) -> Kill:

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
-from e3pose.estimate.base import People
-from e3pose.evaluate.bad_days import BadDay, arriving, capacity_j, deaths_s
+from e3pose.estimate.base import Estimator, People
+from e3pose.evaluate.bad_days import arriving, capacity_j, deaths_s
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
+from e3pose.predict.base import Predictor
 from e3pose.recording import Recording
-from e3pose.select.policies.base import Selection
+from e3pose.select.policies.base import Policy, Selection
+from e3pose.settings.bad_day import BadDay
 from e3pose.settings.loop import ReplaySettings as ReplaySettings
-from e3pose.settings.loop import make_pipeline as make_pipeline
+from e3pose.settings.parts import make_pipeline as make_pipeline
 
 
 def selected_views(recording: Recording, slot: int, selection: Selection) -> Mapping[int, Poses2D]:
@@ -31,9 +35,13 @@ def selected_views(recording: Recording, slot: int, selection: Selection) -> Map
 
 def replay(
     recording: Recording,
-    settings: ReplaySettings,
+    settings: ReplaySettings | None = None,
     clock: Callable[[], float] = time.perf_counter,
     tell: Callable[[People], None] = lambda people: None,
+    *,
+    policy: str | Policy | None = None,
+    predictor: str | Predictor | None = None,
+    estimator: Estimator[Any] | None = None,
 ) -> Iterator[SlotRecord]:
     """Run the recording through `pipeline.step` and yield one record per slot.
 
@@ -41,14 +49,24 @@ def replay(
     view and no truth is even read.
 
     Args:
-        recording: what the cameras saw.
-        settings: how the loop runs.
+        recording: what to run.
+        settings: how.
         clock: seconds, for stage times only.
         tell: called with the people of every slot, before its record is yielded.
+        policy: in place of that of the settings: a name, or any object that can `select`.
+        predictor: likewise: a name, or any object that can `predict`.
+        estimator: in place of that of the pipeline: an `estimate.base.Estimator`.
 
     Raises:
-        InputError: naming the option that cannot be had for this recording.
+        InputError: naming the setting that cannot be had for this recording.
     """
+    asked = settings or ReplaySettings()
+    settings = replace(
+        asked,
+        policy=asked.policy if policy is None else policy,
+        predictor=asked.predictor if predictor is None else predictor,
+        estimator=asked.estimator if estimator is None else estimator,
+    )
     pipeline = make_pipeline(recording, settings, clock)
     day = settings.bad_day
     gone_s = deaths_s(recording, day.kills, settings.phase)

@@ -30,10 +30,8 @@ ROTATION_TOLERANCE = 1e-3  # a rotation printed with four digits is a rotation
 def check_camera_id(camera_id: object) -> str:
     """Return `camera_id` if it may name a camera, and so a file; raise `InputError` if not."""
     if not isinstance(camera_id, str) or not CAMERA_ID.fullmatch(camera_id):
-        raise InputError(
-            f"camera id {str(camera_id)[:80]!r}: expected 1 to 64 letters, digits, '_', '-' or "
-            "'.', not starting with '-' or '.'"
-        )
+        wanted = "1 to 64 letters, digits, '_', '-' or '.', not starting with '-' or '.'"
+        raise InputError("camera id", repr(str(camera_id)[:80]), wanted)
     return camera_id
 
 
@@ -335,7 +333,9 @@ class Rig:
             return self.camera_ids.index(camera_id)
         except ValueError:
             known = ", ".join(self.camera_ids)
-            raise InputError(f"camera {camera_id!r} is not in the rig, which has {known}") from None
+            raise InputError(
+                "camera", f"{camera_id!r}, which is not in the rig", f"one of {known}"
+            ) from None
 
     def subset(self, indices: Sequence[int]) -> Rig:
         """Return the rig of the cameras at `indices`, in that order."""

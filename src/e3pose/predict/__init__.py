@@ -6,6 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from e3pose.errors import InputError
+from e3pose.family import made, member
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.predict.base import Prediction as Prediction
 from e3pose.predict.base import Predictor as Predictor
@@ -13,6 +14,7 @@ from e3pose.predict.constant_velocity import ConstantVelocity
 from e3pose.predict.damped_velocity import DampedVelocity
 from e3pose.predict.zero_velocity import ZeroVelocity
 
+GROUP = "e3pose.predictors"  # the entry points of other packages
 FALLBACK = "constant-velocity"
 WEIGHTS_ENDING = ".onnx"  # what `e3pose train` and `e3pose learn` leave behind
 
@@ -42,12 +44,9 @@ def make_predictor(name: str, skeleton: Skeleton = COCO17) -> Predictor:
         from e3pose.predict.attention_lstm import AttentionLstm
 
         return AttentionLstm(skeleton, Path(name))
-    if name not in PREDICTORS:
-        raise InputError(
-            f"predictor {name[:40]!r} is unknown, expected one of {', '.join(PREDICTORS)}, or a "
-            f"file of weights that ends in {WEIGHTS_ENDING}"
-        )
-    return PREDICTORS[name](skeleton)
+    more = f", a file of weights that ends in {WEIGHTS_ENDING}"
+    found: Predictor = made(member(GROUP, "predictor", name, PREDICTORS, more), skeleton)
+    return found
 
 
 def make_predictor_or_fallback(name: str, skeleton: Skeleton = COCO17) -> Predictor:

@@ -16,7 +16,7 @@ from e3pose.calibration import load_rig, save_rig
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder
 from e3pose.files.bounded import read_lines, read_toml
-from e3pose.files.misfit import misfit
+from e3pose.files.table import read_table
 from e3pose.geometry.camera import check_camera_id
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, skeleton_by_name
@@ -192,9 +192,9 @@ def _read_header(path: Path) -> Header:
             f"{VERSIONS[0]} to {VERSIONS[-1]}; a newer e3pose may read it"
         )
     try:
-        header = msgspec.convert(table, Header)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {misfit(error, Header)}") from None
+        header = read_table(Header, table)
+    except InputError as error:
+        raise error.at(path) from None
     if header.version == 1 and (header.battery_wh or header.dies_at_s):
         raise InputError(f"{path}: version: found 1, expected 2 with battery_wh or dies_at_s")
     if header.version < 3 and header.detector:

@@ -13,6 +13,7 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
+from e3pose.plural import counted
 
 Floats = NDArray[np.float64]
 
@@ -135,6 +136,13 @@ class Recording:
     battery_wh: Mapping[str, float] = field(default_factory=dict)
     dies_at_s: Mapping[str, float] = field(default_factory=dict)
     detector: str = ""
+
+    def __repr__(self) -> str:
+        truth = "no truth" if self.truth is None else f"truth of {len(self.truth.person_ids)}"
+        return (
+            f"<Recording {self.name[:40]!r}: {counted(len(self.rig), 'camera')}, "
+            f"{counted(self.num_slots, 'slot')} at {self.fps:g} fps, {truth}>"
+        )
 
     def __post_init__(self) -> None:
         if not MIN_FPS <= self.fps <= MAX_FPS:  # NaN fails too

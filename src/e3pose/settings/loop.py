@@ -1,61 +1,75 @@
-"""What to run on a recording, and the parts that it takes."""
+"""How the loop runs: the same record from the command line, a site file and Python."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from math import isfinite
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from e3pose.energy.queues import check_budget
 from e3pose.errors import InputError
-from e3pose.estimate import EstimatorSettings, make_estimator
-from e3pose.estimate.per_slot.fuse import FusionSettings
-from e3pose.evaluate.bad_days import NO_BAD_DAY, BadDay
-from e3pose.geometry.camera import Rig
-from e3pose.model.noises import DEFAULT, detector_of, load_noise
-from e3pose.model.skeleton import Skeleton
-from e3pose.pipeline import Pipeline
-from e3pose.predict import Predictor, make_predictor, make_predictor_or_fallback
-from e3pose.select.camera_order import spread_order
-from e3pose.select.policies import POLICIES, PolicyRow, PolicySettings, policy_row
+from e3pose.files.table import entry
+from e3pose.quantities import length_m, milliseconds_s
+from e3pose.settings.bad_day import NO_BAD_DAY, BadDay
 
-PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
-BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
+if TYPE_CHECKING:
+    from e3pose.estimate.base import Estimator
+    from e3pose.predict.base import Predictor
+    from e3pose.select.policies.base import Policy
+    from e3pose.settings.energy import EnergyPlan
+
 # The names that users give: what estimates, and who decides unless they say otherwise.
 PIPELINES = {
     "default": ("memory", "information"),
     "memory": ("memory", "information"),
     "paper": ("paper", "e3pose"),
 }
-STEERING = "attention-lstm"  # steers the estimator with a memory unless told otherwise
-STEERING_SLOTS = 10  # of history, which the network of `STEERING` looks back on
+PAPER_CAMERAS = 3  # a slot, as in the paper; it needs two views of everybody
+USUAL_CAMERAS = 2
+BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
+# Of the camera slots that a lifetime affords: the rest lets the choice among the cameras be free.
+LIFETIME_SHARE = 0.95
 MAX_LEAD = 1000
 MAX_TARGET_M = 1.0
 MAX_SEED = 2**31 - 1
 
+Settings = TypeVar("Settings", bound="LoopSettings")
+
+
+def read_name(found: object) -> str:
+    """Return the name of a policy or a predictor; raise `InputError` for anything else."""
+    if not isinstance(found, str):
+        raise InputError("", repr(found)[:60], "a name")
+    return found
+
+
+def read_cameras(found: object) -> float:
+    """Return a number of cameras; raise `InputError` for anything else."""
+    if isinstance(found, int | float) and not isinstance(found, bool) and 0 < found < float("inf"):
+        return found
+    raise InputError("", repr(found)[:60], "a number above 0")
+
 
 @dataclass(frozen=True, slots=True)
-class ReplaySettings:
-    """How to run a recording.
+class LoopSettings:
+    """How the loop runs; checked when it is made, as far as that needs no rig.
 
     Attributes:
         pipeline: a name of `PIPELINES`: `paper` has no memory, `memory` a filter per person, and
-            `default` is `memory`.
-        policy: a name of `POLICIES`; the pipeline's own by default.
-        num_selected: the paper's C; a mean if it is no whole number.
+            `default` is `memory`; or that of an estimator of one's own.
+        policy: who decides: a name of `POLICIES` or of one's own, or an object; the pipeline's
+            own by default.
+        num_selected: the paper's C; a mean if it is no whole number. By default what the budget of
+            a lifetime pays for, or else 2, and 3 with the pipeline `paper`.
         target_error_m: wake the fewest cameras whose expected error meets this instead.
         budget: the paper's E_n, the share of slots a camera may be active, one for all or one for
             each; C/N + 0.2 by default, and without a limit with a target.
         quality_weight: the paper's V; the policy's own by default.
         lead_slots: the paper's tau.
         warmup_slots: the paper's M, in which all cameras detect.
-        predictor: a name of `PREDICTORS`, which foresees the people for the policy and, where it
-            states its errors, steers the estimator with a memory. By default the policy's own does
-            the one and `STEERING` the other.
+        predictor: a name of `PREDICTORS` or of one's own, a file of weights, or an object, which
+            foresees the people for the policy and, where it states its errors, steers the
+            estimator with a memory. By default the policy's own does the one and
+            `parts.STEERING` the other.
         match_distance_m: mean distance of rays up to which two views show one person, for the
             pipeline `paper` alone; that of `FusionSettings` by default.
         reject_outliers: drop views that disagree with the others.
@@ -66,250 +80,126 @@ class ReplaySettings:
         foresees: work out what each camera is expected to tell even if the policy does not ask.
         cost_j: energy of an active slot beyond that of an idle one, of each camera; all alike by
             default, and only the proportions matter.
-        bad_day: cameras that die and views that are lost.
         noise: of the detector's keypoints, a name or file for `load_noise`; by default that of the
             detector which the recording names.
+        estimator: an object in place of the pipeline's own.
+
+    Raises:
+        InputError: naming the key of a site file, which is also the option.
     """
 
     pipeline: str = "default"
-    policy: str | None = None
-    num_selected: float = 3
-    target_error_m: float | None = None
+    policy: str | Policy | None = entry(None, read=read_name)
+    num_selected: float | None = entry(None, key="cameras", read=read_cameras)
+    target_error_m: float | None = entry(None, key="target_error", read=length_m)
     budget: float | tuple[float, ...] | None = None
     quality_weight: float | None = None
-    lead_slots: int = 1
-    warmup_slots: int = 10
-    predictor: str | None = None
-    match_distance_m: float | None = None
+    lead_slots: int = entry(1, key="lead")
+    warmup_slots: int = entry(10, key="warmup")
+    predictor: str | Predictor | None = entry(None, read=read_name)
+    match_distance_m: float | None = entry(None, key="match_distance", read=length_m)
     reject_outliers: bool = False
     seed: int = 0
     phase: int = 0
     occlusion_limit: float = 0.1
-    round_trip_s: float = 0.05
-    foresees: bool = False
-    cost_j: tuple[float, ...] | None = None
-    bad_day: BadDay = NO_BAD_DAY
+    round_trip_s: float = entry(0.05, key="round_trip_ms", read=milliseconds_s)
+    foresees: bool = entry(False, key="")
+    cost_j: tuple[float, ...] | None = entry(None, key="")
     noise: str | None = None
+    estimator: Estimator[Any] | None = entry(None, key="")
+
+    def __post_init__(self) -> None:
+        for thing, count, low in (("lead", self.lead_slots, 1), ("warmup", self.warmup_slots, 0)):
+            if not low <= count <= MAX_LEAD:
+                raise InputError(thing, f"{count} slots", f"{low} to {MAX_LEAD}")
+        for thing, value in (
+            ("quality_weight", self.quality_weight),
+            ("occlusion_limit", self.occlusion_limit),
+            ("round_trip_ms", self.round_trip_s),
+        ):
+            if value is not None and not (isfinite(value) and value >= 0):
+                raise InputError(thing, value, "a number of at least 0")
+        for thing, number in (("seed", self.seed), ("phase", self.phase)):
+            if not 0 <= number <= MAX_SEED:
+                raise InputError(thing, number, f"0 to {MAX_SEED}")
+        target_m = self.target_error_m
+        if target_m is not None and not 0 < target_m <= MAX_TARGET_M:
+            raise InputError("target_error", f"{1000 * target_m:g} mm", "1 mm to 1 m")
+        shares = self.budget if isinstance(self.budget, tuple) else (self.budget,)
+        for share in shares:
+            if share is not None and not 0 < share <= 1:
+                raise InputError("budget", f"{share:g}", "a share of the slots in (0, 1]")
 
     @property
     def policy_name(self) -> str:
         """The policy that decides."""
-        return pipeline_row(self.pipeline)[1] if self.policy is None else self.policy
+        if self.policy is None:
+            return pipeline_row(self.pipeline)[1]
+        return self.policy if isinstance(self.policy, str) else type(self.policy).__name__
+
+    def for_rig(
+        self: Settings,
+        num_cameras: int,
+        plan: EnergyPlan | None = None,
+    ) -> Settings:
+        """Return the settings with all that follows from a rig and its energy filled in.
+
+        Args:
+            num_cameras: of the rig.
+            plan: what the cameras draw and have; its budgets and costs are taken over.
+
+        Raises:
+            InputError: for settings that contradict each other, or ask for more than the rig has.
+        """
+        if plan is None:
+            count = self.num_selected
+            if count is None:
+                return replace(self, num_selected=min(default_cameras(self.pipeline), num_cameras))
+            if not 0 < count <= num_cameras:
+                wanted = f"more than 0 and at most the rig's {num_cameras}"
+                raise InputError("cameras", f"{count:g} a slot", wanted)
+            return self
+        if self.num_selected is not None and self.target_error_m is not None:
+            found = "it with cameras"
+            raise InputError("target_error", found, "one of them: it chooses the number of cameras")
+        if plan.budget is not None and self.budget is not None:
+            raise InputError("lifetime", "it with budget", "one of them: it sets all budgets")
+        count = self.num_selected
+        if count is None and plan.budget is not None:
+            count = min(LIFETIME_SHARE * sum(plan.budget), num_cameras)
+        budget = self.budget if plan.budget is None else plan.budget
+        made = replace(self, num_selected=count, budget=budget, cost_j=plan.cost_j)
+        return made.for_rig(num_cameras)
+
+    def share(self, num_cameras: int) -> float | tuple[float, ...] | None:
+        """Return the share of slots that cameras may be active; None without a limit."""
+        if self.budget is not None or self.target_error_m is not None:
+            return self.budget
+        count = self.for_rig(num_cameras).num_selected
+        return None if count is None else default_budget(count, num_cameras)
+
+
+@dataclass(frozen=True, slots=True)
+class ReplaySettings(LoopSettings):
+    """How to run a recording.
+
+    Attributes:
+        bad_day: cameras that die and views that are lost.
+    """
+
+    bad_day: BadDay = entry(NO_BAD_DAY, key="")
 
 
 def pipeline_row(name: str) -> tuple[str, str]:
-    """Return the estimator and the policy of a pipeline; raise `InputError` listing the known."""
-    if name not in PIPELINES:
-        raise InputError(
-            f"pipeline {name[:40]!r} is unknown, expected one of {', '.join(PIPELINES)}"
-        )
-    return PIPELINES[name]
+    """Return the estimator and the policy of a pipeline; one of one's own has the usual policy."""
+    return PIPELINES.get(name, (name, PIPELINES["default"][1]))
 
 
-class Place(Protocol):
-    """Where the loop runs: a recording is one, and so is a live site."""
-
-    @property
-    def rig(self) -> Rig:
-        """The cameras."""
-        ...
-
-    @property
-    def skeleton(self) -> Skeleton:
-        """Of the detectors."""
-        ...
-
-    @property
-    def interval_s(self) -> float:
-        """Seconds a slot."""
-        ...
-
-    @property
-    def detector(self) -> str:
-        """What finds the keypoints; empty where nobody said."""
-        ...
-
-    @property
-    def source(self) -> str:
-        """Where the keypoints come from, in words."""
-        ...
-
-
-def make_pipeline(
-    place: Place,
-    settings: ReplaySettings,
-    clock: Callable[[], float] = time.perf_counter,
-) -> Pipeline:
-    """Build the parts that `settings` ask for.
-
-    Raises:
-        InputError: naming the option that cannot be had for this place.
-    """
-    row = policy_row(settings.policy_name)
-    _check(settings, row, len(place.rig))
-    predictor, steering = _predictors(settings, row, place.skeleton)
-    estimator = make_estimator(
-        pipeline_row(settings.pipeline)[0],
-        EstimatorSettings(
-            rig=place.rig,
-            skeleton=place.skeleton,
-            interval_s=place.interval_s,
-            history_slots=max(settings.warmup_slots, STEERING_SLOTS if steering else 0),
-            fusion=_fusion(settings),
-            noise=load_noise(settings.noise or detector_of(place)),
-            num_selected=1.0 if settings.target_error_m is not None else settings.num_selected,
-        ),
-    )
-    policy = row.make(
-        PolicySettings(
-            num_selected=settings.num_selected,
-            quality_weight=settings.quality_weight,
-            seed=settings.seed,
-            phase=settings.phase,
-            occlusion_limit=settings.occlusion_limit,
-            round_trip_s=settings.round_trip_s,
-            target_error_m=settings.target_error_m,
-            order=spread_order(place.rig),
-        )
-    )
-    return Pipeline(
-        rig=place.rig,
-        num_joints=len(place.skeleton),
-        interval_s=place.interval_s,
-        estimator=estimator,
-        predictor=predictor,
-        policy=policy,
-        budget=_budget(settings, len(place.rig), row.counts),
-        cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
-        clock=clock,
-        lead_slots=settings.lead_slots,
-        warmup_slots=settings.warmup_slots,
-        holds=row.holds,
-        foresees=row.foresees or settings.foresees,
-        own_boxes=row.own_boxes,
-        steering=steering,
-    )
-
-
-def _predictors(
-    settings: ReplaySettings, row: PolicyRow, skeleton: Skeleton
-) -> tuple[Predictor, Predictor | None]:
-    """Return who foresees the people for the policy and who steers the estimator.
-
-    A predictor that was asked for must be had; one by default has a stand-in, which steers nobody.
-    The policies of a pipeline share one estimator, whichever predictor is their own.
-    """
-    remembers = pipeline_row(settings.pipeline)[0] == "memory"
-    if settings.predictor is not None:
-        asked = make_predictor(settings.predictor, skeleton)
-        return asked, asked if remembers else None
-    own = make_predictor_or_fallback(row.predictor, skeleton)
-    if not remembers:
-        return own, None
-    same = row.predictor == STEERING
-    return own, own if same else make_predictor_or_fallback(STEERING, skeleton)
-
-
-def _fusion(settings: ReplaySettings) -> FusionSettings:
-    """Return how the pipeline `paper` matches and places; raise `InputError` for another's."""
-    usual = FusionSettings(
-        refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
-    )
-    distance_m = settings.match_distance_m
-    if distance_m is None:
-        return usual
-    if pipeline_row(settings.pipeline)[0] != "paper":
-        raise InputError(
-            f"match distance: the pipeline {settings.pipeline} matches views to the people it "
-            "follows, expected paper"
-        )
-    if not 0 < distance_m < usual.cap_m:  # from the cap on, everybody is the same person
-        raise InputError(
-            f"match distance: {1000 * distance_m:g} mm, expected more than 0 and less than "
-            f"{1000 * usual.cap_m:g} mm"
-        )
-    return replace(usual, max_distance_m=distance_m)
-
-
-def noise_warning(place: Place, settings: ReplaySettings) -> str:
-    """Return what to say where the detector is not stated, or not known; empty if it is."""
-    if settings.noise or pipeline_row(settings.pipeline)[0] == "paper":
-        return ""
-    name = detector_of(place)
-    if name != DEFAULT and place.detector:
-        return ""
-    if name != DEFAULT:
-        return (
-            f"the recording names its detector in words only: {name} is assumed; write "
-            f'version = 3 and detector = "{name}" into its recording.toml, or use --noise'
-        )
-    return (
-        "no noise file is known for this detector: OpenPose's, half as large again, is assumed "
-        "at first, and what each camera's keypoints are like is learned; --noise names a file"
-    )
-
-
-def _check(settings: ReplaySettings, row: PolicyRow, num_cameras: int) -> None:
-    if not 0 < settings.num_selected <= num_cameras:
-        raise InputError(
-            f"cameras: asked for {settings.num_selected:g} a slot, "
-            f"expected more than 0 and at most the rig's {num_cameras}"
-        )
-    if not 1 <= settings.lead_slots <= MAX_LEAD:
-        raise InputError(f"lead: {settings.lead_slots} slots, expected 1 to {MAX_LEAD}")
-    if not 0 <= settings.warmup_slots <= MAX_LEAD:
-        raise InputError(f"warmup: {settings.warmup_slots} slots, expected 0 to {MAX_LEAD}")
-    for name, value in (
-        ("quality weight", settings.quality_weight),
-        ("occlusion limit", settings.occlusion_limit),
-        ("round trip", settings.round_trip_s),
-    ):
-        if value is not None and not (np.isfinite(value) and value >= 0):
-            raise InputError(f"{name}: {value}, expected a number of at least 0")
-    for name, value in (("seed", settings.seed), ("phase", settings.phase)):
-        if not 0 <= value <= MAX_SEED:
-            raise InputError(f"{name}: {value}, expected 0 to {MAX_SEED}")
-    target_m = settings.target_error_m
-    if target_m is not None and not row.aims:
-        aiming = ", ".join(name for name, each in POLICIES.items() if each.aims)
-        raise InputError(
-            f"target error: the policy {settings.policy_name} wakes a given number of cameras, "
-            f"expected {aiming}"
-        )
-    if target_m is not None and not 0 < target_m <= MAX_TARGET_M:
-        raise InputError(f"target error: {1000 * target_m:g} mm, expected 1 mm to 1 m")
-    costs = settings.cost_j
-    if costs is not None and not (len(costs) == num_cameras and all(0 < c < 1e9 for c in costs)):
-        raise InputError(f"cost: found {costs}, expected one above 0 a camera")
+def default_cameras(pipeline: str) -> int:
+    """Return how many cameras are woken in a slot where nobody says."""
+    return PAPER_CAMERAS if pipeline_row(pipeline)[0] == "paper" else USUAL_CAMERAS
 
 
 def default_budget(num_selected: float, num_cameras: int) -> float:
     """Return the paper's E_n for those who name none: a margin above C/N, at most every slot."""
     return min(1.0, num_selected / num_cameras + BUDGET_MARGIN)
-
-
-def _budget(settings: ReplaySettings, num_cameras: int, counts: bool) -> NDArray[np.float64]:
-    """Return `(num_cameras,)` the share of slots that each camera may be active."""
-    if settings.budget is None:
-        if settings.target_error_m is not None:
-            return np.ones(num_cameras)
-        return np.full(num_cameras, default_budget(settings.num_selected, num_cameras))
-    budget = np.atleast_1d(np.asarray(settings.budget, dtype=np.float64))
-    for share in budget:
-        if not 0 < share <= 1:
-            raise InputError(f"budget: {share:g}, expected a share of the slots in (0, 1]")
-    if len(budget) == 1:
-        budget = np.full(num_cameras, budget[0])
-    if len(budget) != num_cameras:
-        raise InputError(
-            f"budget: found {len(budget)} shares, expected {num_cameras}, one a camera"
-        )
-    if counts and settings.target_error_m is None:
-        if isinstance(settings.budget, float | int):
-            check_budget(budget, settings.num_selected)
-        elif budget.sum() < settings.num_selected - 1e-9:
-            raise InputError(
-                f"budget: found {budget.sum():.3g} cameras a slot in all, expected at least "
-                f"{settings.num_selected:g}, as many as are to be selected"
-            )
-    return budget

@@ -1,30 +1,36 @@
-"""The configuration of a site and of a camera: TOML files, every key known, every path relative.
+"""The configuration of a site: a TOML file, every key known, every path relative to it.
 
-`docs/live.md` describes both. Keys of `[loop]` and `[energy]` are the options of `e3pose replay`.
+`docs/live.md` describes it. Keys of `[loop]` and `[energy]` are the options of `e3pose replay`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
-
-import msgspec
+from typing import Literal, TypeVar
 
 from e3pose.errors import InputError
+from e3pose.family import beside as own_beside
+from e3pose.family import is_own
 from e3pose.files.bounded import read_toml
-from e3pose.files.misfit import misfit
+from e3pose.files.table import entry, read_table
 from e3pose.geometry.camera import Rig, check_camera_id
+from e3pose.quantities import age_s, size_bytes
+from e3pose.settings.energy import EnergySettings, IdleMode
+from e3pose.settings.limits import check_camera, check_within, near
+from e3pose.settings.loop import LoopSettings
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
 
 MAX_BYTES = 2**20
 SITE_FILE = "site.toml"
+T = TypeVar("T")
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-IdleMode = Literal["power-saving", "aggressive-power-saving"]
 
 
-class LinkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+@dataclass(frozen=True, slots=True)
+class LinkTable:
     """`[link]`: where the edge listens.
 
     Attributes:
@@ -40,27 +46,29 @@ class LinkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     insecure: bool = False
 
 
-class StoreTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+@dataclass(frozen=True, slots=True)
+class StoreTable:
     """`[store]`: where every slot is kept.
 
     Attributes:
         path: a file (SQLite) or the URL of a database.
-        keep: the oldest to keep, such as `30d`.
-        max_size: the most to keep, such as `20GB`.
+        keep_s: the oldest to keep, such as `30d`.
+        max_bytes: the most to keep, such as `20GB`.
     """
 
-    path: str
-    keep: str | None = None
-    max_size: str | None = None
+    path: str = entry(write='"poses.db"')
+    keep_s: float | None = entry(None, key="keep", read=age_s)
+    max_bytes: int | None = entry(None, key="max_size", read=size_bytes)
 
 
-class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+@dataclass(frozen=True, slots=True)
+class CameraTable:
     """`[[camera]]`: one camera of the site, and for `e3pose up` what it sees.
 
     Attributes:
         id: its name in the calibration.
         idle_mode: what it does in slots without an order.
-        source: see `node.live_source`.
+        source: see `camera.live_source`.
         detector: name of a detector; `recorded` for recorded sources.
         model: file of the network.
         provider: where it runs.
@@ -71,7 +79,7 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         budget: what it may spend, such as `4W` or `until 18:00`; by default that of the site.
     """
 
-    id: str
+    id: str = entry(write='"cam1"')
     idle_mode: IdleMode = "power-saving"
     source: str | None = None
     detector: str | None = None
@@ -83,9 +91,17 @@ class CameraTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     meter: Literal["auto", "model"] | None = None
     budget: str | None = None
 
+    def __post_init__(self) -> None:
+        try:
+            check_camera_id(self.id)
+        except InputError as error:
+            raise error.at(thing="id") from None
+        check_camera(self.wake_s, self.battery_wh, self.threads)
 
-class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A site file.
+
+@dataclass(frozen=True, slots=True)
+class SiteTable:
+    """A site file; `load_site` reads one.
 
     Attributes:
         format: `e3pose-site`.
@@ -101,21 +117,25 @@ class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lead: slots between an order and the slot it is for; `adaptive` follows the delays.
         state: file that the edge goes on from after a restart; empty for none.
         learn: folder of the online trainer; without it nothing is learned.
-        budget: what each camera may spend, see `power.budgets`; by default that of `loop` and
+        budget: what each camera may spend, see `energy.budgets`; by default that of `loop` and
             `energy`.
         metrics_port: of Prometheus metrics on loopback; without it there are none.
         link: see `LinkTable`.
         store: see `StoreTable`.
-        loop: options of the loop, see `e3pose replay --help`.
-        energy: options of the energy, likewise.
+        loop: how the loop runs.
+        energy: what the cameras draw and have.
         camera: the cameras; those of the calibration that are not named here have the defaults.
+        path: of the file, to which all others are relative.
+
+    Raises:
+        InputError: naming the key, what was found and what was expected.
     """
 
-    format: Literal["e3pose-site"]
-    version: Literal[1]
-    name: str
-    calibration: str
-    fps: float
+    format: Literal["e3pose-site"] = entry()
+    version: Literal[1] = entry()
+    name: str = entry(write='"lab"')
+    calibration: str = entry(write='"rig.toml"')
+    fps: float = entry(write="25.0")
     skeleton: str = "coco17"
     pace: float = 1.0
     deadline_ms: float = 150.0
@@ -127,246 +147,123 @@ class SiteTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     metrics_port: int | None = None
     link: LinkTable = LinkTable()
     store: StoreTable | None = None
-    loop: dict[str, Any] = {}
-    energy: dict[str, Any] = {}
+    loop: LoopSettings = LoopSettings()
+    energy: EnergySettings = EnergySettings()
     camera: tuple[CameraTable, ...] = ()
+    path: Path = field(default=Path(SITE_FILE), metadata={"key": ""})
+
+    def __post_init__(self) -> None:
+        check_within("fps", self.fps, 0.1, 1000)
+        check_within("deadline_ms", self.deadline_ms, 0, 60_000)
+        check_within("smooth_delay_ms", self.smooth_delay_ms, 0, 2_000)
+        if self.smooth_delay_ms and self.loop.pipeline == "paper":
+            raise InputError(
+                "smooth_delay_ms",
+                "it with the pipeline paper, whose estimator has nothing to smooth with",
+                "the pipeline memory",
+            )
+        check_within("pace", self.pace, 1e-3, 1)
+        if isinstance(self.lead, int):
+            check_within("lead", self.lead, 1, 60)
+        if self.metrics_port is not None:
+            check_within("metrics_port", self.metrics_port, 1, 65535)
+        try:
+            check_site(self.name)
+        except InputError as error:
+            raise error.at(thing="name") from None
+        try:
+            split_endpoint(self.link.endpoint)
+        except InputError as error:
+            raise error.under("link") from None
+        ids = [camera.id for camera in self.camera]
+        for camera_id in ids:
+            if ids.count(camera_id) > 1:
+                raise InputError(f"camera {camera_id}", "twice", "once")
+        if self.state and not self.state.endswith(".npz"):  # it is replaced again and again
+            raise InputError("state", repr(self.state[:80]), "a name that ends in .npz, or ''")
+
+    def near(self, name: str) -> Path:
+        """Return the place that a name in the file means: relative to it; `~` is one's home."""
+        try:
+            return near(self.path.parent, name)
+        except InputError as error:
+            raise error.at(self.path) from None
+
+    @property
+    def store_place(self) -> Path | str | None:
+        """The file or the URL of the store."""
+        if self.store is None:
+            return None
+        return self.store.path if "://" in self.store.path else self.near(self.store.path)
+
+    def cameras_of(self, rig: Rig) -> dict[str, CameraTable]:
+        """Return the configuration of every camera of the rig, in its order.
+
+        Raises:
+            InputError: when the site names a camera that the calibration does not have.
+        """
+        named = {camera.id: camera for camera in self.camera}
+        for camera_id in named:
+            if camera_id not in rig.camera_ids:
+                known = f"one of {', '.join(rig.camera_ids)[:300]}"
+                error = InputError(
+                    f"camera {camera_id}", "no such camera in the calibration", known
+                )
+                raise error.at(self.path)
+        return {i: named.get(i) or CameraTable(i) for i in rig.camera_ids}
 
 
-class NodeTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A camera file; the options of `e3pose camera` take precedence.
-
-    Attributes:
-        format: `e3pose-camera`.
-        version: 1.
-        site: name of the site.
-        camera: its id there.
-        source: see `node.live_source`.
-        endpoint: of the edge.
-        keys: folder that `e3pose keys add` made, for tls.
-        insecure: whether plain tcp beyond this machine is allowed.
-        detector: name of a detector.
-        model: file of the network.
-        provider: where it runs.
-        threads: of the processor for the network; all cores by default.
-        fps: frames a second to ask of the source; None for its own.
-        pace: how fast a file or recording is played.
-        begin_s: seconds since 1970 at which a round of it begins, and before which nothing is
-            shown; by default rounds are counted from 1970.
-        wake_s: seconds from aggressive power-saving to the first frame.
-        battery_wh: capacity; without it the camera is on mains.
-        meter: how its power is measured.
-        profile: power profile, for what is not measured.
-        state: file that remembers the charge of a battery without a gauge; empty for none.
-    """
-
-    format: Literal["e3pose-camera"]
-    version: Literal[1]
-    site: str
-    camera: str
-    source: str
-    endpoint: str = DEFAULT_ENDPOINT
-    keys: str | None = None
-    insecure: bool = False
-    detector: str = "movenet-multipose"
-    model: str | None = None
-    provider: str = "auto"
-    threads: int | None = None
-    fps: float | None = None
-    pace: float = 1.0
-    begin_s: float = 0.0
-    wake_s: float = 0.5
-    battery_wh: float | None = None
-    meter: Literal["auto", "model"] = "auto"
-    profile: str = "xavier-nx"
-    state: str | None = None
-
-
-def open_site(named: Path) -> tuple[Path, SiteTable]:
-    """Return the site file that is meant, and what it says.
+def load_site(named: Path) -> SiteTable:
+    """Return the configuration of a site.
 
     Args:
         named: the file, or the folder that has it as `site.toml`.
 
     Raises:
-        InputError: as `load_site`.
-    """
-    path = named
-    if named.is_dir():
-        path = named / SITE_FILE
-        if not path.exists():
-            raise InputError(
-                f"{named}: found a folder without {SITE_FILE}, expected one that has it"
-            )
-    return path, load_site(path)
-
-
-def load_site(path: Path) -> SiteTable:
-    """Return the configuration of a site.
-
-    Raises:
         InputError: naming the file, the key, what was found and what was expected.
     """
+    path = Path(named)
+    if path.is_dir():
+        path = path / SITE_FILE
+        if not path.exists():
+            raise InputError(str(named), f"a folder without {SITE_FILE}", "one that has it")
+    table = read_toml(path, MAX_BYTES)
     try:
-        site = msgspec.convert(read_toml(path, MAX_BYTES), SiteTable)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {misfit(error, SiteTable)}") from None
-    where = f"{path}: "
-    _within(where, "fps", site.fps, 0.1, 1000)
-    _within(where, "deadline_ms", site.deadline_ms, 0, 60_000)
-    _within(where, "smooth_delay_ms", site.smooth_delay_ms, 0, 2_000)
-    if site.smooth_delay_ms and site.loop.get("pipeline") == "paper":
-        raise InputError(
-            f"{where}: smooth_delay_ms: found it with pipeline paper, expected memory: the paper's "
-            "estimator has nothing to smooth with"
-        )
-    _within(where, "pace", site.pace, 1e-3, 1)
-    if isinstance(site.lead, int):
-        _within(where, "lead", site.lead, 1, 60)
-    if site.metrics_port is not None:
-        _within(where, "metrics_port", site.metrics_port, 1, 65535)
-    _named(path, lambda: check_site(site.name))
-    _named(path, lambda: split_endpoint(site.link.endpoint))
-    seen: set[str] = set()
-    for camera in site.camera:
-        _named(path, lambda camera=camera: check_camera_id(camera.id))
-        if camera.id in seen:
-            raise InputError(f"{path}: camera {camera.id}: found twice, expected once")
-        seen.add(camera.id)
-        where = f"{path}: camera {camera.id}: "
-        _check_camera(where, camera.wake_s, camera.battery_wh, camera.threads)
-    if site.state and not site.state.endswith(".npz"):  # it is replaced again and again
-        raise InputError(
-            f"{path}: state: found {site.state[:80]!r}, expected a name that ends in .npz, or ''"
-        )
-    return site
-
-
-def load_node(path: Path | None, options: Mapping[str, Any]) -> NodeTable:
-    """Return the configuration of a camera.
-
-    Args:
-        path: of the camera file; None for options alone.
-        options: keys of the file that take precedence over it.
-
-    Raises:
-        InputError: as `load_site`, but without the file where an option is meant.
-    """
-    table: dict[str, Any] = {"format": "e3pose-camera", "version": 1}
-    if path is not None:
-        table = read_toml(path, MAX_BYTES)
-    try:
-        return _node({**table, **options})
+        return read_site(table, path)
     except InputError as error:
-        asked = any(str(error).startswith((f"{key}:", f"{key} ")) for key in options)
-        raise error if asked or path is None else InputError(f"{path}: {error}") from None
+        raise error.at(path) from None
 
 
-def _node(table: Mapping[str, Any]) -> NodeTable:
-    try:
-        node = msgspec.convert(table, NodeTable)
-    except msgspec.ValidationError as error:
-        raise InputError(misfit(error, NodeTable)) from None
-    check_site(node.site)
-    check_camera_id(node.camera)
-    split_endpoint(node.endpoint)
-    if node.fps is not None:
-        _within("", "fps", node.fps, 0.1, 1000)
-    _within("", "pace", node.pace, 1e-3, 1)
-    _within("", "begin_s", node.begin_s, 0, 1e10)
-    _check_camera("", node.wake_s, node.battery_wh, node.threads)
-    if node.state and not node.state.endswith(".json"):  # it is replaced again and again
-        found = f"state: found {node.state[:80]!r}"
-        raise InputError(f"{found}, expected a name that ends in .json, or ''")
-    return node
+def read_site(table: Mapping[str, object], path: Path) -> SiteTable:
+    """Return the configuration that a parsed site file holds; errors are without its name."""
+    loop = table.get("loop")
+    if isinstance(loop, Mapping) and "lead" in loop:
+        raise InputError("loop.lead", "it in [loop]", "lead at the top, a number or adaptive")
+    site = replace(read_table(SiteTable, table), path=path)
+    lead = site.lead if isinstance(site.lead, int) else 1
+    return replace(
+        site,
+        loop=replace(
+            site.loop,
+            lead_slots=lead,
+            pipeline=own_beside(site.loop.pipeline, path.parent),
+            policy=_maybe_beside(site, site.loop.policy),
+            predictor=_maybe_beside(site, site.loop.predictor),
+            noise=None if site.loop.noise is None else _beside(site, site.loop.noise),
+        ),
+        energy=replace(
+            site.energy, profile=site.energy.profile.map(lambda name: _beside(site, name))
+        ),
+    )
 
 
-def cameras_of(path: Path, site: SiteTable, rig: Rig) -> dict[str, CameraTable]:
-    """Return the configuration of every camera of the rig, in its order.
-
-    Raises:
-        InputError: when the site names a camera that the calibration does not have.
-    """
-    named = {camera.id: camera for camera in site.camera}
-    for camera_id in named:
-        if camera_id not in rig.camera_ids:
-            raise InputError(
-                f"{path}: camera {camera_id}: not in the calibration, "
-                f"expected one of {', '.join(rig.camera_ids)[:300]}"
-            )
-    return {i: named.get(i) or CameraTable(i) for i in rig.camera_ids}
+def _maybe_beside(site: SiteTable, named: T) -> T | str:
+    return _beside(site, named) if isinstance(named, str) else named
 
 
-def store_place(path: Path, store: StoreTable) -> Path | str:
-    """Return the file or the URL of a site's store."""
-    return store.path if "://" in store.path else beside(path, store.path)
-
-
-def beside(path: Path, name: str) -> Path:
-    """Return the place that a name in a configuration file means: relative to the file.
-
-    Raises:
-        InputError: for what can name no file.
-    """
-    try:
-        return place(path.parent, name)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def place(folder: Path, name: str) -> Path:
-    """Return the place that a name means, relative to a folder; `~` is the user's home."""
-    if not name.isprintable():
-        raise InputError(f"found {name[:80]!r}, expected the name of a file or folder")
-    try:
-        return folder / Path(name).expanduser()
-    except RuntimeError:  # `~somebody`
-        raise InputError(f"found {name[:80]!r}, expected the home of a user there is") from None
-
-
-def _within(where: str, key: str, value: float, low: float, high: float) -> None:
-    if not low <= value <= high:  # NaN fails too
-        raise InputError(f"{where}{key}: found {value:g}, expected {low:g} to {high:g}")
-
-
-def _check_camera(where: str, wake_s: float, battery_wh: float | None, threads: int | None) -> None:
-    _within(where, "wake_s", wake_s, 0, 3600)
-    if threads is not None:
-        _within(where, "threads", threads, 1, 1024)
-    if battery_wh is not None:
-        _within(where, "battery_wh", battery_wh, 1e-3, 1e6)
-
-
-def _named(path: Path, check: Any) -> None:
-    try:
-        check()
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def options_from(path: Path, table: str, found: Mapping[str, Any], known: Any) -> Any:
-    """Return the options of a dataclass that a table of a site file sets.
-
-    Args:
-        path: of the file, for errors.
-        table: its name, for errors.
-        found: its keys, written with `_` or `-` as on the command line.
-        known: the dataclass.
-
-    Raises:
-        InputError: for an unknown key or a value of another type.
-    """
-    from dataclasses import fields
-
-    plain = {key.replace("-", "_"): value for key, value in found.items()}
-    if len(plain) < len(found):
-        raise InputError(f"{path}: {table}: found a key twice, once with - and once with _")
-    names = [item.name for item in fields(known)]
-    for key in plain:
-        if key not in names:
-            raise InputError(
-                f"{path}: {table}: unknown key {key[:60]!r}, expected one of {', '.join(names)}"
-            )
-    try:
-        return msgspec.convert(plain, known)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: {table}: {misfit(error, known)}") from None
+def _beside(site: SiteTable, name: str) -> str:
+    """Return a name, or the file beside the site file that it means."""
+    if is_own(name):
+        return own_beside(name, site.path.parent)
+    file = site.near(name)
+    return str(file) if file.is_file() else name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,54 +12,53 @@ from typing import Any
 from e3pose.camera.base import LiveDetector, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, make_source
-from e3pose.clock import Clock
+from e3pose.clock import Clock, WallClock
+from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import RememberedCharge
+from e3pose.energy.meters.sampler import open_sampler
+from e3pose.energy.profiles import load_profile
 from e3pose.errors import InputError
-from e3pose.settings.site_file import NodeTable, place
+from e3pose.settings.camera_file import NodeTable, load_node
+from e3pose.site.lines import NO_LOG, Log
+from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.keys.folder import certificates_in, check_certificates
+from e3pose.wire.network import open_network
 from e3pose.wire.transport import Transport
 
 RECORDED = "recorded"
 ALONE_S = 5.0
 
 
-def camera_link(node: NodeTable, folder: Path) -> Link:
+def camera_link(node: NodeTable) -> Link:
     """Return how a camera joins its site.
-
-    Args:
-        node: its configuration.
-        folder: to which its paths are relative.
 
     Raises:
         InputError: for an endpoint that is not safe, or certificates that cannot be used.
     """
     certificates = None
     if split_endpoint(node.endpoint)[0] == "tls" and node.keys is not None:
-        certificates = certificates_in(place(folder, node.keys), "camera")
+        certificates = certificates_in(node.near(node.keys), "camera")
         check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
     link = Link("camera", node.site, node.endpoint, certificates, insecure=node.insecure)
     check_link(link)
     return link
 
 
-def remembered_charge(
-    node: NodeTable, config: Path | None, tell: Callable[[str], None]
-) -> RememberedCharge | None:
+def remembered_charge(node: NodeTable, tell: Callable[[str], None]) -> RememberedCharge | None:
     """Return what is left in a camera's battery; None on mains.
 
     Args:
-        node: its configuration.
-        config: the camera file, beside which the charge is remembered unless it says where.
+        node: its configuration; the charge is remembered beside its file unless it says where.
         tell: called with what a person should know.
     """
     if node.battery_wh is None:
         return None
     path = None
     if node.state:
-        path = place(Path() if config is None else config.parent, node.state)
-    elif node.state is None and config is not None:
-        path = config.with_name(f"{config.stem}.battery.json")
+        path = node.near(node.state)
+    elif node.state is None and node.path is not None:
+        path = node.path.with_name(f"{node.path.stem}.battery.json")
     elif node.state is None:
         tell("a battery without a gauge is taken to be full at every start; --state remembers it")
     return RememberedCharge(path, node.camera, node.battery_wh, tell)
@@ -93,23 +93,100 @@ class EdgeWatch:
             self.tell(f"no edge of this site answers at {self.endpoint} yet, waiting for it")
 
 
+class Camera:
+    """A camera at work, until it is closed. Use it as a context manager.
+
+    Attributes:
+        node: what captures, looks and sends.
+    """
+
+    def __init__(self, node: CameraNode, watch: EdgeWatch, clock: Clock, stack: ExitStack) -> None:
+        """Take over a camera that was started, and what is to be closed after it."""
+        self.node, self._watch, self._clock, self._stack = node, watch, clock, stack
+
+    def __enter__(self) -> Camera:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """See `close`."""
+        self.close()
+
+    def running(self) -> bool:
+        """Return whether it still works; tells of an edge that comes or goes."""
+        self._watch.look(self.node.edge_there, self._clock.now_ns() / 1e9)
+        return self.node.running()
+
+    def run(self, for_s: float | None = None) -> None:
+        """Work until Ctrl-C, a polite kill, or so many seconds; then end.
+
+        To be called on the main thread. What made a thread of the camera fail is raised.
+        """
+        end_ns = None if for_s is None else self._clock.now_ns() + round(for_s * 1e9)
+        run_until_stopped(
+            lambda: self.running() and (end_ns is None or self._clock.now_ns() < end_ns)
+        )
+        self.close()
+        if self.node.failure is not None:
+            raise self.node.failure
+
+    def close(self) -> None:
+        """End, and leave the site."""
+        self._stack.close()
+
+
+def open_camera(
+    node: Path | str | NodeTable,
+    log: Log | None = None,
+    *,
+    detector: Detector | None = None,
+    clock: Clock | None = None,
+) -> Camera:
+    """Start a camera of a site, which then works by itself until it is closed.
+
+    Args:
+        node: the camera file, or what it says.
+        log: takes what a person should know; nobody by default.
+        detector: in place of the file's: any object with `skeleton` and `detect`.
+        clock: the camera's.
+
+    Raises:
+        InputError: naming the file, the key, what was found and what was expected.
+    """
+    table = node if isinstance(node, NodeTable) else load_node(Path(node))
+    log, clock = log or NO_LOG, clock or WallClock()
+    link = camera_link(table)
+    charge = remembered_charge(table, log.warning)
+    power = open_sampler(load_profile(table.profile), table.meter, table.battery_wh, charge)
+    transport = open_network(link)
+    with ExitStack() as stack:
+        stack.callback(transport.close)
+        made = make_camera(table, transport, clock, log.warning, power, detector)
+        power.mode = lambda: made.mode
+        stack.enter_context(power)
+        stack.enter_context(made)
+        log.info("ready", source=table.source, endpoint=table.endpoint)
+        return Camera(made, EdgeWatch(log.info, table.endpoint), clock, stack.pop_all())
+    raise AssertionError("an exit stack lets no error pass")
+
+
 def make_camera(
     node: NodeTable,
-    folder: Path,
     transport: Transport,
     clock: Clock,
-    tell: Callable[[str], None],
+    tell: Callable[[str], Any],
     meter: Callable[[Any], dict[str, Any]],
+    detector: Detector | None = None,
 ) -> CameraNode:
     """Return a camera, its network loaded and tried, not yet started.
 
     Args:
         node: its configuration.
-        folder: to which its paths are relative.
         transport: how to reach the edge.
         clock: its own.
         tell: called with what a person should know.
         meter: the power fields of its heartbeats.
+        detector: in place of the one that the configuration names.
 
     Raises:
         InputError: when the source or the network cannot be used.
@@ -117,13 +194,17 @@ def make_camera(
     name = node.source
     kind, colon, rest = name.partition(":")
     if kind == RECORDED and not rest:
-        raise InputError(f"source {name!r}: expected recorded:RECORDING, the folder of a recording")
+        raise InputError("source", repr(name), "recorded:RECORDING, the folder of a recording")
     if kind == RECORDED and colon:
-        name = f"{RECORDED}:{place(folder, rest)}"
+        name = f"{RECORDED}:{node.near(rest)}"
     elif "://" not in name and kind not in ("usb", "gstreamer"):
-        name = str(place(folder, name))
+        name = str(node.near(name))
     source = make_source(name, node.camera, clock, node.fps, node.pace, node.begin_s)
-    detector, joints = _detector(node, folder, source)
+    looks: LiveDetector
+    if detector is None:
+        looks, joints = _detector(node, source)
+    else:
+        looks, joints = detector, tuple(detector.skeleton.joints)
     settings = NodeSettings(
         site=node.site,
         camera_id=node.camera,
@@ -132,17 +213,17 @@ def make_camera(
         detector=node.detector,
         battery_wh=node.battery_wh,
     )
-    return CameraNode(settings, source, detector, transport, clock, meter, tell)
+    return CameraNode(settings, source, looks, transport, clock, meter, tell)
 
 
-def _detector(node: NodeTable, folder: Path, source: Any) -> tuple[LiveDetector, tuple[str, ...]]:
+def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...]]:
     if node.source.startswith(f"{RECORDED}:"):
         return RecordedDetector(), source.recording.skeleton.joints
     import numpy as np
 
     from e3pose.detectors import make_detector
 
-    model = None if node.model is None else place(folder, node.model)
+    model = None if node.model is None else node.near(node.model)
     detector = make_detector(node.detector, model, node.provider, node.threads)
     detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first look is slow: now, then
     return detector, detector.skeleton.joints

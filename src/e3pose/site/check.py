@@ -19,7 +19,7 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.plural import counted
 from e3pose.select.policies.base import Floats
-from e3pose.settings.site_file import SiteTable, beside, cameras_of
+from e3pose.settings.site_file import SiteTable
 from e3pose.site.edge_program import edge_link
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates
@@ -110,14 +110,14 @@ def _seen_by(rig: Rig, centres: Floats, axes: Floats) -> NDArray[np.int64]:
     return counts
 
 
-def check_link_of(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
+def check_link_of(site: SiteTable, rig: Rig) -> Iterator[Finding]:
     """Look at the endpoint and the certificates."""
     try:
-        _, roll = edge_link(path, site)
+        _, roll = edge_link(site)
     except InputError as error:
         advice = ""
         if split_endpoint(site.link.endpoint)[0] == "tls":
-            folder = beside(path, site.link.keys or "keys")
+            folder = site.near(site.link.keys or "keys")
             if not (folder / "keys.toml").exists():
                 advice = f"e3pose keys init {site.name} --out {folder}"
             if site.link.keys is None:
@@ -139,7 +139,7 @@ def check_link_of(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
         yield Finding(
             "warning", "link", "listens on this machine alone", "endpoint = 'tls/0.0.0.0:7447'"
         )
-    folder = beside(path, site.link.keys or "keys")
+    folder = site.near(site.link.keys or "keys")
     now = datetime.datetime.now(datetime.timezone.utc)
     yield from _lasting(folder, site.name, roll, now)
     for camera_id in rig.camera_ids:
@@ -199,13 +199,13 @@ def _certificate(
     return Finding("ok", what, f"valid until {until:%Y-%m-%d}")
 
 
-def check_places(path: Path, site: SiteTable) -> Iterator[Finding]:
+def check_places(site: SiteTable) -> Iterator[Finding]:
     """Look at the folders that the edge writes to."""
     places = {"state": site.state, "store": site.store.path if site.store else ""}
     for what, name in places.items():
         if not name or "://" in name:
             continue
-        folder = beside(path, name).resolve().parent
+        folder = site.near(name).resolve().parent
         if not folder.is_dir():
             yield Finding("problem", what, f"{folder} is no folder", f"mkdir -p {folder}")
             continue
@@ -219,11 +219,11 @@ def check_places(path: Path, site: SiteTable) -> Iterator[Finding]:
             )
         else:
             yield Finding("ok", what, f"{free / 1e9:.0f} GB free in {folder}")
-        yield from _readers(what, beside(path, name))
+        yield from _readers(what, site.near(name))
     if site.store is None:
         yield Finding("warning", "store", "none: nothing is kept", "[store] path = 'poses.db'")
     elif "://" not in site.store.path:
-        yield from check_store(beside(path, site.store.path))
+        yield from check_store(site.near(site.store.path))
 
 
 def _readers(what: str, file: Path) -> Iterator[Finding]:
@@ -254,12 +254,12 @@ def check_store(file: Path) -> Iterator[Finding]:
         yield Finding("warning", "store-corrupt", found, advice)
 
 
-def check_models(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
+def check_models(site: SiteTable, rig: Rig) -> Iterator[Finding]:
     """Look at the sources and networks of cameras that `e3pose up` would run here."""
     from e3pose.detectors import DETECTORS
     from e3pose.detectors.weights import MODELS, is_installed
 
-    for camera in cameras_of(path, site, rig).values():
+    for camera in site.cameras_of(rig).values():
         if camera.source is None:
             continue
         kind = camera.source.partition(":")[0]
@@ -267,8 +267,8 @@ def check_models(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
         recorded = kind == "recorded"
         local = recorded or ("://" not in camera.source and kind not in ("usb", "gstreamer"))
         name = camera.source.partition(":")[2] if recorded else camera.source
-        if local and not beside(path, name).exists():
-            yield Finding("problem", what, f"source {beside(path, name)} is not there")
+        if local and not site.near(name).exists():
+            yield Finding("problem", what, f"source {site.near(name)} is not there")
         elif kind == "usb" and not Path(f"/dev/video{name.partition(':')[2]}").exists():
             yield Finding("problem", what, f"{camera.source}: no such device", "is it plugged in?")
         else:
@@ -277,12 +277,12 @@ def check_models(path: Path, site: SiteTable, rig: Rig) -> Iterator[Finding]:
             continue
         detector = camera.detector or "movenet-multipose"
         if camera.model is not None:
-            if not beside(path, camera.model).is_file():
-                yield Finding("problem", what, f"model {beside(path, camera.model)} is not there")
+            if not site.near(camera.model).is_file():
+                yield Finding("problem", what, f"model {site.near(camera.model)} is not there")
         elif detector in MODELS and not is_installed(detector):
             advice = f"e3pose models pull {detector}"
             yield Finding("problem", what, f"the network {detector} is not installed", advice)
-        elif detector not in DETECTORS and not beside(path, detector).is_file():
+        elif detector not in DETECTORS and not site.near(detector).is_file():
             known = ", ".join(DETECTORS)
             yield Finding("problem", what, f"detector {detector} is unknown", f"one of {known}")
 

@@ -1,43 +1,165 @@
-"""The program on the edge server: a site file in, a running `EdgeServer` out."""
+"""The program on the edge server: a site file in, a running edge out."""
 
 from __future__ import annotations
 
 import datetime
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from e3pose import __version__
-from e3pose.clock import Clock
+from e3pose.clock import Clock, WallClock
+from e3pose.edge.consumers import Consumers
+from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.edge.news import News
 from e3pose.edge.server import EdgeServer
+from e3pose.edge.state_file import StateFile
 from e3pose.errors import InputError
+from e3pose.estimate.base import Estimator
+from e3pose.files.atomic import check_file_free
 from e3pose.files.lock import hold
 from e3pose.files.private import make_folder
-from e3pose.geometry.camera import Rig
-from e3pose.model.noises import DEFAULT, SHIPPED
-from e3pose.model.skeleton import Skeleton, skeleton_by_name
+from e3pose.pipeline import Pipeline
+from e3pose.predict.base import Predictor
+from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
-from e3pose.settings.loop import ReplaySettings, make_pipeline
-from e3pose.settings.site_file import SiteTable, beside, cameras_of, store_place
+from e3pose.settings.live import LiveSite, live_site
+from e3pose.settings.loop import LoopSettings
+from e3pose.settings.parts import noise_warning
+from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.site.lines import NO_LOG, Log
+from e3pose.site.quiet import be_quiet
+from e3pose.site.run import run_until_stopped
 from e3pose.store.rows import Event, Run
+from e3pose.store.writer import StoreWriter
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates, read_roll
+from e3pose.wire.messages import Status
+from e3pose.wire.network import open_network
 from e3pose.wire.transport import Transport
 
 
-@dataclass(frozen=True, slots=True)
-class LivePlace:
-    """Where a live loop runs; see `settings.loop.Place`."""
+class Edge:
+    """An edge at work, until it is closed. Use it as a context manager.
 
-    rig: Rig
-    skeleton: Skeleton
-    interval_s: float
-    detector: str
-    source: str = ""
+    Attributes:
+        site: its file.
+        server: what computes the slots.
+    """
+
+    def __init__(self, server: EdgeServer, admission: Admission, stack: ExitStack) -> None:
+        """Take over a server that was started, and what is to be closed after it."""
+        self.site, self.server = admission.site, server
+        self._admission, self._stack = admission, stack
+
+    def __enter__(self) -> Edge:
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """See `close`."""
+        self.close()
+
+    def status(self) -> Status:
+        """Return how the site is."""
+        return self.server.status()
+
+    def running(self) -> bool:
+        """Return whether it still works; looks who is let in, so ask a few times a second."""
+        self._admission.look()
+        return self.server.running()
+
+    def run(self, for_s: float | None = None) -> None:
+        """Work until Ctrl-C, a polite kill, or so many seconds; then end.
+
+        To be called on the main thread. What made a thread of the edge fail is raised.
+        """
+        be_quiet()
+        clock = self.server.clock
+        end_ns = None if for_s is None else clock.now_ns() + round(for_s * 1e9)
+        run_until_stopped(lambda: self.running() and (end_ns is None or clock.now_ns() < end_ns))
+        self.server.stop()
+        if self.server.crew.failure is not None:
+            raise self.server.crew.failure
+
+    def close(self) -> None:
+        """End after the slot in work, keep the state, leave the site."""
+        self._stack.close()
 
 
-def edge_link(path: Path, site: SiteTable) -> tuple[Link, Roll | None]:
+def open_edge(
+    site: Path | str | SiteTable,
+    log: Log | None = None,
+    *,
+    policy: str | Policy | None = None,
+    predictor: str | Predictor | None = None,
+    estimator: Estimator[Any] | None = None,
+    clock: Clock | None = None,
+) -> Edge:
+    """Start the edge of a site, which then works by itself until it is closed.
+
+    The very first time this compiles for a minute or two.
+
+    Args:
+        site: the site file, or the folder that has it as `site.toml`.
+        log: takes what a person should know; nobody by default.
+        policy: in place of the file's, a name or an object.
+        predictor: likewise.
+        estimator: in place of that of the file's pipeline.
+        clock: the edge's.
+
+    Raises:
+        InputError: naming the file, the key, what was found and what was expected.
+    """
+    table = site if isinstance(site, SiteTable) else load_site(Path(site))
+
+    def own(loop: LoopSettings) -> LoopSettings:
+        return replace(
+            loop,
+            policy=loop.policy if policy is None else policy,
+            predictor=loop.predictor if predictor is None else predictor,
+            estimator=estimator,
+        )
+
+    live = live_site(table, own)
+    pipeline = live.pipeline()
+    check_places(live)
+    return _start(live, pipeline, log or NO_LOG, clock or WallClock())
+
+
+def check_edge(site: SiteTable) -> LiveSite:
+    """Return a site with its rig after a look at all that would keep its edge from starting.
+
+    Raises:
+        InputError: for what is wrong in the file or in its places.
+    """
+    live = live_site(site)
+    live.pipeline()
+    check_places(live)
+    return live
+
+
+def check_places(live: LiveSite) -> None:
+    """Raise `InputError` where what the edge writes would be where something else stands."""
+    from e3pose.learn.online.versions import check_learning_folder
+    from e3pose.store.database import check_place, database_url
+
+    site = live.site
+    live.budgets([1.0] * len(live.rig), datetime.datetime.now().astimezone())
+    try:
+        if site.state:
+            check_file_free(site.near(site.state))
+        if site.store_place is not None:
+            check_place(database_url(site.store_place))
+        if site.learn is not None:
+            check_learning_folder(site.near(site.learn))
+    except InputError as error:
+        raise error.at(site.path) from None
+
+
+def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
     """Return how the edge of a site joins, and who may join it.
 
     Raises:
@@ -45,104 +167,142 @@ def edge_link(path: Path, site: SiteTable) -> tuple[Link, Roll | None]:
     """
     table, roll, certificates = site.link, None, None
     if split_endpoint(table.endpoint)[0] == "tls" and table.keys is not None:
-        folder = beside(path, table.keys)
+        folder = site.near(table.keys)
         roll = read_roll(folder)
         certificates = certificates_in(folder, "edge")
         check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
     link = Link(
         "edge", site.name, table.endpoint, certificates, table.upstream, insecure=table.insecure
     )
-    check_link(link)
+    try:
+        check_link(link)
+    except InputError as error:
+        raise error.under("link").at(site.path) from None
     return link, roll
 
 
-def place_of(path: Path, site: SiteTable, rig: Rig) -> LivePlace:
-    """Return the place that a site file describes."""
-    cameras = cameras_of(path, site, rig)
-    detectors = {camera.detector for camera in cameras.values() if camera.detector}
-    known = [name for name in SHIPPED if name in detectors]  # one noise serves all cameras
-    return LivePlace(
-        rig, skeleton_by_name(site.skeleton), 1 / site.fps, known[0] if known else DEFAULT
-    )
+def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
+    site = live.site
+    link, roll = edge_link(site)
+    for warning in (live.world_warning(), noise_warning(live, live.loop)):
+        if warning:
+            log.warning(warning)
+
+    def tell(event: Event) -> None:
+        log.info(event.message, kind=event.kind, camera=event.camera_id)
+
+    with ExitStack() as stack:
+        transport = _join(link, roll)
+        stack.callback(transport.close)
+        server = make_edge(live, pipeline, transport, clock, tell, stack)
+        if site.metrics_port is not None:
+            from e3pose.site.metrics import serve_metrics
+
+            stack.callback(serve_metrics(server, site.metrics_port).shutdown)
+        stack.callback(server.stop)
+        log.info("getting ready; the very first time this compiles for a minute or two")
+        server.start()
+        log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(live.rig))
+        return Edge(server, Admission(site, server, _join, log.info), stack.pop_all())
+    raise AssertionError("an exit stack lets no error pass")
+
+
+def _join(link: Link, roll: Roll | None) -> Transport:
+    if roll is None:
+        return open_network(link)
+    return open_network(link, roll.cameras, roll.viewers, roll.routers)
 
 
 def make_edge(
-    path: Path,
-    site: SiteTable,
-    place: LivePlace,
-    settings: ReplaySettings,
+    live: LiveSite,
+    pipeline: Pipeline,
     transport: Transport,
     clock: Clock,
     tell: Callable[[Event], None],
     stack: ExitStack,
 ) -> EdgeServer:
-    """Return the edge of a site, not yet started, with its store and its trainer.
+    """Return the edge of a site, not yet started, with its store, its ledger and its trainer.
 
     Args:
-        path: of the site file.
-        site: what it says.
-        place: the cameras.
-        settings: of the loop.
+        live: the site.
+        pipeline: the parts of its loop.
         transport: how to reach the cameras.
         clock: the edge's.
         tell: called with what a person should know.
         stack: closes what is opened here.
     """
-    cameras = cameras_of(path, site, place.rig)
-    checkpoint = beside(path, site.state) if site.state else None
+    site = live.site
+    checkpoint = site.near(site.state) if site.state else None
     if checkpoint is not None:
         with suppress(OSError):  # told when the state is kept
             make_folder(checkpoint.parent)
         stack.enter_context(hold(checkpoint))
-    edge_settings = EdgeSettings(
-        site=site.name,
-        joints=place.skeleton.joints,
-        deadline_s=site.deadline_ms / 1e3,
-        idle_modes=[camera.idle_mode for camera in cameras.values()],
-        adaptive_lead=site.lead == "adaptive",
-        checkpoint=checkpoint,
-        pace=site.pace,
-        smooth_delay_s=site.smooth_delay_ms / 1e3,
-    )
-    edge = EdgeServer(make_pipeline(place, settings), transport, edge_settings, clock, tell=tell)
-    if site.store is not None:
-        from e3pose.store import Retention, StoreWriter, WriterSettings, parse_age, parse_size
-        from e3pose.store.database import database_path, database_url
-
-        run = Run(
-            site=site.name,
-            name=site.name,
-            started_ns=edge.run_ns,  # a state that goes on belongs to the run that it came from
-            interval_s=place.interval_s,
-            skeleton=place.skeleton.name,
-            joints=place.skeleton.joints,
-            cameras=place.rig.camera_ids,
-            software=f"e3pose {__version__}",
-        )
-        retention = Retention(
-            max_age_s=None if site.store.keep is None else parse_age(site.store.keep),
-            max_bytes=None if site.store.max_size is None else parse_size(site.store.max_size),
-        )
-        store = store_place(path, site.store)
-        if (file := database_path(database_url(store))) is not None:
-            stack.enter_context(hold(file, site.name))  # other sites may share it
-
-        def tell_of_store(event: Event) -> None:
-            edge.events.append(event)  # the writer keeps it itself
-            tell(event)
-
-        edge.sink = stack.enter_context(
-            StoreWriter(store, run, WriterSettings(retention=retention), tell=tell_of_store)
-        )
+    news = News(clock, tell)
+    state_file = StateFile(checkpoint, news.tell, clock.now_ns())
+    state_file.take_up(pipeline)
+    sink = open_store(live, state_file.run_ns, news, stack)
+    learner = None
     if site.learn is not None:
         from e3pose.learn.online import LearningSettings, OnlineTrainer
 
-        trainer = OnlineTrainer(
-            beside(path, site.learn), place.skeleton, LearningSettings(place.interval_s), clock
+        learner = OnlineTrainer(
+            site.near(site.learn), live.skeleton, LearningSettings(live.interval_s), clock
         )
-        stack.callback(trainer.close)
-        edge.learner = trainer
-    return edge
+        stack.callback(learner.close)
+    idle_modes = [camera.idle_mode for camera in live.cameras.values()]
+    now = datetime.datetime.now().astimezone()
+    ledger = EnergyLedger(
+        live.rig.camera_ids,
+        live.plan.profiles,
+        idle_modes,
+        live.budgets(pipeline.budget.tolist(), now),
+        live.interval_s,
+        live.loop.num_selected or 0.0,
+        clock.now_ns,
+        None if sink is None else sink.energy,
+    )
+    settings = EdgeSettings(
+        site=site.name,
+        joints=live.skeleton.joints,
+        deadline_s=site.deadline_ms / 1e3,
+        idle_modes=idle_modes,
+        adaptive_lead=site.lead == "adaptive",
+        pace=site.pace,
+        smooth_delay_s=site.smooth_delay_ms / 1e3,
+    )
+    consumers = Consumers(sink, learner, ledger)
+    return EdgeServer(pipeline, transport, settings, clock, state_file, news, consumers)
+
+
+def open_store(live: LiveSite, started_ns: int, news: News, stack: ExitStack) -> StoreWriter | None:
+    """Return who keeps every slot of a site; None if nobody is to.
+
+    Args:
+        live: the site.
+        started_ns: when the run began that its slots belong to.
+        news: told how the keeping goes.
+        stack: closes it.
+    """
+    site, place = live.site, live.site.store_place
+    if site.store is None or place is None:
+        return None
+    from e3pose.store import Retention, WriterSettings
+    from e3pose.store.database import database_path, database_url
+
+    run = Run(
+        site=site.name,
+        name=site.name,
+        started_ns=started_ns,
+        interval_s=live.interval_s,
+        skeleton=live.skeleton.name,
+        joints=live.skeleton.joints,
+        cameras=live.rig.camera_ids,
+        software=f"e3pose {__version__}",
+    )
+    if (file := database_path(database_url(place))) is not None:
+        stack.enter_context(hold(file, site.name))  # other sites may share it
+    keeping = WriterSettings(retention=Retention(site.store.keep_s, site.store.max_bytes))
+    return stack.enter_context(StoreWriter(place, run, keeping, tell=news.note))
 
 
 @dataclass(slots=True, eq=False)
@@ -150,18 +310,16 @@ class Admission:
     """Lets in who was added and shuts out who was revoked, while the edge runs.
 
     Attributes:
-        path: of the site file.
-        site: what it says.
+        site: its file.
         server: of the edge.
         join: opens the network by the rules of a list.
         tell: called with a line that a person should know.
     """
 
-    path: Path
     site: SiteTable
     server: EdgeServer
     join: Callable[[Link, Roll | None], Transport]
-    tell: Callable[[str], None]
+    tell: Callable[[str], Any]
     _seen: tuple[int, int] = (0, 0)
     _refused: str = ""
 
@@ -174,7 +332,7 @@ class Admission:
         if seen == self._seen:
             return
         try:
-            link, roll = edge_link(self.path, self.site)
+            link, roll = edge_link(self.site)
             self.server.rejoin(lambda: self.join(link, roll))
         except InputError as error:  # tried again: the edge goes on by the rules it has
             if str(error) != self._refused:
@@ -188,7 +346,7 @@ class Admission:
         if self.site.link.keys is None:
             return 0, 0
         try:
-            status = (beside(self.path, self.site.link.keys) / "keys.toml").stat()
+            status = (self.site.near(self.site.link.keys) / "keys.toml").stat()
         except OSError:
             return self._seen  # being replaced
         return status.st_mtime_ns, status.st_ino

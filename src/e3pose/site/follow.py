@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from e3pose.errors import InputError
-from e3pose.settings.site_file import SiteTable, beside
+from e3pose.settings.site_file import SiteTable
 from e3pose.wire import topics
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.codec import decode
@@ -68,12 +68,11 @@ class Follower:
         transport.subscribe(topics.of_site(self.site, "poses"), take_poses)
 
 
-def viewer_link(path: Path, site: SiteTable, viewer: Path | None) -> Link:
+def viewer_link(site: SiteTable, viewer: Path | None) -> Link:
     """Return how a program that only looks joins a site.
 
     Args:
-        path: of the site file.
-        site: what it says.
+        site: its file.
         viewer: folder that `e3pose keys add NAME --viewer` made; on the edge server itself, its own
             certificate serves by default.
 
@@ -86,7 +85,7 @@ def viewer_link(path: Path, site: SiteTable, viewer: Path | None) -> Link:
     certificates = None
     if protocol == "tls":
         if viewer is None:
-            folder = beside(path, site.link.keys or "keys")
+            folder = site.near(site.link.keys or "keys")
             found = sorted((folder / "viewers").glob("*/viewer.pem"))
             if not found:
                 raise InputError(

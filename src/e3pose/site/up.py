@@ -13,7 +13,7 @@ from pathlib import Path
 from e3pose.errors import InputError
 from e3pose.files.private import append_to
 from e3pose.geometry.camera import Rig
-from e3pose.settings.site_file import SiteTable, beside, cameras_of
+from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
 from e3pose.wire.access import split_endpoint
@@ -28,26 +28,24 @@ def edge_command(path: Path) -> list[str]:
     return [sys.executable, "-m", "e3pose", "edge", str(path), CHILD]
 
 
-def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
+def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
     """Return the command line of a camera of a site, run on this machine.
 
     Raises:
         InputError: when the site file does not say what the camera sees.
     """
-    camera = cameras_of(path, site, rig)[camera_id]
+    camera = site.cameras_of(rig)[camera_id]
     if camera.source is None:
-        raise InputError(
-            f"{path}: camera {camera_id}: source: not found, expected what it sees, "
-            "such as a video or recorded:RECORDING"
-        )
+        wanted = "what it sees, such as a video or recorded:RECORDING"
+        raise InputError(f"camera {camera_id}: source", "none", wanted, str(site.path))
     protocol, host, port = split_endpoint(site.link.endpoint)
     host = "localhost" if host in ANY_HOST or protocol == "tls" else host
     kind, colon, rest = camera.source.partition(":")
     source = camera.source
     if kind == "recorded" and colon:
-        source = f"recorded:{beside(path, rest)}"
+        source = f"recorded:{site.near(rest)}"
     elif "://" not in source and kind not in ("usb", "gstreamer"):
-        source = str(beside(path, source))
+        source = str(site.near(source))
     command = [
         sys.executable, "-m", "e3pose", "camera",
         "--site", site.name, "--name", camera_id, "--source", source,
@@ -56,11 +54,11 @@ def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> lis
         "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
     ]  # fmt: skip
     if protocol == "tls":
-        keys = beside(path, site.link.keys or "keys") / "cameras" / camera_id
+        keys = site.near(site.link.keys or "keys") / "cameras" / camera_id
         command += ["--keys", str(keys)]
     for option, value in (
         ("--detector", camera.detector),
-        ("--model", None if camera.model is None else str(beside(path, camera.model))),
+        ("--model", None if camera.model is None else str(site.near(camera.model))),
         ("--threads", camera.threads),
         ("--pace", None if site.pace == 1 else site.pace),
         ("--battery-wh", camera.battery_wh),
@@ -68,7 +66,7 @@ def camera_command(path: Path, site: SiteTable, camera_id: str, rig: Rig) -> lis
         if value is not None:
             command += [option, str(value)]
     if camera.battery_wh is not None:
-        command += ["--state", str(beside(path, BATTERIES) / f"{camera_id}.json")]
+        command += ["--state", str(site.near(BATTERIES) / f"{camera_id}.json")]
     if site.link.insecure:
         command.append("--insecure")
     return command

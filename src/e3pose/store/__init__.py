@@ -5,7 +5,7 @@
 
 from e3pose.store.answers import StoredPoses, StoredRun
 from e3pose.store.query import Store
-from e3pose.store.retention import Retention, parse_age, parse_size
+from e3pose.store.retention import Retention
 from e3pose.store.rows import EnergyReading, Event, Run
 from e3pose.store.writer import StoreWriter, WriterSettings, WriterStatus
 
@@ -20,6 +20,4 @@ __all__ = [
     "StoredRun",
     "WriterSettings",
     "WriterStatus",
-    "parse_age",
-    "parse_size",
 ]

@@ -142,10 +142,10 @@ class Store:
         stored = self._runs(connection)
         sites = sorted({one.run.site for one in stored})
         if site is not None and site not in sites:
-            raise InputError(f"{self.where}: site: found {site[:80]!r}, expected {_some(sites)}")
+            raise InputError("site", repr(site[:80]), _some(sites), self.where)
         ids = [one.run_id for one in stored]
         if run is not None and run not in ids:
-            raise InputError(f"{self.where}: run: found {run}, expected {_some(ids)}")
+            raise InputError("run", run, _some(ids), self.where)
         stored = [
             one for one in stored if site in (None, one.run.site) and run in (None, one.run_id)
         ]
@@ -157,9 +157,7 @@ class Store:
         for one in stored:
             low, high = _bounds(first, last, one.run.started_ns)
             if low > high:
-                raise InputError(
-                    f"time: found {start!r} to {end!r}, expected the earlier one first"
-                )
+                raise InputError("time", f"{start!r} to {end!r}", "the earlier one first")
             spans.append(Span(one, low, high))
         return spans
 
@@ -167,10 +165,9 @@ class Store:
         if joint is not None:
             for span in spans:
                 if joint not in span.stored.run.joints:
-                    raise InputError(
-                        f"joint: found {joint[:40]!r}, expected one of run {span.stored.run_id}: "
-                        f"{', '.join(span.stored.run.joints)}"
-                    )
+                    known = ", ".join(span.stored.run.joints)
+                    listed = f"one of run {span.stored.run_id}: {known}"
+                    raise InputError("joint", repr(joint[:40]), listed)
             return (joint,)
         kinds = {span.stored.run.joints: span.stored for span in spans}
         if len(kinds) > 1:

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 from sqlalchemy import Connection, delete, func, select, text
 
-from e3pose.errors import InputError
 from e3pose.store import schema
 from e3pose.store.rows import NS
 
-AGES_S = {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "w": 7 * 86400.0}
-SIZES = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 BATCH_SLOTS = 200  # a few milliseconds of work: eight times what 25 slots a second add
 VACUUM_PAGES = 500
-MIN_SIZE_BYTES = 10**6
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +24,6 @@ class Retention:
 
     max_age_s: float | None = None
     max_bytes: int | None = None
-
-
-MOST = 1e9  # of whatever unit: beyond it nothing is meant
-
-
-def parse_age(words: str) -> float:
-    """Return seconds of an age such as `30d`, `12h`, `90min`; raise `InputError` if it is none."""
-    return _quantity(words, AGES_S, "age", "a number and s, min, h, d or w, such as 30d")
-
-
-def parse_size(words: str) -> int:
-    """Return bytes of a size such as `20GB`, `500 MB`; raise `InputError` if it is none."""
-    size = int(_quantity(words, SIZES, "size", "a number and MB, GB or TB, such as 20GB"))
-    if size < MIN_SIZE_BYTES:
-        raise InputError(f"size: found {words!r}, expected at least 1MB")
-    return size
 
 
 def trim(connection: Connection, retention: Retention, now_ns: int) -> int:
@@ -121,11 +100,3 @@ def _used(connection: Connection) -> int:
         for name in ("page_count", "freelist_count", "page_size")
     )
     return int((pages - free) * size)
-
-
-def _quantity(words: str, units: dict[str, float] | dict[str, int], what: str, form: str) -> float:
-    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([A-Za-z]+)\s*", words)
-    unit = match and next((u for u in units if u.lower() == match[2].lower()), None)
-    if not match or not unit or not 0 < float(match[1]) < MOST:
-        raise InputError(f"{what}: found {words[:40]!r}, expected {form}")
-    return float(match[1]) * units[unit]

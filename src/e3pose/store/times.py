@@ -8,9 +8,10 @@ from datetime import datetime, timedelta, timezone, tzinfo
 from typing import Literal
 
 from e3pose.errors import InputError
+from e3pose.quantities import DURATIONS_S
 from e3pose.store.rows import NS
 
-UNITS_S = {"": 1.0, "s": 1.0, "sec": 1.0, "min": 60.0, "m": 60.0, "h": 3600.0, "d": 86400.0}
+UNITS_S = {**DURATIONS_S, "": 1.0, "sec": 1.0, "m": 60.0}
 QUANTITY = re.compile(r"([+-]?)(\d+(?:\.\d+)?)\s*([a-z]*)")
 CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2}(\.\d{1,6})?)?")
 FORM = "2026-11-21T14:00, 14:00, 2026-11-21T13:00Z, -10min, now, or seconds of a run such as 12.5"
@@ -102,4 +103,4 @@ def _ns(moment: datetime) -> int:
 
 
 def _error(words: str) -> InputError:
-    return InputError(f"time: found {words[:60]!r}, expected {FORM}")
+    return InputError("time", repr(words[:60]), FORM)

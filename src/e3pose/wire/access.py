@@ -77,18 +77,19 @@ def check_link(link: Link) -> None:
     protocol, host, port = split_endpoint(link.endpoint)
     if protocol == "tcp" and not (is_loopback(host) or link.insecure):
         raise InputError(
-            f"endpoint {link.endpoint}: plain tcp beyond this machine, expected tls "
-            "(make certificates with `e3pose keys init`) or insecure = true, --insecure at a camera"
+            "endpoint",
+            f"{link.endpoint}, plain tcp beyond this machine",
+            "tls (make certificates with `e3pose keys init`) or insecure = true, "
+            "--insecure at a camera",
         )
     if protocol == "tls" and link.certificates is None:
         raise InputError(
-            f"endpoint {link.endpoint}: tls without certificates, expected the folder of "
-            "`e3pose keys`"
+            "endpoint", f"{link.endpoint}, tls without certificates", "the folder of `e3pose keys`"
         )
     for place in link.upstream:
         split_endpoint(place)
     if not routes(link) and port == 0:
-        raise InputError(f"endpoint {link.endpoint}: expected the port of the edge")
+        raise InputError("endpoint", link.endpoint, "the port of the edge")
 
 
 def routes(link: Link) -> bool:
@@ -102,10 +103,8 @@ def split_endpoint(endpoint: str) -> tuple[str, str, int]:
     host, _, port = place.rpartition(":")
     fits = protocol in ("tcp", "tls") and host and port.isascii() and port.isdigit()
     if not fits or int(port) > 65535 or any(c in place for c in " /?#;") or len(endpoint) > 300:
-        raise InputError(
-            f"endpoint {endpoint[:100]!r}: expected tls/HOST:PORT or tcp/HOST:PORT, "
-            "such as tls/edge.local:7447"
-        )
+        wanted = "tls/HOST:PORT or tcp/HOST:PORT, such as tls/edge.local:7447"
+        raise InputError("endpoint", repr(endpoint[:100]), wanted)
     return protocol, host, int(port)
 
 

@@ -21,7 +21,7 @@ def check_site(site: object) -> str:
     try:
         return check_camera_id(site)
     except InputError as error:
-        raise InputError(str(error).replace("camera id", "site", 1)) from None
+        raise error.at(thing="site") from None
 
 
 def of_camera(site: str, camera_id: str, what: str) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from e3pose.energy.meters.base import Rail, Reading
@@ -137,20 +137,20 @@ def test_place_that_cannot_be_written_is_told_once(tmp_path: Path) -> None:
 
 
 def test_place_is_beside_the_camera_file_unless_it_says_where(tmp_path: Path) -> None:
-    from e3pose.settings.site_file import NodeTable
+    from e3pose.settings.camera_file import NodeTable
     from e3pose.site.camera_program import remembered_charge
 
     node = NodeTable("e3pose-camera", 1, "lab", "cam0", "usb:0", battery_wh=1.0)
     config, told = tmp_path / "cam0.toml", list[str]()
     for state, place in ((None, "cam0.battery.json"), ("b.json", "b.json"), ("", None)):
-        charge = remembered_charge(msgspec.structs.replace(node, state=state), config, told.append)
+        charge = remembered_charge(replace(node, state=state, path=config), told.append)
         assert charge is not None
         charge.keep()
         assert [p.name for p in tmp_path.iterdir()] == ([] if place is None else [place])
         for file in tmp_path.iterdir():
             file.unlink()
     assert not told
-    charge = remembered_charge(node, None, told.append)
+    charge = remembered_charge(node, told.append)
     assert charge is not None and charge.left_j == WH and "--state" in told[0]
     mains = NodeTable("e3pose-camera", 1, "lab", "cam0", "usb:0")
-    assert remembered_charge(mains, config, told.append) is None
+    assert remembered_charge(replace(mains, path=config), told.append) is None

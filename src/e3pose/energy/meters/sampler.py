@@ -184,7 +184,7 @@ def open_sampler(
         InputError: for another `how`.
     """
     if how not in ("auto", "model"):
-        raise InputError(f"meter: found {how[:40]!r}, expected auto or model")
+        raise InputError("meter", repr(how[:40]), "auto or model")
     meter: Meter = (
         choose_meter(profile, capacity_wh=capacity_wh)
         if how == "auto"

@@ -13,8 +13,8 @@ from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import read_bytes
 from e3pose.files.lock import hold
-from e3pose.files.misfit import misfit
 from e3pose.files.private import make_folder
+from e3pose.files.table import read_table
 from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
 
 MANIFEST = "versions.json"
@@ -113,11 +113,13 @@ class VersionStore:
         if not path.exists():
             return Manifest()
         try:
-            manifest = msgspec.json.decode(read_bytes(path, MAX_MANIFEST_BYTES), type=Manifest)
-        except msgspec.ValidationError as error:
-            raise InputError(f"{path}: {misfit(error, Manifest)}") from None
-        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            table = msgspec.json.decode(read_bytes(path, MAX_MANIFEST_BYTES))
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
             raise InputError(f"{path}: found no list of versions ({error})") from None
+        try:
+            manifest = read_table(Manifest, table)
+        except InputError as error:
+            raise error.at(path) from None
         if manifest.format != FORMAT:
             raise InputError(f"{path}: format: found {manifest.format[:40]!r}, expected {FORMAT!r}")
         _check(manifest, path)

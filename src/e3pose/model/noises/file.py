@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.files.misfit import misfit
+from e3pose.files.table import read_table
 from e3pose.model.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT, OPENPOSE, Noise
 
 FORMAT = "e3pose-noise"
@@ -106,9 +106,9 @@ def decode_noise(table: Mapping[str, Any], where: str) -> NoiseFile:
     if table.get("version") != VERSION or isinstance(table.get("version"), bool):
         raise _error(where, "version", table.get("version"), str(VERSION))
     try:
-        file = msgspec.convert(dict(table), NoiseFile)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{where}: {misfit(error, NoiseFile)}") from None
+        file = read_table(NoiseFile, table)
+    except InputError as error:
+        raise error.at(where) from None
     _check(file, where)
     return file
 
@@ -146,4 +146,4 @@ def _check(file: NoiseFile, where: str) -> None:
 
 
 def _error(where: str, field: str, found: object, expected: str) -> InputError:
-    return InputError(f"{where}: {field}: found {str(found)[:80]!r}, expected {expected}")
+    return InputError(field, repr(str(found)[:80]), expected, where)

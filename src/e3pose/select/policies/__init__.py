@@ -1,9 +1,12 @@
 """Policies: the situation before a slot -> the cameras that detect in it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-from e3pose.errors import InputError
+from e3pose.family import made, member
 from e3pose.select.policies.base import Policy as Policy
 from e3pose.select.policies.base import Selection as Selection
 from e3pose.select.policies.base import Situation as Situation
@@ -12,6 +15,7 @@ from e3pose.select.policies.fixed import All, Random, RoundRobin
 from e3pose.select.policies.independent import Independent
 from e3pose.select.policies.information import Information
 
+GROUP = "e3pose.policies"  # the entry points of other packages
 INFORMATION_WEIGHT = 10.0  # simulated: docs/choice.md
 
 
@@ -64,7 +68,7 @@ class PolicyRow:
     """
 
     make: Callable[[PolicySettings], Policy]
-    about: str
+    about: str = ""
     counts: bool = True
     asks_count: bool = True
     budgeted: bool = True
@@ -73,6 +77,13 @@ class PolicyRow:
     foresees: bool = False
     own_boxes: bool = False
     aims: bool = False
+
+    @classmethod
+    def of(cls, policy: Policy) -> PolicyRow:
+        """Return the row of one's own policy, of which nothing more is known."""
+        return cls(
+            lambda settings: policy, counts=False, asks_count=False, budgeted=False, own_boxes=True
+        )
 
 
 POLICIES: dict[str, PolicyRow] = {
@@ -123,7 +134,16 @@ POLICIES: dict[str, PolicyRow] = {
 
 
 def policy_row(name: str) -> PolicyRow:
-    """Return the row of the policy called `name`; raise `InputError` listing the known ones."""
-    if name not in POLICIES:
-        raise InputError(f"policy {name[:40]!r} is unknown, expected one of {', '.join(POLICIES)}")
-    return POLICIES[name]
+    """Return the row of the policy called `name`.
+
+    One of one's own is a `PolicyRow`, a class, or a function of `PolicySettings`.
+
+    Raises:
+        InputError: listing the known ones.
+    """
+    found: Any = member(GROUP, "policy", name, POLICIES)
+    if isinstance(found, PolicyRow):
+        return found
+    return PolicyRow(
+        lambda settings: made(found, settings), counts=False, budgeted=False, own_boxes=True
+    )

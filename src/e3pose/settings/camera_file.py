@@ -1,0 +1,114 @@
+"""The configuration of one camera: a TOML file, the options of `e3pose camera`, or both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from e3pose.errors import InputError
+from e3pose.family import beside
+from e3pose.files.bounded import read_toml
+from e3pose.files.table import entry, read_table
+from e3pose.geometry.camera import check_camera_id
+from e3pose.settings.limits import check_camera, check_within, near
+from e3pose.settings.site_file import DEFAULT_ENDPOINT, MAX_BYTES
+from e3pose.wire.access import split_endpoint
+from e3pose.wire.topics import check_site
+
+
+@dataclass(frozen=True, slots=True)
+class NodeTable:
+    """A camera file; the options of `e3pose camera` take precedence.
+
+    Attributes:
+        format: `e3pose-camera`.
+        version: 1.
+        site: name of the site.
+        camera: its id there.
+        source: see `camera.live_source`.
+        endpoint: of the edge.
+        keys: folder that `e3pose keys add` made, for tls.
+        insecure: whether plain tcp beyond this machine is allowed.
+        detector: name of a detector.
+        model: file of the network.
+        provider: where it runs.
+        threads: of the processor for the network; all cores by default.
+        fps: frames a second to ask of the source; None for its own.
+        pace: how fast a file or recording is played.
+        begin_s: seconds since 1970 at which a round of it begins, and before which nothing is
+            shown; by default rounds are counted from 1970.
+        wake_s: seconds from aggressive power-saving to the first frame.
+        battery_wh: capacity; without it the camera is on mains.
+        meter: how its power is measured.
+        profile: power profile, for what is not measured.
+        state: file that remembers the charge of a battery without a gauge; empty for none.
+        path: of the file, to which all others are relative; None without one.
+
+    Raises:
+        InputError: naming the key, what was found and what was expected.
+    """
+
+    format: Literal["e3pose-camera"] = entry()
+    version: Literal[1] = entry()
+    site: str = entry(write='"lab"')
+    camera: str = entry(write='"cam1"')
+    source: str = entry(write='"usb:0"')
+    endpoint: str = DEFAULT_ENDPOINT
+    keys: str | None = None
+    insecure: bool = False
+    detector: str = "movenet-multipose"
+    model: str | None = None
+    provider: str = "auto"
+    threads: int | None = None
+    fps: float | None = None
+    pace: float = 1.0
+    begin_s: float = 0.0
+    wake_s: float = 0.5
+    battery_wh: float | None = None
+    meter: Literal["auto", "model"] = "auto"
+    profile: str = "xavier-nx"
+    state: str | None = None
+    path: Path | None = field(default=None, metadata={"key": ""})
+
+    def __post_init__(self) -> None:
+        check_site(self.site)
+        try:
+            check_camera_id(self.camera)
+        except InputError as error:
+            raise error.at(thing="camera") from None
+        split_endpoint(self.endpoint)
+        if self.fps is not None:
+            check_within("fps", self.fps, 0.1, 1000)
+        check_within("pace", self.pace, 1e-3, 1)
+        check_within("begin_s", self.begin_s, 0, 1e10)
+        check_camera(self.wake_s, self.battery_wh, self.threads)
+        if self.state and not self.state.endswith(".json"):  # it is replaced again and again
+            raise InputError("state", repr(self.state[:80]), "a name that ends in .json, or ''")
+
+    def near(self, name: str) -> Path:
+        """Return the place that a name means, relative to the file; `~` is one's home."""
+        return near(Path() if self.path is None else self.path.parent, name)
+
+
+def load_node(path: Path | None, options: Mapping[str, Any] | None = None) -> NodeTable:
+    """Return the configuration of a camera.
+
+    Args:
+        path: of the camera file; None for options alone.
+        options: keys of the file that take precedence over it.
+
+    Raises:
+        InputError: naming the file, the key, what was found and what was expected; an option
+            without the file.
+    """
+    asked = options or {}
+    table: dict[str, Any] = {"format": "e3pose-camera", "version": 1}
+    if path is not None:
+        table = read_toml(path, MAX_BYTES)
+    try:
+        node = replace(read_table(NodeTable, {**table, **asked}), path=path)
+    except InputError as error:
+        raise error if error.thing in asked or path is None else error.at(path) from None
+    return replace(node, detector=beside(node.detector, node.near(".")))

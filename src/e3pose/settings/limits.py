@@ -1,0 +1,32 @@
+"""Checks that the files of a site and of a camera share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from e3pose.errors import InputError
+
+
+def check_within(thing: str, value: float, low: float, high: float) -> None:
+    """Raise `InputError` for a number that is not from `low` to `high`."""
+    if not low <= value <= high:  # NaN fails too
+        raise InputError(thing, f"{value:g}", f"{low:g} to {high:g}")
+
+
+def check_camera(wake_s: float, battery_wh: float | None, threads: int | None) -> None:
+    """Raise `InputError` for what no camera has."""
+    check_within("wake_s", wake_s, 0, 3600)
+    if threads is not None:
+        check_within("threads", threads, 1, 1024)
+    if battery_wh is not None:
+        check_within("battery_wh", battery_wh, 1e-3, 1e6)
+
+
+def near(folder: Path, name: str) -> Path:
+    """Return the place that a name means, relative to a folder; `~` is the user's home."""
+    if not name.isprintable():
+        raise InputError("", repr(name[:80]), "the name of a file or folder")
+    try:
+        return folder / Path(name).expanduser()
+    except RuntimeError:  # `~somebody`
+        raise InputError("", repr(name[:80]), "the home of a user there is") from None

@@ -1,0 +1,129 @@
+"""A site with its rig: all that an edge must know, told before anything opens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from e3pose.calibration import load_rig
+from e3pose.calibration.world import require_placed, world_problem
+from e3pose.energy.budgets import Budget, parse_budget
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.model.noises import DEFAULT, SHIPPED
+from e3pose.model.skeleton import Skeleton, skeleton_by_name
+from e3pose.pipeline import Pipeline
+from e3pose.settings.energy import EnergyPlan
+from e3pose.settings.loop import LoopSettings
+from e3pose.settings.parts import make_pipeline
+from e3pose.settings.site_file import CameraTable, SiteTable
+
+OF_ENERGY = ("profile", "battery_wh", "lifetime")
+
+
+@dataclass(frozen=True, slots=True)
+class LiveSite:
+    """Where a live loop runs, see `settings.parts.Place`, and how.
+
+    Attributes:
+        site: its file.
+        rig: the cameras.
+        cameras: what the file says of each, in the order of the rig.
+        skeleton: of the detectors.
+        interval_s: seconds a slot.
+        detector: whose noise serves all cameras.
+        plan: what the cameras draw and have.
+        loop: how the loop runs, with all that follows from the rig.
+        source: nothing, as `detector` says it.
+    """
+
+    site: SiteTable
+    rig: Rig
+    cameras: Mapping[str, CameraTable]
+    skeleton: Skeleton
+    interval_s: float
+    detector: str
+    plan: EnergyPlan
+    loop: LoopSettings
+    source: str = ""
+
+    def pipeline(self) -> Pipeline:
+        """Return the parts of its loop.
+
+        Raises:
+            InputError: naming the file and the key that asks for what cannot be had.
+        """
+        try:
+            return make_pipeline(self, self.loop)
+        except InputError as error:
+            raise _in_file(self.site, error) from None
+
+    def world_warning(self) -> str:
+        """Return what is odd about the axes or the unit of the cameras; empty if nothing."""
+        calibration = self.site.near(self.site.calibration)
+        words = world_problem(self.rig, calibration)[1]
+        return f"{calibration}: {words}" if words else ""
+
+    def budgets(self, shares: Sequence[float], now: datetime) -> list[Budget]:
+        """Return what each camera may spend: its own words, the site's, or its share of the slots.
+
+        Args:
+            shares: `(num_cameras,)` of the slots.
+            now: the present, with its time zone.
+        """
+        found = []
+        for (name, camera), share in zip(self.cameras.items(), shares, strict=True):
+            words = camera.budget or self.site.budget
+            try:
+                found.append(Budget("duty", share) if words is None else parse_budget(words, now))
+            except InputError as error:
+                raise error.at(self.site.path, f"camera {name}: budget") from None
+        return found
+
+
+def site_rig(site: SiteTable) -> Rig:
+    """Return the cameras of a site; raise `InputError` naming the key where there are none."""
+    calibration = site.near(site.calibration)
+    if not calibration.exists():
+        error = InputError("calibration", f"no {calibration}", "the file of a rig")
+        raise error.at(site.path)
+    rig = load_rig(calibration)
+    require_placed(rig, calibration)
+    return rig
+
+
+def live_site(
+    site: SiteTable, change: Callable[[LoopSettings], LoopSettings] = lambda loop: loop
+) -> LiveSite:
+    """Return a site with its rig.
+
+    Args:
+        site: its file.
+        change: of the settings of its loop, before those that follow from the rig are filled in.
+
+    Raises:
+        InputError: for a rig that is not there, and settings that it cannot have.
+    """
+    rig = site_rig(site)
+    cameras = site.cameras_of(rig)
+    known_wh = {name: c.battery_wh for name, c in cameras.items() if c.battery_wh}
+    try:
+        plan = site.energy.plan(rig.camera_ids, 1 / site.fps, known_wh)
+        loop = change(site.loop).for_rig(len(rig), plan)
+        skeleton = skeleton_by_name(site.skeleton)
+    except InputError as error:
+        raise _in_file(site, error) from None
+    detectors = {camera.detector for camera in cameras.values() if camera.detector}
+    named = [name for name in SHIPPED if name in detectors]  # one noise serves all cameras
+    detector = named[0] if named else DEFAULT
+    return LiveSite(site, rig, cameras, skeleton, 1 / site.fps, detector, plan, loop)
+
+
+def _in_file(site: SiteTable, error: InputError) -> InputError:
+    """Return an error of the settings with the key that they have in the site file."""
+    if not error.thing or error.place:
+        return error.at(site.path)
+    if error.thing == "lead":
+        return error.at(site.path)
+    return error.under("energy" if error.thing in OF_ENERGY else "loop").at(site.path)

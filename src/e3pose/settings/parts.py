@@ -1,0 +1,227 @@
+"""The parts of a loop, made from its settings for the place where it runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.energy.queues import check_budget
+from e3pose.errors import InputError
+from e3pose.estimate import EstimatorSettings, make_estimator
+from e3pose.estimate.base import Estimator
+from e3pose.estimate.per_slot.fusion import FusionSettings
+from e3pose.geometry.camera import Rig
+from e3pose.model.noises import DEFAULT, detector_of, load_noise
+from e3pose.model.skeleton import Skeleton
+from e3pose.pipeline import Pipeline
+from e3pose.predict import Predictor, make_predictor, make_predictor_or_fallback
+from e3pose.select.camera_order import spread_order
+from e3pose.select.policies import POLICIES, Policy, PolicyRow, PolicySettings, policy_row
+from e3pose.settings.loop import LoopSettings, pipeline_row
+
+STEERING = "attention-lstm"  # steers the estimator with a memory unless told otherwise
+STEERING_SLOTS = 10  # of history, which the network of `STEERING` looks back on
+PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
+
+
+class Place(Protocol):
+    """Where the loop runs: a recording is one, and so is a live site."""
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras."""
+        ...
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Of the detectors."""
+        ...
+
+    @property
+    def interval_s(self) -> float:
+        """Seconds a slot."""
+        ...
+
+    @property
+    def detector(self) -> str:
+        """What finds the keypoints; empty where nobody said."""
+        ...
+
+    @property
+    def source(self) -> str:
+        """Where the keypoints come from, in words."""
+        ...
+
+
+def make_pipeline(
+    place: Place,
+    settings: LoopSettings,
+    clock: Callable[[], float] = time.perf_counter,
+) -> Pipeline:
+    """Build the parts that `settings` ask for.
+
+    Raises:
+        InputError: naming the setting that cannot be had for this place.
+    """
+    settings = settings.for_rig(len(place.rig))
+    num_selected = float(settings.num_selected or 0)
+    row = row_of(settings)
+    _check(settings, row, len(place.rig))
+    predictor, steering = _predictors(settings, row, place.skeleton)
+    asked = PolicySettings(
+        num_selected=num_selected,
+        quality_weight=settings.quality_weight,
+        seed=settings.seed,
+        phase=settings.phase,
+        occlusion_limit=settings.occlusion_limit,
+        round_trip_s=settings.round_trip_s,
+        target_error_m=settings.target_error_m,
+        order=spread_order(place.rig),
+    )
+
+    def waking(count: float) -> Policy:
+        return row.make(replace(asked, num_selected=count))
+
+    return Pipeline(
+        rig=place.rig,
+        num_joints=len(place.skeleton),
+        interval_s=place.interval_s,
+        estimator=_estimator(place, settings, num_selected, steering is not None),
+        predictor=predictor,
+        policy=row.make(asked),
+        waking=waking if row.asks_count else None,
+        budget=_budget(settings, len(place.rig), row.counts),
+        cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
+        clock=clock,
+        lead_slots=settings.lead_slots,
+        warmup_slots=settings.warmup_slots,
+        holds=row.holds,
+        foresees=row.foresees or settings.foresees,
+        own_boxes=row.own_boxes,
+        steering=steering,
+    )
+
+
+def row_of(settings: LoopSettings) -> PolicyRow:
+    """Return the policy that decides with what it needs; an object decides as it is."""
+    policy = settings.policy
+    if policy is None or isinstance(policy, str):
+        return policy_row(settings.policy_name)
+    return PolicyRow.of(policy)
+
+
+def _estimator(
+    place: Place, settings: LoopSettings, num_selected: float, steered: bool
+) -> Estimator[Any]:
+    fusion = _fusion(settings)
+    if settings.estimator is not None:
+        return settings.estimator
+    return make_estimator(
+        pipeline_row(settings.pipeline)[0],
+        EstimatorSettings(
+            rig=place.rig,
+            skeleton=place.skeleton,
+            interval_s=place.interval_s,
+            history_slots=max(settings.warmup_slots, STEERING_SLOTS if steered else 0),
+            fusion=fusion,
+            noise=load_noise(settings.noise or detector_of(place)),
+            num_selected=1.0 if settings.target_error_m is not None else num_selected,
+        ),
+    )
+
+
+def _predictors(
+    settings: LoopSettings, row: PolicyRow, skeleton: Skeleton
+) -> tuple[Predictor, Predictor | None]:
+    """Return who foresees the people for the policy and who steers the estimator.
+
+    A predictor that was asked for must be had; one by default has a stand-in, which steers nobody.
+    The policies of a pipeline share one estimator, whichever predictor is their own.
+    """
+    remembers = settings.estimator is not None or pipeline_row(settings.pipeline)[0] != "paper"
+    asked = settings.predictor
+    if asked is not None:
+        predictor = make_predictor(asked, skeleton) if isinstance(asked, str) else asked
+        return predictor, predictor if remembers else None
+    own = make_predictor_or_fallback(row.predictor, skeleton)
+    if not remembers:
+        return own, None
+    same = row.predictor == STEERING
+    return own, own if same else make_predictor_or_fallback(STEERING, skeleton)
+
+
+def _fusion(settings: LoopSettings) -> FusionSettings:
+    """Return how the pipeline `paper` matches and places; raise `InputError` for another's."""
+    usual = FusionSettings(
+        refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
+    )
+    distance_m = settings.match_distance_m
+    if distance_m is None:
+        return usual
+    if pipeline_row(settings.pipeline)[0] != "paper":
+        raise InputError(
+            "match_distance",
+            f"it with the pipeline {settings.pipeline}, which matches views to people it follows",
+            "the pipeline paper",
+        )
+    if not 0 < distance_m < usual.cap_m:  # from the cap on, everybody is the same person
+        raise InputError(
+            "match_distance",
+            f"{1000 * distance_m:g} mm",
+            f"more than 0 and less than {1000 * usual.cap_m:g} mm",
+        )
+    return replace(usual, max_distance_m=distance_m)
+
+
+def noise_warning(place: Place, settings: LoopSettings) -> str:
+    """Return what to say where the detector is not stated, or not known; empty if it is."""
+    if settings.noise or pipeline_row(settings.pipeline)[0] == "paper":
+        return ""
+    name = detector_of(place)
+    if name != DEFAULT and place.detector:
+        return ""
+    if name != DEFAULT:
+        return (
+            f"the recording names its detector in words only: {name} is assumed; write "
+            f'version = 3 and detector = "{name}" into its recording.toml, or use --noise'
+        )
+    return (
+        "no noise file is known for this detector: OpenPose's, half as large again, is assumed "
+        "at first, and what each camera's keypoints are like is learned; --noise names a file"
+    )
+
+
+def _check(settings: LoopSettings, row: PolicyRow, num_cameras: int) -> None:
+    if settings.target_error_m is not None and not row.aims:
+        aiming = ", ".join(name for name, each in POLICIES.items() if each.aims)
+        found = f"it with the policy {settings.policy_name}, which wakes a given number of cameras"
+        raise InputError("target_error", found, aiming)
+    costs = settings.cost_j
+    if costs is not None and not (len(costs) == num_cameras and all(0 < c < 1e9 for c in costs)):
+        raise InputError("cost", costs, "one above 0 a camera")
+
+
+def _budget(settings: LoopSettings, num_cameras: int, counts: bool) -> NDArray[np.float64]:
+    """Return `(num_cameras,)` the share of slots that each camera may be active."""
+    share = settings.share(num_cameras)
+    budget = np.atleast_1d(np.asarray(1.0 if share is None else share, dtype=np.float64))
+    if len(budget) == 1:
+        budget = np.full(num_cameras, budget[0])
+    if len(budget) != num_cameras:
+        raise InputError("budget", f"{len(budget)} shares", f"{num_cameras}, one a camera")
+    num_selected = settings.num_selected or 0.0
+    if settings.budget is not None and counts and settings.target_error_m is None:
+        if isinstance(settings.budget, float | int):
+            check_budget(budget, num_selected)
+        elif budget.sum() < num_selected - 1e-9:
+            raise InputError(
+                "budget",
+                f"{budget.sum():.3g} cameras a slot in all",
+                f"at least {num_selected:g}, as many as are to be selected",
+            )
+    return budget

@@ -1,0 +1,30 @@
+"""The lines that a program of a site says to a person, whoever takes them."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+
+class Log(Protocol):
+    """Who takes the lines that a person should know, with fields; `logging` with an adapter."""
+
+    def info(self, event: str, **fields: Any) -> Any:
+        """Take a line."""
+        ...
+
+    def warning(self, event: str, **fields: Any) -> Any:
+        """Take a line that somebody should act on."""
+        ...
+
+
+class Unheard:
+    """Takes lines and shows them to nobody."""
+
+    def info(self, event: str, **fields: Any) -> None:
+        """Take a line."""
+
+    def warning(self, event: str, **fields: Any) -> None:
+        """Take a line."""
+
+
+NO_LOG = Unheard()
