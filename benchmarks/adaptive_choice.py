@@ -73,9 +73,9 @@ def figures(
     recording: Any, policy: str, count: float, seed: int, lead: int, pipeline: str = "memory"
 ) -> Row:
     """Replay once; the energy of batteries counts, and so does a lifetime of the recording."""
-    from e3pose.evaluate.bad_days import BadDay
     from e3pose.evaluate.replay import ReplaySettings, replay
     from e3pose.evaluate.summary import accuracy
+    from e3pose.settings.bad_day import BadDay
 
     num_cameras = len(recording.rig)
     budget, day = None, BadDay()
@@ -96,6 +96,7 @@ def figures(
     selected = np.stack([record.selected for record in records])
     seconds = recording.num_slots * recording.interval_s
     there = np.isfinite(recording.truth.joints_m[..., 0, 0]).sum() * recording.interval_s / 60
+    precision = 1.0 if found.precision_500mm is None else found.precision_500mm
     return {
         "policy": policy,
         "count": count,
@@ -106,10 +107,10 @@ def figures(
             selected.sum() * recording.interval_s * (ACTIVE_W - IDLE_W)
             + seconds * num_cameras * IDLE_W
         ),
-        "mpjpe_mm": found.get("mpjpe_mm"),
-        "recall": found.get("recall_500mm"),
-        "false_percent": 100 * (1 - found.get("precision_500mm", 1.0)),
-        "switches_per_person_minute": found.get("id_switches", 0) / max(float(there), 1e-9),
+        "mpjpe_mm": found.mpjpe_mm,
+        "recall": found.recall_500mm,
+        "false_percent": 100 * (1 - precision),
+        "switches_per_person_minute": (found.id_switches or 0) / max(float(there), 1e-9),
     }
 
 

@@ -91,7 +91,7 @@ class Target:
     def entry_s(self) -> float:
         """Return how long a viewer who comes now waits for its first status."""
         path, begun_s = self.site.folder / "site.toml", time.monotonic()
-        transport = open_network(viewer_link(path, load_site(path), None))
+        transport = open_network(viewer_link(load_site(path), None))
         follower = Follower("bench")
         follower.listen(transport)
         follower.fresh.wait(ENTRY_S)

@@ -27,7 +27,8 @@ from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Floats, Prediction, Predictor
 from e3pose.recording import Recording
 from e3pose.settings.edge import EdgeSettings
-from e3pose.settings.loop import ReplaySettings, make_pipeline
+from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.parts import make_pipeline
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.wire.memory import Hub, MemoryTransport

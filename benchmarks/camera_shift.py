@@ -41,7 +41,7 @@ def figures(recording: Recording, cameras: int, seed: int) -> list[float]:
     found = accuracy(recording, records)
     shifts_px = records[-1].shifts_px
     first_px = np.nan if shifts_px is None else float(np.hypot(*shifts_px[0]))
-    return [found["mpjpe_mm"], found["p95_mm"], first_px]
+    return [found.mpjpe_mm or np.nan, found.p95_mm or np.nan, first_px]
 
 
 def main() -> None:

@@ -90,9 +90,15 @@ def digests(folder: Path) -> Iterator[tuple[str, str]]:
 
 
 def digest(path: Path) -> str:
-    """Return a digest of a file; of JSON without its times, which differ from run to run."""
+    """Return a digest of a file; of JSON without its times, which differ from run to run.
+
+    The format and the version of figures are left out: files of before have none.
+    """
     if path.suffix == ".json":
-        told = json.dumps(timeless(json.loads(path.read_text())))
+        figures = json.loads(path.read_text())
+        for name in ("format", "version"):
+            figures.pop(name, None)
+        told = json.dumps(timeless(figures))
         return hashlib.sha256(told.encode()).hexdigest()
     return hashlib.sha256(path.read_bytes()).hexdigest()
 

@@ -50,8 +50,10 @@ def figures(recording: Recording, cameras: int, seed: int, noise: str | None) ->
     unnamed = recording if noise else replace(recording, source="a detector that nobody knows")
     records = list(replay(unnamed, settings))
     found, stated = accuracy(recording, records), expected_figures(recording, records)
-    recall, false = 100 * found["recall_500mm"], 100 * (1 - found.get("precision_500mm", 1.0))
-    return [found["mpjpe_mm"], recall, false, stated["coverage_90"]]
+    precision = 1.0 if found.precision_500mm is None else found.precision_500mm
+    figures = found.mpjpe_mm, found.recall_500mm, precision, stated.coverage_90
+    error_mm, recall, right, coverage = (np.nan if f is None else f for f in figures)
+    return [error_mm, 100 * recall, 100 * (1 - right), coverage]
 
 
 def main() -> None:

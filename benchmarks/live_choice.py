@@ -60,8 +60,8 @@ def run(recording: Recording, policy: str, count: float, round_trip_s: float) ->
         site = load_site(path)
         port = int(site.link.endpoint.rpartition(":")[2])
         with relay(port, round_trip_s) as near:
-            link = msgspec.structs.replace(site.link, endpoint=f"tcp/127.0.0.1:{near}")
-            through = msgspec.structs.replace(site, link=link)
+            link = replace(site.link, endpoint=f"tcp/127.0.0.1:{near}")
+            through = replace(site, link=link)
             heard, leads = _play(path, through, recording)
         begin_ns = heard.begin_ns
         film = Film(recording.num_slots * recording.interval_s, 1.0, begin_ns)
@@ -81,8 +81,8 @@ def _figures(shown: Recording, records: list[Any]) -> dict[str, Any]:
     numbered = [replace(record, slot=slot) for slot, record in enumerate(records)]
     found = accuracy(shown, numbered)
     return {
-        "error_mm": found["mpjpe_mm"],
-        "recall": found["recall_500mm"],
+        "error_mm": found.mpjpe_mm,
+        "recall": found.recall_500mm,
         "cameras": float(np.mean([record.selected.sum() for record in records])),
     }
 
@@ -92,7 +92,7 @@ def _play(path: Path, through: Any, recording: Recording) -> tuple[Heard, list[i
     logs.mkdir()
     programs = [Program("edge", edge_command(path), logs / "edge.log")]
     heard, follower, leads = Heard(), Follower(through.name), []
-    link = viewer_link(path, load_site(path), None)
+    link = viewer_link(load_site(path), None)
     transport = open_network(link)
     follower.listen(transport, heard.poses, lambda status: leads.append(status.lead))
     tap: Transport | None = None
@@ -107,7 +107,7 @@ def _play(path: Path, through: Any, recording: Recording) -> tuple[Heard, list[i
             heard.listen(through.name, tap)
             heard.begin_ns = time.time_ns() + round(READY_S * 1e9)
             for camera_id in recording.rig.camera_ids:
-                command = camera_command(path, through, camera_id, recording.rig)
+                command = camera_command(through, camera_id, recording.rig)
                 command += ["--begin-s", str(heard.begin_ns / 1e9)]
                 programs.append(Program(camera_id, command, logs / f"{camera_id}.log"))
                 programs[-1].start()
@@ -134,7 +134,7 @@ def replayed(recording: Recording, policy: str, count: float, lead: int) -> dict
     last = recording.num_slots - round(LAST_S / recording.interval_s)
     scored = replace(recording, scored_slots=(LEARN_SLOTS, last))
     found = accuracy(scored, records)
-    return {"error_mm": found["mpjpe_mm"], "recall": found["recall_500mm"]}
+    return {"error_mm": found.mpjpe_mm, "recall": found.recall_500mm}
 
 
 def main() -> None:

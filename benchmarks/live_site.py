@@ -114,11 +114,11 @@ def live_site(
         site = load_site(path)
         command = [*edge_command(path), "--json-logs"]
         programs = [Program("edge", command, folder / "edge.log")] + [
-            Program(i, camera_command(path, site, i, recording.rig), folder / f"{i}.log")
+            Program(i, camera_command(site, i, recording.rig), folder / f"{i}.log")
             for i in recording.rig.camera_ids
         ]
         follower = Follower("bench")
-        transport = open_network(viewer_link(path, site, None))
+        transport = open_network(viewer_link(site, None))
         follower.listen(transport)
         for program in programs:
             program.start()

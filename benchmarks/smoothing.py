@@ -69,6 +69,7 @@ def shelf(shared: Path) -> Iterator[Any]:
 def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, float]]:
     """Return the figures of one replay by way of smoothing."""
     from e3pose.evaluate.expected_figures import expected_figures
+    from e3pose.evaluate.figures import plain
     from e3pose.evaluate.replay import ReplaySettings, replay
     from e3pose.evaluate.smoothed import smooth_poses, smooth_records
     from e3pose.evaluate.summary import accuracy
@@ -91,7 +92,7 @@ def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, f
     }
     result = {}
     for way, late in found.items():
-        told = {**expected_figures(recording, late), **accuracy(recording, late)}
+        told = {**plain(expected_figures(recording, late)), **plain(accuracy(recording, late))}
         result[way] = {key: told[key] for key in KEYS if key in told}
         if "pcp" in told:
             result[way]["pcp"] = told["pcp"]["average"]

@@ -34,12 +34,13 @@ def figures(name: str, seed: int, policy: str, count: float, lead: int) -> dict[
     settings = ReplaySettings(policy=policy, num_selected=count, lead_slots=lead, phase=seed)
     records = list(replay(recording, settings))
     found, expected = accuracy(recording, records), expected_figures(recording, records)
-    return {
-        "error": found["mpjpe_mm"],
-        "recall": found["recall_500mm"],
-        "foreseen": expected.get("foreseen_mm", np.nan),
-        "stated": expected["error_mm"],
+    told = {
+        "error": found.mpjpe_mm,
+        "recall": found.recall_500mm,
+        "foreseen": expected.foreseen_mm,
+        "stated": expected.error_mm,
     }
+    return {name: np.nan if figure is None else figure for name, figure in told.items()}
 
 
 def mean_error(policy: str, count: float, lead: int) -> float:
@@ -76,5 +77,5 @@ def test_a_target_error_is_kept_at_a_long_lead() -> None:
         recording = scene(name, SEEDS[0])
         settings = ReplaySettings(target_error_m=0.04, lead_slots=LONG_LEAD)
         records = list(replay(recording, settings))
-        assert expected_figures(recording, records)["actual_mm"] < 44
+        assert (expected_figures(recording, records).actual_mm or 99) < 44
         assert np.mean([record.selected.sum() for record in records]) < len(recording.rig) / 2 + 1

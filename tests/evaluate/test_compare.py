@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from rich.console import Console
 
 from e3pose.energy.queues import load_profile
 from e3pose.evaluate.compare import compare, rows, tasks
+from e3pose.evaluate.figures import Duration, Summary
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.tables import print_comparison, print_summary
 from e3pose.geometry.camera import Camera, Rig
@@ -50,7 +52,7 @@ def off_by_seed(source: Recording, settings: ReplaySettings) -> Iterator[SlotRec
         )
 
 
-def summaries(seeds: int) -> list[dict[str, Any]]:
+def summaries(seeds: int) -> list[Summary]:
     settings = tasks(ReplaySettings(num_selected=1), ["random"], seeds)
     profile = load_profile("tx2")
     return list(compare(recording(), settings, profile, jobs=1, run=off_by_seed))
@@ -69,9 +71,12 @@ def test_every_lead_has_rows_of_its_own_and_a_column() -> None:
     settings = tasks(ReplaySettings(), ["random"], 2, leads=[1, 4])
     assert [(s.lead_slots, s.seed) for s in settings] == [(1, 0), (1, 1), (4, 0), (4, 1)]
     found = list(compare(recording(), settings, load_profile("tx2"), jobs=1, run=off_by_seed))
-    for each, lead in zip(found, (1, 1, 4, 4), strict=True):
-        each["stage_ms"]["predict"] = {"median": float(lead), "p99": 9.0}
-    table = rows(found)
+    table = rows(
+        [
+            replace(each, stage_ms={**each.stage_ms, "predict": Duration(float(lead), 9.0)})
+            for each, lead in zip(found, (1, 1, 4, 4), strict=True)
+        ]
+    )
     assert [(row["lead"], row["seeds"]) for row in table] == [(1, 2), (4, 2)]
     shown, alone = (_printed(part) for part in (table, table[:1]))
     assert "lead" in shown
@@ -108,13 +113,14 @@ def test_one_seed_has_no_spread() -> None:
 
 def test_rows_are_apart_by_policy_and_camera_count() -> None:
     one = summaries(1)[0]
-    other = {**one, "policy": "all"}
-    more = {**one, "settings": {**one["settings"], "num_selected": 2}}
+    settings = one.settings
+    other = replace(one, policy="all", settings=replace(settings, policy="all"))
+    more = replace(one, settings=replace(settings, num_selected=2))
     table = rows([one, other, more, one])
     assert [(r["policy"], r["cameras"], r["seeds"]) for r in table] == [
         ("random", 1, 2), ("all", None, 1), ("random", 2, 1),
     ]  # fmt: skip
-    aimed = {**one, "settings": {**one["settings"], "target_error_m": 0.04}}
+    aimed = replace(one, settings=replace(settings, target_error_m=0.04))
     (row,) = rows([aimed])
     assert (row["cameras"], row["target_mm"]) == (None, 40)
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from e3pose.energy.queues import load_profile
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS, energy_figures
 from e3pose.evaluate.expected_figures import expected_figures
+from e3pose.evaluate.figures import Expected
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17, PANOPTIC19, Skeleton
@@ -64,11 +65,11 @@ def records(sigma_m: float, claimed_m: float, on: int = 2) -> list[SlotRecord]:
 
 def test_an_honest_estimator_covers_nine_of_ten() -> None:
     figures = expected_figures(recording(), records(0.02, 0.02))
-    assert figures["error_mm"] == pytest.approx(20 * 1.595769, rel=1e-5)
-    assert figures["matched_mm"] == pytest.approx(figures["error_mm"])
-    assert figures["actual_mm"] == pytest.approx(figures["error_mm"], rel=0.03)
-    assert figures["coverage_90"] == pytest.approx(90, abs=1.5)
-    assert figures["foreseen_mm"] == pytest.approx(30)
+    assert figures.error_mm == pytest.approx(20 * 1.595769, rel=1e-5)
+    assert figures.matched_mm == pytest.approx(figures.error_mm)
+    assert figures.actual_mm == pytest.approx(figures.error_mm, rel=0.03)
+    assert figures.coverage_90 == pytest.approx(90, abs=1.5)
+    assert figures.foreseen_mm == pytest.approx(30)
 
 
 @pytest.mark.parametrize(("claimed_m", "low", "high"), [(0.01, 20, 60), (0.04, 99, 100)])
@@ -76,27 +77,29 @@ def test_one_that_claims_too_much_or_too_little_is_found_out(
     claimed_m: float, low: float, high: float
 ) -> None:
     figures = expected_figures(recording(), records(0.02, claimed_m))
-    assert low < figures["coverage_90"] <= high
+    assert figures.coverage_90 is not None and low < figures.coverage_90 <= high
 
 
 def test_another_skeleton_or_no_covariance_says_less() -> None:
-    assert "coverage_90" not in expected_figures(recording(PANOPTIC19), records(0.02, 0.02))
-    assert expected_figures(recording(), []) == {}
+    assert expected_figures(recording(PANOPTIC19), records(0.02, 0.02)).coverage_90 is None
+    assert expected_figures(recording(), []) == Expected()
 
 
 def test_savings_are_told_for_both_devices_of_the_paper() -> None:
     found = energy_figures(
         recording(), records(0.02, 0.02, on=3), load_profile("generic"), "power-saving", 50.0
     )
+    assert found is not None
     for name, (low, high) in PAPER_SAVINGS.items():
-        device = found["devices"][name]
-        assert low < device["saving_percent"] < high
-        assert device["times_paper"] == pytest.approx(1.0)
-        assert device["aggressive_saving_percent"] > device["saving_percent"]
+        device = found.devices[name]
+        assert low < device.saving_percent < high
+        assert device.times_paper == pytest.approx(1.0)
+        assert device.aggressive_saving_percent > device.saving_percent
     one = energy_figures(
         recording(), records(0.02, 0.02, on=1), load_profile("tx2"), "power-saving", 50.0
     )
-    assert one["devices"]["tx2"]["times_paper"] == pytest.approx(2.0)  # 4 of 5 asleep, not 2
+    assert one is not None
+    assert one.devices["tx2"].times_paper == pytest.approx(2.0)  # 4 of 5 asleep, not 2
 
 
 def test_devices_and_batteries_may_differ() -> None:
@@ -105,7 +108,8 @@ def test_devices_and_batteries_may_differ() -> None:
     found = energy_figures(
         recording(), records(0.02, 0.02, on=5), profiles, "power-saving", batteries
     )
-    assert found["profile"] == "xavier-nx, tx2, generic"
-    assert found["cameras"]["a"]["active_watts"] == pytest.approx(12.5)
-    assert found["cameras"]["e"]["battery_hours"] == pytest.approx(5.0)
-    assert found["cameras"]["b"]["battery_hours"] == pytest.approx(20 / 12.2)
+    assert found is not None
+    assert found.profile == "xavier-nx, tx2, generic"
+    assert found.cameras["a"].active_watts == pytest.approx(12.5)
+    assert found.cameras["e"].battery_hours == pytest.approx(5.0)
+    assert found.cameras["b"].battery_hours == pytest.approx(20 / 12.2)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from e3pose.energy.queues import load_profile
+from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import summarise
 from e3pose.recording import Recording
@@ -31,7 +32,7 @@ def shelf() -> Recording:
 def figures(source: Recording, **options: Any) -> dict[str, Any]:
     settings = ReplaySettings(pipeline="paper", **options)
     records = list(replay(source, settings))
-    return summarise(source, settings, records, load_profile("xavier-nx"))
+    return as_json(summarise(source, settings, records, load_profile("xavier-nx")))
 
 
 def test_all_cameras_reach_the_papers_select_all(shelf: Recording) -> None:

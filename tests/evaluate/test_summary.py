@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.energy.queues import load_profile
+from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings
 from e3pose.evaluate.summary import summarise
 from e3pose.geometry.camera import Camera, Rig
@@ -18,6 +19,7 @@ from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17, PANOPTIC19, SHELF14, Skeleton
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.select.policies import Selection, Situation
 
 Floats = NDArray[np.float64]
 
@@ -67,7 +69,7 @@ def summary(source: Recording, people: Sequence[Sequence[Floats]], **options: An
     records = [record(slot, each) for slot, each in enumerate(people)]
     settings = ReplaySettings(policy="random", num_selected=1, seed=3)
     figures = summarise(source, settings, records, load_profile("generic"), **options)
-    return json.loads(json.dumps(figures, allow_nan=False))
+    return json.loads(json.dumps(as_json(figures), allow_nan=False))
 
 
 def same(skeleton: Skeleton, *people: Floats) -> Truth:
@@ -193,11 +195,24 @@ def test_changed_identity_is_counted() -> None:
     source = recording(same(COCO17, BODY))
     records = [record(slot, [BODY], [1 if slot < 2 else 7]) for slot in range(4)]
     figures = summarise(source, ReplaySettings(), records, load_profile("tx2"))
-    assert figures["metrics"]["id_switches"] == 1
-    assert figures["identities"] == 2
+    assert figures.metrics.id_switches == 1
+    assert figures.identities == 2
 
 
 def test_an_empty_replay_is_summarised() -> None:
     figures = summarise(recording(None), ReplaySettings(), [], load_profile("tx2"))
-    assert figures["slots"] == 0
-    assert figures["selection"] == figures["energy"] == figures["stage_ms"] == {}
+    assert figures.slots == 0
+    assert figures.selection is None and figures.energy is None
+    table = as_json(figures)
+    assert table["selection"] == table["energy"] == table["stage_ms"] == table["metrics"] == {}
+    assert (table["format"], table["version"]) == ("e3pose-figures", 1)
+
+
+def test_parts_of_ones_own_are_named() -> None:
+    class Mine:
+        def select(self, situation: Situation) -> Selection:
+            return situation.online
+
+    settings = ReplaySettings(policy=Mine())
+    figures = summarise(recording(None), settings, [], load_profile("tx2"))
+    assert figures.policy == as_json(figures)["settings"]["policy"] == "Mine"

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from e3pose.evaluate.figures import Accuracy, CameraEnergy, Energy, Expected, Summary
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
@@ -22,7 +23,8 @@ from e3pose.report import scene as scenes
 from e3pose.report import write_report
 from e3pose.report.page import embed, render
 from e3pose.report.scene import AWAKE, LOST, MAX_SLOTS, NUM_COLOURS, colours, frustum, scene
-from e3pose.report.words import cards, number, sentences
+from e3pose.report.words import cards, sentences
+from e3pose.settings.loop import ReplaySettings
 
 HOSTILE = "</script><script src='https://evil.example/x.js'></script><img src=x onerror=alert(1)>"
 
@@ -61,26 +63,23 @@ def record(slot: int, people: Sequence[int] = (), **more: Any) -> SlotRecord:
     return replace(base, **more)
 
 
-def summary(**more: Any) -> dict[str, Any]:
+def summary(**more: Any) -> Summary:
     cameras = {
-        name: {
-            "saving_percent": 20.0,
-            "mean_watts": watts,
-            "energy_j": watts * 4,
-            "battery_hours": 5,
-        }
+        name: CameraEnergy(20.0, watts, 10.0, watts * 4, 50.0, 5.0)
         for name, watts in (("left", 10.0), ("right", 8.0))
     }
-    energy = {
-        "profile": "generic",
-        "idle_mode": "power-saving",
-        "saving_percent": 31.4,
-        "cameras": cameras,
-        "battery_wh": 50.0,
-        "battery_hours_always_active": 5.0,
-    }
-    settings = {"num_selected": 1, "policy": "e3pose"}
-    return {"policy": "e3pose", "slots": 3, "settings": settings, "energy": energy, **more}
+    energy = Energy("generic", "power-saving", 31.4, 20.0, {}, cameras, 50.0, 5.0, {})
+    base = bare(policy="e3pose", settings=ReplaySettings(num_selected=1, policy="e3pose"))
+    return replace(base, slots=3, energy=energy, **more)
+
+
+def bare(**more: Any) -> Summary:
+    """Return the figures of a replay of which nothing is known."""
+    nothing = Summary(
+        "test", 0, "all", ReplaySettings(policy="all"), 0, Accuracy(), Expected(), None, None,
+        None, {}, None,
+    )  # fmt: skip
+    return replace(nothing, **more)
 
 
 class Page(HTMLParser):
@@ -102,7 +101,7 @@ class Page(HTMLParser):
             self.scripts[key] = self.scripts.get(key, "") + data
 
 
-def page(source: Recording, records: Sequence[SlotRecord], figures: dict[str, Any]) -> Page:
+def page(source: Recording, records: Sequence[SlotRecord], figures: Summary) -> Page:
     return Page(render(source, records, figures))
 
 
@@ -127,9 +126,11 @@ def test_own_scripts_and_markup_name_no_address() -> None:
 def test_hostile_text_stays_text() -> None:
     truth = Truth(COCO17, (HOSTILE[:60],), np.zeros((2, 1, len(COCO17), 3)))
     source = recording(2, HOSTILE, source=HOSTILE, truth=truth)
-    figures = summary(policy=HOSTILE, recording=HOSTILE)
-    figures["settings"]["policy"] = HOSTILE
-    figures["energy"]["profile"] = HOSTILE
+    figures = summary(recording=HOSTILE, notes=(HOSTILE,))
+    assert figures.energy is not None
+    energy = replace(figures.energy, profile=HOSTILE)
+    settings = replace(figures.settings, predictor=HOSTILE)
+    figures = replace(figures, policy=HOSTILE, settings=settings, energy=energy)
     records = [record(i, [0], stage_s={HOSTILE: 0.1}) for i in range(2)]
     hostile, plain = page(source, records, figures), page(recording(2), records, summary())
     tags = [tag for tag, _ in hostile.tags]
@@ -175,7 +176,7 @@ def test_long_runs_are_thinned_and_say_so() -> None:
     drawn = scene(recording(count), records)
     assert len(drawn["slots"]) <= MAX_SLOTS and drawn["stride"] == 4
     assert drawn["slots"][:3] == [0, 4, 8]
-    assert f"one in 4 of its {count} slots" in render(recording(count), records, {})
+    assert f"one in 4 of its {count} slots" in render(recording(count), records, bare())
 
 
 def test_crowds_are_thinned_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,7 +188,7 @@ def test_crowds_are_thinned_too(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("slots", [0, 1, 5])
 def test_nobody_seen_still_gives_a_page(slots: int, tmp_path: Path) -> None:
     path = tmp_path / "deep" / "report.html"
-    write_report(recording(slots), [record(i) for i in range(slots)], {}, path)
+    write_report(recording(slots), [record(i) for i in range(slots)], bare(), path)
     text = path.read_text()
     said = "Nobody was found in any slot" if slots else "There is nothing to show"
     assert said in text
@@ -196,12 +197,10 @@ def test_nobody_seen_still_gives_a_page(slots: int, tmp_path: Path) -> None:
 
 def test_figures_that_cannot_be_had_are_left_out() -> None:
     records = [record(0, [0])]
-    bare = cards(recording(1), records, {"metrics": {"mpjpe_mm": None}, "energy": "none"})
-    assert bare == [("1.0 of 2", "cameras awake a slot, on average")]
-    full = dict(cards(recording(1), records, summary(metrics={"mpjpe_mm": 31.7})))
+    few = cards(recording(1), records, bare())
+    assert few == [("1.0 of 2", "cameras awake a slot, on average")]
+    full = dict(cards(recording(1), records, summary(metrics=Accuracy(mpjpe_mm=31.7))))
     assert full["32 mm"].startswith("mean joint error") and "31 %" in full
-    assert number({"a": {"b": float("nan")}}, "a", "b") is None
-    assert number({"a": True}, "a") is None
 
 
 def test_sentences_say_how_many_cameras_and_what_it_saved() -> None:
@@ -253,8 +252,8 @@ def test_truth_can_be_shown_where_there_is_some() -> None:
     truth = Truth(COCO17, ("a", "b"), joints)
     source = recording(1, truth=truth)
     assert scene(source, [record(0)])["truth"] == [[[500] * 3 * len(COCO17)]]
-    assert any(a.get("id") == "truth" for _, a in page(source, [record(0)], {}).tags)
-    assert not any(a.get("id") == "truth" for _, a in page(recording(1), [record(0)], {}).tags)
+    assert any(a.get("id") == "truth" for _, a in page(source, [record(0)], bare()).tags)
+    assert not any(a.get("id") == "truth" for _, a in page(recording(1), [record(0)], bare()).tags)
 
 
 def test_reasons_are_shown_at_the_slot_they_were_given_for() -> None:

@@ -40,7 +40,7 @@ def test_example_says_what_it_is_given(tmp_path: Path) -> None:
     path = write_example(tmp_path / "new", told, rig)
     site = load_site(path)
     assert (site.fps, site.skeleton, site.pace, site.deadline_ms) == (12.5, "coco18", 0.5, 300.0)
-    assert site.loop == {"cameras": 1}
+    assert site.loop.num_selected == 1
     assert [(c.id, c.source, c.threads) for c in site.camera] == [
         (camera_id, "usb:0", 2) for camera_id in rig.camera_ids
     ]

@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from e3pose.simulate import SceneSettings, simulate
 if TYPE_CHECKING:
     from e3pose.demo.live import Heard, Show
     from e3pose.demo.stored_run import Film
+    from e3pose.evaluate.figures import Summary
     from e3pose.pipeline import SlotRecord
     from e3pose.recording import Recording
 
@@ -316,10 +317,11 @@ def _write_results(
     figures: LiveFigures,
     folder: Path,
     progress: Progress,
-) -> dict[str, Any]:
+) -> Summary:
     """Write tables, figures, the page and the pictures; return the figures."""
     from e3pose.demo.stored_run import as_recording
     from e3pose.energy.profiles import load_profile
+    from e3pose.evaluate.figures import as_json
     from e3pose.evaluate.poses_table import write_poses
     from e3pose.evaluate.summary import summarise
     from e3pose.report import write_report
@@ -332,12 +334,12 @@ def _write_results(
         lead_slots=max(1, figures.lead_slots),
         warmup_slots=WARMUP_SLOTS,
     )
-    summary = summarise(recording, settings, records, load_profile(PROFILE))
-    summary["live"] = asdict(figures)
-    summary["notes"] = [*pace_words(figures, len(recording.rig)), *delivery_words(figures)]
+    notes = (*pace_words(figures, len(recording.rig)), *delivery_words(figures))
+    summary = replace(summarise(recording, settings, records, load_profile(PROFILE)), notes=notes)
     for name in ("poses.parquet", "poses.csv"):
         write_poses(records, recording.skeleton, folder / name)
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    table = as_json(summary, live=asdict(figures))
+    (folder / "summary.json").write_text(json.dumps(table, indent=2) + "\n")
     write_report(recording, records, summary, folder / "report.html")
     draw(recording, records, moments_s, folder, folder / SITE, progress)
     return summary

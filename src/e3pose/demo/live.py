@@ -119,7 +119,7 @@ def run_live(
     logs.mkdir()
     programs = [Program("edge", edge_command(site_file), logs / "edge.log")]
     heard, follower = Heard(), Follower(site.name)
-    link = viewer_link(site_file, site, None)
+    link = viewer_link(site, None)
     transport = open_network(link)
     follower.listen(transport, heard.poses)
     tap: Transport | None = None
@@ -137,7 +137,7 @@ def run_live(
             heard.begin_ns = time.time_ns() + round(wait_s * 1e9)
             for camera_id in rig.camera_ids:
                 begin = ["--begin-s", str(heard.begin_ns / 1e9)]
-                command = camera_command(site_file, site, camera_id, rig) + begin
+                command = camera_command(site, camera_id, rig) + begin
                 programs.append(Program(camera_id, command, logs / f"{camera_id}.log"))
                 programs[-1].start()
         heard.status = follower.status or heard.status

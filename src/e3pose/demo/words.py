@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from e3pose.evaluate.figures import Summary
 
 SLOWER = 3  # how much slower than life the movie plays; the clip lasts under two seconds
 FILES = {
@@ -80,7 +82,7 @@ class DemoReport:
     network: str
     people: float
     live: LiveFigures
-    summary: dict[str, Any] = field(repr=False)
+    summary: Summary = field(repr=False)
     seconds: float
 
 
@@ -99,7 +101,8 @@ def about(report: DemoReport, folder: Path) -> str:
 def story(report: DemoReport) -> list[str]:
     """Say what the demo did and what it saved, one sentence or two a line."""
     summary, live = report.summary, report.live
-    settings, energy = summary["settings"], summary["energy"]
+    settings, energy, selection = summary.settings, summary.energy, summary.selection
+    assert energy is not None and selection is not None, "a demo has slots"
     if report.real:
         did = [
             f"Ran a live site: {report.num_cameras} cameras, each a process that plays its real "
@@ -114,13 +117,13 @@ def story(report: DemoReport) -> list[str]:
         ]
     return [
         *did,
-        f"In each of {summary['slots']} slots the edge chose {settings['num_selected']} cameras to "
-        f"look {_ahead(live.lead_slots)} (all in the first {settings['warmup_slots']}), and placed "
+        f"In each of {summary.slots} slots the edge chose {settings.num_selected} cameras to "
+        f"look {_ahead(live.lead_slots)} (all in the first {settings.warmup_slots}), and placed "
         "the people in 3D from what those saw.",
-        f"Saved: {summary['selection']['mean_cameras']:.1f} of {report.num_cameras} cameras were "
-        f"awake on average. That is {energy['saving_percent']:.0f} % less energy for processors, "
-        f"WiFi and memory, {energy['device_saving_percent']:.0f} % less for the whole cameras, "
-        f"reckoned with the power profile {energy['profile']}.",
+        f"Saved: {selection.mean_cameras:.1f} of {report.num_cameras} cameras were "
+        f"awake on average. That is {energy.saving_percent:.0f} % less energy for processors, "
+        f"WiFi and memory, {energy.device_saving_percent:.0f} % less for the whole cameras, "
+        f"reckoned with the power profile {energy.profile}.",
         *delivery_words(live),
         f"{report.people:.1f} people a slot in 3D on average. A new person is shown once three "
         "cameras have seen them, or ten views.",
@@ -156,8 +159,8 @@ def delivery_words(live: LiveFigures) -> list[str]:
     return [said, f"{sizes}, {live.order_bytes / 1e3:.0f} kB of orders."]
 
 
-def _accuracy(summary: Mapping[str, Any]) -> list[str]:
-    error_mm = summary["metrics"].get("mpjpe_mm")
+def _accuracy(summary: Summary) -> list[str]:
+    error_mm = summary.metrics.mpjpe_mm
     if error_mm is None:
         return []
     return [f"The joints it placed are {error_mm:.0f} mm from the truth on average."]

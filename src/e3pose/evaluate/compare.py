@@ -13,9 +13,10 @@ import numpy as np
 
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.queues import DEFAULT_BATTERY_WH
+from e3pose.evaluate.figures import Summary, as_json
 from e3pose.evaluate.summary import summarise
 from e3pose.recording import Recording
-from e3pose.select.policies import policy_row
+from e3pose.settings.parts import row_of
 
 if TYPE_CHECKING:
     from e3pose.evaluate.replay import ReplaySettings
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 Replay = Callable[..., Iterator["SlotRecord"]]
 
 # Not averaged over seeds: what is asked for, rather than what came out.
-ASKED = ("settings", "recording")
+ASKED = ("format", "version", "settings", "recording")
 
 
 def tasks(
@@ -60,7 +61,7 @@ def compare(
     battery_wh: float | Sequence[float] = DEFAULT_BATTERY_WH,
     jobs: int = -1,
     run: Replay | None = None,
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Summary]:
     """Replay under each of `settings` and yield their summaries in order, as they become ready.
 
     Args:
@@ -73,7 +74,7 @@ def compare(
         run: the replay function, `e3pose.evaluate.replay.replay` unless given.
 
     Yields:
-        One dictionary of `summarise` per entry of `settings`.
+        One summary per entry of `settings`.
     """
     from joblib import Parallel, delayed, parallel_config
 
@@ -100,7 +101,7 @@ def _interrupts_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def rows(summaries: Sequence[Summary]) -> list[dict[str, Any]]:
     """Gather summaries into one row per policy, camera count or target error, and lead.
 
     Returns:
@@ -111,13 +112,12 @@ def rows(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """
     groups: dict[tuple[str, Any, Any, int], list[Mapping[str, Any]]] = {}
     for summary in summaries:
-        asked = summary["settings"]
-        target = asked.get("target_error_m")
-        asks_count = policy_row(summary["policy"]).asks_count
-        count = asked["num_selected"] if target is None and asks_count else None
+        asked, target = summary.settings, summary.settings.target_error_m
+        asks_count = row_of(asked).asks_count
+        count = asked.num_selected if target is None and asks_count else None
         target_mm = None if target is None else 1000 * target
-        key = (summary["policy"], count, target_mm, asked["lead_slots"])
-        groups.setdefault(key, []).append(summary)
+        key = (summary.policy, count, target_mm, asked.lead_slots)
+        groups.setdefault(key, []).append(as_json(summary))
     return [
         {
             "policy": policy,
@@ -140,7 +140,7 @@ def _one(
     idle_mode: Mode,
     battery_wh: float | Sequence[float],
     run: Replay | None,
-) -> dict[str, Any]:
+) -> Summary:
     if run is None:
         from e3pose.evaluate.replay import replay
 

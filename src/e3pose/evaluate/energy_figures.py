@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from e3pose.energy.profiles import GROUPS, DeviceProfile, Mode, load_profile
 from e3pose.energy.queues import savings
+from e3pose.evaluate.figures import CameraEnergy, DeviceSaving, Energy, Saving
 from e3pose.recording import Recording
 
 if TYPE_CHECKING:
@@ -26,43 +27,43 @@ def energy_figures(
     profile: DeviceProfile | Sequence[DeviceProfile],
     idle_mode: Mode,
     battery_wh: float | Sequence[float],
-) -> dict[str, Any]:
-    """Return the figures of `docs/energy.md`; empty without a slot."""
+) -> Energy | None:
+    """Return the figures of `docs/energy.md`; None without a slot."""
     if not records:
-        return {}
+        return None
     duty = np.stack([record.selected for record in records]).mean(axis=0)
     profiles = [profile] * len(duty) if isinstance(profile, DeviceProfile) else list(profile)
     batteries_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), duty.shape)
     saved = savings(duty, profiles, idle_mode, batteries_wh)
     seconds = len(records) * recording.interval_s
-    return {
-        "profile": ", ".join(dict.fromkeys(each.name for each in profiles)),
-        "idle_mode": idle_mode,
-        "saving_percent": saved.paper_percent,
-        "device_saving_percent": saved.device_percent,
-        "components": {
-            group: {"saving_percent": saved.group_percent[group]}
+    return Energy(
+        profile=", ".join(dict.fromkeys(each.name for each in profiles)),
+        idle_mode=idle_mode,
+        saving_percent=saved.paper_percent,
+        device_saving_percent=saved.device_percent,
+        components={
+            group: Saving(saved.group_percent[group])
             for group in GROUPS
             if group in saved.group_percent
         },
-        "cameras": {
-            camera_id: {
-                "saving_percent": float(saved.camera_percent[n]),
-                "mean_watts": float(saved.camera_watts[n]),
-                "active_watts": profiles[n].watts("active"),
-                "energy_j": float(saved.camera_watts[n] * seconds),
-                "battery_wh": float(batteries_wh[n]),
-                "battery_hours": float(saved.battery_h[n]),
-            }
+        cameras={
+            camera_id: CameraEnergy(
+                saving_percent=float(saved.camera_percent[n]),
+                mean_watts=float(saved.camera_watts[n]),
+                active_watts=profiles[n].watts("active"),
+                energy_j=float(saved.camera_watts[n] * seconds),
+                battery_wh=float(batteries_wh[n]),
+                battery_hours=float(saved.battery_h[n]),
+            )
             for n, camera_id in enumerate(recording.rig.camera_ids)
         },
-        "battery_wh": float(batteries_wh.mean()),
-        "battery_hours_always_active": saved.battery_active_h,
-        "devices": {name: _on_device(float(duty.mean()), name) for name in PAPER_SAVINGS},
-    }
+        battery_wh=float(batteries_wh.mean()),
+        battery_hours_always_active=saved.battery_active_h,
+        devices={name: _on_device(float(duty.mean()), name) for name in PAPER_SAVINGS},
+    )
 
 
-def _on_device(duty: float, name: str) -> dict[str, float]:
+def _on_device(duty: float, name: str) -> DeviceSaving:
     """Return what cameras of one kind that are active in a share `duty` of the slots save.
 
     `times_paper` is against the paper's 3 of 5 cameras, both by the same profile.
@@ -71,9 +72,4 @@ def _on_device(duty: float, name: str) -> dict[str, float]:
     modes: tuple[Mode, Mode] = ("power-saving", "aggressive-power-saving")
     saving, aggressive = (savings([duty], profile, mode).paper_percent for mode in modes)
     paper = savings([PAPER_DUTY], profile).paper_percent
-    return {
-        "saving_percent": saving,
-        "aggressive_saving_percent": aggressive,
-        "times_paper": saving / paper,
-        "aggressive_times_paper": aggressive / paper,
-    }
+    return DeviceSaving(saving, aggressive, saving / paper, aggressive / paper)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.evaluate.figures import Expected
 from e3pose.evaluate.metrics import MATCH_LIMIT_M, mean_errors_m
 from e3pose.model.uncertainty import distance_within_m, expected_distance_m
 from e3pose.recording import Recording
@@ -21,27 +22,22 @@ MM = 1000.0
 BAND = 0.9
 
 
-def expected_figures(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+def expected_figures(recording: Recording, records: Sequence[SlotRecord]) -> Expected:
     """Return the expected error of shown joints and, where the truth is known, how honest it is.
 
-    Returns:
-        `error_mm`: the mean expected error of all shown joints. `foreseen_mm`: the mean of what was
-        expected of a slot when its cameras were chosen. With truth in the recording's own skeleton
-        also, of the joints of people matched within 500 mm: `matched_mm` what was expected of
-        them, `actual_mm` how far off they were, and `coverage_90`: the share, in percent, within
-        the distance that was to hold 90 %. A figure that cannot be had is absent.
+    With truth in the recording's own skeleton also of the joints of people matched within 500 mm.
     """
     known = [record for record in records if np.isfinite(record.covariance_m2).any()]
-    figures: dict[str, Any] = {}
+    error_mm = foreseen_mm = None
     if known:
         covariance = np.concatenate([_joints(record.covariance_m2) for record in known])
-        figures["error_mm"] = MM * float(np.nanmean(expected_distance_m(covariance)))
+        error_mm = MM * float(np.nanmean(expected_distance_m(covariance)))
     foreseen = [record.reasons.error_m for record in records if record.reasons is not None]
     if np.isfinite(foreseen).any():
-        figures["foreseen_mm"] = MM * float(np.nanmean(foreseen))
+        foreseen_mm = MM * float(np.nanmean(foreseen))
     truth = recording.truth
     if truth is None or truth.skeleton != recording.skeleton or not known:
-        return figures
+        return Expected(error_mm, foreseen_mm)
     first, stop = recording.scored_slots or (0, recording.num_slots)
     pairs = [
         _matched(record, truth.joints_m[record.slot])
@@ -49,11 +45,15 @@ def expected_figures(recording: Recording, records: Sequence[SlotRecord]) -> dic
         if first <= record.slot < stop
     ]
     expected, within, actual = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    if len(actual):
-        figures["matched_mm"] = MM * float(expected.mean())
-        figures["actual_mm"] = MM * float(actual.mean())
-        figures["coverage_90"] = 100 * float((actual <= within).mean())
-    return figures
+    if not len(actual):
+        return Expected(error_mm, foreseen_mm)
+    return Expected(
+        error_mm,
+        foreseen_mm,
+        matched_mm=MM * float(expected.mean()),
+        actual_mm=MM * float(actual.mean()),
+        coverage_90=100 * float((actual <= within).mean()),
+    )
 
 
 def _matched(record: SlotRecord, truth_m: Floats) -> tuple[Floats, Floats, Floats]:

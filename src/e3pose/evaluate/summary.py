@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,15 @@ from e3pose.energy.queues import DEFAULT_BATTERY_WH
 from e3pose.evaluate import metrics
 from e3pose.evaluate.energy_figures import energy_figures
 from e3pose.evaluate.expected_figures import expected_figures
+from e3pose.evaluate.figures import (
+    Accuracy,
+    Deficits,
+    Duration,
+    NoiseFound,
+    Pcp,
+    Selected,
+    Summary,
+)
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
 from e3pose.model.noises import detector_of
 from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
@@ -37,8 +45,8 @@ def summarise(
     *,
     idle_mode: Mode = "power-saving",
     battery_wh: float | Sequence[float] = DEFAULT_BATTERY_WH,
-) -> dict[str, Any]:
-    """Summarise a replay as a dictionary for JSON; `docs/metrics.md` says what each figure is.
+) -> Summary:
+    """Summarise a replay; `docs/metrics.md` says what each figure is.
 
     Args:
         recording: what was replayed; its truth is first read here.
@@ -47,27 +55,24 @@ def summarise(
         profile: what the cameras draw, one for all or one for each.
         idle_mode: what a camera does in slots for which it is not selected.
         battery_wh: capacity of the cameras' batteries, one for all or one for each.
-
-    Returns:
-        Nested figures. One that cannot be had (no truth, no match) is absent, never 0.
     """
-    return {
-        "recording": recording.name,
-        "slots": len(records),
-        "policy": settings.policy_name,
-        "settings": {k: v for k, v in asdict(settings).items() if v is not None},
-        "identities": len({track_id for r in records for track_id in r.track_ids.tolist()}),
-        "metrics": accuracy(recording, records),
-        "expected": expected_figures(recording, records),
-        "selection": _selection(recording, records),
-        "deficits": _deficits(recording, records),
-        "energy": energy_figures(recording, records, profile, idle_mode, battery_wh),
-        "stage_ms": _stage_ms(records),
-        "noise": _noise(recording, settings, records),
-    }
+    return Summary(
+        recording=recording.name,
+        slots=len(records),
+        policy=settings.policy_name,
+        settings=settings.for_rig(len(recording.rig)),
+        identities=len({track_id for r in records for track_id in r.track_ids.tolist()}),
+        metrics=accuracy(recording, records),
+        expected=expected_figures(recording, records),
+        selection=_selection(recording, records),
+        deficits=_deficits(recording, records),
+        energy=energy_figures(recording, records, profile, idle_mode, battery_wh),
+        stage_ms=_stage_ms(records),
+        noise=_noise(recording, settings, records),
+    )
 
 
-def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:
     """Return the metrics that the recording's truth allows, over its scored slots.
 
     A scored slot without a record counts as one without predictions. AP and precision need a truth
@@ -75,40 +80,53 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, A
     """
     truth = recording.truth
     if truth is None:
-        return {}
+        return Accuracy()
     first, stop = recording.scored_slots or (0, recording.num_slots)
     true_joints = truth.joints_m[first:stop]
     by_slot = {record.slot: record for record in records}
     scored = [by_slot.get(slot) for slot in range(first, stop)]
     predicted = _converted(scored, recording.skeleton, truth.skeleton)
     scores = [_person_scores(record) for record in scored]
-    figures: dict[str, Any] = {"scored_slots": len(scored)}
+    pcp = None
     if truth.skeleton == SHELF14:
         counts = count_parts(predicted, true_joints)
-        pcp: dict[str, Any] = dict(pcp_percent(counts, truth.person_ids))
-        if pcp:
-            figures["pcp"] = {**pcp, "groups": group_percent(counts, truth.person_ids)}
+        actors = pcp_percent(counts, truth.person_ids)
+        pcp = Pcp(actors, group_percent(counts, truth.person_ids)) if actors else None
     kept = slice(0, PANOPTIC_JOINTS if truth.skeleton == PANOPTIC19 else None)
     rooted = np.where(_has_root(true_joints, truth.skeleton)[..., None, None], true_joints, np.nan)
     rooted = rooted[..., kept, :]
     people = [joints[:, kept] for joints in predicted]
     found = metrics.candidates(people, scores, rooted)
-    figures["mpjpe_mm"] = metrics.mpjpe_mm(found)
-    figures["p95_mm"] = metrics.joint_quantile_mm(found, 0.95)
-    figures["p99_mm"] = metrics.joint_quantile_mm(found, 0.99)
-    figures["recall_500mm"] = metrics.recall_500mm(found)
-    figures["joint_coverage"] = metrics.joint_coverage(found)
-    if found.num_truths:
-        ids = [np.zeros(0, np.int64) if r is None else r.track_ids for r in scored]
-        figures["id_switches"] = metrics.id_switches(people, ids, rooted)
-        figures["acceleration_error_mps2"] = metrics.acceleration_error_mps2(
+    ids = [np.zeros(0, np.int64) if r is None else r.track_ids for r in scored]
+    whole, known = recording.truth_complete, found.num_truths > 0
+    return Accuracy(
+        scored_slots=len(scored),
+        pcp=pcp,
+        mpjpe_mm=metrics.mpjpe_mm(found),
+        p95_mm=metrics.joint_quantile_mm(found, 0.95),
+        p99_mm=metrics.joint_quantile_mm(found, 0.99),
+        recall_500mm=metrics.recall_500mm(found),
+        joint_coverage=metrics.joint_coverage(found),
+        id_switches=metrics.id_switches(people, ids, rooted) if known else None,
+        acceleration_error_mps2=metrics.acceleration_error_mps2(
             people, ids, rooted, recording.interval_s
         )
-    if recording.truth_complete:
-        figures["precision_500mm"] = metrics.precision_500mm(found)
-        precision = {f"{k}": metrics.average_precision(found, k / 1000) for k in AP_LIMITS_MM}
-        figures["ap"] = None if None in precision.values() else precision
-    return {name: figure for name, figure in figures.items() if figure is not None}
+        if known
+        else None,
+        precision_500mm=metrics.precision_500mm(found) if whole else None,
+        ap=_precisions(found) if whole else None,
+    )
+
+
+def _precisions(found: metrics.Candidates) -> dict[str, float] | None:
+    """Return the average precision at every limit, in millimetres; None if one cannot be had."""
+    known: dict[str, float] = {}
+    for limit_mm in AP_LIMITS_MM:
+        precision = metrics.average_precision(found, limit_mm / 1000)
+        if precision is None:
+            return None
+        known[f"{limit_mm}"] = precision
+    return known
 
 
 def _converted(
@@ -135,29 +153,29 @@ def _has_root(joints_m: Floats, skeleton: Skeleton) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(roots).all(axis=(-1, -2)))
 
 
-def _selection(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+def _selection(recording: Recording, records: Sequence[SlotRecord]) -> Selected | None:
     if not records:
-        return {}
+        return None
     selected = np.stack([record.selected for record in records])
     arrived = np.stack([record.arrived for record in records])
-    return {
-        "mean_cameras": float(selected.sum(axis=1).mean()),
-        "mean_views": float(arrived.sum(axis=1).mean()),
-        "duty": _by_camera(recording, selected.mean(axis=0)),
-    }
+    return Selected(
+        mean_cameras=float(selected.sum(axis=1).mean()),
+        mean_views=float(arrived.sum(axis=1).mean()),
+        duty=_by_camera(recording, selected.mean(axis=0)),
+    )
 
 
-def _deficits(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]:
+def _deficits(recording: Recording, records: Sequence[SlotRecord]) -> Deficits | None:
     if not records:
-        return {}
+        return None
     deficit = np.stack([record.deficit for record in records])
-    return {
-        "final": _by_camera(recording, deficit[-1]),
-        "highest": _by_camera(recording, deficit.max(axis=0)),
-    }
+    return Deficits(
+        final=_by_camera(recording, deficit[-1]),
+        highest=_by_camera(recording, deficit.max(axis=0)),
+    )
 
 
-def _stage_ms(records: Sequence[SlotRecord]) -> dict[str, dict[str, float]]:
+def _stage_ms(records: Sequence[SlotRecord]) -> dict[str, Duration]:
     stages: dict[str, list[float]] = {}
     for record in records:
         for stage, seconds in record.stage_s.items():
@@ -165,29 +183,29 @@ def _stage_ms(records: Sequence[SlotRecord]) -> dict[str, dict[str, float]]:
     if records and stages:
         stages["slot"] = [1000 * sum(record.stage_s.values()) for record in records]
     return {
-        stage: {"median": float(np.median(times)), "p99": float(np.percentile(times, 99))}
+        stage: Duration(float(np.median(times)), float(np.percentile(times, 99)))
         for stage, times in stages.items()
     }
 
 
 def _noise(
     recording: Recording, settings: ReplaySettings, records: Sequence[SlotRecord]
-) -> dict[str, Any]:
+) -> NoiseFound | None:
     """Return the noise file that was used, and what was learned of each camera by the last slot."""
     factors = records[-1].noise_factors if records else None
     shifts_px = records[-1].shifts_px if records else None
     if factors is None or shifts_px is None:
-        return {}
+        return None
     learned = _by_camera(recording, factors)
-    return {
-        "file": settings.noise or detector_of(recording),
-        "factors": {camera: round(factor, 3) for camera, factor in learned.items() if factor > 0},
-        "shifts_px": {
-            camera: [round(float(pixels), 2) for pixels in shift]
-            for camera, shift in zip(recording.rig.camera_ids, shifts_px, strict=True)
-            if np.isfinite(shift).all()
+    return NoiseFound(
+        file=settings.noise or detector_of(recording),
+        factors={camera: round(factor, 3) for camera, factor in learned.items() if factor > 0},
+        shifts_px={
+            camera: (round(float(right), 2), round(float(down), 2))
+            for camera, (right, down) in zip(recording.rig.camera_ids, shifts_px, strict=True)
+            if np.isfinite((right, down)).all()
         },
-    }
+    )
 
 
 def _by_camera(recording: Recording, values: NDArray[Any]) -> Mapping[str, float]:

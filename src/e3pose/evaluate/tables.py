@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
+from e3pose.evaluate.figures import Summary, as_json
 from e3pose.plural import counted
 
 if TYPE_CHECKING:
@@ -123,58 +124,60 @@ def _asked(row: Mapping[str, Any]) -> str:
     return "-" if row["cameras"] is None else f"{row['cameras']:.3g}"
 
 
-def print_summary(summary: Mapping[str, Any], console: Console | None = None) -> None:
+def print_summary(summary: Summary, console: Console | None = None) -> None:
     """Print the figures of one replay and what every camera did."""
     from rich.table import Table
 
-    title = f"{summary['policy']} over {counted(summary['slots'], 'slot')}"
-    if "smooth" in summary["settings"]:
-        title += f", smoothed ({summary['settings']['smooth']})"
+    title = f"{summary.policy} over {counted(summary.slots, 'slot')}"
+    if summary.smooth is not None:
+        title += f", smoothed ({summary.smooth})"
     figures = Table(title=title, title_justify="left", show_header=False)
     figures.add_column()
     figures.add_column(justify="right")
+    table = as_json(summary)
     for heading, path, digits in COLUMNS:
-        value = _find(summary, path)
+        value = _find(table, path)
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
     _print(figures, console)
     for line in noise_lines(summary):
         _print(line, console)
-    duty = summary["selection"].get("duty", {})
-    if not duty:
+    selection, energy = summary.selection, summary.energy
+    if selection is None or energy is None:
         return
-    energy = summary["energy"]
     cameras = Table(
-        title=f"cameras as {energy['profile']}, batteries of {energy['battery_wh']:g} Wh",
+        title=f"cameras as {energy.profile}, batteries of {energy.battery_wh:g} Wh",
         title_justify="left",
     )
     cameras.add_column("camera", no_wrap=True)
     for heading in ("slots on %", "saving %", "mean W", "battery h"):
         cameras.add_column(heading, justify="right")
-    for camera_id, share in duty.items():
-        figure = energy["cameras"][camera_id]
+    for camera_id, share in selection.duty.items():
+        figure = energy.cameras[camera_id]
         cameras.add_row(
             camera_id,
             f"{100 * share:.1f}",
-            f"{figure['saving_percent']:.1f}",
-            f"{figure['mean_watts']:.2f}",
-            f"{figure['battery_hours']:.2f}",
+            f"{figure.saving_percent:.1f}",
+            f"{figure.mean_watts:.2f}",
+            f"{figure.battery_hours:.2f}",
         )
     _print(cameras, console)
 
 
-def noise_lines(summary: Mapping[str, Any]) -> list[str]:
+def noise_lines(summary: Summary) -> list[str]:
     """Return a line for each camera whose keypoints are clearly other than files say."""
-    noise = summary["noise"]
+    noise = summary.noise
+    if noise is None:
+        return []
     lines = [
-        f"{camera_id}: keypoint noise {factor:.1f}x what {noise['file']} states"
-        for camera_id, factor in noise.get("factors", {}).items()
+        f"{camera_id}: keypoint noise {factor:.1f}x what {noise.file} states"
+        for camera_id, factor in noise.factors.items()
         if not 1 / TELLING <= factor <= TELLING
     ]
     return lines + [
         f"{camera_id}: keypoints are {length:.0f} px off, all the same way: "
         f"{right:+.0f} right, {down:+.0f} down; taken off, but check its calibration"
-        for camera_id, (right, down) in noise.get("shifts_px", {}).items()
+        for camera_id, (right, down) in noise.shifts_px.items()
         if (length := math.hypot(right, down)) >= TELLING_PX
     ]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from e3pose.report.words import number
+from e3pose.evaluate.figures import Energy
 
 INK = "#1f2937"
 PALE = "#e6e9ee"
@@ -106,17 +106,13 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
     return {"data": data, "layout": layout}
 
 
-def energy_bars(summary: Mapping[str, Any], cameras: Sequence[str]) -> dict[str, Any] | None:
-    """Draw joules spent per camera against always awake; None where the summary has no energy."""
-    hours = number(summary, "energy", "battery_hours_always_active")
-    battery_wh = number(summary, "energy", "battery_wh")
-    spent = [number(summary, "energy", "cameras", c, "energy_j") for c in cameras]
-    watts = [number(summary, "energy", "cameras", c, "mean_watts") for c in cameras]
-    if not hours or not battery_wh or None in spent or not all(watts):
-        return None
-    full_watts = battery_wh / hours
-    full = [full_watts * (j or 0) / (w or 1) for j, w in zip(spent, watts, strict=True)]
-    saved = [100 * (1 - (w or 0) / full_watts) for w in watts]
+def energy_bars(energy: Energy, cameras: Sequence[str]) -> dict[str, Any]:
+    """Draw joules spent per camera against always awake."""
+    spent = [energy.cameras[camera].energy_j for camera in cameras]
+    watts = [energy.cameras[camera].mean_watts for camera in cameras]
+    full_watts = energy.battery_wh / energy.battery_hours_always_active
+    full = [full_watts * joules / w for joules, w in zip(spent, watts, strict=True)]
+    saved = [100 * (1 - w / full_watts) for w in watts]
     names = [_short(camera) for camera in cameras]
     bars = [
         {

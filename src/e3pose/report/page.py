@@ -14,6 +14,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from e3pose.evaluate.figures import Summary, settings_json
 from e3pose.files.atomic import atomic_file
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
@@ -46,7 +47,7 @@ SCRIPT_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 
 def write_report(
-    recording: Recording, records: Sequence[SlotRecord], summary: Mapping[str, Any], path: Path
+    recording: Recording, records: Sequence[SlotRecord], summary: Summary, path: Path
 ) -> None:
     """Write the page that shows a run to `path`.
 
@@ -61,7 +62,7 @@ def write_report(
         temporary.write_text(text, encoding="utf-8")
 
 
-def render(recording: Recording, records: Sequence[SlotRecord], summary: Mapping[str, Any]) -> str:
+def render(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> str:
     """Return the page as text."""
     from plotly.offline import get_plotlyjs
 
@@ -101,7 +102,7 @@ def embed(value: Any) -> str:
 def _charts(
     recording: Recording,
     records: Sequence[SlotRecord],
-    summary: Mapping[str, Any],
+    summary: Summary,
     drawn: Mapping[str, Any],
 ) -> dict[str, Any]:
     if not records:
@@ -111,46 +112,34 @@ def _charts(
     budget = words.budget(summary, len(cameras))
     charts = {
         "strips": figures.strips(drawn),
-        "energy": figures.energy_bars(summary, cameras),
+        "energy": summary.energy and figures.energy_bars(summary.energy, cameras),
         "duty": figures.duty_bars(duty, budget, cameras),
     }
     return {name: chart for name, chart in charts.items() if chart is not None}
 
 
-def _energy_words(summary: Mapping[str, Any]) -> str:
-    energy = summary.get("energy")
-    if not isinstance(energy, Mapping) or not energy:
+def _energy_words(summary: Summary) -> str:
+    energy = summary.energy
+    if energy is None:
         return "Share of slots in which each camera was awake."
-    said = (
-        f"Dark: what each camera spent; light: what it would have spent had it been awake in every "
-        f"slot. Reckoned with the power profile {energy.get('profile')}, not measured; "
-        f"cameras that are not selected are in {energy.get('idle_mode')} mode."
-    )
-    full = words.number(summary, "energy", "battery_hours_always_active")
-    cameras = energy.get("cameras")
-    hours = [
-        words.number(summary, "energy", "cameras", c, "battery_hours")
-        for c in (cameras if isinstance(cameras, Mapping) else ())
-    ]
-    lasting = [h for h in hours if h is not None]
-    if full is None or not lasting:
-        return said
-    battery = words.number(summary, "energy", "battery_wh") or 0
+    hours = [camera.battery_hours for camera in energy.cameras.values()]
     return (
-        f"{said} A {battery:g} Wh battery would last {min(lasting):.1f} to {max(lasting):.1f} h "
-        f"instead of {full:.1f} h."
+        f"Dark: what each camera spent; light: what it would have spent had it been awake in every "
+        f"slot. Reckoned with the power profile {energy.profile}, not measured; "
+        f"cameras that are not selected are in {energy.idle_mode} mode. "
+        f"A {energy.battery_wh:g} Wh battery would last {min(hours):.1f} to {max(hours):.1f} h "
+        f"instead of {energy.battery_hours_always_active:.1f} h."
     )
 
 
-def _settings(recording: Recording, summary: Mapping[str, Any]) -> str:
+def _settings(recording: Recording, summary: Summary) -> str:
     rows: dict[str, Any] = {
         "cameras": ", ".join(recording.rig.camera_ids),
         "slots a second": f"{recording.fps:g}",
         "skeleton": recording.skeleton.name,
     }
-    settings = summary.get("settings")
-    if isinstance(settings, Mapping):
-        rows |= {SETTING_WORDS[key]: settings[key] for key in SETTING_WORDS if key in settings}
+    settings = settings_json(summary.settings)
+    rows |= {SETTING_WORDS[key]: settings[key] for key in SETTING_WORDS if key in settings}
     return "".join(
         f"<tr><td class='soft'>{_text(key)}</td><td>{_text(value, 2000)}</td></tr>"
         for key, value in rows.items()

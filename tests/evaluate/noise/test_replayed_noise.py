@@ -8,11 +8,12 @@ from dataclasses import replace
 import pytest
 
 from e3pose.energy.profiles import load_profile
+from e3pose.evaluate.figures import as_json
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import summarise
 from e3pose.evaluate.tables import noise_lines
 from e3pose.recording import Recording
-from e3pose.settings.loop import noise_warning
+from e3pose.settings.parts import noise_warning
 from e3pose.simulate import SceneSettings, simulate
 
 
@@ -45,7 +46,7 @@ def test_summary_has_what_was_learned(recording: Recording) -> None:
     jumpy = replace(recording, views=tuple(views))
     settings = ReplaySettings(policy="all", num_selected=5)
     summary = summarise(jumpy, settings, list(replay(jumpy, settings)), load_profile("generic"))
-    factors = json.loads(json.dumps(summary))["noise"]["factors"]
+    factors = json.loads(json.dumps(as_json(summary)))["noise"]["factors"]
     assert max(factors, key=factors.get) == noisy
     assert [line for line in noise_lines(summary) if line.startswith(f"{noisy}: keypoint noise ")]
     assert all(line.endswith("x what simulated states") for line in noise_lines(summary))
