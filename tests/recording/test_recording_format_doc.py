@@ -14,6 +14,7 @@ from e3pose.recording.lines import TruthLine, ViewLine
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "recording-format.md").read_text()
+WORLD = (ROOT / "src" / "e3pose" / "calibration" / "world.py").read_text()
 SOURCE = (ROOT / "src" / "e3pose" / "recording" / "problems.py").read_text()
 
 
@@ -44,6 +45,7 @@ def test_the_line_examples_are_ones() -> None:
 
 def test_every_skeleton_and_kind_of_problem_is_explained() -> None:
     kinds = set(re.findall(r'Problem\(\s*"([a-z-]+)"', SOURCE))
+    kinds |= set(re.findall(r'return "([a-z-]+)", \(', WORLD))
     assert len(kinds) >= 20
     for name in kinds | set(SKELETONS):
         assert f"`{name}`" in TEXT, name

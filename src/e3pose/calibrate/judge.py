@@ -24,6 +24,7 @@ Floats = NDArray[np.float64]
 
 MATCH_SIGMAS = 15.0  # tolerance of matching: a calibration that is off must still be judged
 MIN_JOINTS = 100
+ENOUGH_S = 10.0  # of recording, to solve the rig anew from its halves
 MIN_INLIERS = 0.6  # share of keypoints that a rig solved anew must explain
 POOR_ANGLE = np.radians(20.0)  # between the rays of a pair, below which depth is poor
 POOR_PAIR = 2.0  # times the median error over pairs
@@ -111,6 +112,8 @@ def _resolve(
 
     Two halves, as a rig that was solved from the whole would be found free of error by the whole.
     """
+    if recording.num_slots < ENOUGH_S * recording.fps:
+        return []  # moments of people place no camera
     middle = recording.num_slots // 2
     rigs = []
     for number, (first, end) in enumerate(((0, middle), (middle, recording.num_slots))):

@@ -18,7 +18,7 @@ from e3pose.calibrate.from_boards import check_connected, solve_boards
 from e3pose.calibrate.from_people import solve_people
 from e3pose.calibrate.from_points import pair_poses, solve_points
 from e3pose.calibrate.people_3d import People3D, place_people
-from e3pose.calibrate.rotations import similarity
+from e3pose.calibrate.rotations import angles_between, similarity
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
 from e3pose.camera.source import open_video
 from e3pose.errors import InputError
@@ -31,6 +31,8 @@ Told = Callable[[str, int, int], None]
 
 BALL_SIGMA_PX = 1.0
 FOCAL_SIGMA = 0.25
+ENOUGH_S, ENOUGH_SPREAD = 8.0, 0.08  # of matched people: seconds, and share of the distance
+FAR_DEG = 15.0  # from a rough start, farther is more likely wrong than right
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -217,6 +219,9 @@ def from_people(
             "(e3pose sync), and do people walk through all of the room?"
         )
     people = place_people(rig, found.joints, recording.skeleton, recording.fps)
+    notes += _little_seen(rig, people, recording)
+    if start is not None and len(rig) > 2:
+        _check_near(rig, start)
     given = known.height_m is not None or known.distance is not None or known.limb is not None
     if start is not None and not given and len(rig) > 2:
         factor, R, t = similarity(rig.centers_m, start.centers_m)
@@ -242,6 +247,38 @@ def from_people(
         move.rig(rig), "people", *_fit(adjusted.residuals, adjusted.weights, sigma), scale, world,
         notes,
     )  # fmt: skip
+
+
+def _little_seen(rig: Rig, people: People3D, recording: Recording) -> list[str]:
+    """Return a warning where people say too little of the room to fix the cameras."""
+    hips = people.of("left_hip", "right_hip")
+    hips = hips[np.isfinite(hips).all(axis=-1)]
+    seconds = len(np.unique(people.slot)) / recording.fps
+    if not len(hips):
+        return []
+    away = np.median(np.linalg.norm(rig.centers_m[:, None] - hips[None, ::10], axis=-1))
+    spread = float(np.sqrt(np.median(((hips - np.median(hips, axis=0)) ** 2).sum(axis=1))) / away)
+    if seconds >= ENOUGH_S and spread >= ENOUGH_SPREAD:
+        return []
+    return [
+        f"people were matched for {seconds:.0f} s within {100 * spread:.0f} % of their distance to "
+        "the cameras: the result may be far off; film them walking through all of the room for "
+        "half a minute"
+    ]
+
+
+def _check_near(rig: Rig, start: Rig) -> None:
+    """Raise `InputError` if people put a camera quite elsewhere than the rough calibration."""
+    R = similarity(rig.centers_m, start.centers_m)[1]
+    turned = np.stack([camera.R @ R.T for camera in rig.cameras])
+    angles = np.degrees(angles_between(turned, np.stack([c.R for c in start.cameras])))
+    worst = int(np.argmax(angles))
+    if angles[worst] > FAR_DEG:
+        raise InputError(
+            f"--start: people would turn {rig.camera_ids[worst]} by {angles[worst]:.0f} degrees, "
+            f"expected at most {FAR_DEG:g}: they walk through too little of the room, the films "
+            "are not in step, or the rough calibration is another rig's (leave it out then)"
+        )
 
 
 def scale_of(rig: Rig, people: People3D, known: KnownLength) -> Scale:

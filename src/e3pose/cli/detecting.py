@@ -107,14 +107,14 @@ def detect(
     rig = None
     if calibration is not None:
         rig = load_rig(calibration)
-        if rig.placed:
-            check_world(rig, calibration, calibration)
     detector, name = _detector(model, family, provider, threads)
     with _resumable(dest), frame_bar() as progress:
         report = detect_videos(videos, rig, detector, dest, settings, name, progress)
     _print(dest, report)
     if rig is None or not rig.placed:
         print(f"  not calibrated: e3pose calibrate extrinsics {dest} rig.toml --update")
+    else:
+        check_world(rig, calibration, calibration)
 
 
 def _detector(

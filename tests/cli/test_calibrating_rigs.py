@@ -1,0 +1,137 @@
+"""`e3pose calibrate extrinsics`, `align`, `check` and `e3pose sync` as a user runs them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.calibrate.people_scenes import distances, walk, without_calibration
+from tests.cli.commands import run
+
+from e3pose.calibrate.align import Move
+from e3pose.calibration import load_rig, save_rig
+from e3pose.recording import load_recording, save_recording
+from e3pose.recording.record import Recording
+
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return walk(761, seconds=12.0)
+
+
+@pytest.fixture(scope="module")
+def folders(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    top = tmp_path_factory.mktemp("rigs")
+    save_recording(recording, top / "known")
+    save_recording(without_calibration(recording), top / "bare")
+    save_rig(Move(1.0, Y_UP, np.zeros(3)).rig(recording.rig), top / "yup.toml")
+    return top
+
+
+def test_people_calibrate_a_bare_recording(
+    folders: Path, recording: Recording, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bare, dest = folders / "bare", folders / "rig.toml"
+    assert run("replay", bare) == 2
+    assert "it is not known where the cameras stand" in capsys.readouterr().err
+    assert run("info", bare) == 0
+    assert "e3pose calibrate extrinsics" in capsys.readouterr().out
+    words = ("--json", "--update", "--height", "171cm")
+    assert run("calibrate", "extrinsics", bare, dest, *words) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["source"] == "people" and len(told["cameras"]) == 4
+    degrees, _, _ = distances(load_rig(dest), recording.rig)
+    assert degrees < 1.0  # twelve seconds
+    assert load_recording(bare).rig.placed
+    assert not load_recording(bare).rig.cameras[0].lens_assumed
+    assert run("calibrate", "check", bare, "--picture", folders / "error.png") == 0
+    printed = capsys.readouterr().out
+    assert "expected error of a joint" in printed and "cam3" in printed
+    assert (folders / "error.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_points_calibrate_with_one_distance(
+    folders: Path, recording: Recording, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(1)
+    ball = rng.uniform([-1.5, -1.5, 0.2], [1.5, 1.5, 2.0], (150, 3))
+    pixels = recording.rig.project(ball)
+    lines = ["time,camera,u,v"]
+    for index, camera in enumerate(recording.rig.cameras):
+        for time in np.flatnonzero(camera.sees(ball)).tolist():
+            u, v = pixels[index, time] + rng.normal(0, 0.5, 2)
+            lines.append(f"{time},{camera.camera_id},{u},{v}")
+    (folders / "ball.csv").write_text("\n".join(lines))
+    save_rig(recording.rig, folders / "lenses.toml")
+    words = ("calibrate", "extrinsics", folders / "ball.csv", folders / "ball.toml")
+    lenses = ("--intrinsics", folders / "lenses.toml")
+    assert run(*words, *lenses) == 2
+    assert "expected --distance" in capsys.readouterr().err
+    metres = np.linalg.norm(recording.rig.centers_m[0] - recording.rig.centers_m[1])
+    assert run(*words, *lenses, "--distance", f"cam0,cam1={metres}m") == 0
+    degrees, millimetres, _ = distances(load_rig(folders / "ball.toml"), recording.rig, False)
+    assert degrees < 0.1 and millimetres < 10
+    (folders / "ball.csv").write_text("time,camera,u,v\n0,cam0,a,1")
+    assert run(*words, *lenses, "--distance", "cam0,cam1=3m") == 2
+    assert "ball.csv:2: could not convert" in capsys.readouterr().err
+
+
+def test_other_axes_are_told_and_mended(
+    folders: Path, recording: Recording, capsys: pytest.CaptureFixture[str]
+) -> None:
+    yup, fixed = folders / "yup.toml", folders / "fixed.toml"
+    assert run("calibrate", "check", folders / "known", "--calibration", yup, "--seconds", "3") == 0
+    told = capsys.readouterr().err
+    assert f"e3pose calibrate align {yup} fixed.toml --up=y" in told
+    assert run("calibrate", "align", yup, fixed, "--up=y") == 0
+    assert np.allclose(load_rig(fixed).centers_m, recording.rig.centers_m, atol=1e-6)
+    assert run("calibrate", "align", yup, fixed) == 2
+    assert "expected --up, --floor or --points" in capsys.readouterr().err
+
+
+def test_people_tell_the_floor_and_options_the_axes(folders: Path, recording: Recording) -> None:
+    tilt = np.array([[1.0, 0, 0], [0, 0.98480775, -0.17364818], [0, 0.17364818, 0.98480775]])
+    tilted = folders / "tilted"
+    save_recording(recording, tilted)
+    save_rig(Move(1.0, tilt, np.array([1.0, 2.0, 0.7])).rig(recording.rig), tilted / RIG)
+    words = ("--origin", "cam0", "--x-axis", "cam2")
+    assert run("calibrate", "align", tilted, folders / "room.toml", *words) == 0
+    room = load_rig(folders / "room.toml")
+    for camera, truth in zip(room.cameras, recording.rig.cameras, strict=True):
+        assert camera.center_m[2] == pytest.approx(truth.center_m[2], abs=0.06)
+    assert room.cameras[0].center_m[:2] == pytest.approx([0, 0], abs=1e-6)
+    assert room.cameras[2].center_m[1] == pytest.approx(0, abs=1e-6)
+
+
+RIG = "calibration.toml"
+
+
+def test_sync_of_films_in_step_says_so(folders: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("sync", folders / "known", folders / "again", "--max-shift", "1") == 0
+    printed = capsys.readouterr().out
+    assert "--offset cam0=0.0000" in printed and "again: written" in printed
+    assert load_recording(folders / "again").num_slots == 120
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (("extrinsics", "a.mp4"), "paths: found 1"),
+        (("extrinsics", "a.mp4", "b.mp4", "{top}/x.toml"), "--intrinsics: found none"),
+        (("extrinsics", "{top}/known", "{top}/x.toml", "--limb", "knee=4cm"), "--limb: found"),
+        (("extrinsics", "{top}/known", "{top}/x.toml", "--seconds", "0"), "--seconds: found 0"),
+        (("align", "{top}/yup.toml", "{top}/x.toml", "--up=w"), "--up: found 'w'"),
+        (("align", "{top}/yup.toml", "{top}/x.toml", "--points=1,2"), "--points: expected"),
+        (("check", "{top}/known", "--picture", "x.pdf"), "--picture: found 'x.pdf'"),
+    ],
+)
+def test_wrong_input_is_one_line(
+    folders: Path, words: tuple[str, ...], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("calibrate", *(word.format(top=folders) for word in words)) == 2
+    captured = capsys.readouterr()
+    assert named in captured.err and captured.err.count("\n") == 1
