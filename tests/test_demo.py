@@ -172,7 +172,7 @@ def test_what_the_run_left_is_laid_out(tmp_path: Path) -> None:
     assert report.live.video_bytes == 0
     assert load_recording(dest / "site" / "recording").num_slots == 20
     assert load_site(dest / "site" / "site.toml").name == "demo"
-    assert (dest / "poses.csv").read_text().startswith("slot,time,track,joint,x,y,z,score\n")
+    assert (dest / "poses.csv").read_text().startswith("slot,time,track,joint,x,y,z,score,")
     assert "76 of 80 orders" in (dest / "report.html").read_text()
 
 
@@ -180,16 +180,16 @@ def test_what_the_run_left_is_laid_out(tmp_path: Path) -> None:
 def test_offline_says_what_it_could_not_fetch_and_where_to_look(tmp_path: Path) -> None:
     dest = tmp_path / "demo"
     said = words(run_demo(dest, offline=True, stand_in=SMALL))
-    assert said[0].startswith("Could not fetch the four-camera recording: not fetched before")
-    assert said[1].startswith("Could not fetch the network openpose-thin: not fetched before")
-    assert said[2].startswith("So this ran a live site on a simulated scene instead: 4 cameras")
+    assert said[0].startswith("Could not download the four-camera recording: not in the cache")
+    assert said[1].startswith("Could not download the network openpose-thin: not in the cache")
+    assert said[2].startswith("Ran a live site on a simulated scene instead: an edge server and 4")
     text = "\n".join(said)
-    assert "chose 2 cameras to look 2 slots ahead (all in the first 10)" in text
-    assert "3.0 of 4 cameras were awake" in text and "% less energy" in text
-    assert "Live: 76 of 80 orders and 60 of 60 views came in time; slots lost: 0." in text
-    assert "Sent: 2 kB of keypoints" in text and "speed" not in text
+    assert "selected 2 cameras 2 slots ahead (warm-up: all cameras in the first 10 slots)" in text
+    assert "3.0 of 4 cameras were active" in text and "% less energy" in text
+    assert "Timing: 76 of 80 orders and 60 of 60 views arrived in time; 0 slots lost." in text
+    assert "Network: 2 kB of keypoints" in text and "speed" not in text
     assert str(dest / "report.html") in text and "overlay.webm" not in text
-    assert "So this ran a live site" in (dest / "e3pose-demo.txt").read_text()
+    assert "Ran a live site on a simulated scene" in (dest / "e3pose-demo.txt").read_text()
 
 
 @pytest.mark.usefixtures("without_processes")
@@ -207,14 +207,14 @@ def test_failed_download_is_told_in_one_line(
 
     said = words(run_demo(tmp_path / "demo", stand_in=SMALL, phase=phase))
     assert said[0] == (
-        "Could not fetch the four-camera recording: wheel of pose2sim==0.10.49: not found in "
+        "Could not download the four-camera recording: wheel of pose2sim==0.10.49: not found in "
         "https://index.example/simple."
     )
     assert phases == [
-        "fetching the four-camera recording",
-        "fetching the network openpose-thin",
+        "downloading the four-camera recording",
+        "downloading the network openpose-thin",
         "simulating a scene",
-        "reading the store, drawing",
+        "writing the results",
     ]
 
 
@@ -266,10 +266,12 @@ def test_videos_become_a_slower_site_poses_and_a_movie(
     report = run_demo(tmp_path / "demo")
     assert report.real and report.not_fetched == ()
     said = words(report)
-    assert said[0].startswith("Ran a live site: 4 cameras, each a process that plays its real vid")
+    assert said[0].startswith(
+        "Ran a live site: an edge server and 4 camera processes that play real"
+    )
     assert said[1] == (
-        "The videos were played at 0.046 of their speed, because one look took this machine 300 ms "
-        "and 4 cameras share its 2 cores."
+        "Videos played at 0.046x speed: one detection takes 300 ms on this machine, and 4 cameras "
+        "share 2 cores."
     )
     site = load_site(tmp_path / "demo" / "site" / "site.toml")
     assert site.pace == 0.046 and site.fps == 20 and site.skeleton == "coco18"

@@ -1,4 +1,4 @@
-"""Multi-camera 3D human pose that wakes only the cameras worth waking.
+"""Multi-camera 3D human pose: wakes the most informative cameras that have energy budget.
 
 The public names below are imported when they are first used, so that `import e3pose` stays quick.
 """

@@ -55,4 +55,4 @@ def test_failing_source_is_told_once_and_its_return_once() -> None:
         source.plugged.set()
         while node.counted.captured < 3 and time.monotonic() < end_s:
             time.sleep(0.02)
-    assert told[1:] == ["the source gives frames again"] and node.problem == ""
+    assert told[1:] == ["frames from the source again"] and node.problem == ""

@@ -52,8 +52,8 @@ def checked(site: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, s
 def test_good_site_has_no_problem(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = checked(site, capsys)
     assert (code, err) == (0, "")
-    assert "nothing would fail: 0 problems" in out
-    assert "warning edge does not answer at tls/localhost:" in out
+    assert "Ready: 0 problems" in out
+    assert "warning edge not running at tls/localhost:" in out
 
 
 def test_certificates_are_told_with_the_command_that_mends_them(
@@ -62,10 +62,10 @@ def test_certificates_are_told_with_the_command_that_mends_them(
     add_keys(site / "keys", "cam0", NOW - datetime.timedelta(days=1000), again=True)
     (site / "keys/cameras/cam1/camera.key").unlink()
     code, out, err = checked(site, capsys)
-    assert code == 1 and err.startswith("e3pose: 2 problems, ") and err.count("\n") == 1
+    assert code == 1 and err.startswith("e3pose: Not ready: 2 problems, ") and err.count("\n") == 1
     for camera_id, told in (("cam0", "certificate expired on"), ("cam1", "camera.key: file not")):
         assert told in out
-        assert f"-> e3pose keys add {camera_id} --again --keys lab/keys, then carry" in out
+        assert f"-> e3pose keys add {camera_id} --again --keys lab/keys, then copy" in out
         assert run("keys", "add", camera_id, "--again", "--keys", site / "keys") == 0
     assert checked(site, capsys)[0] == 0, "what was advised helps"
 
@@ -83,7 +83,7 @@ def test_certificates_of_everybody_are_told_a_month_before_their_end(
     for name, option in (("cam0", ""), ("wall", " --viewer"), ("hall", " --router")):
         line = out[out.index(f"{level} certificate {name} ") :]
         assert told in line[:200]
-        assert f"-> e3pose keys add {name}{option} --again --keys lab/keys, then carry" in line
+        assert f"-> e3pose keys add {name}{option} --again --keys lab/keys, then copy" in line
         words = ["keys", "add", name, *option.split(), "--again", "--keys", site / "keys"]
         assert run(*words) == 0
     assert f"{level} certificate" not in checked(site, capsys)[1], "what was advised helps"
@@ -102,7 +102,7 @@ def test_the_edges_own_certificate_is_told_too(
     if days > 0:
         assert code == 0
         assert "warning certificate edge expires on 2" in out
-        assert "-> e3pose keys init lab --out lab/keys-new, and carry all its folders" in out
+        assert "-> e3pose keys init lab --out lab/keys-new, then copy all its folders" in out
     else:
         assert code == 1 and "edge.pem: certificate expired on 2" in out
 
@@ -137,8 +137,8 @@ def test_edge_that_cannot_be_asked_is_not_said_to_be_away(
     shutil.rmtree(site / "keys/viewers")
     code, out, _ = checked(site, capsys)
     assert code == 0
-    assert "cannot be asked: lab/keys: found no viewer's certificate" in out
-    assert "does not answer" not in out
+    assert "cannot connect: lab/keys: found no viewer's certificate" in out
+    assert "not running" not in out
 
 
 def test_calibration_that_is_not_there_is_told_with_its_key(
@@ -160,6 +160,6 @@ def test_models_and_sources_that_are_not_there(
     path.write_text(text)
     code, out, _ = checked(site, capsys)
     assert code == 1
-    assert "problem camera cam0 source lab/walk.mp4 is not there" in out
-    assert "problem camera cam1 usb:77: no such device -> is it plugged in?" in out
+    assert "problem camera cam0 source lab/walk.mp4 does not exist" in out
+    assert "problem camera cam1 usb:77: no such device -> connect the camera" in out
     assert "-> e3pose models pull movenet-multipose" in out

@@ -34,12 +34,12 @@ def test_offline_by_environment_leaves_a_folder(
 ) -> None:
     assert not run(str(unreachable))
     out, err = capsys.readouterr()
-    assert "Could not fetch the four-camera recording" in out
+    assert "Could not download the four-camera recording" in out
     assert f"{unreachable / 'report.html'}: open this first" in out
     assert err.splitlines() == [
         "simulating a scene ...",
         "running the edge and the cameras ...",
-        "reading the store, drawing ...",
+        "writing the results ...",
     ]
     assert (unreachable / "report.html").is_file()
 

@@ -98,7 +98,7 @@ def test_videos_then_destination(
     recording = load_recording(tmp_path / "out")
     assert recording.num_slots == FRAMES // 2 and recording.fps == 10
     text = capsys.readouterr().out
-    assert "6 slots at 10 a second" in text and "cam2: 6 frames, 6 people" in text
+    assert "6 slots at 10 per second" in text and "cam2: 6 frames, 6 people" in text
 
 
 def test_options_reach_the_recording(
@@ -121,7 +121,7 @@ def test_options_reach_the_recording(
     assert recording.num_slots == 5
     link = tmp_path / "out" / "videos" / recording.videos["cam1"]
     assert link.is_symlink() and link.resolve() == tmp_path / "cam1.mp4"
-    assert "left out, without a video: cam2" in capsys.readouterr().out
+    assert "skipped, no video: cam2" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -37,8 +37,8 @@ def test_files_are_named_with_what_they_hold(
 ) -> None:
     assert run("export", str(poses), str(tmp_path / "walk.trc")) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0] == f"{tmp_path}/walk-track3.trc: mm, y up"
-    assert said[1] == f"{tmp_path}/walk-track7.trc: mm, y up"
+    assert said[0] == f"Wrote {tmp_path}/walk-track3.trc: mm, y up"
+    assert said[1] == f"Wrote {tmp_path}/walk-track7.trc: mm, y up"
     assert said[2].endswith("predicted by the estimator, not measured in their frame")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["walk-track3.trc", "walk-track7.trc"]
 
@@ -53,7 +53,7 @@ def test_a_store_is_smoothed_filled_and_resampled(
     )  # fmt: skip
     assert code == 0
     said = capsys.readouterr().out
-    assert "resampled from 25 to 50 frames a second, linearly" in said
+    assert "resampled from 25 to 50 frames per second, linearly" in said
     assert "% of the joints filled" in said
     rows = list(csv.DictReader(dest.read_text().splitlines()))
     assert len(rows) == 79 and {row["track"] for row in rows} == {"3"}

@@ -52,13 +52,13 @@ def test_tables_say_what_is_there_and_what_is_wrong(
     left = next(line.split() for line in lines if line.startswith("left"))
     assert left == ["left", "1280", "x", "720", "none", "0.00", "-3.00", "1.00", "3", "0",
                     "1.00", "1", "0.0%", "0.75", "-"]  # fmt: skip
-    assert "2 things look wrong:" in text
+    assert "2 problems:" in text
     assert "  right: 1 of 3 views are lost in 1 gap; the longest is slots 2 to 2" in lines
     assert "  right: sees nobody in any of its views" in lines
 
 
 def test_json_holds_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run("info", folder, "--json") == 0
+    assert _run("info", folder, "--json", "-") == 0
     content = json.loads(capsys.readouterr().out)
     assert content["num_slots"] == 3
     assert [camera["lost"] for camera in content["cameras"]] == [0, 1]
@@ -73,7 +73,7 @@ def test_an_unreadable_recording_is_one_line_and_exit_code_2(
 ) -> None:
     path = folder / "keypoints" / "left.jsonl"
     path.write_bytes(path.read_bytes()[:-30])
-    for tokens in ((), ("--json",)):
+    for tokens in ((), ("--json", "-")):
         assert _run("info", folder, *tokens) == 2
         captured = capsys.readouterr()
         assert captured.out == ""

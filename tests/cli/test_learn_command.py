@@ -22,27 +22,23 @@ def filled(folder: Path) -> Path:
     return folder
 
 
-def shown(text: str) -> dict[str, str]:
-    """Return the rows of the table by version."""
-    rows = [line.split() for line in text.splitlines()[1:]]
-    return {row[1] if row[0] == "*" else row[0]: " ".join(row) for row in rows if row}
-
-
 def test_versions_are_listed_with_their_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     list_versions(filled(tmp_path))
-    rows = shown(capsys.readouterr().out)
-    assert set(rows) == {"0", "1", "2"}
-    assert rows["2"].startswith("* 2 1 2027-") and "5: 44.4 22.0" in rows["2"]
-    assert not rows["1"].startswith("*")
+    text = capsys.readouterr().out
+    heading, *lines = (line.split() for line in text.splitlines())
+    rows = {line[0]: " ".join(line) for line in lines[:3]}
+    assert set(rows) == {"0", "1", "2"} and " ".join(heading[:2]) == "version parent"
+    assert rows["2"].startswith("2 * 1 2027-") and "44.4 -> 22.0" in rows["2"]
+    assert "*" not in rows["1"] and "lead 5, mm" in text
 
 
 def test_one_goes_back_by_one_or_to_a_number(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rollback(filled(tmp_path))
-    assert "version 1 is current" in capsys.readouterr().out
+    assert "version 1 is now current" in capsys.readouterr().out
     rollback(tmp_path, to=0)
     rollback(tmp_path, to=2)
     assert VersionStore(tmp_path / "versions").read().current == 2
@@ -52,7 +48,7 @@ def test_one_goes_back_by_one_or_to_a_number(
 
 def test_a_folder_without_versions_is_named(tmp_path: Path) -> None:
     for call in (list_versions, rollback):
-        with pytest.raises(InputError, match="found no versions there"):
+        with pytest.raises(InputError, match="found no versions, expected"):
             call(tmp_path / "nothing")
     assert not (tmp_path / "nothing").exists()
 

@@ -47,7 +47,7 @@ def test_list_tells_licence_size_and_what_is_here(
     rows = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
     assert "not installed" in rows["openpose-thin"] and "7.8 MB" in rows["openpose-thin"]
     assert "Apache-2.0" in rows["movenet-multipose"]
-    assert "bring your own" in rows["trt-pose"] and "AGPL" in rows["yolo-pose"]
+    assert "your own file" in rows["trt-pose"] and "AGPL" in rows["yolo-pose"]
     put(cache, WEIGHTS)
     run("models", "list")
     rows = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}

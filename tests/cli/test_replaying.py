@@ -101,7 +101,7 @@ def test_smoothed_poses_are_figures_and_rows(
         (["--profile", "toaster"], "toaster"),
         (["--poses", "poses.xlsx"], ".xlsx"),
         (["--smooth", "best"], "best"),
-        (["--smooth", "rts", "--store", "live.db"], "expected no --smooth"),
+        (["--smooth", "rts", "--store", "live.db"], "found with --smooth"),
         (["--cutoff", "6Hz"], "--cutoff"),
         (["--bogus", "1"], "bogus"),
     ],

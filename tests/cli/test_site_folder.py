@@ -42,7 +42,7 @@ def test_folder_says_what_its_file_says(
         said = capsys.readouterr()
         told.append((code, said.out, said.err.count("\n")))
         if verb == "top":
-            assert "no edge of site lab answers" in said.err
+            assert "the edge of site lab does not answer" in said.err
         else:
             assert code == 0, said.err
     assert told[0] == told[1]

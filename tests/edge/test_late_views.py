@@ -46,7 +46,7 @@ def test_camera_that_is_always_late_is_left_out_told_and_taken_back(site: Site) 
     site.hub.delay_s = lambda topic: 0.5 if topic.endswith("cam1/view") else 0.0
     assert eventually(lambda: site.told("camera-useless", "cam1")), site.events
     word = next(e.message for e in reversed(site.events) if e.kind == "camera-useless")
-    assert word.startswith("cam1: its views come too late, ") and word.endswith(" were taken")
+    assert word.startswith("cam1: views arrive too late, ") and word.endswith(" ms after capture")
     assert int(word.split(", ")[1].split()[0]) >= 500
     assert "too late" in site.camera("cam1").why and site.camera("cam1").online
     assert site.camera("cam1").late > 0

@@ -53,7 +53,7 @@ def test_camera_that_is_always_late_is_told_with_its_delay() -> None:
         assert oddities(silence, late_by_s, INTERVAL_S) == [""] * 3 or slot * INTERVAL_S > 1.4
         silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
         silence = replace(silence, missed=np.zeros(3, dtype=np.int64))  # it is alive
-    told = "its views come too late, 232 ms after they were taken"
+    told = "views arrive too late, 232 ms after capture"
     assert oddities(silence, late_by_s, INTERVAL_S) == ["", told, ""]
     silence = listen(silence, int(silence.retry_slot[1]), ALL, ALL, INTERVAL_S)
     assert oddities(silence, late_by_s, INTERVAL_S) == [""] * 3
@@ -66,12 +66,12 @@ def test_camera_that_is_there_but_sends_nothing_is_told() -> None:
         slot = max(slot + 1, int(silence.retry_slot[1]))
         silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
         failures = int(silence.failures[1])
-    assert oddities(silence, UNKNOWN_S, INTERVAL_S) == ["", "sends no views in time", ""]
+    assert oddities(silence, UNKNOWN_S, INTERVAL_S) == ["", "no views arrive in time", ""]
 
 
 def test_changes_are_told_once() -> None:
     ids, kinds = ("a", "b", "c"), ("lost", "back")
     assert changes(ids, ["", "x", "y"], ["gone", "", "z"], kinds) == [
         ("lost", "a: gone", "a"),
-        ("back", "b: is there", "b"),
+        ("back", "b connected", "b"),
     ]

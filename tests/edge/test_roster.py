@@ -21,6 +21,7 @@ from e3pose.edge.roster import (
     take_wrong,
     trouble,
 )
+from e3pose.model.skeleton import COCO18
 from e3pose.wire.messages import Heartbeat, Hello
 
 JOINTS = ("nose", "hip")
@@ -46,10 +47,10 @@ def test_camera_that_is_well_can_be_chosen() -> None:
 @pytest.mark.parametrize(
     ("life", "told"),
     [
-        (CameraLife("cam1"), "never seen"),
+        (CameraLife("cam1"), "never connected"),
         (come_or_go(well(), False, NOW), "not connected"),
-        (hear(CameraLife("cam1"), NOW), "has not said what it is"),
-        (greet(CameraLife("cam1"), HELLO, NOW), "has not said how it is"),
+        (hear(CameraLife("cam1"), NOW), "waiting for its first hello"),
+        (greet(CameraLife("cam1"), HELLO, NOW), "waiting for its first heartbeat"),
     ],
 )
 def test_incomplete_camera_says_what_is_missing(life: CameraLife, told: str) -> None:
@@ -74,7 +75,7 @@ def test_two_programs_that_speak_as_one_camera_are_told_apart() -> None:
         for session in (5, 9):
             at_ns += SECOND // 4
             life = speak(life, session, at_ns)
-    told = "two programs speak as cam1: sessions 5 and 9, expected one with its name"
+    told = "two programs run as cam1 (sessions 5 and 9): stop one of them"
     assert told in why(life, at_ns)
     for later_s, expected in ((1, told), (RIVAL_S / 2, told), (RIVAL_S, "")):  # one of them ended
         later_ns = at_ns + round(later_s * SECOND)
@@ -110,9 +111,13 @@ def test_word_from_a_silent_camera_brings_it_back() -> None:
 @pytest.mark.parametrize(
     ("hello", "told"),
     [
-        (Hello("cam1", 5, ("nose",), SIZE, 25.0), "finds 1 other joints than the edge's 2"),
-        (Hello("cam1", 5, ("hip", "nose"), SIZE, 25.0), "other joints"),
-        (Hello("cam1", 5, JOINTS, (640, 481), 25.0), "640 x 481, but was calibrated for 640 x 480"),
+        (
+            Hello("cam1", 5, COCO18.joints, SIZE, 25.0),
+            'detector outputs coco18, the site expects 2 joints: set skeleton = "coco18"',
+        ),
+        (Hello("cam1", 5, ("nose",), SIZE, 25.0), "outputs 1 joint, the site expects 2 joints"),
+        (Hello("cam1", 5, ("hip", "nose"), SIZE, 25.0), "outputs 2 joints in another order"),
+        (Hello("cam1", 5, JOINTS, (640, 481), 25.0), "640 x 481, but the calibration has 640 x"),
     ],
 )
 def test_camera_of_another_rig_is_refused(hello: Hello, told: str) -> None:
@@ -127,9 +132,9 @@ def replace_beat(**changes: object) -> Heartbeat:
 @pytest.mark.parametrize(
     ("beat", "told"),
     [
-        (replace_beat(problem="the source gives no frames"), "the source gives no frames"),
+        (replace_beat(problem="no frames from the source"), "no frames from the source"),
         (replace_beat(battery_j=0.0, gauge=True), "battery empty"),
-        (replace_beat(clock_error_ns=300_000_000), "knows the time only to 300 ms"),
+        (replace_beat(clock_error_ns=300_000_000), "clock uncertain by 300 ms"),
     ],
 )
 def test_ailing_camera_says_what_ails_it(beat: Heartbeat, told: str) -> None:
@@ -146,7 +151,7 @@ def test_frozen_camera_is_noticed_though_it_speaks() -> None:
     for second in range(1, 9):
         life = take_beat(life, BEAT, NOW + second * SECOND)
         frozen = second > FROZEN_S
-        assert why(life, NOW + second * SECOND) == ("takes no new frames" if frozen else "")
+        assert why(life, NOW + second * SECOND) == ("no new frames" if frozen else "")
     asleep = well()
     for second in range(1, 9):
         asleep = take_beat(
@@ -161,7 +166,7 @@ def test_nonsense_leads_to_quarantine_and_out_again() -> None:
         life = take_wrong(life, "found 18 joints", NOW)
     assert why(life) == ""
     life = take_wrong(life, "found 18 joints", NOW)
-    assert why(life) == "sends messages that make no sense (found 18 joints)"
+    assert why(life) == "sends invalid messages (found 18 joints)"
     later = NOW + round(QUARANTINE_S * SECOND)
     assert why(take_beat(life, replace_beat(captured=11), later), later) == ""
 
@@ -186,5 +191,5 @@ def test_flood_is_noticed_and_ends_with_its_second() -> None:
 
 def test_restarted_program_is_counted_and_begins_anew() -> None:
     again = greet(well(), Hello("cam1", 6, JOINTS, SIZE, 25.0), NOW)
-    assert again.restarts == 1 and why(again) == "has not said how it is"
+    assert again.restarts == 1 and why(again) == "waiting for its first heartbeat"
     assert greet(well(), HELLO, NOW).restarts == 0

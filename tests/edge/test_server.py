@@ -124,7 +124,7 @@ def test_two_programs_with_one_name_are_told_apart(site: Site) -> None:
     first = site.nodes["cam1"]
     second = site.start_camera("cam1")
     sessions = sorted((first.session, second.session))
-    told = f"two programs speak as cam1: sessions {sessions[0]} and {sessions[1]}"
+    told = f"two programs run as cam1 (sessions {sessions[0]} and {sessions[1]})"
     assert eventually(lambda: told in site.camera("cam1").why)
     assert site.online() == {"cam0", "cam2"}
     assert eventually(lambda: any(told in event.message for event in site.events))
@@ -197,8 +197,8 @@ def test_state_that_cannot_be_kept_is_told_once_and_stops_nobody(site: Site) -> 
     edge.state_file.path = good
     assert eventually(lambda: not edge.state_file.trouble)
     told = [event.message for event in site.events if event.kind == "checkpoint"]
-    assert sum("cannot be kept" in line for line in told) == 1
-    assert "the state is kept again" in told[-1]
+    assert sum("cannot save the state" in line for line in told) == 1
+    assert "saving the state again" in told[-1]
 
 
 def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
@@ -224,7 +224,7 @@ def test_edge_whose_clock_went_ahead_goes_on_with_the_next_slot(site: Site) -> N
     assert eventually(lambda: again.counts.views > 10)
     assert slot < again.state.slot < slot + 400
     told = [event.message for event in site.events if event.kind == "clock"]
-    assert "60 min have passed: slots go on with the next number" in told[-1]
+    assert "60 min since the last slot, by this machine's clock: slot numbers continue" in told[-1]
     assert eventually(lambda: len(site.online()) == 3)
 
 

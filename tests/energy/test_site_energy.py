@@ -180,7 +180,7 @@ def test_pipeline_follows_the_reckoning() -> None:
     np.testing.assert_allclose(changed.cost_j, 0.16, rtol=0.03)
     assert [camera_id for camera_id, _ in news] == ["a", "b", None]
     assert "measured" in news[0][1]
-    assert re.fullmatch(r"budgets pay for 0\.9\d cameras a slot, 2 were asked for", news[2][1])
+    assert re.fullmatch(r"budgets allow 0\.9\d cameras per slot, 2 requested", news[2][1])
 
 
 def test_battery_that_cannot_last_is_told_once() -> None:
@@ -198,6 +198,6 @@ def test_battery_that_cannot_last_is_told_once() -> None:
     _, news = ledger.reckoned(pipeline)
     ((camera_id, line),) = news
     assert camera_id == "a"
-    assert "pays for no active slot, idle ones alone draw 5.2 W" in line
+    assert "budget below its idle power of 5.2 W" in line
     now_ns[0] = 61 * 10**9
     assert ledger.reckoned(pipeline)[1] == []

@@ -144,7 +144,7 @@ def test_summary_shows_every_camera() -> None:
     assert "only" in text
     assert "100.0" in text
     assert "tx2" in text
-    assert "random over 2 slots" in text
+    assert "policy random, 2 slots" in text
 
 
 def _printed(table: list[dict[str, Any]]) -> str:

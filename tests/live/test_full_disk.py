@@ -48,19 +48,17 @@ def test_full_disk_is_told_and_stops_nobody(small_site: LiveSite) -> None:
     assert eventually(state.exists)
     fill(disk / "filler")
     # The state is written beside the old one, which stays as it was until there is room.
-    assert eventually(lambda: "the state cannot be kept" in site.log("edge").read_text()), (
-        site.told()
-    )
+    assert eventually(lambda: "cannot save the state" in site.log("edge").read_text()), site.told()
     kept = state.read_bytes()
     assert eventually(lambda: site.events("store-full")), site.told()
     count, lost = len(site.poses), site.status().slots_lost
     site.flows(40)
     site.unbroken([poses.slot for poses in site.poses[count:]], lost)
     assert kept and state.read_bytes() == kept
-    told = [line for line in site.events("checkpoint") if "cannot be kept" in line["event"]]
+    told = [line for line in site.events("checkpoint") if "cannot save the state" in line["event"]]
     assert len(told) == 1  # not once a second
     os.unlink(disk / "filler")
-    assert eventually(lambda: "the state is kept again" in site.log("edge").read_text())
+    assert eventually(lambda: "saving the state again" in site.log("edge").read_text())
     site.flows(30)
     site.stores(site.poses[-1].slot, "disk/poses.db")
     site.unbroken(site.stored("disk/poses.db"), 0)  # the spool had the rest

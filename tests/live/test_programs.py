@@ -91,7 +91,7 @@ def test_up_runs_a_site_and_ends_all_of_it(
     for log in (tmp_path / "logs").iterdir():
         assert "Traceback" not in log.read_text(), log.read_text()
     said = (tmp_path / "logs" / "edge.log").read_text()
-    assert "cam0: ended; looked in" in said and "not connected" not in said, said
+    assert "cam0: stopped; active in" in said and "not connected" not in said, said
 
 
 def test_up_says_which_camera_cannot_start(tmp_path: Path, recording: Path) -> None:

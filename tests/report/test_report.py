@@ -176,7 +176,7 @@ def test_long_runs_are_thinned_and_say_so() -> None:
     drawn = scene(recording(count), records)
     assert len(drawn["slots"]) <= MAX_SLOTS and drawn["stride"] == 4
     assert drawn["slots"][:3] == [0, 4, 8]
-    assert f"one in 4 of its {count} slots" in render(recording(count), records, bare())
+    assert f"one in 4 of {count} slots" in render(recording(count), records, bare())
 
 
 def test_crowds_are_thinned_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,7 +190,7 @@ def test_nobody_seen_still_gives_a_page(slots: int, tmp_path: Path) -> None:
     path = tmp_path / "deep" / "report.html"
     write_report(recording(slots), [record(i) for i in range(slots)], bare(), path)
     text = path.read_text()
-    said = "Nobody was found in any slot" if slots else "There is nothing to show"
+    said = "No people found" if slots else "The recording is empty"
     assert said in text
     assert [p.name for p in path.parent.iterdir()] == ["report.html"]
 
@@ -198,16 +198,16 @@ def test_nobody_seen_still_gives_a_page(slots: int, tmp_path: Path) -> None:
 def test_figures_that_cannot_be_had_are_left_out() -> None:
     records = [record(0, [0])]
     few = cards(recording(1), records, bare())
-    assert few == [("1.0 of 2", "cameras awake a slot, on average")]
+    assert few == [("1.0 of 2", "active cameras per slot, mean")]
     full = dict(cards(recording(1), records, summary(metrics=Accuracy(mpjpe_mm=31.7))))
     assert full["32 mm"].startswith("mean joint error") and "31 %" in full
 
 
 def test_sentences_say_how_many_cameras_and_what_it_saved() -> None:
     text = " ".join(sentences(recording(2), [record(0, [1, 2]), record(1)], summary()))
-    assert "2 calibrated cameras watched for 2 slots of 40 ms" in text
-    assert "Up to 2 people at once stood in 3D, somebody in 50 % of the slots" in text
-    assert "1.0 of 2 cameras were awake" in text and "saves 31 %" in text
+    assert "2 calibrated cameras, 2 slots of 40 ms" in text
+    assert "Up to 2 people at a time; people present in 50 % of the slots" in text
+    assert "1.0 of 2 cameras are active" in text and "saves 31 %" in text
 
 
 def test_energy_bars_compare_with_always_awake() -> None:
@@ -268,7 +268,7 @@ def test_reasons_are_shown_at_the_slot_they_were_given_for() -> None:
     shown = page(recording(4), [*records, record(2), record(3)], summary())
     assert any(attributes.get("id") == "why" for _, attributes in shown.tags)
     layout = json.loads(shown.scripts["figures"])["strips"]["layout"]
-    assert any("expected to tell" in note["text"] for note in layout["annotations"])
+    assert any("information gain" in note["text"] for note in layout["annotations"])
     without = page(recording(1), [record(0)], summary())
     assert not any(attributes.get("id") == "why" for _, attributes in without.tags)
 

@@ -18,7 +18,7 @@ def test_edge_that_does_not_come_is_told_once() -> None:
     watch.look(True, 302.0)
     watch.look(False, 303.0)
     watch.look(False, 400.0)
-    assert told[1:] == ["the edge is there", "the edge is away, waiting for it"]
+    assert told[1:] == ["edge connected", "edge disconnected, reconnecting"]
 
 
 def test_edge_that_is_there_at_once_is_told() -> None:
@@ -26,4 +26,4 @@ def test_edge_that_is_there_at_once_is_told() -> None:
     watch = EdgeWatch(told.append, "tcp/127.0.0.1:7447")
     watch.look(True, 0.0)
     watch.look(True, 100.0)
-    assert told == ["the edge is there"]
+    assert told == ["edge connected"]

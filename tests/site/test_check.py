@@ -177,7 +177,7 @@ NOBODY = "00000000,0.0.0.0,0,0.0,0.0,0.0,0.0,0,0,0,1,1,0,Not synchronised"
         ("chronyc", "", "warning", "chrony"),
         ("timedatectl", "NTP=yes\nNTPSynchronized=yes", "ok", "timesyncd"),
         ("timedatectl", "NTP=no\nNTPSynchronized=no", "warning", "not synchronised"),
-        ("nothing", "", "warning", "nothing"),
+        ("nothing", "", "warning", "no time synchronisation"),
     ],
 )
 def test_what_keeps_the_clock_right_is_asked(
@@ -209,7 +209,7 @@ def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:
 
 
 def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
-    for gauge, told in ((False, "delete the file"), (True, "see its log")):
+    for gauge, told in ((False, "battery.json"), (True, "see its log")):
         camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)
         found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))
         assert found[-1].level == "problem" and told in found[-1].advice

@@ -72,7 +72,7 @@ def test_running_router_takes_in_a_new_list_and_outlives_a_wrong_one(keys: Path)
     revoke_keys(keys, "cam1")
     router.look()
     router.look()
-    assert opened[1:] == [{}] and told == ["the list of certificates changed: joined anew"]
+    assert opened[1:] == [{}] and told == ["certificates reloaded"]
     (place / "keys.toml").write_text("nothing")
     router.look()
     router.look()
@@ -81,8 +81,8 @@ def test_running_router_takes_in_a_new_list_and_outlives_a_wrong_one(keys: Path)
 
 def test_contradictions_are_refused(keys: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for options, told in (
-        (["--viewer", "--router"], "--router: found it with --viewer"),
-        (["--host", "a.local"], "--host: found it without --router"),
+        (["--viewer", "--router"], "--router: found with --viewer"),
+        (["--host", "a.local"], "--host: found without --router"),
     ):
         with pytest.raises(SystemExit) as ended:
             main(["keys", "add", "x", "--keys", str(keys), *options])

@@ -21,27 +21,27 @@ def test_one_is_one_and_large_numbers_are_whole() -> None:
 
 def test_edge_says_how_it_left_each_camera() -> None:
     cameras = (
-        CameraStatus("cam0", False, why="ended", last_seen_s=0.1, duty=0.5, late=1, lost=0),
+        CameraStatus("cam0", False, why="stopped", last_seen_s=0.1, duty=0.5, late=1, lost=0),
         CameraStatus("cam1", True, last_seen_s=0.1, duty=0.25, late=2, lost=3),
         CameraStatus("cam2", True, why="views come late", last_seen_s=0.1),
-        CameraStatus("cam3", False, why="never seen"),
+        CameraStatus("cam3", False, why="never connected"),
     )
     status = Status("lab", 1, 20.0, 2, 1, cameras, (1.0, 2.0), (3.0, 4.0))
     assert edge_summary(status, 1, 1) == [
-        "1 slot, 0 lost, 1 view in time; lead 2; a slot takes 1.0 ms (99 %: 2.0), "
-        "poses come 3.0 ms (99 %: 4.0) after the last view",
-        "  cam0: ended; looked in 50% of the last minute's slots, 1 view late, 0 lost",
-        "  cam1: online; looked in 25% of the last minute's slots, 2 views late, 3 lost",
-        "  cam2: online, views come late; looked in 0% of the last minute's slots, "
+        "1 slot, 0 lost, 1 view in time; lead 2; computing 1.0 ms (99 %: 2.0) per slot, "
+        "latency 3.0 ms (99 %: 4.0) after the last view",
+        "  cam0: stopped; active in 50% of the last minute's slots, 1 view late, 0 lost",
+        "  cam1: online; active in 25% of the last minute's slots, 2 views late, 3 lost",
+        "  cam2: online, views come late; active in 0% of the last minute's slots, "
         "0 views late, 0 lost",
-        "  cam3: never seen",
+        "  cam3: never connected",
     ]
 
 
 def test_edge_that_did_nothing_says_why_and_measures_nothing() -> None:
-    status = Status("lab", 0, 0.0, 2, 0, (CameraStatus("cam0", False, why="never seen"),))
+    status = Status("lab", 0, 0.0, 2, 0, (CameraStatus("cam0", False, why="never connected"),))
     told = edge_summary(status, 0, 0)
-    assert told == ["no slots: fewer than two cameras were there", "  cam0: never seen"]
+    assert told == ["No slots: fewer than two cameras connected", "  cam0: never connected"]
 
 
 def test_camera_without_frames_says_why() -> None:
@@ -53,9 +53,9 @@ def test_camera_without_frames_says_why() -> None:
 @pytest.mark.parametrize(
     ("done", "orders", "late", "told"),
     [
-        (Counted(1, 1, 1), 4, 1, "cam0: 1 frame, 1 looked at, 1 view sent, 1 late order"),
-        (Counted(9, 2, 2), 4, 0, "cam0: 9 frames, 2 looked at, 2 views sent, 0 late orders"),
-        (Counted(9), 0, 0, "cam0: 9 frames, but no orders: no edge asked it"),
+        (Counted(1, 1, 1), 4, 1, "cam0: 1 frame, 1 processed, 1 view sent, 1 late order"),
+        (Counted(9, 2, 2), 4, 0, "cam0: 9 frames, 2 processed, 2 views sent, 0 late orders"),
+        (Counted(9), 0, 0, "cam0: 9 frames, but no orders from the edge"),
     ],
 )
 def test_camera_says_what_it_did(done: Counted, orders: int, late: int, told: str) -> None:

@@ -237,12 +237,13 @@ def test_other_tables_are_written_too(filled: Path, tmp_path: Path, what: str) -
 def test_table_on_the_terminal(filled: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_cli("query", str(filled), "--from", "2", "--to", "2", "--joint", "nose") == 0
     lines = capsys.readouterr().out.strip().splitlines()
-    assert lines[0].split()[:5] == ["run", "slot", "time", "track", "joint"]
-    assert len(lines) == 3
+    assert lines[0].strip().endswith(", times in UTC")
+    assert lines[1].split()[:5] == ["run", "slot", "time", "track", "joint"]
+    assert len(lines) == 4
     assert run_cli("query", str(filled), "--from", "2", "--to", "3") == 0
-    assert "and more" in capsys.readouterr().out
+    assert "first 40 rows" in capsys.readouterr().out
     assert run_cli("query", str(filled), "--from", "-10min") == 0
-    assert "Nothing" in capsys.readouterr().out
+    assert "No matching rows" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -201,7 +201,7 @@ class CameraNode:
                 continue
             frame = self.source.read()
             if frame is None:
-                self._find("the source gives no frames")
+                self._find("no frames from the source")
                 continue
             self._find("")
             self._take(frame)
@@ -219,7 +219,7 @@ class CameraNode:
         """Tell of a problem with the source when it comes and when it goes, not every second."""
         if problem != self.problem:
             self.problem = problem
-            self._tell(problem or "the source gives frames again")
+            self._tell(problem or "frames from the source again")
 
     def _may_sleep(self) -> bool:
         """Return whether nothing is to be captured for longer than waking takes."""

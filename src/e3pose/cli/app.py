@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, Group
 
 from e3pose import __version__
 from e3pose.cli.calibrating import calibrate_app
@@ -48,8 +48,25 @@ app = App(
     version=__version__,
     version_flags=["--version", "-V"],
     suppress_keyboard_interrupt=False,  # `main` says that it was interrupted
-    help="Multi-camera 3D human pose that wakes only the cameras worth waking.",
+    help="Multi-camera 3D human pose on a camera energy budget: each time slot wakes the most "
+    "informative cameras that still have energy budget.\n\n"
+    "New here? Run `e3pose demo`, then open demo-output/report.html.",
 )
+_options = Group("Options", sort_key=99)
+app.register_install_completion_command(
+    group=_options, help="Install tab completion for bash, zsh or fish."
+)
+app["--help"].group = app["--version"].group = _options
+# Verbs by group, in the order of `e3pose --help`.
+GROUPS: dict[str, tuple[str, ...]] = {
+    "Start here": ("demo", "up"),
+    "Recordings": ("detect", "import", "simulate", "info", "sync", "replay", "export"),
+    "Calibrate": ("calibrate",),
+    "Live site": ("keys", "check", "edge", "camera", "router", "top", "query"),
+    "Evaluate": ("evaluate", "evaluate-predictor"),
+    "Learn": ("train", "learn"),
+    "Maintenance": ("models", "power"),
+}
 VERBS: dict[str, Callable[..., Any]] = {
     "demo": demo,
     "detect": detect,
@@ -75,8 +92,15 @@ VERBS: dict[str, Callable[..., Any]] = {
     "train": train,
     "learn": learn_app,
 }
-for _verb, _function in VERBS.items():
-    app.command(_function, name=_verb)
+for _rank, (_title, _verbs) in enumerate(GROUPS.items()):
+    _group = Group(_title, sort_key=_rank)
+    for _place, _verb in enumerate(_verbs):
+        _target = VERBS[_verb]
+        if isinstance(_target, App):  # a verb with verbs of its own
+            _target.group, _target.sort_key = (_group,), _place
+            app.command(_target, name=_verb)
+        else:
+            app.command(_target, name=_verb, group=_group, sort_key=_place)
 CALIBRATE_VERBS: dict[str, Callable[..., Any]] = {
     "board": board,
     "intrinsics": intrinsics,
@@ -133,12 +157,12 @@ def main(tokens: Sequence[str] | None = None) -> None:
     except (InputError, OSError) as error:
         _fail(_one_line(error))
     except MemoryError:
-        _fail("this needs more memory than there is, expected a smaller or shorter input")
+        _fail("out of memory, expected a smaller or shorter input")
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").split(".")[0])
         if extra is None:
             raise
-        _fail(f"this needs {error.name}, expected it installed: pip install 'e3pose[{extra}]'")
+        _fail(f"{error.name} is not installed: pip install 'e3pose[{extra}]'")
     except KeyboardInterrupt:
         print("e3pose: interrupted", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)

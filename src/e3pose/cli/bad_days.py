@@ -1,4 +1,4 @@
-"""Options that make a replay go wrong on purpose."""
+"""Options that inject faults into a replay."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ class BadDayOptions:
     """What goes wrong, for every verb that runs the loop."""
 
     kill_camera: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = ()
-    """CAMERA@SLOT or CAMERA@12.5s: this camera is gone from then on; repeatable. `each` for the
-    camera kills another one in every repetition."""
+    """Fail a camera: CAMERA@SLOT or CAMERA@12.5s; repeatable. `each@SLOT` fails a different
+    camera in each repetition."""
     loss: float = 0.0
-    """Share of the selected views that never arrive; their energy is spent."""
+    """Share of selected views lost in the network; their energy is still spent."""
     fps: float | None = None
-    """Take so many frames a second of the recording only."""
+    """Resample the recording to this frame rate."""
 
     def day(
         self, recording: Recording, watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None

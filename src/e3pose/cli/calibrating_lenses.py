@@ -82,9 +82,9 @@ def intrinsics(
     picture: Path | None = None,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
-    """Measure focal length and lens of each camera from films or pictures of a board.
+    """Calibrate the lens of each camera from videos or images of a board.
 
-    Example: e3pose calibrate intrinsics cam1.mp4 cam2.mp4 lenses.toml --picture coverage.png
+    Example: `e3pose calibrate intrinsics cam1.mp4 cam2.mp4 lenses.toml --picture coverage.png`
 
     Film the board for half a minute with each camera: near enough to fill a third of the picture,
     slowly through all parts of it, the corners of the picture too, tilted to all sides. Focus and

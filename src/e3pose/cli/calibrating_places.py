@@ -38,7 +38,7 @@ def extrinsics(
     update: Annotated[bool, Parameter(negative="")] = False,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
-    """Find where the cameras stand and look, and write the calibration.
+    """Calibrate camera positions and orientations from a board, a ball, points or people.
 
     Example: `e3pose calibrate extrinsics cam1.mp4 cam2.mp4 rig.toml --intrinsics lenses.toml`
 

@@ -39,7 +39,7 @@ def align(
     seconds: float = 120.0,
     update: Flag = False,
 ) -> None:
-    """Bring a calibration to z up with the floor at zero, and choose origin and axes.
+    """Align the world of a calibration: z up, floor at zero, origin and axes of your choice.
 
     Example: `e3pose calibrate align walk rig.toml --x-axis cam1`
 
@@ -128,7 +128,7 @@ def check(
     noise: str | None = None,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
-    """Tell how good a calibration is, by a recording of people: in pixels and in millimetres.
+    """Check a calibration with a recording of people: errors in pixels and in millimetres.
 
     Example: `e3pose calibrate check walk --picture error.png`
 

@@ -1,4 +1,4 @@
-"""`e3pose demo`: the main job on a real four-camera recording, from nothing."""
+"""`e3pose demo`: a live site on a real four-camera recording."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ Flag = Annotated[bool, Parameter(negative="")]
 
 def demo(
     dest: Path = Path("demo-output"),
+    /,
     *,
     offline: Annotated[bool, Parameter(negative="", env_var="E3POSE_OFFLINE")] = False,
     overwrite: Flag = False,
 ) -> None:
-    """See it work: a live site on real videos; 3D poses, a report and pictures in about a minute.
+    """Run a live site on real videos; get 3D poses, a report and pictures in about a minute.
 
-    Example: e3pose demo
+    Example: `e3pose demo`
 
-    Fetches a real recording of four cameras and a 2D pose network from the Python package index
-    that pip uses (60 MB, once). Then an edge process and four camera processes run live over
-    loopback: each camera plays its video and looks for people when the edge tells it to, two of
-    four at a time, and the edge places the people in 3D. Where looking takes too long for this
-    machine the videos are played slower, and the report says so. Without a network the cameras play
-    a simulated scene.
+    The demo downloads a four-camera recording and a 2D pose network from your Python package index
+    (60 MB, once). It then runs an edge server and four camera processes on this machine. Each
+    camera plays its video and detects people in the slots the edge selects, two of four cameras
+    per slot; the edge estimates the 3D poses. If the machine is too slow, the videos play slower
+    and the report says so. Without an internet connection, the cameras play a simulated scene.
 
     Parameters
     ----------
     dest
-        Folder to leave everything in.
+        Output folder.
     offline
         Download nothing.
     overwrite
-        Replace what an earlier demo left there.
+        Replace the output of an earlier demo.
     """
     from e3pose.demo import run_demo, words
 
@@ -75,7 +75,7 @@ def bar(name: str) -> Iterator[Progress]:
 
 @contextmanager
 def top() -> Iterator[Show]:
-    """Show the running site as `e3pose top` does, on standard error; a line if no terminal."""
+    """Show the running site on standard error, as `e3pose top` does; a line if no terminal."""
     from rich.console import Console, Group
     from rich.live import Live
     from rich.text import Text

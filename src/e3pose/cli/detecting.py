@@ -24,7 +24,7 @@ Flag = Annotated[bool, Parameter(negative="")]
 
 
 def detect(
-    *paths: str,
+    *paths: Annotated[str, Parameter(name="VIDEO... DEST")],
     calibration: Path | None = None,
     model: str = "openpose-thin",
     family: str | None = None,
@@ -39,49 +39,48 @@ def detect(
     copy_videos: Flag = False,
     overwrite: Flag = False,
 ) -> None:
-    """Find people in videos and write a recording.
+    """Detect people in videos and write a recording.
 
-    Frames go to slots by the times in the files: each slot gets a camera's nearest frame, if it is
-    at most half a slot away. Interrupt it when you like: the work so far stays in DEST.partial, and
-    the same command goes on from there.
+    Example: `e3pose detect cam1.mp4 cam2.mp4 walk --calibration rig.toml`
 
-    Example: e3pose detect cam1.mp4 cam2.mp4 recordings/walk --calibration Calib.toml
+    Each slot takes the frame of each camera that is nearest in time, at most half a slot away. You
+    can interrupt the command: DEST.partial keeps the work, and the same command resumes it.
 
     Parameters
     ----------
     paths
-        VIDEO... DEST: the videos, then the recording folder to make. A video belongs to the camera
-        whose id its name holds; CAMERA=FILE says it outright.
+        The videos, then the recording folder to create. A file name that contains a camera id
+        belongs to that camera; CAMERA=FILE assigns it explicitly.
     calibration
-        The rig: TOML, .qca.txt, or another format that `e3pose` reads; or its lenses alone, from
-        `e3pose calibrate intrinsics`. Without it cameras are named after their videos, and
-        `e3pose calibrate extrinsics` finds lenses and places from the people.
+        Calibration file of the rig, in any supported format, or lenses only, from
+        `e3pose calibrate intrinsics`. Without it, cameras are named after their videos, and
+        `e3pose calibrate extrinsics` finds lenses and positions from the people.
     model
-        A name from `e3pose models list`, the path of an .onnx or .pb file, whose kind is told from
-        its inputs and outputs, or module:Name of one's own.
+        A name from `e3pose models list`, the path of an .onnx or .pb file, or your own detector as
+        module:Name.
     family
-        With a path: the detector to run it with, by name, instead of telling from the file.
+        With a model path: the detector that runs it. Default: from the model's inputs and outputs.
     provider
-        What the network runs on: the best there is, or this and nothing else.
+        Execution provider of the network. `auto` takes the fastest available.
     fps
-        Slots a second; the videos' common frame rate by default.
+        Slots per second. Default: the common frame rate of the videos.
     every
-        Look at every so many slots of that rate only.
+        Keep every N-th slot only.
     start
-        Seconds to skip at the beginning.
+        Skip this many seconds at the start.
     max_slots
-        Stop after so many slots.
+        Stop after this many slots.
     offset
-        CAMERA=SECONDS: when that camera's first frame was taken, for cameras that did not start
-        together. Give it once per camera.
+        CAMERA=SECONDS: capture time of that camera's first frame, for cameras that did not start
+        together; repeatable.
     threads
-        CPU threads for the network; all cores by default.
+        CPU threads of the network. Default: all cores.
     link_videos
-        Link the videos into the recording, instead of naming where they are.
+        Link the videos into the recording. Default: store their paths.
     copy_videos
         Copy the videos into the recording.
     overwrite
-        Replace the recording at DEST, and unfinished work begun with other settings.
+        Replace the recording at DEST, and partial work with other settings.
     """
     from e3pose.calibration import load_rig
     from e3pose.camera.detect import DetectSettings, detect_videos
@@ -165,7 +164,7 @@ def _resumable(dest: Path) -> Iterator[None]:
         yield
     except BaseException as error:
         kept = partial_folder(dest).is_dir() and not isinstance(error, InputError)
-        hint = f"; {partial_folder(dest)} keeps the work, the same command goes on from there"
+        hint = f"; {partial_folder(dest)} keeps the work, run the same command to resume"
         if isinstance(error, KeyboardInterrupt):
             print(f"e3pose: interrupted{hint if kept else ''}", file=sys.stderr)
             raise SystemExit(EXIT_INTERRUPTED) from None
@@ -186,7 +185,7 @@ def frame_bar() -> Iterator[Callable[[int, int], None]]:
         TextColumn("detecting"),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("frames, {task.fields[rate]:.1f} a second,"),
+        TextColumn("frames, {task.fields[rate]:.1f}/s,"),
         TimeLeft(),
         TextColumn("left"),
         console=console,
@@ -203,15 +202,15 @@ def frame_bar() -> Iterator[Callable[[int, int], None]]:
 
 
 def _print(dest: Path, report: DetectReport) -> None:
-    print(f"{dest}: {counted(report.num_slots, 'slot')} at {report.fps:g} a second")
+    print(f"Wrote {dest}: {counted(report.num_slots, 'slot')} at {report.fps:g} per second")
     for camera_id, camera in report.cameras.items():
         lost = report.num_slots - camera.frames
         notes = [f"{counted(lost, 'slot')} without a frame"] if lost else []
         notes += [camera.damage] if camera.damage else []
         tail = "; " + "; ".join(notes) if notes else ""
         people = counted(camera.people, "person", "people")
-        print(f"  {camera_id}: {counted(camera.frames, 'frame')}, {people} in them{tail}")
+        print(f"  {camera_id}: {counted(camera.frames, 'frame')}, {people} detected{tail}")
     if report.without_video:
-        print(f"  left out, without a video: {', '.join(report.without_video)}")
+        print(f"  skipped, no video: {', '.join(report.without_video)}")
     if report.resumed_slots:
         print(f"  frames done before the interruption: {report.resumed_slots}")

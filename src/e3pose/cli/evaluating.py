@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -19,6 +18,7 @@ from e3pose.cli.options import (
     options_of,
     warn,
 )
+from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 
 LOOP, ENERGY, BAD_DAY = LoopOptions(), EnergyOptions(), BadDayOptions()
 
@@ -29,6 +29,7 @@ MAX_JOBS = 1000
 
 def evaluate(
     recording: Path,
+    /,
     *,
     policies: str | None = None,
     cameras: Annotated[str | None, Parameter(alias="-C")] = None,
@@ -38,41 +39,41 @@ def evaluate(
     energy: EnergyOptions = ENERGY,
     bad_day: BadDayOptions = BAD_DAY,
     jobs: Whole = -1,
-    json_file: Annotated[Path | None, Parameter(name="--json")] = None,
+    json_file: JsonFile = None,
     plot: Path | None = None,
 ) -> None:
-    """Compare policies on a recording: accuracy, cameras on and energy saved, mean and spread.
+    """Compare policies on a recording: accuracy, active cameras, energy saved.
 
     Example: `e3pose evaluate shelf --policies all,round-robin,information --cameras 1.15,2`
 
-    Every policy starts afresh and sees only the views it selects. The i-th repetition runs with
-    seed + i and phase + i, so that random policies draw anew and others take turns and ties from
-    another camera.
+    Every policy starts from the same state and sees only the views it selects. Repetition i uses
+    seed + i and phase + i. Figures are means over repetitions, with the standard deviation.
 
-    Ask how it copes: `--kill-camera each@100` loses another camera in every repetition, at slot
-    100; `--loss 0.3` loses 30 % of the views; `--fps 10` has fewer frames.
+    Fault injection: `--kill-camera each@100` fails one camera at slot 100, a different one in each
+    repetition; `--loss 0.3` loses 30 % of the views; `--fps 10` lowers the frame rate.
 
     Parameters
     ----------
     recording
-        Folder made by `e3pose detect`, `e3pose import` or `e3pose simulate`.
+        Recording folder.
     policies
-        Names with commas: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
-        information. By default all, round-robin, e3pose and information, and with the pipeline
-        `paper` the rows of its table; with a target error, information alone.
+        Comma-separated: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
+        information. Default: all, round-robin, e3pose, information; with --pipeline paper the
+        paper's rows; with --target-error, information only.
     cameras
-        C, how many cameras detect in a slot; several with commas, means such as 1.15 among them. By
-        default 2, and 3 with the paper's pipeline.
+        Cameras per slot C, comma-separated; a mean such as 1.15 is allowed. Default: 2, and 3 with
+        --pipeline paper.
     leads
-        Several values of --lead, with commas: accuracy and time of prediction against tau.
+        Comma-separated values of --lead.
     seeds
-        Repetitions of every policy.
+        Repetitions per policy.
     jobs
-        Parallel processes; as many as there are processor cores by default.
+        Parallel processes. Default: one per processor core.
     json_file
-        Write the figures here, one row per policy, camera count and lead.
+        Write the figures here as JSON, one row per policy, camera count and lead; - is standard
+        output.
     plot
-        With --leads: draw accuracy and time of prediction against tau here, an .svg file.
+        With --leads: plot accuracy and prediction time against the lead here (.svg).
     """
     from e3pose.cli.placed import load_placed
     from e3pose.cli.progress import track_progress
@@ -81,7 +82,6 @@ def evaluate(
     from e3pose.evaluate.drawing import check_svg
     from e3pose.evaluate.lead_picture import draw_leads
     from e3pose.evaluate.tables import print_comparison
-    from e3pose.files.atomic import atomic_file
     from e3pose.select.policies import policy_row
     from e3pose.settings.parts import make_pipeline, noise_warning
 
@@ -92,7 +92,7 @@ def evaluate(
     if plot is not None:
         check_svg("--plot", plot)
         if leads is None:
-            raise InputError("--plot: found no --leads, expected some to draw against")
+            raise InputError("--plot: found no --leads, expected --leads for its axis")
     check_outputs(recording, {"--json": json_file, "--plot": plot})
     source = bad_day.thinned(load_placed(recording))
     names = _names(_usual(loop) if policies is None else policies)
@@ -124,12 +124,14 @@ def evaluate(
         jobs=min(jobs, len(settings)),
     )
     figures = rows(list(track_progress(summaries, len(settings), "evaluate")))
-    if json_file is not None:
-        with atomic_file(json_file) as temporary:
-            temporary.write_text(json.dumps({"rows": figures}, indent=2) + "\n")
     if plot is not None:
         draw_leads(plot, figures)
+    if is_stdout(json_file):
+        write_json(json_file, {"rows": figures})
+        return
     print_comparison(figures)
+    write_json(json_file, {"rows": figures})
+    wrote(plot)
 
 
 def _names(text: str) -> list[str]:
@@ -147,7 +149,7 @@ def _usual(loop: LoopOptions) -> str:
 def _numbers(option: str, text: str) -> list[float | None]:
     from e3pose.quantities import number
 
-    wanted = "numbers with commas, as 1.15,2"
+    wanted = "comma-separated numbers, such as 1.15,2"
     with as_typed({"": option}):
         parts = [number(part.strip(), wanted) for part in text.split(",")]
     return [int(part) if part == int(part) else part for part in dict.fromkeys(parts)]
@@ -160,5 +162,5 @@ def _counts(option: str, text: str) -> list[int]:
         return list(dict.fromkeys(int(part) for part in text.split(",")))
     except ValueError:
         raise InputError(
-            f"{option}: found {text[:40]!r}, expected whole numbers with commas, such as 2,3"
+            f"{option}: found {text[:40]!r}, expected comma-separated whole numbers, such as 2,3"
         ) from None

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed
+from e3pose.cli.output import wrote
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.errors import InputError
 
@@ -44,47 +45,46 @@ def export(
     angles: Annotated[bool, Parameter(negative="")] = False,
     calibration: Path | None = None,
 ) -> None:
-    """Write poses for OpenSim, Blender, pandas, rerun and other tools.
+    """Export poses to OpenSim, Blender, pandas, rerun and other tools.
 
-    Examples: `e3pose export live.db walk.trc --from 14:00 --to 14:05 --smooth rts`,
-    `e3pose export poses.parquet walk.glb`, `e3pose export lab angles.csv --angles --track 7`
+    Example: `e3pose export live.db walk.trc --from 14:00 --to 14:05 --smooth rts`
 
-    The ending of DEST says the format: .trc (OpenSim), .c3d, .csv and .parquet (a row per frame and
-    person), .bvh, .glb and .gltf (animated skeletons), .json (COCO), .rrd (rerun); a folder of
-    OpenPose JSON needs `--format openpose`. TRC and BVH hold one person: of several people each
-    gets a file, as walk-track7.trc. What is missing stays missing unless --fill says otherwise.
+    The suffix of DEST selects the format: .trc (OpenSim), .c3d, .csv and .parquet (one row per
+    frame and person), .bvh, .glb and .gltf (animated skeletons), .json (COCO), .rrd (rerun); a
+    folder of OpenPose JSON needs `--format openpose`. TRC and BVH hold one person per file, such
+    as walk-track7.trc. Missing joints stay missing without --fill.
 
     Parameters
     ----------
     source
-        A store as named to `e3pose query` (a file, a URL, a site's folder), or a table of poses
-        that `e3pose replay --poses` or `e3pose query` wrote.
+        A store as in `e3pose query` (file, URL or site folder), or a table of poses from
+        `e3pose replay --poses` or `e3pose query`.
     dest
-        The file to write, replaced if it is there; for OpenPose a new folder.
+        Output file, replaced if it exists; for OpenPose a new folder.
     format_name
-        The format, where the ending of DEST does not say it.
+        Output format, if the suffix of DEST does not determine it.
     from_
-        From when, as `e3pose query` takes it: `2026-11-21T14:00`, `-10min`, seconds such as `12.5`.
+        Start, as in `e3pose query`: `2026-11-21T14:00`, `-10min`, seconds such as `12.5`.
     to
-        Until when, likewise.
+        End, in the same formats.
     track
-        These people only, by track id.
+        Only these track ids.
     region
-        Only where the middle of a person is on this rectangle of the floor: x,y,x,y in metres.
+        Only people whose centre is in this rectangle of the floor: x,y,x,y in metres.
     site
-        Runs of one site only, of a store.
+        Only runs of this site.
     run
-        One run only, of a store.
+        Only this run.
     fill
-        Fill gaps of a joint up to this long, such as 200ms, and mark them; none by default.
+        Fill gaps of a joint up to this length, such as 200ms, and mark them. Default: none.
     fps
-        Frames a second, by lines between the slots; by default those of the slots.
+        Frame rate, by linear interpolation. Default: the slot rate.
     units
-        Of TRC, C3D (mm by default) and BVH (m by default).
+        Length unit of TRC, C3D (default mm) and BVH (default m).
     angles
         Add joint angles as columns of CSV and Parquet.
     calibration
-        The cameras, for 2D keypoints: COCO needs it, OpenPose JSON takes it.
+        Calibration file, for 2D keypoints: required for COCO, optional for OpenPose JSON.
     """
     from e3pose.cli.progress import track_progress
     from e3pose.exports import ExportSettings, format_of
@@ -129,9 +129,9 @@ def export(
     if fps is not None:
         before, take = take, resampled(take, fps)
         if take is not before:
-            print(f"resampled from {before.fps:g} to {take.fps:g} frames a second, linearly")
+            print(f"resampled from {before.fps:g} to {take.fps:g} frames per second, linearly")
     for path, told in write(take, dest, form, ExportSettings(units, angles, rig, progress)):
-        print(f"{path}: {told}")
+        wrote(path, told)
     _tell_filled(take)
 
 
@@ -150,8 +150,8 @@ def _take(source: str, dest: Path, asked: Asked) -> Take:
         return take_from_table(path, asked)
     if (path / "recording.toml").is_file():
         raise InputError(
-            f"{source}: found a recording, expected poses: e3pose replay {source} --poses "
-            "poses.parquet makes some"
+            f"{source}: found a recording, expected poses: first run e3pose replay {source} "
+            "--poses poses.parquet"
         )
     store, site = store_of(source, asked.site)
     database = database_path(database_url(store))

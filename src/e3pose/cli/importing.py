@@ -14,7 +14,7 @@ from e3pose.plural import counted
 if TYPE_CHECKING:
     from e3pose.recording import Recording
 
-import_app = App(name="import", help="Make a recording from another format.")
+import_app = App(name="import", help="Convert a data set or detections to a recording.")
 
 Overwrite = Annotated[bool, Parameter(negative="")]
 Folders = Annotated[list[str] | None, Parameter(name="--folder", negative="")]
@@ -24,22 +24,23 @@ Folders = Annotated[list[str] | None, Parameter(name="--folder", negative="")]
 def shelf(
     source: Path,
     dest: Path,
+    /,
     *,
     skeleton: Literal["coco17", "body25"] = "coco17",
     overwrite: Overwrite = False,
 ) -> None:
-    """Import the Shelf sequence with its OpenPose detections and its annotated actors.
+    """Import the Shelf sequence: OpenPose detections and annotated actors.
 
-    Example: e3pose import shelf shelf.npz recordings/shelf
+    Example: `e3pose import shelf shelf.npz recordings/shelf`
 
     Parameters
     ----------
     source
         An .npz with K, R, t, image_size, det_coco17 (or det_body25), det_view, det_frame and gt3d.
     dest
-        The recording folder to make.
+        Recording folder to create.
     skeleton
-        Which of the detections to take.
+        Skeleton of the detections to import.
     overwrite
         Replace the recording at DEST.
     """
@@ -53,6 +54,7 @@ def shelf(
 def panoptic(
     source: Path,
     dest: Path,
+    /,
     *,
     cameras: str = "3,6,12,13,23",
     calibration: Path | None = None,
@@ -61,28 +63,28 @@ def panoptic(
     project_truth: Annotated[bool, Parameter(negative="")] = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Import a CMU Panoptic sequence: its HD cameras, its 3D truth, and your 2D detections of it.
+    """Import a CMU Panoptic sequence: HD cameras, 3D truth, your own 2D detections.
 
-    Example: e3pose import panoptic 160906_band1 recordings/band --detections openpose_json
+    Example: `e3pose import panoptic 160906_band1 recordings/band --detections openpose_json`
 
     Parameters
     ----------
     source
-        The folder of a sequence, with calibration_*.json and hdPose3d_stage1_coco19, or an .npz
-        with joints19_cm_conf or joints19_cm.
+        Sequence folder with calibration_*.json and hdPose3d_stage1_coco19, or an .npz with
+        joints19_cm_conf or joints19_cm.
     dest
-        The recording folder to make.
+        Recording folder to create.
     cameras
-        HD cameras by number, separated by commas; the paper's five by default.
+        HD camera numbers, comma-separated. Default: the paper's five.
     calibration
-        A calibration file, where SOURCE has none.
+        Calibration file, if SOURCE has none.
     detections
-        A folder of OpenPose JSON with a folder per camera. Without it the recording holds the truth
-        alone.
+        Folder of OpenPose JSON, one folder per camera. Without it, the recording holds only the
+        truth.
     folder
-        CAMERA=FOLDER below DETECTIONS, where names alone do not tell; repeatable.
+        CAMERA=FOLDER below DETECTIONS, if the names are ambiguous; repeatable.
     project_truth
-        Put exact projections of the truth in the place of detections, and say so in the recording.
+        Use exact projections of the truth as detections; the recording says so.
     overwrite
         Replace the recording at DEST.
     """
@@ -105,6 +107,7 @@ def panoptic(
 def openpose(
     source: Path,
     dest: Path,
+    /,
     *,
     calibration: Path,
     fps: float,
@@ -113,23 +116,23 @@ def openpose(
 ) -> None:
     """Import OpenPose JSON: CAMERA/FRAME_keypoints.json with BODY_25, COCO-18 or COCO-17.
 
-    The folder of a camera is found by its id: exactly, or with an ending such as _json, or as the
-    only one that begins or ends with it. A frame number that a camera lacks is a lost view.
+    Example: `e3pose import openpose pose-2d recordings/walk --calibration rig.toml --fps 60`
 
-    Example: e3pose import openpose pose-2d recordings/walk --calibration Calib.toml --fps 60
+    A folder belongs to the camera whose id it has, exactly or with a suffix such as _json, or
+    whose id it alone begins or ends with. A missing frame number is a lost view.
 
     Parameters
     ----------
     source
-        A folder with a folder per camera.
+        Folder with one folder per camera.
     dest
-        The recording folder to make.
+        Recording folder to create.
     calibration
-        The calibration file of the cameras.
+        Calibration file of the cameras.
     fps
-        Frames a second of the cameras.
+        Frame rate of the cameras.
     folder
-        CAMERA=FOLDER, where names alone do not tell; repeatable.
+        CAMERA=FOLDER, if the names are ambiguous; repeatable.
     overwrite
         Replace the recording at DEST.
     """
@@ -144,6 +147,7 @@ def openpose(
 def coco(
     source: Path,
     dest: Path,
+    /,
     *,
     calibration: Path,
     fps: float,
@@ -151,25 +155,25 @@ def coco(
     detector: str = "",
     overwrite: Overwrite = False,
 ) -> None:
-    """Import COCO keypoint results, or AlphaPose's, whose images are named CAMERA/FRAME.
+    """Import COCO keypoint results (also AlphaPose) of images named CAMERA/FRAME.
 
-    Example: e3pose import coco results.json recordings/walk --calibration rig.toml --fps 30
+    Example: `e3pose import coco results.json recordings/walk --calibration rig.toml --fps 30`
 
     Parameters
     ----------
     source
-        A JSON list of results, or a COCO dataset with images and annotations.
+        JSON list of results, or COCO data set with images and annotations.
     dest
-        The recording folder to make.
+        Recording folder to create.
     calibration
-        The calibration file of the cameras.
+        Calibration file of the cameras.
     fps
-        Frames a second of the cameras.
+        Frame rate of the cameras.
     images
-        A COCO dataset whose table of images says which file an image_id is.
+        COCO data set whose `images` table maps image_id to a file name.
     detector
-        What made the results: the name of a shipped noise file such as openpose, or any other name.
-        Without it, replay learns how far off the keypoints are from a cautious start.
+        Detector of the results: the name of a shipped noise model such as openpose, or any other
+        name. Without it, the noise is learned from a cautious start.
     overwrite
         Replace the recording at DEST.
     """
@@ -183,27 +187,28 @@ def coco(
 def cmu(
     source: Path,
     dest: Path,
+    /,
     *,
     clip: str | None = None,
     fps: float = 30.0,
     overwrite: Overwrite = False,
 ) -> None:
-    """Import clips of the CMU motion capture database: truth to train and measure predictors.
+    """Import CMU motion capture clips, to train and evaluate predictors.
 
-    Nobody filmed these people: the recordings hold truth alone, and made-up cameras around it.
+    Example: `e3pose import cmu cmu_mocap.npz recordings/cmu`
 
-    Example: e3pose import cmu cmu_mocap.npz recordings/cmu
+    The recordings hold only the truth, with simulated cameras around it.
 
     Parameters
     ----------
     source
-        An .npz with joint_names and an array per clip, frames x 31 joints x 3, metres, z up.
+        An .npz with joint_names and one array per clip, frames x 31 joints x 3, metres, z up.
     dest
-        The folder to make recordings in, one of each clip's name; the recording itself with --clip.
+        Folder to create, with one recording per clip; with --clip, the recording itself.
     clip
-        One clip by name, such as 02_01; all of them by default.
+        Import only this clip, such as 02_01.
     fps
-        Frames a second of the clips.
+        Frame rate of the clips.
     overwrite
         Replace recordings at DEST.
     """
@@ -230,7 +235,7 @@ def _save(recording: Recording, dest: Path, overwrite: bool) -> None:
     save_recording(recording, dest, overwrite=overwrite)
     people = sum(len(series.scores) for series in recording.views)
     print(
-        f"{dest}: {counted(len(recording.rig), 'camera')}, "
+        f"Wrote {dest}: {counted(len(recording.rig), 'camera')}, "
         f"{counted(recording.num_slots, 'slot')} at "
         f"{recording.fps:g} fps, {counted(people, '2D pose')} ({recording.skeleton.name})"
         + (

@@ -1,13 +1,11 @@
-"""`e3pose info`: describe a recording and say what is wrong with it."""
+"""`e3pose info`: describe a recording and report problems in it."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
-
+from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.plural import counted
 
 if TYPE_CHECKING:
@@ -20,21 +18,22 @@ if TYPE_CHECKING:
 
 def info(
     recording: Path,
+    /,
     *,
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json_file: JsonFile = None,
 ) -> None:
-    """Describe a recording and say what is wrong with it.
+    """Describe a recording and report problems in it.
 
-    Exits with 0 if the recording can be read, whatever is wrong with it, and with 2 if it cannot.
+    Example: `e3pose info recordings/shelf`
 
-    Example: e3pose info recordings/shelf
+    Exit code: 0 if the recording is readable, with or without problems; 2 if it is not.
 
     Parameters
     ----------
     recording
-        A recording folder.
-    json
-        Print JSON in the place of tables.
+        Recording folder.
+    json_file
+        Write the description and the problems here as JSON; - is standard output.
     """
     from e3pose.recording import load_recording
     from e3pose.recording.description import describe
@@ -43,29 +42,22 @@ def info(
     loaded = load_recording(recording)
     description = describe(loaded)
     problems = find_problems(loaded, recording)
-    if json:
-        _print_json(description, problems)
-    else:
-        from rich.console import Console
+    if not is_stdout(json_file):
+        from e3pose.evaluate.columns import table_console
 
-        # A pipe gets whole lines; only a terminal has a width to fold to.
-        console = Console(highlight=False, width=None if sys.stdout.isatty() else 200)
-        _print_tables(console, description, problems)
+        _print_tables(table_console(200), description, problems)
+    if json_file is not None:
+        import msgspec
 
-
-def _print_json(description: Description, problems: list[Problem]) -> None:
-    import msgspec
-
-    content = {**msgspec.to_builtins(description), "problems": msgspec.to_builtins(problems)}
-    text = msgspec.json.format(msgspec.json.encode(content), indent=2)
-    sys.stdout.write(text.decode() + "\n")
+        content = {**msgspec.to_builtins(description), "problems": msgspec.to_builtins(problems)}
+        write_json(json_file, content)
 
 
 def _noise_line(description: Description) -> str:
     from e3pose.model.noises import DEFAULT, detector_of
 
     name = detector_of(description)
-    return f"{name}: OpenPose's and half of it, then learned" if name == DEFAULT else name
+    return f"{name}: 1.5 x OpenPose, then learned online" if name == DEFAULT else name
 
 
 def _print_tables(console: Console, description: Description, problems: list[Problem]) -> None:
@@ -83,54 +75,40 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
         "scored slots": scored,
         "skeleton": description.skeleton,
         "detector": description.detector or "not stated",
-        "noise file": _noise_line(description),
+        "noise model": _noise_line(description),
         "truth": _truth_line(description),
     }
     for label, value in rows.items():
         facts.add_row(Text(label, style="bold"), Text(value))
     console.print(facts)
     console.print()
-    console.print(_camera_table(description.cameras))
+    for table in _camera_tables(description.cameras, console.width):
+        console.print(table)
     console.print()
     if not problems:
-        console.print(Text("Nothing looks wrong.", style="green"))
+        console.print(Text("No problems found.", style="green"))
         return
-    console.print(
-        Text(
-            f"{len(problems)} {'thing looks' if len(problems) == 1 else 'things look'} wrong:",
-            style="bold yellow",
-        )
-    )
+    console.print(Text(f"{counted(len(problems), 'problem')}:", style="bold yellow"))
     for problem in problems:
         console.print(Text(f"  {problem.where}: {problem.message}"), soft_wrap=True)
 
 
-def _camera_table(cameras: tuple[CameraDescription, ...]) -> Table:
-    from rich.table import Table
-    from rich.text import Text
+def _camera_tables(cameras: tuple[CameraDescription, ...], width: int) -> list[Table]:
+    from e3pose.evaluate.columns import fitted_tables
 
-    table = Table(box=None, pad_edge=False)
-    table.add_column("camera")
-    for title in ("image", "lens", "centre, m", "views", "lost", "people mean", "max"):
-        table.add_column(title, justify="right")
-    for title in ("keypoints missing", "median score", "video"):
-        table.add_column(title, justify="right")
-    for camera in cameras:
-        cells = (
-            camera.camera_id,
-            f"{camera.image_size[0]} x {camera.image_size[1]}",
-            camera.lens,
-            " ".join(f"{value:.2f}" for value in camera.center_m),
-            str(camera.frames),
-            str(camera.lost),
-            _number(camera.mean_people, "{:.2f}"),
-            str(camera.max_people),
-            _number(camera.missing_keypoints, "{:.1%}"),
-            _number(camera.median_score, "{:.2f}"),
-            camera.video or "-",
-        )
-        table.add_row(*(Text(cell) for cell in cells))
-    return table
+    columns: dict[str, list[str]] = {
+        "image": [f"{c.image_size[0]} x {c.image_size[1]}" for c in cameras],
+        "lens": [c.lens for c in cameras],
+        "centre, m": [" ".join(f"{value:.2f}" for value in c.center_m) for c in cameras],
+        "views": [str(c.frames) for c in cameras],
+        "lost": [str(c.lost) for c in cameras],
+        "people, mean": [_number(c.mean_people, "{:.2f}") for c in cameras],
+        "max": [str(c.max_people) for c in cameras],
+        "missing keypoints": [_number(c.missing_keypoints, "{:.1%}") for c in cameras],
+        "median score": [_number(c.median_score, "{:.2f}") for c in cameras],
+        "video": [c.video or "-" for c in cameras],
+    }
+    return fitted_tables({"camera": [c.camera_id for c in cameras]}, columns, width)
 
 
 def _truth_line(description: Description) -> str:

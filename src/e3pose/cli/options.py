@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter, Token
 
+from e3pose.cli.output import STDOUT
 from e3pose.errors import InputError
 from e3pose.files.table import read_table
 from e3pose.settings.energy import EnergySettings, IdleMode
@@ -69,7 +70,7 @@ def check_outputs(source: Path, outputs: Mapping[str, Path | None]) -> None:
 
     taken: dict[Path, str] = {}
     for option, path in outputs.items():
-        if path is None:
+        if path is None or path == STDOUT:
             continue
         check_output(path)
         place = path.resolve()
@@ -88,41 +89,41 @@ class LoopOptions:
     """How the loop runs, for every verb that runs it."""
 
     pipeline: str = LOOP.pipeline
-    """How the people are found: `default`, which is `memory`, keeps a filter per person, goes on
-    with any number of views, and lets the policy `information` decide; `paper` is the published
-    system, which places people slot by slot from two views each, under its policy `e3pose`."""
+    """Estimator. `default` (= `memory`): a Kalman-type filter per person that accepts any number
+    of views, with the policy `information`. `paper`: the published system, which triangulates
+    each slot from two or more views, with the policy `e3pose`."""
     target_error: str | None = None
-    """Wake as few cameras as keep the expected error of the joints below this: 40mm, 4cm. In place
-    of --cameras, for the policy `information`."""
+    """Wake as few cameras as keep the expected joint error below this: 40mm, 4cm. Replaces
+    --cameras; policy `information` only."""
     budget: Annotated[float | None, Parameter(alias="-E")] = None
-    """E, the share of slots a camera may be active in, C/N to 1; C/N + 0.2 by default."""
+    """Energy budget E: share of slots a camera may be active, C/N to 1. Default: C/N + 0.2."""
     quality_weight: Annotated[float | None, Parameter(alias="-V")] = None
-    """V: larger prefers clear views, smaller prefers even batteries; the policy's own by default
-    (1, `information` 10)."""
+    """Quality weight V: larger favours informative views, smaller favours even energy use.
+    Default: set by the policy (1; `information`: 10)."""
     lead: Whole = LOOP.lead_slots
-    """tau, how many slots ahead the cameras are told."""
+    """Lead tau: slots between a decision and the slot it is for."""
     warmup: Whole = LOOP.warmup_slots
-    """M, slots at the start in which every camera detects."""
+    """Warm-up M: slots at the start in which every camera detects."""
     seed: Whole = LOOP.seed
-    """Of random choices."""
+    """Random seed."""
     phase: Whole = LOOP.phase
-    """Which camera comes first in turns and ties."""
+    """Camera that starts the round robin and wins ties."""
     predictor: str | None = None
-    """What foresees the poses for the policy and steers the filter of the pipeline `memory`:
-    attention-lstm or a file of `e3pose train`; constant-velocity, damped-velocity and zero-velocity
-    steer nothing. By default attention-lstm steers and the policy has its own."""
+    """Motion predictor of the policy, which also corrects the filter's velocities (pipeline
+    `memory`): attention-lstm or a file of `e3pose train`; constant-velocity, damped-velocity and
+    zero-velocity correct nothing. Default: attention-lstm corrects, the policy has its own."""
     noise: str | None = None
-    """How far off keypoints are, by score: a detector's name, or a file made by
-    `e3pose calibrate noise`; by default as the recording's detector is known to err."""
+    """Keypoint noise model: a detector name, or a file from `e3pose calibrate noise`. Default:
+    the model of the recording's detector."""
     match_distance: str | None = None
-    """How far apart the rays of two views may pass, as a mean over the joints, to show one person:
-    100mm, 0.1m; 150mm by default. For the pipeline `paper` alone."""
+    """Maximum mean distance between the rays of two views of one person: 100mm, 0.1m. Default:
+    150mm. Pipeline `paper` only."""
     reject_outliers: bool = LOOP.reject_outliers
-    """Leave out views that disagree with the others."""
+    """Reject views that disagree with the others."""
     occlusion_limit: float = LOOP.occlusion_limit
-    """The threshold of the policy `independent`."""
+    """Occlusion threshold of the policy `independent`."""
     round_trip_ms: float = 1000 * LOOP.round_trip_s
-    """The delay that the policy `central-2d` waits for in every decision."""
+    """Network round trip that the policy `central-2d` waits for in each decision."""
 
     def settings(self, policy: str | None = None, cameras: float | None = None) -> ReplaySettings:
         """Return the settings that these options and two that some verbs have mean.
@@ -143,16 +144,15 @@ class EnergyOptions:
     """What the cameras draw, for every verb that reports energy."""
 
     profile: str = ENERGY.profile.usual or ""
-    """Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file; exceptions with
-    commas, as in xavier-nx,cam3=tx2."""
+    """Power profile of the cameras: xavier-nx, tx2, generic, or a TOML file. Per camera:
+    xavier-nx,cam3=tx2."""
     idle_mode: IdleMode = ENERGY.idle_mode
-    """What a camera does in slots for which it is not selected."""
+    """Mode of a camera in slots in which it is not selected."""
     battery_wh: str | None = None
-    """Capacity of the cameras' batteries in watt-hours; exceptions with commas: 50,cam1=20. By
-    default what the recording says of a camera, and 50 for the others."""
+    """Battery capacity in watt-hours. Per camera: 50,cam1=20. Default: the recording's, else 50."""
     lifetime: str | None = None
-    """Keep every camera's battery alive this long: 10h, 90min, 2d. Sets the budget of each camera,
-    and without --cameras and --target-error wakes as many cameras as these pay for."""
+    """Make every battery last this long: 10h, 90min, 2d. Sets the budget of each camera. Without
+    --cameras and --target-error it also sets how many cameras to wake."""
 
     def settings(self) -> EnergySettings:
         """Return the settings that these options mean; raise `InputError` naming the option."""

@@ -1,8 +1,7 @@
-"""`e3pose evaluate-predictor`: how well predictors foresee the motion of recordings."""
+"""`e3pose evaluate-predictor`: the error of motion predictors on recordings."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, check_outputs
+from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,58 +32,56 @@ def evaluate_predictor(
     every: Whole = 1,
     slots: str | None = None,
     each: Annotated[bool, Parameter(negative="")] = False,
-    json_file: Annotated[Path | None, Parameter(name="--json")] = None,
+    json_file: JsonFile = None,
     plot: Path | None = None,
     pictures: Path | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Measure predictors on the motion of recordings: errors, boxes, honesty and time.
+    """Evaluate motion predictors: error by lead, box overlap, calibration, latency.
 
     Example: `e3pose evaluate-predictor cmu/02_10 cmu/02_08 --leads 1,5,10`
 
-    People move as the truth of a recording says or, without truth, as all its cameras together see
-    them. From truth the histories are exact, and again noisy and with joints missing, as an
-    estimator would give them.
+    The reference motion is the truth of a recording or, without truth, the tracks estimated with
+    all cameras. With truth, each history is tested exact and again with noise and missing joints.
 
     Parameters
     ----------
     recordings
-        Folders made by `e3pose import`, `e3pose simulate` or `e3pose detect`.
+        Recording folders.
     predictors
-        Names with commas; all that there are by default.
+        Comma-separated names. Default: all.
     leads
-        Slots ahead, with commas.
+        Comma-separated numbers of slots ahead.
     history
-        M, how many slots a predictor is given.
+        History length M in slots.
     noise_mm
-        Standard deviation of the noise in each coordinate of noisy histories.
+        Standard deviation of the noise per coordinate of noisy histories.
     missing
-        Share of the joints that noisy histories lack.
+        Share of joints missing from noisy histories.
     seed
-        Of noise and missing joints.
+        Random seed.
     every
-        Predict in every so many slots only, to be done sooner.
+        Predict in every N-th slot only.
     slots
-        Measure on these slots of every recording only, FIRST:END, several with commas, such as
-        the parts held out of training.
+        Evaluate only these slots, FIRST:END, comma-separated; for example the slots held out of
+        training.
     each
-        Print the tables of every recording too, not only of all together.
+        Also print the tables of each recording.
     json_file
-        Write the figures here.
+        Write the figures here as JSON; - is standard output.
     plot
-        Write a page with curves of error and IoU here, an .html file.
+        Write a page with curves of error and box overlap here (.html).
     pictures
-        Write pictures into this folder, .svg files: `skeletons` (predicted over actual ones, of the
-        windows at the 50th, 75th and 95th percentile of error), `error-by-lead`, `expected-errors`.
+        Write pictures (.svg) to this folder: `skeletons` (predicted and actual, at the 50th, 75th
+        and 95th percentile of error), `error-by-lead`, `expected-errors`.
     overwrite
-        Replace the folder of pictures if it exists.
+        Replace the folder of pictures.
     """
-    from rich.console import Console
-
+    from e3pose.evaluate.columns import table_console
     from e3pose.evaluate.prediction.plot import check_plot, write_plot
     from e3pose.evaluate.prediction.scores import PredictionSettings
     from e3pose.evaluate.prediction.tables import print_calibration, print_figures, print_latency
-    from e3pose.files.atomic import atomic_file, check_free
+    from e3pose.files.atomic import check_free
 
     if plot is not None:
         check_plot(plot)
@@ -101,16 +99,14 @@ def evaluate_predictor(
     )
     names = _names(predictors)
     report, windows = _measure(recordings, names, settings, _slots(slots), pictures is not None)
-    if json_file is not None:
-        with atomic_file(json_file) as temporary:
-            temporary.write_text(json.dumps(report, indent=2) + "\n")
     if plot is not None:
         write_plot(plot, report["pooled"], report["calibration"])
     if pictures is not None:
         _draw(pictures, overwrite, report, windows, names, settings)
-    console = Console()
-    if not console.is_terminal:  # a file or a pipe has no width to fit
-        console = Console(width=240)
+    if is_stdout(json_file):
+        write_json(json_file, report)
+        return
+    console = table_console()
     shown = report["recordings"]
     for one in shown if each or len(shown) == 1 else ():
         print_figures(one["recording"], one["figures"], settings.leads, console)
@@ -119,6 +115,9 @@ def evaluate_predictor(
         print_figures(title, report["pooled"], settings.leads, console)
     print_calibration(report["calibration"], console)
     print_latency(report["latency_ms"], settings.leads, console)
+    write_json(json_file, report)
+    wrote(plot)
+    wrote(pictures)
 
 
 def _measure(
@@ -241,5 +240,5 @@ def _leads(text: str) -> tuple[int, ...]:
         return tuple(sorted({int(part) for part in text.split(",")}))
     except ValueError:
         raise InputError(
-            f"--leads: found {text[:40]!r}, expected whole numbers with commas, such as 1,5,10"
+            f"--leads: found {text[:40]!r}, expected comma-separated whole numbers, such as 1,5,10"
         ) from None

@@ -1,8 +1,7 @@
-"""`e3pose query`: what a store remembers, as a table or a file."""
+"""`e3pose query`: rows of a store, as a table or a file."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed
+from e3pose.cli.output import JsonFile, is_stdout, wrote
 from e3pose.errors import MISSING, InputError
 from e3pose.plural import counted
 
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 SHOWN_ROWS = 40
 OPTIONS = {"site": "--site", "run": "--run", "joint": "--joint", "time": "--from, --to"}
 TOO_WIDE = ("joints",)  # for a terminal; files have them
+KEYS = ("run", "run_id", "slot", "time", "track", "joint")  # which every table begins with
+TEXTS = ("time", "joint", "message", "kind", "camera_id", "source")
 
 
 def query(
@@ -34,42 +36,41 @@ def query(
     run: Whole | None = None,
     csv: Path | None = None,
     parquet: Path | None = None,
-    json_file: Annotated[Path | None, Parameter(name="--json")] = None,
+    json_file: JsonFile = None,
 ) -> None:
-    """Ask a store what was where, when: 3D poses, selections, energy, events.
+    """Query a store: 3D poses, selections, energy, events.
 
-    Examples: `e3pose query live.db --from -10min --track 7 --joint left_wrist --csv wrist.csv`,
-    `e3pose query lab --what energy` for what the site in the folder `lab` stores
+    Example: `e3pose query live.db --from -10min --track 7 --joint left_wrist --csv wrist.csv`
 
-    Without a file the first rows are shown. May be asked while the system runs.
+    Without an output file the command prints the first rows. It works while the system runs.
 
     Parameters
     ----------
     store
-        The database, as named to `e3pose replay --store`; a path or a URL. Or a site: the file
-        site.toml, or the folder that has it.
+        Database path or URL, as given to `e3pose replay --store`; or a site: site.toml or its
+        folder.
     from_
-        From when: `2026-11-21T14:00` (local time, with `Z` or `+01:00` another), `14:00` (today),
-        `-10min` (ago; s, min, h, d), or seconds since the run began such as `12.5`.
+        Start: `2026-11-21T14:00` (local time; `Z` or `+01:00` for another zone), `14:00` (today),
+        `-10min` (ago; s, min, h, d), or seconds since the start of the run, such as `12.5`.
     to
-        Until when, written in the same ways; until now by default.
+        End, in the same formats. Default: now.
     track
-        One person only, by track id.
+        Only this track id.
     joint
-        One joint only, such as `left_wrist`.
+        Only this joint, such as `left_wrist`.
     what
-        `poses`; `slots` (selections, arrivals, energy of each slot); `tracks` (who was there when);
-        `energy` (what the cameras' meters said); `events`; `runs` (what the store holds).
+        `poses`; `slots` (selection, arrivals and energy per slot); `tracks` (first and last slot
+        of each person); `energy` (meter readings); `events`; `runs` (contents of the store).
     site
-        Runs of one site only; by default the one named instead of a store, or else all.
+        Only runs of this site.
     run
-        One run only, by its number in `--what runs`; times in seconds are of the newest otherwise.
+        Only this run, by its number in `--what runs`. Default for times in seconds: the newest.
     csv
         Write the rows here as CSV.
     parquet
         Write the rows here as Parquet.
     json_file
-        Write the rows here as a JSON list.
+        Write the rows here as a JSON list; - is standard output.
     """
     from e3pose.files.atomic import check_output
     from e3pose.store import Store
@@ -80,6 +81,8 @@ def query(
     outputs = {form: path for form, path in files.items() if path is not None}
     database = database_path(database_url(store))
     for form, path in outputs.items():
+        if is_stdout(path):
+            continue
         check_output(path)
         if database is not None and path.resolve() in files_of(database.resolve()):
             raise InputError(f"--{form}: found the store itself, expected another file: {path}")
@@ -106,8 +109,10 @@ def query(
         from e3pose.store.export import write_tables
 
         for form, path in outputs.items():
-            count = write_tables(_chunks(asked, what, bounds, track, joint), path, form)
-            print(f"{path}: {counted(count, 'row')}")
+            place = Path("/dev/stdout") if is_stdout(path) else path
+            count = write_tables(_chunks(asked, what, bounds, track, joint), place, form)
+            if not is_stdout(json_file):
+                wrote(path, counted(count, "row"))
 
 
 def store_of(named: str, site: str | None) -> tuple[str, str | None]:
@@ -154,31 +159,33 @@ def _chunks(
 def _show(
     store: Store, what: str, bounds: dict[str, Any], track: int | None, joint: str | None
 ) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+    from e3pose.evaluate.columns import fitted_tables, table_console
 
-    table = Table(box=None, pad_edge=False)
+    cells: dict[str, list[str]] = {}
     shown, more = 0, False
     for columns in _chunks(store, what, bounds, track, joint):
         names = [n for n in columns if not n.endswith("_ns") and n not in TOO_WIDE]
-        if not table.columns:
-            for name in names:
-                number = name not in ("time", "joint", "message", "kind", "camera_id", "source")
-                table.add_column(name, justify="right" if number else "left")
-        rows = list(zip(*(columns[name] for name in names), strict=True))
-        for row in rows[: SHOWN_ROWS - shown]:
-            table.add_row(*(Text(_cell(value)) for value in row))
-        more = len(rows) > SHOWN_ROWS - shown
-        shown = min(SHOWN_ROWS, shown + len(rows))
+        count = max((len(columns[name]) for name in names), default=0)
+        for name in names:
+            kept = columns[name][: SHOWN_ROWS - shown]
+            cells.setdefault(name, []).extend(_cell(value) for value in kept)
+        more = count > SHOWN_ROWS - shown
+        shown = min(SHOWN_ROWS, shown + count)
         if more:  # nobody waits for a day to be read that is not shown
             break
-    # A pipe gets whole lines; only a terminal has a width to fold to.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 200)
-    nothing = "Nothing was stored that fits; --what runs lists what is there."
-    console.print(table if shown else nothing)
+    console = table_console(200)
+    if not shown:
+        console.print("No matching rows. List the contents of the store with --what runs.")
+        return
+    days = {time[:10] for time in cells.get("time", ())}
+    title = f"{days.pop()}, times in UTC" if len(days) == 1 else ""
+    if title:  # the date is the same in every row
+        cells["time"] = [time[11:23] for time in cells["time"]]
+    keys = {name: cells.pop(name) for name in KEYS if name in cells}
+    for table in fitted_tables(keys, cells, console.width, title, left=TEXTS):
+        console.print(table)
     if more:
-        console.print("... and more: --csv, --parquet or --json write all of it")
+        console.print(f"first {SHOWN_ROWS} rows; --csv, --parquet or --json write all rows")
 
 
 def _cell(value: Any) -> str:

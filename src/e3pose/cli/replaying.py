@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.bad_days import BadDayOptions
 from e3pose.cli.options import EnergyOptions, LoopOptions, as_typed, check_outputs, options_of, warn
+from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
@@ -24,6 +24,7 @@ SMOOTH = SmoothOptions()
 
 def replay(
     recording: Path,
+    /,
     *,
     policy: str | None = None,
     cameras: Annotated[float | None, Parameter(alias="-C")] = None,
@@ -34,38 +35,34 @@ def replay(
     smooth: SmoothOptions = SMOOTH,
     poses: Path | None = None,
     report: Path | None = None,
-    json_file: Annotated[Path | None, Parameter(name="--json")] = None,
+    json_file: JsonFile = None,
 ) -> None:
-    """Run a recording through the system, letting it see only the cameras it selects.
+    """Replay a recording through the live pipeline, which sees only the views it selects.
 
     Example: `e3pose replay shelf --cameras 2 --poses poses.parquet --report report.html`
 
-    Say what you want in one of three ways: a number of cameras (`--cameras 2`, or a mean such as
-    1.5), an accuracy (`--target-error 40mm`), or how long the batteries are to last
-    (`--lifetime 6h --battery-wh 50`). A lifetime may be joined with either of the others and then
-    limits them; a number and an accuracy exclude each other.
+    Set one goal: cameras per slot (`--cameras 2`), accuracy (`--target-error 40mm`) or battery
+    life (`--lifetime 6h --battery-wh 50`). A lifetime also combines with either of the others.
 
-    With `--smooth` the poses, the page and the figures are what the loop could have said with all
-    slots before it; cameras are chosen as without.
+    With `--smooth`, poses, report and figures also use later slots; the selection is unchanged.
 
-    Prints accuracy (where the recording has truth), what every camera did, and the energy saved.
+    The command prints accuracy (if the recording has truth), camera use and energy saved.
 
     Parameters
     ----------
     recording
-        Folder made by `e3pose detect`, `e3pose import` or `e3pose simulate`.
+        Recording folder.
     policy
-        Who decides: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
-        information; by default that of the pipeline.
+        Camera selection: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
+        information. Default: set by --pipeline.
     cameras
-        C, how many cameras detect in a slot; a mean if it is no whole number. By default 2, and 3
-        with the paper's pipeline.
+        Cameras per slot C; a mean such as 1.5 is allowed. Default: 2, and 3 with --pipeline paper.
     poses
-        Write the 3D poses here, `.parquet` or `.csv`.
+        Write the 3D poses here (.parquet or .csv).
     report
-        Write a page to look at here, `.html`: the skeletons in 3D, selection, energy.
+        Write a report page here (.html): 3D player, camera selection, energy.
     json_file
-        Write the figures here.
+        Write the figures here as JSON; - is standard output.
     """
     from e3pose.cli.placed import load_placed
     from e3pose.cli.progress import track_progress
@@ -75,20 +72,18 @@ def replay(
     from e3pose.evaluate.replay import replay as run_replay
     from e3pose.evaluate.summary import summarise
     from e3pose.evaluate.tables import print_summary
-    from e3pose.files.atomic import atomic_file
     from e3pose.settings.parts import noise_warning
 
     if poses is not None:
         check_poses_path(poses)
     if report is not None and report.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--report: found {str(report)!r}, expected a name that ends in .html")
+        raise InputError(f"--report: found {str(report)!r}, expected a name ending in .html")
     if store.store is not None or store.keep or store.max_size:
         store.retention()
     smoothing = smooth.settings()
     if store.store is not None and smoothing.method is not None:
         raise InputError(
-            "--store: keeps what a live site would have known, expected no --smooth; smooth later "
-            "with e3pose export"
+            "--store: found with --smooth, expected one of them; smooth later with e3pose export"
         )
     outputs = {"--poses": poses, "--json": json_file, "--report": report}
     check_outputs(recording, {"--store": store.file(), **outputs})
@@ -136,11 +131,14 @@ def replay(
     summary = replace(summary, smooth=smoothing.method)
     if poses is not None:
         write_poses(records, source.skeleton, poses)
-    if json_file is not None:
-        with atomic_file(json_file) as temporary:
-            temporary.write_text(json.dumps(as_json(summary), indent=2) + "\n")
     if report is not None:
         from e3pose.report import write_report
 
         write_report(source, records, summary, report)
+    if is_stdout(json_file):
+        write_json(json_file, as_json(summary))
+        return
     print_summary(summary)
+    for path in (poses, report, store.file()):
+        wrote(path)
+    write_json(json_file, as_json(summary))

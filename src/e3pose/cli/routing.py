@@ -20,26 +20,26 @@ def router(
     json_logs: Annotated[bool, Parameter(negative="")] = False,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
 ) -> None:
-    """Route for a site before its edge, where cameras cannot reach that themselves.
+    """Run a router that connects the cameras of another network to the edge.
 
     Example: `e3pose router hall --edge tls/edge.local:7447`
 
-    Cameras and viewers connect to it as they would to the edge, and may say and hear the same. Who
-    may is in keys.toml of its folder; carry a new one there, and it is taken in within seconds.
-    Ends on Ctrl-C.
+    Cameras and viewers connect to the router as they would to the edge, with the same permissions.
+    After each change of certificates, copy keys.toml to the router's folder; it reloads within
+    seconds. Stop it with Ctrl-C.
 
     Parameters
     ----------
     keys
-        The folder that `e3pose keys add NAME --router` made.
+        Folder from `e3pose keys add NAME --router`.
     edge
-        Where the edge listens, tls/HOST:PORT.
+        Endpoint of the edge, tls/HOST:PORT.
     endpoint
-        Where to listen.
+        Endpoint to listen on.
     json_logs
-        Log one JSON object a line.
+        Log as JSON, one object per line.
     for_s
-        End by itself after so many seconds.
+        Stop after this many seconds.
     """
     check_seconds("--for", for_s)
     from e3pose.site.logs import open_log
@@ -63,7 +63,7 @@ def router(
 
     made.open()
     try:
-        log.info("routes", site=made.site, endpoint=endpoint, edge=edge)
+        log.info("router ready", site=made.site, endpoint=endpoint, edge=edge)
         run_until_stopped(running)
     finally:
         made.close()

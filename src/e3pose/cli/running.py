@@ -1,4 +1,4 @@
-"""`e3pose edge`, `camera`, `up`: a site at work."""
+"""`e3pose edge`, `camera`, `up`: the live programs."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ def edge(
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
     end_with_parent: Child = False,
 ) -> None:
-    """Run the edge server of a site: receive, fuse, choose cameras, tell them.
+    """Run the edge server of a site: receive views, estimate poses, select cameras.
 
-    Examples: `e3pose edge site.toml`, `e3pose edge lab` where that is a folder with a site.toml
+    Example: `e3pose edge site.toml`
 
-    Waits until the cameras are there, closes a slot when all views are in or its deadline passes,
-    and publishes the people of every slot. Ends on Ctrl-C with a summary; started again it goes on
-    where it was. Look at it with `e3pose top site.toml`. docs/live.md has the whole story.
+    The edge waits for cameras, closes a slot when all views have arrived or its deadline has
+    passed, and publishes the poses of each slot. Ctrl-C stops it with a summary; a restart resumes
+    from the saved state. Watch it with `e3pose top site.toml`.
 
     Parameters
     ----------
     site
-        The site file, or the folder that has it as site.toml.
+        Site file, or the folder that contains site.toml.
     json_logs
-        Log one JSON object a line.
+        Log as JSON, one object per line.
     for_s
-        End by itself after so many seconds.
+        Stop after this many seconds.
     end_with_parent
-        End when standard input ends, a pipe from the program that started this one.
+        Stop when standard input closes, a pipe from the parent process.
     """
     _look_after_parent(end_with_parent)
     check_seconds("--for", for_s)
@@ -83,60 +83,62 @@ def camera(
     json_logs: Annotated[bool, Parameter(negative="")] = False,
     end_with_parent: Child = False,
 ) -> None:
-    """Run one camera: capture, detect when told to, send keypoints.
+    """Run one camera: capture, detect in selected slots, send keypoints.
 
-    Examples: `e3pose camera camera.toml`,
-    `e3pose camera --site lab --name cam1 --source usb:0 --endpoint tls/edge.local:7447 --keys cam1`
+    Example: `e3pose camera camera.toml`
 
-    Images never leave the camera. It finds the edge by itself, also when that comes later or comes
-    back, and looks only in slots for which it was told to. Ends on Ctrl-C.
+    Without a file: `e3pose camera --site lab --name cam1 --source usb:0 --endpoint
+    tls/edge.local:7447 --keys cam1`
+
+    Images stay on the camera. The program connects and reconnects to the edge by itself and runs
+    the detector only in slots in which the camera is selected. Stop it with Ctrl-C.
 
     Parameters
     ----------
     config
-        A camera file; the options below take precedence.
+        Camera file; the options below take precedence.
     site
-        Name of the site.
+        Site name.
     name
-        Name of the camera in the site's calibration.
+        Camera id in the site's calibration.
     source
         usb:0, rtsp://..., gstreamer:PIPELINE, a video, a folder of images, recorded:RECORDING.
     endpoint
-        Where the edge listens: tls/HOST:PORT, or tcp/HOST:PORT on the same machine.
+        Endpoint of the edge: tls/HOST:PORT, or tcp/HOST:PORT on the same machine.
     keys
-        The folder that `e3pose keys add` made for this camera.
+        Folder from `e3pose keys add`.
     detector
-        Name of the network, see `e3pose models list`.
+        2D pose network; see `e3pose models list`.
     model
-        File of the network.
+        Network file.
     provider
-        Where it runs: auto, tensorrt, cuda, cpu.
+        Execution provider: auto, tensorrt, cuda, cpu.
     threads
-        Processor threads of the network; all cores by default.
+        CPU threads of the network. Default: all cores.
     fps
-        Frames a second to ask of the source.
+        Frame rate to request from the source.
     pace
-        How fast a file or recording is played, 1 by default; the site's own `pace`.
+        Playback speed of a file or recording; must equal the site's `pace`. Default: 1.
     begin_s
-        When a file or recording begins, seconds since 1970; nothing is shown before. By default
-        its rounds are counted from 1970, so that all cameras show the same moment.
+        Start time of playback in seconds since 1970. Default: playback loops are aligned to 1970,
+        so that all cameras show the same moment.
     wake_s
         Seconds from aggressive power-saving to the first frame.
     battery_wh
-        Capacity of the battery; without it the camera is on mains.
+        Battery capacity. Default: mains power.
     meter
-        How power is measured: auto, or model for the profile's figures.
+        Power measurement: auto, or model for the profile's figures.
     profile
-        Power profile for what is not measured.
+        Power profile for whatever cannot be measured.
     state
-        File that remembers the charge of a battery without a gauge; beside the camera file by
-        default, as NAME.battery.json. Delete it when the battery is full again.
+        File that stores the modelled charge of a battery without a gauge. Default:
+        NAME.battery.json beside the camera file. Delete it after charging the battery.
     insecure
-        Allow plain tcp beyond this machine.
+        Allow unencrypted tcp beyond this machine.
     json_logs
-        Log one JSON object a line.
+        Log as JSON, one object per line.
     end_with_parent
-        End when standard input ends, a pipe from the program that started this one.
+        Stop when standard input closes, a pipe from the parent process.
     """
     _look_after_parent(end_with_parent)
     from e3pose.settings.camera_file import load_node
@@ -182,26 +184,26 @@ def up(
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
-    """Start a whole site on this machine, for trying out: the edge and a process per camera.
+    """Run a complete site on this machine: the edge and one process per camera.
 
-    Examples: `e3pose up try --example` makes a simulated site in the folder `try` and runs it;
-    `e3pose up site.toml` runs one that is there.
+    Example: `e3pose up try --example`
 
-    Every `[[camera]]` of the site file says with `source` what it sees. Shows what `e3pose top`
-    shows; Ctrl-C ends all.
+    That creates a simulated site in the folder `try` and runs it; `e3pose up site.toml` runs an
+    existing site. Each `[[camera]]` of the site file needs a `source`. The screen is that of
+    `e3pose top`; Ctrl-C stops everything.
 
     Parameters
     ----------
     site
-        The site file, or the folder that has it as site.toml.
+        Site file, or the folder that contains site.toml.
     example
-        Make the folder first: four cameras that play a simulated scene.
+        Create the folder first, with four cameras that play a simulated scene.
     logs
-        Folder for the output of each program; `logs` beside the site file by default.
+        Folder for the logs of the programs. Default: `logs` beside the site file.
     for_s
-        End by itself after so many seconds.
+        Stop after this many seconds.
     quiet
-        Show nothing.
+        Print nothing.
     """
     import time
 
@@ -261,7 +263,7 @@ def up(
             transport.close()
     if shown[-1] is not None and not showing:
         console.print(screen(shown[-1], 0.0))
-    console.print(f"ended; logs are in {folder}")
+    console.print(f"Stopped. Logs: {folder}", highlight=False)
 
 
 def _look_after_parent(asked: bool) -> None:

@@ -1,4 +1,4 @@
-"""`e3pose simulate`: a recording of people who never were, with exact truth."""
+"""`e3pose simulate`: a recording of simulated people, with exact truth."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ RESOLUTION = re.compile(r"(\d{1,6})[xX](\d{1,6})")
 
 def simulate(
     dest: Path,
+    /,
     *,
     scene: str = "ring",
     people: Whole | None = None,
@@ -30,43 +31,43 @@ def simulate(
     exact: bool = False,
     overwrite: bool = False,
 ) -> None:
-    """Make a recording of simulated people, with exact truth.
+    """Simulate a recording: walking people, calibrated cameras, realistic detections, exact truth.
 
     Example: `e3pose simulate my-scene --scene crossing --people 6 --cameras 8 --seed 3`
 
-    People walk, stop and gesture, sit, leave and come back; the detections err as those of a real
-    detector do. The same options and seed give the same recording.
+    Detections have the noise, misses, swaps and false people of a real detector. The same options
+    and seed give the same recording.
 
     Parameters
     ----------
     dest
-        Folder to write the recording to.
+        Recording folder to create.
     scene
-        What goes on: ring, crossing, crowd or meeting; pillar, shaft, one-sided or poor-view, where
-        cameras see unequally well; two-rooms or l-hall, where no camera sees everybody;
-        unequal-batteries, dying-cameras or slow.
+        ring, crossing, crowd, meeting; pillar, shaft, one-sided, poor-view (cameras with unequal
+        views); two-rooms, l-hall (no camera sees everybody); unequal-batteries, dying-cameras,
+        slow.
     people
-        How many individuals take part; by default as many as suit the scene.
+        Number of people. Default: set by the scene.
     seconds
         Length of the recording.
     fps
-        Frames a second; 25, but 10 in the scene `slow`.
+        Frames per second. Default: 25; scene `slow`: 10.
     cameras
-        How many cameras; by default as many as the scene has places for, or 5 in a ring.
+        Number of cameras. Default: set by the scene; 5 in a ring.
     radius
-        Distance of the cameras from the middle, in metres.
+        Distance of the cameras from the centre, metres.
     height
-        Height of the cameras, in metres.
+        Height of the cameras, metres.
     resolution
-        Width and height of the images; 1032x776 by default.
+        Image size. Default: 1032x776.
     calibration
-        Use the cameras of this calibration file (z up, floor at z = 0) instead of a ring.
+        Use the cameras of this calibration file (z up, floor at z = 0).
     seed
-        Another seed gives another recording.
+        Random seed.
     exact
-        Perfect detectors: every joint inside the image, at its exact place, and nothing else.
+        Perfect detections: every joint inside the image, without noise.
     overwrite
-        Replace DEST if it exists.
+        Replace DEST.
     """
     from e3pose.files.atomic import check_free
     from e3pose.recording import save_recording
@@ -97,7 +98,7 @@ def simulate(
     save_recording(recording, dest, overwrite)
     poses = sum(len(series.scores) for series in recording.views)
     print(
-        f"{dest}: {recording.name}: {counted(len(recording.rig), 'camera')}, "
+        f"Wrote {dest}: {recording.name}: {counted(len(recording.rig), 'camera')}, "
         f"{counted(recording.num_slots, 'slot')} at "
         f"{recording.fps:g} fps, {counted(poses, 'detected pose')}"
     )
@@ -117,8 +118,7 @@ def _refuse_ring_options(**options: object) -> None:
     for name, value in options.items():
         if value is not None:
             raise InputError(
-                f"simulate: --{name}: found {value} beside --calibration, "
-                "expected one or the other: a rig of its own has its cameras"
+                f"simulate: --{name}: found {value} beside --calibration, expected one of them"
             )
 
 

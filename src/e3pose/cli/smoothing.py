@@ -20,12 +20,11 @@ class SmoothOptions:
     """How poses are smoothed after the fact, for every verb that can wait for them."""
 
     smooth: Literal["rts", "butterworth", "one-euro"] | None = None
-    """Smooth the poses: `rts` by what slots before and after tell, with the filter's own model of
-    motion; `butterworth`, low-pass of fourth order without delay; `one-euro`, which knows no later
-    slot."""
+    """Smooth the poses: `rts` (fixed-interval smoother with the filter's motion model),
+    `butterworth` (zero-phase low-pass of fourth order) or `one-euro` (causal low-pass)."""
     cutoff: str | None = None
-    """Cut-off of `butterworth` (by default 6Hz, or a quarter of the slots a second), and the least
-    one of `one-euro` (1Hz)."""
+    """Cut-off frequency of `butterworth` (default: 6Hz, or a quarter of the slot rate), and the
+    minimum one of `one-euro` (default: 1Hz)."""
 
     def settings(self) -> SmoothSettings:
         """Return what these options ask for; raise `InputError` for what contradicts itself."""

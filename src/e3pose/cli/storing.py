@@ -26,11 +26,11 @@ class StoreOptions:
     """Where every slot is kept, for every verb that runs the loop."""
 
     store: str | None = None
-    """Keep every slot in this database, for `e3pose query`: a file such as `live.db`, or a URL."""
+    """Store every slot in this database, for `e3pose query`: a file such as `live.db`, or a URL."""
     keep: str | None = None
-    """Remove slots from it that are older than this, such as `30d` or `12h`."""
+    """Retention: delete slots older than this, such as `30d` or `12h`."""
     max_size: Annotated[str | None, Parameter(name="--max-size")] = None
-    """Remove the oldest slots from it beyond this, such as `20GB`."""
+    """Retention: delete the oldest slots beyond this size, such as `20GB`."""
 
     def file(self) -> Path | None:
         """Return the file that the store is, None for a database elsewhere, or none at all."""

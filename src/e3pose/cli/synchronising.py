@@ -28,7 +28,7 @@ def sync(
     overwrite: Annotated[bool, Parameter(negative="")] = False,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
-    """Find when each camera's film began, from the motion of the people in them.
+    """Synchronise the cameras of a recording by the motion of the people in it.
 
     Example: `e3pose sync walk walk-in-step`
 

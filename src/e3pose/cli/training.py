@@ -1,4 +1,4 @@
-"""`e3pose train`: teach the attention-LSTM predictor the motion of recordings."""
+"""`e3pose train`: train the attention-LSTM predictor on recordings."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHIPPED_NAME = "shipped"
 
 
 def train(
-    recordings: list[Path],
+    recordings: Annotated[list[Path], Parameter(name="RECORDING", negative="")],
     /,
     *,
     out: Path = Path("predictor"),
@@ -40,60 +40,56 @@ def train(
     jobs: Whole = 1,
     dask: str | None = None,
 ) -> None:
-    """Train the attention-LSTM predictor on the motion of recordings.
+    """Train the attention-LSTM predictor on recordings.
 
-    People move as the truth of a recording says or, without truth, as all its cameras together see
-    them; what the predictor is given is then what combinations of cameras see.
+    Example: `e3pose train recordings/a recordings/b --validate recordings/c --out predictor`
 
-    Writes attention-lstm.onnx, model-card.md, log.csv and checkpoint.pt. A training that was killed
-    goes on from its checkpoint when the same command is given again.
+    Fine-tune the shipped weights: `e3pose train my-room --start shipped --minutes 10`
 
-    Example: e3pose train recordings/a recordings/b --validate recordings/c --out predictor
-
-    Example: e3pose train my-room --start shipped --minutes 10
+    The target motion is the truth of a recording or, without truth, the estimate from all cameras;
+    the inputs are then estimates from combinations of cameras. The command writes
+    attention-lstm.onnx, model-card.md, log.csv and checkpoint.pt. Run it again to resume.
 
     Parameters
     ----------
     recordings
-        Recordings to learn from, with truth or with detections of several cameras.
+        Training recordings, with truth or with detections of several cameras.
     out
-        The folder for the results.
+        Output folder.
     start
-        Go on from these weights (.onnx), at half the learning rate, not from nothing; `shipped` are
-        those that e3pose comes with.
+        Start from these weights (.onnx) at half the learning rate; `shipped` names those of the
+        package. Default: random weights.
     validate
-        Recordings that are never learned from and tell when to stop; repeatable.
+        Validation recordings, never trained on; repeatable.
     hold_out
-        Share of the end of every stretch of a minute or more that is for validation too.
+        Share of the end of every continuous minute or more to hold out for validation.
     target
-        What to learn: truth, estimates, or auto for the truth of recordings that have it.
+        Training target: truth, estimates, or auto (truth where available).
     include_scored
-        Learn from slots in which systems are evaluated too; the model card says so.
+        Also train on slots declared for evaluation; the model card says so.
     combinations
-        Camera combinations fused in a slot at most, drawn anew in every slot if there are more.
+        Maximum camera combinations per slot, sampled at random.
     history
-        M, how many slots the network looks back.
+        History length M in slots.
     leads
-        How many slots ahead it is trained to look; it can look further, less well.
+        Longest lead to train for, in slots.
     hidden
-        Width of the network.
+        Hidden size of the network.
     dropout
-        Share of its units that do not take part in a batch: more where there is little motion to
-        learn from. 0.2 by default, or what the weights of --start were made with.
+        Dropout rate. Default: 0.2, or that of --start.
     steps
-        Batches to learn from at most.
+        Maximum number of batches.
     minutes
-        Stop learning in this time.
+        Time limit.
     batch
-        Windows a batch.
+        Batch size.
     seed
-        Another seed gives other weights and windows.
+        Random seed.
     jobs
-        Processes that fuse the cameras and draw the windows; -1 for all cores. The weights do not
-        depend on it.
+        Worker processes for data preparation; -1 uses all cores. Does not change the weights.
     dask
-        Let a Dask cluster do that: the address of its scheduler, such as tcp://host:8786, or local
-        for one of as many workers as --jobs on this machine. Only use a cluster you trust.
+        Dask scheduler for data preparation, such as tcp://host:8786, or local. Use only a cluster
+        you trust.
     """
     import math
 
@@ -179,7 +175,7 @@ def train(
             workers,
             before,
         )
-    print(f"{weights}: trained; figures on held-out motion are in {out / 'model-card.md'}")
+    print(f"Wrote {weights}; validation figures: {out / 'model-card.md'}")
 
 
 def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, TrainSettings]:

@@ -1,4 +1,4 @@
-"""`e3pose top` and `check`: a site in the terminal, running or about to."""
+"""`e3pose top` and `check`: status and configuration check of a site."""
 
 from __future__ import annotations
 
@@ -28,26 +28,25 @@ def top(
     once: Annotated[bool, Parameter(negative="")] = False,
     timeout: float = 5.0,
 ) -> None:
-    """Show a running site: cameras, modes, batteries, watts, who is there.
+    """Show the live status of a running site: cameras, power, batteries, delays.
 
     Example: `e3pose top site.toml`
 
-    For each camera: what it does now; the share of the last minute's slots in which it looked; its
-    watts and its battery, with ~ where a model says so and not a measurement; `owes`, how far it
-    spent above its budget; when it was last heard; views that came late or never; how far its clock
-    is off, which is corrected for. Ctrl-C ends.
+    Columns: mode; duty (share of the last minute's slots); power in watts and battery, ~ if
+    modelled; deficit (energy queue, in slots); age of the last message; views late and lost; clock
+    offset in ms (corrected); keypoint noise relative to its noise model. Narrow terminals show
+    fewer columns. Ctrl-C quits.
 
     Parameters
     ----------
     site
-        The site file, or the folder that has it as site.toml.
+        Site file, or the folder that contains site.toml.
     keys
-        The folder that `e3pose keys add NAME --viewer` made; on the edge server the first viewer of
-        the site's keys by default.
+        Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
     once
-        Print the state once, and end; exit code 2 when no edge answers.
+        Print the status once and exit; exit code 2 if the edge does not answer.
     timeout
-        Seconds to wait for the edge with --once.
+        With --once: seconds to wait for the edge.
     """
     check_seconds("--timeout", timeout)
     from rich.console import Console
@@ -67,7 +66,9 @@ def top(
     try:
         if once:
             if not follower.fresh.wait(timeout):
-                raise InputError(f"endpoint {link.endpoint}: no edge of site {table.name} answers")
+                raise InputError(
+                    f"endpoint {link.endpoint}: the edge of site {table.name} does not answer"
+                )
             console.print(screen(follower.status, 0.0))
             return
         came_s = time.monotonic()
@@ -84,19 +85,19 @@ def top(
 
 
 def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> None:
-    """Examine a site: calibration, certificates, networks, disks, clock, who can be reached.
+    """Check a site: calibration, certificates, networks, disks, clock, connected cameras.
 
     Example: `e3pose check site.toml`
 
-    Says what to do about whatever it finds. The exit code is 1 when something would fail, and 2,
-    with one line, when the site file itself is wrong.
+    Each finding comes with the command or setting that fixes it. Exit code: 0 if ready, 1 if there
+    are problems, 2 if the site file is invalid.
 
     Parameters
     ----------
     site
-        The site file, or the folder that has it as site.toml.
+        Site file, or the folder that contains site.toml.
     keys
-        The folder that `e3pose keys add NAME --viewer` made, as in `e3pose top`.
+        Folder from `e3pose keys add NAME --viewer`.
     timeout
         Seconds to wait for the edge, if it runs.
     """
@@ -132,9 +133,9 @@ def check(site: Path, /, *, keys: Path | None = None, timeout: float = 2.0) -> N
     count = {level: sum(finding.level == level for finding in findings) for level in style}
     told = f"{counted(count['problem'], 'problem')}, {counted(count['warning'], 'warning')}"
     if count["problem"]:
-        print(f"e3pose: {told}: the site would not work as it is", file=sys.stderr)
+        print(f"e3pose: Not ready: {told}", file=sys.stderr)
         sys.exit(1)
-    print(f"nothing would fail: {told}")
+    print(f"Ready: {told}")
 
 
 def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]:
@@ -146,7 +147,7 @@ def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]
         link = viewer_link(site, keys)
         transport = open_network(link)
     except InputError as error:
-        return [Finding("warning", "edge", f"cannot be asked: {error}")]
+        return [Finding("warning", "edge", f"cannot connect: {error}")]
     follower = Follower(site.name)
     follower.listen(transport)
     follower.fresh.wait(timeout_s)

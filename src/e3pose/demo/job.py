@@ -54,8 +54,8 @@ ABOUT = "e3pose-demo.txt"  # says what the folder is, and marks it as one that m
 MARKS = (ABOUT,)
 SITE = "site"
 COMMENT = (
-    "The site of the demo. See it at work again with `e3pose up site.toml`;\n"
-    "every key is explained in docs/live.md."
+    "The site of the demo. Run it again with `e3pose up site.toml`.\n"
+    "Keys: docs/reference/site-file.md."
 )
 
 # Opens a phase of the work by its name, yields what to tell its progress to.
@@ -136,7 +136,7 @@ def run_demo(
                 scene.site_file, scene.recording.rig, scene.num_slots, round_s, ready_s, show
             )
             film = replace(scene.film, begin_ns=heard.begin_ns)
-        with phase("reading the store, drawing") as progress:
+        with phase("writing the results") as progress:
             store = folder / SITE / STORE_FILE
             records, times = stored_records(
                 store, scene.recording.interval_s, film, scene.num_slots
@@ -188,8 +188,8 @@ def _inputs(offline: bool, phase: Phase) -> tuple[tuple[Clip, Path] | None, list
 
 def _fetched(name: str, fetch: Callable[[Progress], T], offline: bool, phase: Phase) -> T:
     if offline:
-        raise InputError("not fetched before, and this run is offline")
-    with phase(f"fetching {name}") as progress:
+        raise InputError("not in the cache, and this run is offline")
+    with phase(f"downloading {name}") as progress:
         return fetch(progress)
 
 

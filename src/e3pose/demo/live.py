@@ -150,7 +150,7 @@ def run_live(
         if waited_s > (SLOT_S if newest else START_S):
             raise InputError(f"edge: no slot for {waited_s:.0f} s: {last_words(programs)}")
         if any(program.restarts for program in programs):
-            raise InputError(f"a program of the site ended by itself: {last_words(programs)}")
+            raise InputError(f"a program of the site stopped: {last_words(programs)}")
         over_ns = heard.begin_ns + round((round_s - 1.5 / site.fps / site.pace) * 1e9)
         again = heard.newest_ns >= over_ns and heard.slots >= num_slots // 2
         return heard.slots >= num_slots or again
@@ -182,4 +182,4 @@ def last_words(programs: list[Program]) -> str:
         text = program.log.read_text(errors="replace") if program.log.exists() else ""
         lines = [line for line in text.strip().splitlines() if line.strip()]
         said += [f"{program.name}: {lines[-1][:200]}"] if lines else []
-    return "; ".join(said) or "nobody said anything"
+    return "; ".join(said) or "no output"

@@ -110,7 +110,7 @@ def _sketch(recording: Recording, record: SlotRecord) -> Image:
         image = draw_poses(image, poses, recording.skeleton, colors, LIMB_PX)
         size = (max(1, round(width * SKETCH_PX / height)), SKETCH_PX)
         panel = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-        text = f"{camera.camera_id} {'awake' if awake else 'asleep'}"
+        text = f"{camera.camera_id} {'active' if awake else 'idle'}"
         cv2.putText(panel, text, (10, 24), 0, 0.6, (40, 40, 40), 1, cv2.LINE_AA)
         panels += [panel, np.full((SKETCH_PX, GAP_PX, 3), 255, np.uint8)]
     return np.concatenate(panels[:-1], axis=1)

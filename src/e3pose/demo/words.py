@@ -1,4 +1,4 @@
-"""What the demo did, what it saved and where to look, in plain words."""
+"""The demo's summary: what it did, what it saved, which files it wrote."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
 
 SLOWER = 3  # how much slower than life the movie plays; the clip lasts under two seconds
 FILES = {
-    "report.html": "open this first: turn and play the skeletons, see who was awake and why",
-    "overlay.webm": f"the 3D skeletons on the pictures, {SLOWER} times slower than life",
-    "overlay.png": "the same as one picture: the fullest moment of each quarter",
-    "poses.parquet": "the 3D poses as a table, metres (poses.csv has the same)",
-    "summary.json": "the figures",
-    "site": "the site that ran: its file, its store, its logs; `e3pose up site.toml` runs it again",
+    "report.html": "open this first: 3D player, camera selection and energy",
+    "overlay.webm": f"video with the 3D skeletons drawn on the frames, {SLOWER}x slow motion",
+    "overlay.png": "four moments of it as one picture",
+    "poses.parquet": "3D poses in metres (also poses.csv)",
+    "summary.json": "all figures",
+    "site": "the site itself: site.toml, store, logs; run it again with `e3pose up`",
 }
 
 
@@ -89,13 +89,13 @@ class DemoReport:
 def words(report: DemoReport) -> list[str]:
     """Say what the demo did, what it saved and where to look."""
     where = [f"  {report.dest / name}: {what}" for name, what in _files(report.dest).items()]
-    return [*story(report), f"Done in {report.seconds:.0f} s. Where to look:", *where]
+    return [*story(report), f"Finished in {report.seconds:.0f} s. Wrote:", *where]
 
 
 def about(report: DemoReport, folder: Path) -> str:
     """Return the text to leave beside the results in `folder`."""
     where = [f"  {name}: {what}" for name, what in _files(folder).items()]
-    return "\n".join(["What e3pose demo left here", "", *story(report), "", *where, ""])
+    return "\n".join(["Output of e3pose demo", "", *story(report), "", *where, ""])
 
 
 def story(report: DemoReport) -> list[str]:
@@ -105,28 +105,28 @@ def story(report: DemoReport) -> list[str]:
     assert energy is not None and selection is not None, "a demo has slots"
     if report.real:
         did = [
-            f"Ran a live site: {report.num_cameras} cameras, each a process that plays its real "
-            f"video and looks at it with the network {report.network}, and an edge server.",
+            f"Ran a live site: an edge server and {report.num_cameras} camera processes that play "
+            f"real videos and detect people with {report.network}.",
             *pace_words(live, report.num_cameras),
         ]
     else:
         did = [
-            *(f"Could not fetch {problem}" for problem in report.not_fetched),
-            f"So this ran a live site on a simulated scene instead: {report.num_cameras} cameras, "
-            "each a process that plays what its network would have seen, and an edge server.",
+            *(f"Could not download {problem}" for problem in report.not_fetched),
+            f"Ran a live site on a simulated scene instead: an edge server and "
+            f"{report.num_cameras} camera processes that play simulated detections.",
         ]
     return [
         *did,
-        f"In each of {summary.slots} slots the edge chose {settings.num_selected} cameras to "
-        f"look {_ahead(live.lead_slots)} (all in the first {settings.warmup_slots}), and placed "
-        "the people in 3D from what those saw.",
-        f"Saved: {selection.mean_cameras:.1f} of {report.num_cameras} cameras were "
-        f"awake on average. That is {energy.saving_percent:.0f} % less energy for processors, "
-        f"WiFi and memory, {energy.device_saving_percent:.0f} % less for the whole cameras, "
-        f"reckoned with the power profile {energy.profile}.",
+        f"In each of {summary.slots} slots the edge selected {settings.num_selected} cameras "
+        f"{_ahead(live.lead_slots)} (warm-up: all cameras in the first "
+        f"{settings.warmup_slots} slots) and estimated the 3D poses from their views.",
+        f"Energy: {selection.mean_cameras:.1f} of {report.num_cameras} cameras were "
+        f"active on average, {energy.saving_percent:.0f} % less energy for processors, "
+        f"WiFi and memory, {energy.device_saving_percent:.0f} % less for the whole cameras "
+        f"(modelled, power profile {energy.profile}).",
         *delivery_words(live),
-        f"{report.people:.1f} people a slot in 3D on average. A new person is shown once three "
-        "cameras have seen them, or ten views.",
+        f"Found {report.people:.1f} people per slot on average. A new track is confirmed by three "
+        "cameras or ten detections.",
         *_accuracy(summary),
     ]
 
@@ -136,8 +136,8 @@ def pace_words(live: LiveFigures, num_cameras: int) -> list[str]:
     if live.pace == 1:
         return []
     return [
-        f"The videos were played at {live.pace:.2g} of their speed, because one look took this "
-        f"machine {live.look_ms:.0f} ms and {num_cameras} cameras share its {live.cores} cores."
+        f"Videos played at {live.pace:.2g}x speed: one detection takes {live.look_ms:.0f} ms on "
+        f"this machine, and {num_cameras} cameras share {live.cores} cores."
     ]
 
 
@@ -149,13 +149,13 @@ def delivery_words(live: LiveFigures) -> list[str]:
     """Say whether orders and views came in time, and how large they were."""
     in_time = live.orders - live.late_orders
     said = (
-        f"Live: {in_time} of {live.orders} orders and {live.views - live.late_views} of "
-        f"{live.views} views came in time; slots lost: {live.slots_lost}. Poses came "
-        f"{live.fuse_ms[0]:.1f} ms after a slot's last view (99 %: {live.fuse_ms[1]:.1f} ms)."
+        f"Timing: {in_time} of {live.orders} orders and {live.views - live.late_views} of "
+        f"{live.views} views arrived in time; {live.slots_lost} slots lost. Poses are published "
+        f"{live.fuse_ms[0]:.1f} ms after the last view (99 %: {live.fuse_ms[1]:.1f} ms)."
     )
-    sizes = f"Sent: {live.view_bytes / 1e3:.0f} kB of keypoints"
+    sizes = f"Network: {live.view_bytes / 1e3:.0f} kB of keypoints"
     if live.video_bytes:
-        return [said, f"{sizes}; the videos of that time are {live.video_bytes / 1e3:.0f} kB."]
+        return [said, f"{sizes}; the same video is {live.video_bytes / 1e3:.0f} kB."]
     return [said, f"{sizes}, {live.order_bytes / 1e3:.0f} kB of orders."]
 
 
@@ -163,7 +163,7 @@ def _accuracy(summary: Summary) -> list[str]:
     error_mm = summary.metrics.mpjpe_mm
     if error_mm is None:
         return []
-    return [f"The joints it placed are {error_mm:.0f} mm from the truth on average."]
+    return [f"Mean joint error against the simulated truth: {error_mm:.0f} mm."]
 
 
 def _files(folder: Path) -> dict[str, str]:

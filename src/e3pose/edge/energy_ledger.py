@@ -107,14 +107,14 @@ class EnergyLedger:
         for index, camera_id in enumerate(self._index):
             cost = now.slots[index]
             if cost.measured != (told is not None and told.slots[index].measured):
-                costs = f"an active slot costs {cost.active_j:.3g} J, an idle one {cost.idle_j:.3g}"
-                news.append((camera_id, f"{camera_id}: {costs} J ({cost.why})"))
+                costs = f"{cost.active_j:.3g} J per active slot, {cost.idle_j:.3g} J per idle slot"
+                news.append((camera_id, f"{camera_id}: {costs} ({cost.why})"))
             if now.starved[index] and not (told is not None and told.starved[index]):
                 news.append(
                     (
                         camera_id,
-                        f"{camera_id}: its budget pays for no active slot, idle ones alone draw "
-                        f"{cost.idle_j / self._interval_s:.3g} W: it is hardly ever chosen",
+                        f"{camera_id}: budget below its idle power of "
+                        f"{cost.idle_j / self._interval_s:.3g} W, selected almost never",
                     )
                 )
         before = self._num_selected if told is None else told.num_selected
@@ -123,8 +123,8 @@ class EnergyLedger:
             news.append(
                 (
                     None,
-                    f"budgets pay for {counted(round(now.num_selected, 2), 'camera')} a slot"
-                    + (f", {asked:g} were asked for" if now.num_selected < asked else ""),
+                    f"budgets allow {counted(round(now.num_selected, 2), 'camera')} per slot"
+                    + (f", {asked:g} requested" if now.num_selected < asked else ""),
                 )
             )
         return news

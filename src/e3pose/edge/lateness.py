@@ -50,5 +50,5 @@ def oddities(silence: Silence, late_by_s: NDArray[np.float64], interval_s: float
 
 def _oddity(failures: int, alive: bool, age_s: float) -> str:
     if failures and alive and age_s < LONG_S:
-        return f"its views come too late, {age_s * 1e3:.0f} ms after they were taken"
-    return "sends no views in time" if failures >= TOLD_FAILURES else ""
+        return f"views arrive too late, {age_s * 1e3:.0f} ms after capture"
+    return "no views arrive in time" if failures >= TOLD_FAILURES else ""

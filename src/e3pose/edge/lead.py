@@ -107,7 +107,7 @@ def lagging(lead: Lead) -> dict[int, str]:
     """Return why each camera that is left behind is of no use."""
     delays_s = {camera: float(np.median(lead.delays_s[camera])) for camera in lead.left_behind}
     return {
-        camera: f"left behind: orders take {delay_s:.1f} s to reach it, far longer than the others"
+        camera: f"too slow: orders take {delay_s:.1f} s to arrive, far longer than for the others"
         for camera, delay_s in delays_s.items()
     }
 

@@ -34,7 +34,7 @@ def still_true(times: SlotTimes, slot: int, now_ns: int, lead_slots: int) -> tup
     moved = SlotTimes(next_ns - slot * times.interval_ns, times.interval_ns)
     if away_ns < 0:
         return moved, f"this machine's clock went back by {lasting(-away_ns / 1e9)}"
-    return moved, f"by this machine's clock {lasting(away_ns / 1e9)} have passed"
+    return moved, f"{lasting(away_ns / 1e9)} since the last slot, by this machine's clock"
 
 
 def lasting(seconds: float) -> str:

@@ -18,9 +18,9 @@ from e3pose.select.policies.fixed import RoundRobin
 
 FULL, TURNS, HALF_RATE = 0, 1, 2
 WORDS = {
-    FULL: "nothing is left out",
-    TURNS: "cameras take turns instead of being chosen",
-    HALF_RATE: "cameras take turns, in every other slot",
+    FULL: "normal operation",
+    TURNS: "cameras are selected by round robin",
+    HALF_RATE: "round robin, in every second slot only",
 }
 AVERAGED_S = 1.0  # the load is a running mean over so long
 HIGH = 0.8  # of a slot: beyond it, the next slot begins late

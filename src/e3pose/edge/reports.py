@@ -161,7 +161,11 @@ def site_status(moment: Moment) -> Status:
 
 
 def changes(
-    camera_ids: Sequence[str], before: Sequence[str], after: Sequence[str], kinds: tuple[str, str]
+    camera_ids: Sequence[str],
+    before: Sequence[str],
+    after: Sequence[str],
+    kinds: tuple[str, str],
+    well: str = "connected",
 ) -> list[tuple[str, str, str]]:
     """Return what to tell of cameras whose trouble began or ended: kind, words, camera.
 
@@ -170,9 +174,10 @@ def changes(
         before: what troubled each; empty where nothing did.
         after: what does now.
         kinds: of events, when it begins and when it ends.
+        well: what to say of a camera when its trouble ends.
     """
     return [
-        (kinds[not why], f"{camera_id}: {why or 'is there'}", camera_id)
+        (kinds[not why], f"{camera_id}: {why}" if why else f"{camera_id} {well}", camera_id)
         for camera_id, was, why in zip(camera_ids, before, after, strict=True)
         if bool(was) != bool(why)
     ]

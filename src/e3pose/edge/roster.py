@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+from e3pose.model.skeleton import SKELETONS
+from e3pose.plural import counted
 from e3pose.wire.messages import CameraMode, Heartbeat, Hello
 
 SILENT_S = 1.9  # without a word for so long a camera is given up; it speaks twice a second
@@ -146,44 +148,56 @@ def trouble(
         now_ns: the time.
     """
     if life.heard_ns is None:
-        return "never seen"
+        return "never connected"
     if life.beat is not None and life.beat.ends:
-        return "ended"
+        return "stopped"
     if not life.present:
         return "not connected"
     if now_ns - life.heard_ns > SILENT_S * 1e9:
         return f"silent for {(now_ns - life.heard_ns) / 1e9:.0f} s"
     if speakers := rivals(life, now_ns):
         return (
-            f"two programs speak as {life.camera_id}: sessions "
-            f"{' and '.join(map(str, speakers))}, expected one with its name and certificate"
+            f"two programs run as {life.camera_id} (sessions "
+            f"{' and '.join(map(str, speakers))}): stop one of them"
         )
     if now_ns < life.quarantined_until_ns:
-        return f"sends messages that make no sense ({life.misfit})"
+        return f"sends invalid messages ({life.misfit})"
     if life.hello is None:  # without a frame it cannot know, and may say why
-        return (life.beat.problem if life.beat else "") or "has not said what it is"
+        return (life.beat.problem if life.beat else "") or "waiting for its first hello"
     if tuple(life.hello.joints) != tuple(joints):
-        return f"finds {len(life.hello.joints)} other joints than the edge's {len(joints)}"
+        return _other_joints(life.hello.joints, joints)
     if tuple(life.hello.image_size) != tuple(image_size):
         width, height = life.hello.image_size
         return (
-            f"has images of {width} x {height}, but was calibrated for "
+            f"image size {width} x {height}, but the calibration has "
             f"{image_size[0]} x {image_size[1]}"
         )
     if life.beat is None:
-        return "has not said how it is"
+        return "waiting for its first heartbeat"
     return _ailing(life, life.beat, now_ns)
+
+
+def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
+    """Say which skeleton a detector outputs where another one is expected."""
+    names = {skeleton.joints: name for name, skeleton in SKELETONS.items()}
+    outputs, expects = (
+        names.get(tuple(joints), counted(len(joints), "joint")) for joints in (found, expected)
+    )
+    if set(found) == set(expected):
+        outputs += " in another order"
+    fix = f': set skeleton = "{outputs}"' if tuple(found) in names else ""
+    return f"detector outputs {outputs}, the site expects {expects}{fix}"
 
 
 def _ailing(life: CameraLife, beat: Heartbeat, now_ns: int) -> str:
     if beat.problem:
         return beat.problem
     if beat.battery_j is not None and beat.battery_j <= 0:
-        return "battery empty" if beat.gauge else "battery empty, as a model says"
+        return "battery empty" if beat.gauge else "battery empty (modelled)"
     if beat.clock_error_ns > CLOCK_ERROR_NS:
-        return f"knows the time only to {beat.clock_error_ns / 1e6:.0f} ms"
+        return f"clock uncertain by {beat.clock_error_ns / 1e6:.0f} ms"
     if now_ns - life.frame_ns > FROZEN_S * 1e9:
-        return "takes no new frames"
+        return "no new frames"
     return ""
 
 

@@ -39,6 +39,7 @@ from e3pose.edge.tally import Counts
 from e3pose.edge.warm import warm_up
 from e3pose.estimate.base import People
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
+from e3pose.plural import counted
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
@@ -237,9 +238,7 @@ class EdgeServer:
         else:
             times, moved = still_true(self.times, self.state.slot, now_ns, self.lead.slots)
             if moved:
-                self.news.tell(
-                    "clock", f"{moved}: slots go on with the next number and nobody in them"
-                )
+                self.news.tell("clock", f"{moved}: slot numbers continue, all tracks end")
                 memory = self.pipeline.estimator.forget_people(self.state.memory)
                 self.state = replace(self.state, memory=memory)
             self._skip(max(self.state.slot, times.slot_at(now_ns) + 1))
@@ -253,9 +252,8 @@ class EdgeServer:
             return
         slot = self.state.slot + behind_ns // self.interval_ns
         self.counts.lost += slot - self.state.slot
-        self.news.tell(
-            "slots-lost", f"slots given up, as the edge was behind: {slot - self.state.slot}"
-        )
+        skipped = counted(slot - self.state.slot, "slot")
+        self.news.tell("slots-lost", f"skipped {skipped}: the edge was behind")
         self._skip(slot)
 
     def _skip(self, slot: int) -> None:
@@ -346,21 +344,23 @@ class EdgeServer:
         before, interval_s = self.load.level, self.interval_ns / 1e9
         self.load = after_slot(self.load, took_s, interval_s, int(record.selected.sum()))
         if self.load.level != before:
-            busy = f"a slot takes {self.load.busy:.0%} of its time to compute"
+            busy = f"computing takes {self.load.busy:.0%} of a slot"
             overloaded = self.load.level > before
-            what = "overloaded" if overloaded else "less load"
+            what = "edge overloaded" if overloaded else "edge load is back to normal"
             self.news.tell("overload", f"{what}, {busy}: {WORDS[self.load.level]}")
 
     # The keeping thread.
 
     def _run_housekeeping(self) -> None:
         ids, due_ns = self.pipeline.rig.camera_ids, 0
-        troubles, odd = ["never seen"] * len(ids), [""] * len(ids)
+        troubles, odd = ["never connected"] * len(ids), [""] * len(ids)
         while not self.crew.stopping.is_set():
             before = troubles, odd
             troubles, odd = self.inbox.troubles(), self.oddities()
             news = changes(ids, before[0], troubles, ("camera-lost", "camera-back"))
-            news += changes(ids, before[1], odd, ("camera-useless", "camera-useful"))
+            news += changes(
+                ids, before[1], odd, ("camera-useless", "camera-useful"), "responds in time again"
+            )
             for kind, message, camera_id in news:
                 self.news.tell(kind, message, camera_id)
             if news or self.clock.now_ns() >= due_ns:
@@ -393,5 +393,5 @@ class EdgeServer:
         memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
         away_s = (self.clock.now_ns() - found.made_ns) / 1e9
-        when = f"{lasting(abs(away_s))} {'later' if away_s >= 0 else 'before it was kept'}"
-        self.news.tell("resumed", f"goes on after slot {self.state.slot - 1}, {when}")
+        when = f"{lasting(abs(away_s))} {'later' if away_s >= 0 else 'before the state was saved'}"
+        self.news.tell("resumed", f"resumed after slot {self.state.slot - 1}, {when}")

@@ -41,11 +41,11 @@ class StateFile:
         except (InputError, OSError) as error:
             if not self.trouble:
                 self.trouble = one_line(str(error))
-                self.tell("checkpoint", f"the state cannot be kept: {self.trouble}")
+                self.tell("checkpoint", f"cannot save the state: {self.trouble}")
             return
         if self.trouble:
             self.trouble = ""
-            self.tell("checkpoint", "the state is kept again")
+            self.tell("checkpoint", "saving the state again")
 
     def take_up(self, pipeline: Pipeline) -> Checkpoint | None:
         """Return the state that was kept; None, and the old file set aside, if it is of no use."""
@@ -75,6 +75,6 @@ class StateFile:
         try:
             path.replace(aside)
         except OSError:
-            self.tell("checkpoint", f"begun afresh: {error}")
+            self.tell("checkpoint", f"started without the saved state: {error}")
             return
-        self.tell("checkpoint", f"begun afresh, the old state is kept as {aside}: {error}")
+        self.tell("checkpoint", f"started without the saved state, moved to {aside}: {error}")

@@ -125,12 +125,12 @@ def slot_cost(cost: LearnedCost, interval_s: float) -> SlotCost:
     sigma = np.sqrt(np.diag(cost.covariance))
     vague = sigma > ENOUGH_SHARE * np.maximum(cost.watts, 1e-9)
     if cost.spans < MIN_SPANS:
-        why = f"modelled: {cost.spans} measurements so far, expected {MIN_SPANS}"
+        why = f"modelled: {cost.spans} of {MIN_SPANS} measurements so far"
     elif vague.any():
         what = " and ".join(n for n, bad in zip(("active", "idle"), vague, strict=True) if bad)
-        why = f"modelled: the {what} power has hardly been seen apart"
+        why = f"modelled: too few measurements of the {what} power alone"
     else:
-        why = f"measured: {cost.spans} stretches"
+        why = f"measured: {cost.spans} intervals"
     active, idle = (cost.watts * interval_s).tolist()
     active_sigma, idle_sigma = (sigma * interval_s).tolist()
     return SlotCost(active, idle, active_sigma, idle_sigma, why.startswith("measured"), why)

@@ -28,7 +28,7 @@ def energy_figures(
     idle_mode: Mode,
     battery_wh: float | Sequence[float],
 ) -> Energy | None:
-    """Return the figures of `docs/energy.md`; None without a slot."""
+    """Return the figures of `docs/explanation/energy.md`; None without a slot."""
     if not records:
         return None
     duty = np.stack([record.selected for record in records]).mean(axis=0)

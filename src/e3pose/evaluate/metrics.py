@@ -1,4 +1,4 @@
-"""How well poses agree with the truth: AP_K, MPJPE, recall, identity switches (docs/metrics.md).
+"""Accuracy against the truth: AP_K, MPJPE, recall, identity switches (docs/reference/metrics.md).
 
 Every function takes poses of one skeleton, slot by slot: `predicted[slot]` is
 `(num_persons, num_joints, 3)` and `truth` is `(num_slots, num_actors, num_joints, 3)`, metres, NaN

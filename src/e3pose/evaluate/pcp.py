@@ -1,4 +1,4 @@
-"""PCP: the percentage of correct parts of the Shelf data set, to the letter of docs/metrics.md."""
+"""PCP, the percentage of correct parts of the Shelf data set (docs/reference/metrics.md)."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-AP_LIMITS_MM = (25, 50, 75, 100, 125, 150)
+AP_LIMITS_MM = (25, 50, 75, 100, 105, 125, 150)  # the paper reports 25, 50, 105, 150
 PANOPTIC_JOINTS = 15  # the protocol leaves out eyes and ears
 
 
@@ -46,7 +46,7 @@ def summarise(
     idle_mode: Mode = "power-saving",
     battery_wh: float | Sequence[float] = DEFAULT_BATTERY_WH,
 ) -> Summary:
-    """Summarise a replay; `docs/metrics.md` says what each figure is.
+    """Summarise a replay; `docs/reference/metrics.md` defines each figure.
 
     Args:
         recording: what was replayed; its truth is first read here.

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 # Heading, path inside a row, digits. Columns that no row has are left out.
 COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
-    ("cameras on", ("selection", "mean_cameras"), 2),
+    ("cameras", ("selection", "mean_cameras"), 2),
     ("PCP 1 %", ("metrics", "pcp", "actor1"), 1),
     ("PCP 2 %", ("metrics", "pcp", "actor2"), 1),
     ("PCP 3 %", ("metrics", "pcp", "actor3"), 1),
     ("PCP avg %", ("metrics", "pcp", "average"), 2),
     ("AP25 %", ("metrics", "ap", "25"), 1),
     ("AP50 %", ("metrics", "ap", "50"), 1),
-    ("AP100 %", ("metrics", "ap", "100"), 1),
+    ("AP105 %", ("metrics", "ap", "105"), 1),
     ("AP150 %", ("metrics", "ap", "150"), 1),
     ("MPJPE mm", ("metrics", "mpjpe_mm"), 1),
     ("p95 mm", ("metrics", "p95_mm"), 0),
@@ -31,89 +31,83 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("jitter m/s2", ("metrics", "acceleration_error_mps2"), 2),
     ("recall", ("metrics", "recall_500mm"), 3),
     ("ids", ("identities",), 1),
-    ("id changes", ("metrics", "id_switches"), 1),
+    ("switches", ("metrics", "id_switches"), 1),
     ("expected mm", ("expected", "error_mm"), 1),
-    ("coverage 90", ("expected", "coverage_90"), 1),
+    ("in 90 %", ("expected", "coverage_90"), 1),
     ("saving %", ("energy", "saving_percent"), 1),
-    ("ms a slot", ("stage_ms", "slot", "median"), 2),
+    ("ms/slot", ("stage_ms", "slot", "median"), 2),
+)
+ENERGY_TITLE = (
+    "modelled energy saving of CPU, GPU, WiFi and memory on xavier-nx (nx) and tx2; x paper: "
+    "relative to 3 of 5 cameras on the same profile (in power-saving this is (1 - duty) / 0.4 by "
+    "construction); aggr.: idle cameras do not capture"
 )
 TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
 TELLING_PX = 3.0  # of shifts that are worth a line
 OF_ONE_REPLAY = {"p95 mm", "jitter m/s2"}  # a comparison has little room
 PREDICT = ("predict ms", ("stage_ms", "predict", "median"), 3)  # beside leads, which it grows with
 FIGURE_NAMES = {
-    "cameras on": "cameras on, mean a slot",
+    "cameras": "active cameras per slot, mean",
     "PCP 1 %": "PCP actor 1, %",
     "PCP 2 %": "PCP actor 2, %",
     "PCP 3 %": "PCP actor 3, %",
     "PCP avg %": "PCP average of actors 1-3, %",
-    "p95 mm": "error that 95 % of the joints stay below, mm",
-    "p99 mm": "error that 99 % of the joints stay below, mm",
-    "jitter m/s2": "error of the joints' acceleration, m/s2",
+    "p95 mm": "95th percentile of joint error, mm",
+    "p99 mm": "99th percentile of joint error, mm",
+    "jitter m/s2": "acceleration error of the joints, m/s2",
     "recall": "recall within 500 mm",
-    "ids": "identities given, of anybody",
-    "id changes": "changes of identity of labelled people",
-    "expected mm": "error that the estimator expects, mm",
-    "coverage 90": "joints within its 90 % band, %",
+    "ids": "track IDs assigned",
+    "switches": "identity switches of labelled people",
+    "expected mm": "expected joint error, mm",
+    "in 90 %": "joints inside the 90 % confidence radius, %",
     "saving %": "energy saved (CPU, GPU, WiFi, DDR), %",
-    "ms a slot": "edge time, median ms a slot",
+    "ms/slot": "edge computing time per slot, median ms",
 }
 
 
 def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None = None) -> None:
     """Print the rows of a comparison: means, with the spread over seeds where there are several."""
-    from rich.table import Table
+    from e3pose.evaluate.columns import fitted_tables, table_console
 
-    table = Table(title="mean +- standard deviation over seeds", title_justify="left")
-    table.add_column("policy", no_wrap=True)
-    table.add_column("C", justify="right")
+    console = table_console() if console is None else console
+    keys = {
+        "policy": [str(row["policy"]) for row in rows],
+        "C": [_asked(row) for row in rows],
+    }
     leads = len({row["lead"] for row in rows}) > 1
     if leads:
-        table.add_column("lead", justify="right")
-    table.add_column("seeds", justify="right")
+        keys["lead"] = [str(row["lead"]) for row in rows]
     known = (*COLUMNS, PREDICT) if leads else COLUMNS
-    columns = [
-        column
-        for column in known
-        if column[0] not in OF_ONE_REPLAY and any(_find(row, column[1]) for row in rows)
-    ]
-    for heading, _, _ in columns:
-        table.add_column(heading, justify="right")
-    for row in rows:
-        cells = [_cell(_find(row, path), digits) for _, path, digits in columns]
-        lead = [str(row["lead"])] if leads else []
-        table.add_row(row["policy"], _asked(row), *lead, str(row["seeds"]), *cells)
-    _print(table, console)
-    _print(_devices(rows), console)
+    columns = {
+        heading: [_cell(_find(row, path), digits) for row in rows]
+        for heading, path, digits in known
+        if heading not in OF_ONE_REPLAY and any(_find(row, path) for row in rows)
+    }
+    seeds = "/".join(sorted({str(row["seeds"]) for row in rows}))
+    title = f"mean +- standard deviation over {seeds} seeds"
+    for table in fitted_tables(keys, columns, console.width, title):
+        console.print(table)
+        console.print()
+    console.print(f"{ENERGY_TITLE}:", style="italic", highlight=False)
+    for table in fitted_tables(keys, _devices(rows), console.width):
+        console.print(table)
+        console.print()
 
 
-def _devices(rows: Sequence[Mapping[str, Any]]) -> Table:
+def _devices(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
     """Return what every row saves on the paper's devices, and against the paper's 3 of 5."""
-    from rich.table import Table
-
-    table = Table(
-        title="power of CPU, GPU, WiFi and memory saved, %, and times the paper's saving with 3 of "
-        "5 cameras;\nidle cameras in power-saving mode, and (aggressive) not even capturing",
-        title_justify="left",
-    )
-    table.add_column("policy", no_wrap=True)
-    table.add_column("C", justify="right")
-    for name in PAPER_SAVINGS:
-        for heading in (name, "x paper", "aggressive", "x paper"):
-            table.add_column(heading, justify="right")
-    for row in rows:
-        cells = [
-            _cell(_find(row, ("energy", "devices", name, key)), digits)
-            for name in PAPER_SAVINGS
-            for key, digits in (
-                ("saving_percent", 1),
-                ("times_paper", 2),
-                ("aggressive_saving_percent", 1),
-                ("aggressive_times_paper", 2),
-            )
+    return {
+        f"{name} {heading}": [
+            _cell(_find(row, ("energy", "devices", name, key)), d) for row in rows
         ]
-        table.add_row(row["policy"], _asked(row), *cells)
-    return table
+        for name in PAPER_SAVINGS
+        for heading, key, d in (
+            ("saved %", "saving_percent", 1),
+            ("x paper", "times_paper", 2),
+            ("aggr. %", "aggressive_saving_percent", 1),
+            ("aggr. x paper", "aggressive_times_paper", 2),
+        )
+    }
 
 
 def _asked(row: Mapping[str, Any]) -> str:
@@ -128,7 +122,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     """Print the figures of one replay and what every camera did."""
     from rich.table import Table
 
-    title = f"{summary.policy} over {counted(summary.slots, 'slot')}"
+    title = f"policy {summary.policy}, {counted(summary.slots, 'slot')}"
     if summary.smooth is not None:
         title += f", smoothed ({summary.smooth})"
     figures = Table(title=title, title_justify="left", show_header=False)
@@ -146,11 +140,11 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     if selection is None or energy is None:
         return
     cameras = Table(
-        title=f"cameras as {energy.profile}, batteries of {energy.battery_wh:g} Wh",
+        title=f"cameras: profile {energy.profile}, {energy.battery_wh:g} Wh batteries",
         title_justify="left",
     )
     cameras.add_column("camera", no_wrap=True)
-    for heading in ("slots on %", "saving %", "mean W", "battery h"):
+    for heading in ("active %", "saving %", "mean W", "battery h"):
         cameras.add_column(heading, justify="right")
     for camera_id, share in selection.duty.items():
         figure = energy.cameras[camera_id]
@@ -175,21 +169,17 @@ def noise_lines(summary: Summary) -> list[str]:
         if not 1 / TELLING <= factor <= TELLING
     ]
     return lines + [
-        f"{camera_id}: keypoints are {length:.0f} px off, all the same way: "
-        f"{right:+.0f} right, {down:+.0f} down; taken off, but check its calibration"
+        f"{camera_id}: all keypoints shifted by {length:.0f} px ({right:+.0f} right, "
+        f"{down:+.0f} down), corrected; check its calibration"
         for camera_id, (right, down) in noise.shifts_px.items()
         if (length := math.hypot(right, down)) >= TELLING_PX
     ]
 
 
 def _print(table: Table | str, console: Console | None) -> None:
-    from rich.console import Console
+    from e3pose.evaluate.columns import table_console
 
-    if console is None:
-        console = Console()
-        if not console.is_terminal:  # a file or a pipe has no width to fit
-            console = Console(width=240)
-    console.print(table)
+    (table_console() if console is None else console).print(table)
 
 
 def _find(figures: Mapping[str, Any], path: Sequence[str]) -> Any:

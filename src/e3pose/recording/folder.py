@@ -1,4 +1,4 @@
-"""A recording as a folder; `docs/recording-format.md` describes every file."""
+"""A recording as a folder; `docs/reference/recording-format.md` describes every file."""
 
 from __future__ import annotations
 

@@ -4,7 +4,20 @@
 const FIGURES = JSON.parse(document.getElementById("figures").textContent);
 const QUIET = { displayModeBar: false, responsive: true };
 
+const NARROW_PX = 620;
+
+// On a phone: smaller margins, and titles that begin at the edge of the page.
+function fitNarrow({ layout }) {
+  Object.assign(layout.margin, { l: 58, r: Math.min(layout.margin.r, 44) });
+  for (const note of layout.annotations || []) {
+    if (note.xanchor === "left") note.xshift = -54;
+    note.font.size = 11;
+  }
+  for (const axis of Object.values(layout)) if (axis && axis.title && axis.title.text) axis.title.font = { size: 11 };
+}
+
 function drawCharts() {
+  if (window.innerWidth < NARROW_PX) Object.values(FIGURES).forEach(fitNarrow);
   for (const [id, figure] of Object.entries(FIGURES)) {
     const chart = byId(id);
     if (chart) Plotly.newPlot(chart, figure.data, figure.layout, QUIET);

@@ -19,7 +19,7 @@ STATE_COLOURS = [
 OCCLUSION_COLOURS = [[0, "#f4f1ee"], [0.5, "#d9905a"], [1, "#7c2d12"]]
 GAIN_COLOURS = [[0, "#f0f5f1"], [0.5, "#66b08a"], [1, "#0b4f31"]]
 DEFICIT_COLOURS = [[0, "#f0f2f8"], [0.5, "#7b8fd0"], [1, "#1e2f7a"]]
-STATE_WORDS = ("asleep", "awake", "ordered, but no view came")
+STATE_WORDS = ("idle", "active", "selected, view lost")
 HEAD_PX = 34  # above each strip, for its title
 FOOT_PX = 44  # below the last, for the time axis
 GAPS_UNTIL = 160  # slots that are still wide enough for a gap between them
@@ -33,14 +33,14 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
     row_px = 22 if len(cameras) <= 8 else 13
     strip_px = row_px * len(cameras)
     rows = [
-        ("Which cameras were awake", "states", STATE_COLOURS, 2.0, ""),
-        ("Occlusion predicted in each camera (0: nobody hides anybody)", "occlusion",
+        ("Camera selection", "states", STATE_COLOURS, 2.0, ""),
+        ("Predicted occlusion per camera (mean box overlap)", "occlusion",
          OCCLUSION_COLOURS, max(0.05, _highest(scene["occlusion"])), ".2f"),
-        ("Energy deficit (slots spent above budget, not yet made up for)", "deficit",
+        ("Energy deficit queue per camera, slots", "deficit",
          DEFICIT_COLOURS, max(1.0, _highest(scene["deficit"])), ".1f"),
     ]  # fmt: skip
     if "gain" in scene:
-        title = "What each camera was expected to tell beyond the others chosen (nats a joint)"
+        title = "Expected information gain per camera, nats per joint"
         rows.insert(1, (title, "gain", GAIN_COLOURS, max(0.1, _highest(scene["gain"])), ".2f"))
     height = len(rows) * (HEAD_PX + strip_px) + FOOT_PX
     inner = height - FOOT_PX
@@ -116,9 +116,9 @@ def energy_bars(energy: Energy, cameras: Sequence[str]) -> dict[str, Any]:
     names = [_short(camera) for camera in cameras]
     bars = [
         {
-            "type": "bar", "orientation": "h", "y": names, "x": full, "name": "always awake",
+            "type": "bar", "orientation": "h", "y": names, "x": full, "name": "always active",
             "marker": {"color": PALE},
-            "hovertemplate": "%{y}: %{x:.1f} J<extra>always awake</extra>",
+            "hovertemplate": "%{y}: %{x:.1f} J<extra>always active</extra>",
         },
         {
             "type": "bar", "orientation": "h", "y": names, "x": spent, "name": "in this run",
@@ -146,12 +146,12 @@ def duty_bars(
         {
             "type": "bar", "orientation": "h", "y": names, "x": shares, "width": 0.45,
             "marker": {"color": INK}, "text": [f"{share:.0f} %" for share in shares],
-            "textposition": "auto", "name": "awake", "textfont": {"size": 12},
+            "textposition": "auto", "name": "active", "textfont": {"size": 12},
             "constraintext": "none",
-            "hovertemplate": "%{y}: awake in %{x:.1f} % of the slots<extra></extra>",
+            "hovertemplate": "%{y}: active in %{x:.1f} % of the slots<extra></extra>",
         },
     ]  # fmt: skip
-    layout = _bar_layout(len(cameras), "share of slots awake, %")
+    layout = _bar_layout(len(cameras), "share of slots active, %")
     layout["xaxis"]["range"] = [0, 101]
     if budget is not None:
         line = {"color": LOST, "width": 2, "dash": "dash"}

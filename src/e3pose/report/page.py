@@ -26,20 +26,20 @@ MAX_TEXT = 300  # characters of a name or description
 SETTING_WORDS = {
     "pipeline": "estimator",
     "policy": "policy",
-    "num_selected": "cameras to select a slot (C)",
-    "budget": "share of slots a camera may be active (E)",
+    "num_selected": "cameras per slot (C)",
+    "budget": "energy budget, share of slots (E)",
     "quality_weight": "quality weight (V)",
-    "lead_slots": "slots told ahead (lead)",
-    "warmup_slots": "slots at the start with all cameras (M)",
+    "lead_slots": "lead, slots",
+    "warmup_slots": "warm-up, slots (M)",
     "predictor": "predictor",
-    "reject_outliers": "outlier views rejected",
-    "seed": "seed",
-    "smooth": "smoothed after the fact",
+    "reject_outliers": "outlier rejection",
+    "seed": "random seed",
+    "smooth": "smoothing",
 }
 # Filled in by player.js.
 WHY = (
-    "<div class='soft'>Why these: expected information (nats a joint) and energy deficit</div>"
-    "<table id='why'><thead><tr><th>camera</th><th>gain</th><th>deficit</th></tr></thead>"
+    "<div class='soft'>Selection: information gain (nats per joint) and energy price</div>"
+    "<table id='why'><thead><tr><th>camera</th><th>gain</th><th>price</th></tr></thead>"
     "<tbody></tbody></table><p class='soft' id='expected'></p>"
 )
 # The characters that could end a script or start a comment in it, written as JSON escapes.
@@ -121,13 +121,13 @@ def _charts(
 def _energy_words(summary: Summary) -> str:
     energy = summary.energy
     if energy is None:
-        return "Share of slots in which each camera was awake."
+        return "Share of slots in which each camera was active."
     hours = [camera.battery_hours for camera in energy.cameras.values()]
     return (
-        f"Dark: what each camera spent; light: what it would have spent had it been awake in every "
-        f"slot. Reckoned with the power profile {energy.profile}, not measured; "
-        f"cameras that are not selected are in {energy.idle_mode} mode. "
-        f"A {energy.battery_wh:g} Wh battery would last {min(hours):.1f} to {max(hours):.1f} h "
+        f"Dark: energy of each camera in this run; light: the same camera always active. "
+        f"Modelled with the power profile {energy.profile}, not measured; cameras that are "
+        f"not selected are in {energy.idle_mode} mode. "
+        f"A {energy.battery_wh:g} Wh battery lasts {min(hours):.1f} to {max(hours):.1f} h "
         f"instead of {energy.battery_hours_always_active:.1f} h."
     )
 
@@ -135,7 +135,7 @@ def _energy_words(summary: Summary) -> str:
 def _settings(recording: Recording, summary: Summary) -> str:
     rows: dict[str, Any] = {
         "cameras": ", ".join(recording.rig.camera_ids),
-        "slots a second": f"{recording.fps:g}",
+        "slots per second": f"{recording.fps:g}",
         "skeleton": recording.skeleton.name,
     }
     settings = settings_json(summary.settings)
@@ -149,15 +149,15 @@ def _settings(recording: Recording, summary: Summary) -> str:
 def _truth_box(drawn: Mapping[str, Any]) -> str:
     if not drawn["truthLimbs"]:
         return ""
-    return "<label class='soft'><input type='checkbox' id='truth'> show the truth (grey)</label>"
+    return "<label class='soft'><input type='checkbox' id='truth'> ground truth (grey)</label>"
 
 
 def _sure_box(drawn: Mapping[str, Any]) -> str:
     if not any(len(person) > 2 for people in drawn["people"] for person in people):
         return ""
     return (
-        "<label class='soft'><input type='checkbox' id='sure' checked> discs: where each joint is "
-        "in nine of ten cases</label>"
+        "<label class='soft'><input type='checkbox' id='sure' checked> discs: 90 % confidence"
+        "</label>"
     )
 
 

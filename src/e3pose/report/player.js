@@ -181,10 +181,10 @@ function showPeople() {
   for (const track of tracks.slice(0, MAX_LISTED)) {
     const item = document.createElement("li"), swatch = document.createElement("i");
     swatch.style.background = colourOf(track);
-    item.append(swatch, `person ${DATA.tracks[track]}`);
+    item.append(swatch, `track ${DATA.tracks[track]}`);
     list.append(item);
   }
-  if (!tracks.length) list.append("nobody in this slot");
+  if (!tracks.length) list.append("no people");
   if (tracks.length > MAX_LISTED) list.append(`and ${tracks.length - MAX_LISTED} more`);
   const awake = DATA.cameras.filter((_, camera) => DATA.states[camera][frame] === AWAKE);
   byId("awake").textContent = awake.length ? awake.join(", ") : "none";
@@ -204,7 +204,7 @@ function showReasons() {
     return row;
   }));
   const expected = DATA.expected[frame];
-  byId("expected").textContent = expected === null ? "" : `expected error with these: ${expected} mm`;
+  byId("expected").textContent = expected === null ? "" : `expected error: ${expected} mm`;
 }
 
 function play(on) {

@@ -1,4 +1,4 @@
-"""A run in plain words: the sentences and the figures at the top of the page."""
+"""The summary at the top of the page: sentences and large figures."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from e3pose.settings.parts import row_of
 
 
 def duty(recording: Recording, records: Sequence[SlotRecord]) -> NDArray[np.float64]:
-    """Return `(num_cameras,)`: the share of slots each camera was awake."""
+    """Return `(num_cameras,)`: the share of slots each camera was active."""
     if not records:
         return np.zeros(len(recording.rig))
     return np.asarray(np.stack([record.selected for record in records]).mean(axis=0))
 
 
 def budget(summary: Summary, num_cameras: int) -> float | None:
-    """Return the share of slots a camera could be awake; None without one limit for all."""
+    """Return the share of slots a camera may be active; None without one limit for all."""
     asked = summary.settings.budget
     if asked is None and row_of(summary.settings).budgeted:
         asked = summary.settings.share(num_cameras)
@@ -34,31 +34,31 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
     num_cameras = len(recording.rig)
     seconds = len(records) * recording.interval_s
     said = [
-        f"{num_cameras} calibrated cameras watched for {counted(len(records), 'slot')} of "
+        f"{num_cameras} calibrated cameras, {counted(len(records), 'slot')} of "
         f"{1000 * recording.interval_s:.3g} ms ({seconds:.1f} s)."
     ]
     if not records:
-        return [*said, "There is nothing to show: the recording is empty."]
+        return [*said, "The recording is empty."]
     counts = [len(record.poses) for record in records]
     share = np.mean(np.array(counts) > 0)
     if max(counts) == 0:
         said.append(
-            "Nobody was found in any slot: a person needs to be seen by two awake cameras at once."
+            "No people found: a new person must be detected by two cameras at nearly the same time."
         )
     else:
         said.append(
-            f"Up to {counted(max(counts), 'person', 'people')} at once stood in 3D, "
-            f"somebody in {100 * share:.0f} % of the slots."
+            f"Up to {counted(max(counts), 'person', 'people')} at a time; "
+            f"people present in {100 * share:.0f} % of the slots."
         )
     mean = duty(recording, records).sum()
-    by = f", chosen by the policy {summary.policy}"
-    said.append(f"On average {mean:.1f} of {num_cameras} cameras were awake a slot{by}.")
+    by = f" (policy {summary.policy})"
+    said.append(f"On average {mean:.1f} of {num_cameras} cameras are active per slot{by}.")
     energy = summary.energy
     if energy is not None:
         said.append(
-            f"Against all cameras always awake this saves {energy.saving_percent:.0f} % of the "
-            f"energy of processors, WiFi and memory, {energy.device_saving_percent:.0f} % of the "
-            "whole cameras."
+            f"Compared with all cameras always active, this saves {energy.saving_percent:.0f} % of "
+            f"the energy of processors, WiFi and memory, {energy.device_saving_percent:.0f} % of "
+            "the whole cameras (modelled)."
         )
     return [*said, *summary.notes]
 
@@ -70,15 +70,16 @@ def cards(
     found: list[tuple[str, str]] = []
     if records:
         mean = duty(recording, records).sum()
-        found.append((f"{mean:.1f} of {len(recording.rig)}", "cameras awake a slot, on average"))
+        found.append((f"{mean:.1f} of {len(recording.rig)}", "active cameras per slot, mean"))
     metrics, energy, slot_ms = summary.metrics, summary.energy, summary.stage_ms.get("slot")
     pcp = None if metrics.pcp is None else metrics.pcp.actors.get("average")
+    saved = "energy saved (processors, WiFi, memory; modelled)"
     for value, form, meaning in (
-        (energy and energy.saving_percent, "{:.0f} %", "energy saved (processors, WiFi, memory)"),
-        (pcp, "{:.1f} %", "PCP, limbs found right (actors 1-3)"),
+        (energy and energy.saving_percent, "{:.0f} %", saved),
+        (pcp, "{:.1f} %", "PCP, correct limbs (actors 1-3)"),
         (metrics.mpjpe_mm, "{:.0f} mm", "mean joint error (MPJPE)"),
         (metrics.recall_500mm, "{:.3f}", "recall within 500 mm"),
-        (slot_ms and slot_ms.median, "{:.2f} ms", "a slot to compute at the edge (median)"),
+        (slot_ms and slot_ms.median, "{:.2f} ms", "edge computing time per slot, median"),
     ):
         if value is not None:
             found.append((form.format(value), meaning))
@@ -90,6 +91,6 @@ def thinning(stride: int, num_slots: int) -> str:
     if stride == 1:
         return ""
     return (
-        f"This run is long: the page shows one in {stride} of its {num_slots} slots. "
-        "The figures are of all slots."
+        f"Long run: the page shows one in {stride} of {num_slots} slots. "
+        "The figures include all slots."
     )

@@ -6,7 +6,7 @@ A joint at p with covariance P, seen by the cameras of a set S, is expected to b
 
 where J_c is the derivative of the projection. Between the newest slot and the one that is decided
 lie slots whose cameras are already ordered: P is what their views are expected to leave of what is
-known, each at its own time. `docs/choice.md` has the method.
+known, each at its own time. Method: `docs/explanation/camera-selection.md`.
 """
 
 from __future__ import annotations

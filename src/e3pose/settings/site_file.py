@@ -1,6 +1,7 @@
 """The configuration of a site: a TOML file, every key known, every path relative to it.
 
-`docs/live.md` describes it. Keys of `[loop]` and `[energy]` are the options of `e3pose replay`.
+`docs/reference/site-file.md` describes both. Keys of `[loop]` and `[energy]` are the options of
+`e3pose replay`.
 """
 
 from __future__ import annotations

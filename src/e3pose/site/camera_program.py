@@ -60,7 +60,7 @@ def remembered_charge(node: NodeTable, tell: Callable[[str], None]) -> Remembere
     elif node.state is None and node.path is not None:
         path = node.path.with_name(f"{node.path.stem}.battery.json")
     elif node.state is None:
-        tell("a battery without a gauge is taken to be full at every start; --state remembers it")
+        tell("no battery gauge: assuming a full battery at each start; --state stores the charge")
     return RememberedCharge(path, node.camera, node.battery_wh, tell)
 
 
@@ -87,10 +87,10 @@ class EdgeWatch:
             self._since_s = now_s
         if there != self._there:
             self._there, self._told = there, True
-            self.tell("the edge is there" if there else "the edge is away, waiting for it")
+            self.tell("edge connected" if there else "edge disconnected, reconnecting")
         elif not (there or self._told) and now_s - self._since_s >= self.alone_s:
             self._told = True
-            self.tell(f"no edge of this site answers at {self.endpoint} yet, waiting for it")
+            self.tell(f"no answer from the edge at {self.endpoint}, still trying")
 
 
 class Camera:

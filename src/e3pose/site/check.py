@@ -1,4 +1,4 @@
-"""Examine a site before it runs: what would fail, and what to do about it."""
+"""Check a site before it runs: problems, warnings, and how to fix them."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def check_calibration(rig: Rig) -> Iterator[Finding]:
     axes = np.array([camera.T_world_camera[:3, 2] for camera in rig.cameras])
     yield Finding("ok", "calibration", counted(len(rig), "camera"))
     if len(rig) < 2:
-        yield Finding("problem", "calibration", "one camera", "3D needs two at least")
+        yield Finding("problem", "calibration", "one camera", "3D needs at least two cameras")
         return
     distance = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
     np.fill_diagonal(distance, np.inf)
@@ -66,7 +66,7 @@ def check_calibration(rig: Rig) -> Iterator[Finding]:
             "warning",
             "calibration",
             f"{rig.camera_ids[a]} and {rig.camera_ids[b]} are {distance[a, b] * 100:.0f} cm apart",
-            "two cameras in one place see one view; is the calibration right?",
+            "cameras in one place share one view; check the calibration",
         )
     spread = float(np.ptp(centres, axis=0).max())
     if spread > 200:
@@ -74,7 +74,7 @@ def check_calibration(rig: Rig) -> Iterator[Finding]:
             "problem",
             "calibration",
             f"cameras are {spread:.0f} m apart",
-            "positions must be in metres: millimetres or centimetres look like this",
+            "the calibration is probably in millimetres or centimetres; set its units",
         )
     sees = _seen_by(rig, centres, axes)
     for camera_id, others in zip(rig.camera_ids, sees.tolist(), strict=True):
@@ -82,8 +82,8 @@ def check_calibration(rig: Rig) -> Iterator[Finding]:
             yield Finding(
                 "warning",
                 "calibration",
-                f"{camera_id} shares no view with another camera",
-                "people whom only it sees cannot be placed; check its extrinsics",
+                f"{camera_id} does not overlap with any other camera",
+                "check its extrinsics; people seen by one camera only get no 3D pose",
             )
     up = centres[:, 2]
     if (up < -0.5).any():
@@ -92,7 +92,7 @@ def check_calibration(rig: Rig) -> Iterator[Finding]:
             "warning",
             "calibration",
             f"{', '.join(low)} below the floor",
-            "z must point up and the floor be at z = 0",
+            "z must point up, with the floor at z = 0",
         )
 
 
@@ -131,13 +131,13 @@ def check_link_of(site: SiteTable, rig: Rig) -> Iterator[Finding]:
             yield Finding(
                 "warning",
                 "link",
-                "plain tcp: everybody on the network can read and forge",
+                "unencrypted tcp: anyone on the network can read and forge messages",
                 f"e3pose keys init {site.name}, and endpoint = 'tls/...'",
             )
         return
     if host in ("127.0.0.1", "localhost"):
         yield Finding(
-            "warning", "link", "listens on this machine alone", "endpoint = 'tls/0.0.0.0:7447'"
+            "warning", "link", "reachable from this machine only", "endpoint = 'tls/0.0.0.0:7447'"
         )
     folder = site.near(site.link.keys or "keys")
     now = datetime.datetime.now(datetime.timezone.utc)
@@ -147,8 +147,8 @@ def check_link_of(site: SiteTable, rig: Rig) -> Iterator[Finding]:
             yield Finding(
                 "problem",
                 f"certificate {camera_id}",
-                "there is none",
-                f"e3pose keys add {camera_id} --keys {folder}, then carry the folder to it",
+                "missing",
+                f"e3pose keys add {camera_id} --keys {folder}, then copy its folder to the camera",
             )
             continue
         yield _certificate(folder / "cameras" / camera_id, camera_id, now)
@@ -160,7 +160,7 @@ def _lasting(
     """Look at the certificates of the edge, its authority, viewers and routers."""
     from e3pose.wire.keys.authority import expires
 
-    anew = f"e3pose keys init {name} --out {folder}-new, and carry all its folders in time"
+    anew = f"e3pose keys init {name} --out {folder}-new, then copy all its folders"
     for what, file in (("authority", "authority.pem"), ("edge", "edge.pem")):
         until = expires((folder / file).read_bytes())  # that they are valid now was looked at
         if until - now < datetime.timedelta(days=SOON_DAYS):
@@ -186,7 +186,7 @@ def _certificate(
     what = f"certificate {name}"
     option = "" if kind == "camera" else f" --{kind}"
     again = (
-        f"e3pose keys add {name}{option} --again --keys {folder.parent.parent}, then carry {folder}"
+        f"e3pose keys add {name}{option} --again --keys {folder.parent.parent}, then copy {folder}"
     )
     try:
         files = certificates_in(folder, kind)
@@ -207,7 +207,7 @@ def check_places(site: SiteTable) -> Iterator[Finding]:
             continue
         folder = site.near(name).resolve().parent
         if not folder.is_dir():
-            yield Finding("problem", what, f"{folder} is no folder", f"mkdir -p {folder}")
+            yield Finding("problem", what, f"{folder} does not exist", f"mkdir -p {folder}")
             continue
         free = shutil.disk_usage(folder).free
         if free < FREE_BYTES:
@@ -215,13 +215,15 @@ def check_places(site: SiteTable) -> Iterator[Finding]:
                 "warning",
                 what,
                 f"{free / 1e9:.1f} GB free in {folder}",
-                "make room, or let [store] keep and max_size remove old slots",
+                "free disk space, or set keep and max_size in [store]",
             )
         else:
             yield Finding("ok", what, f"{free / 1e9:.0f} GB free in {folder}")
         yield from _readers(what, site.near(name))
     if site.store is None:
-        yield Finding("warning", "store", "none: nothing is kept", "[store] path = 'poses.db'")
+        yield Finding(
+            "warning", "store", "no [store]: poses are not stored", "[store] path = 'poses.db'"
+        )
     elif "://" not in site.store.path:
         yield from check_store(site.near(site.store.path))
 
@@ -232,7 +234,7 @@ def _readers(what: str, file: Path) -> Iterator[Finding]:
     except OSError:
         return
     if everybody:
-        found = f"everybody on this machine may read where people were: {file}"
+        found = f"readable by every user of this machine: {file}"
         yield Finding("warning", what, found, f"chmod o-rwx {file}*")
 
 
@@ -241,7 +243,7 @@ def check_store(file: Path) -> Iterator[Finding]:
     from e3pose.store.integrity import problem_of
 
     if file.is_file() and (problem := problem_of(file, STORE_LOOK_S)):
-        advice = "a running edge sets it aside within minutes, another one when it starts"
+        advice = "the edge moves it aside within minutes, or at its next start"
         yield Finding("problem", "store-corrupt", f"{file}: damaged ({problem})", advice)
     aside = [
         other
@@ -249,8 +251,8 @@ def check_store(file: Path) -> Iterator[Finding]:
         if not other.name.endswith(("-wal", "-shm"))
     ]
     if aside:
-        found = f"{counted(len(aside), 'damaged database')} set aside, the last is {aside[-1]}"
-        advice = f"`sqlite3 {aside[-1]} .recover` reads what can be read; then remove it"
+        found = f"{counted(len(aside), 'damaged database')} moved aside, newest: {aside[-1]}"
+        advice = f"recover with `sqlite3 {aside[-1]} .recover`, then delete it"
         yield Finding("warning", "store-corrupt", found, advice)
 
 
@@ -268,9 +270,9 @@ def check_models(site: SiteTable, rig: Rig) -> Iterator[Finding]:
         local = recorded or ("://" not in camera.source and kind not in ("usb", "gstreamer"))
         name = camera.source.partition(":")[2] if recorded else camera.source
         if local and not site.near(name).exists():
-            yield Finding("problem", what, f"source {site.near(name)} is not there")
+            yield Finding("problem", what, f"source {site.near(name)} does not exist")
         elif kind == "usb" and not Path(f"/dev/video{name.partition(':')[2]}").exists():
-            yield Finding("problem", what, f"{camera.source}: no such device", "is it plugged in?")
+            yield Finding("problem", what, f"{camera.source}: no such device", "connect the camera")
         else:
             yield Finding("ok", what, f"source {camera.source[:60]}")
         if recorded:
@@ -278,28 +280,29 @@ def check_models(site: SiteTable, rig: Rig) -> Iterator[Finding]:
         detector = camera.detector or "movenet-multipose"
         if camera.model is not None:
             if not site.near(camera.model).is_file():
-                yield Finding("problem", what, f"model {site.near(camera.model)} is not there")
+                yield Finding("problem", what, f"model {site.near(camera.model)} does not exist")
         elif detector in MODELS and not is_installed(detector):
             advice = f"e3pose models pull {detector}"
-            yield Finding("problem", what, f"the network {detector} is not installed", advice)
+            yield Finding("problem", what, f"network {detector} is not installed", advice)
         elif detector not in DETECTORS and not site.near(detector).is_file():
             known = ", ".join(DETECTORS)
-            yield Finding("problem", what, f"detector {detector} is unknown", f"one of {known}")
+            yield Finding("problem", what, f"unknown detector {detector}", f"one of {known}")
 
 
 def check_clock() -> Finding:
     """Look at whether something keeps this machine's clock right."""
-    advice = "install chrony; where microseconds matter, PTP (linuxptp)"
+    advice = "install chrony; for microseconds use PTP (linuxptp)"
     if shutil.which("chronyc"):
         answer = _ask("chronyc", "-c", "tracking").split(",")
         if len(answer) > 4 and answer[1] not in ("", "0.0.0.0"):
-            return Finding("ok", "clock", f"chrony follows {answer[1]}, off {answer[4]} s")
-        return Finding("warning", "clock", "chrony follows nobody", "add a server to chrony.conf")
+            found = f"synchronised by chrony to {answer[1]}, offset {answer[4]} s"
+            return Finding("ok", "clock", found)
+        return Finding("warning", "clock", "chrony has no server", "add a server to chrony.conf")
     if shutil.which("timedatectl"):
         if "NTPSynchronized=yes" in _ask("timedatectl", "show"):
-            return Finding("ok", "clock", "kept by systemd-timesyncd")
+            return Finding("ok", "clock", "synchronised by systemd-timesyncd")
         return Finding("warning", "clock", "not synchronised", advice)
-    found = "nothing known keeps it right; cameras measure their offset all the same"
+    found = "no time synchronisation found; cameras measure and correct their offset"
     return Finding("warning", "clock", found, advice)
 
 
@@ -311,22 +314,22 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
         endpoint: where it was asked.
     """
     if status is None:
-        found = f"does not answer at {endpoint}"
-        yield Finding("warning", "edge", found, "start it with `e3pose edge`, or `e3pose up`")
+        found = f"not running at {endpoint}"
+        yield Finding("warning", "edge", found, "e3pose edge, or e3pose up on one machine")
         return
-    yield Finding("ok", "edge", f"runs, slot {status.slot}, lead {status.lead}")
+    yield Finding("ok", "edge", f"running, slot {status.slot}, lead {status.lead}")
     for camera in status.cameras:
         what = f"camera {camera.camera_id}"
         if not camera.online:
             advice = "see its log"
             if camera.battery == 0 and not camera.gauge:
-                advice = "charge it, then delete the file beside its camera file that remembers it"
+                advice = "charge it, then delete NAME.battery.json beside its camera file"
             yield Finding("problem", what, camera.why, advice)
         elif abs(camera.clock_offset_ms) > CLOCK_MS:
-            found = f"clock {camera.clock_offset_ms:+.1f} ms off"
-            yield Finding("warning", what, found, "corrected for; chrony or PTP would be better")
+            found = f"clock offset {camera.clock_offset_ms:+.1f} ms"
+            yield Finding("warning", what, found, "corrected; for fast motion use chrony or PTP")
         else:
-            yield Finding("ok", what, f"reached, clock {camera.clock_offset_ms:+.1f} ms off")
+            yield Finding("ok", what, f"connected, clock offset {camera.clock_offset_ms:+.1f} ms")
 
 
 def _ask(*command: str) -> str:

@@ -336,11 +336,11 @@ class Admission:
             self.server.rejoin(lambda: self.join(link, roll))
         except InputError as error:  # tried again: the edge goes on by the rules it has
             if str(error) != self._refused:
-                self.tell(f"the list of certificates changed, but: {error}")
+                self.tell(f"cannot reload the certificates: {error}")
             self._refused = str(error)
             return
         self._seen, self._refused = seen, ""
-        self.tell("the list of certificates changed: joined anew")
+        self.tell("certificates reloaded")
 
     def _look(self) -> tuple[int, int]:
         if self.site.link.keys is None:

@@ -94,8 +94,8 @@ def write_recorded(folder: Path, recording: Recording, name: str = "example") ->
         skeleton=recording.skeleton.name,
         cameras=min(2, len(recording.rig)),
         comment=(
-            "A site on one machine, whose cameras play a recording again and again.\n"
-            "Run it with `e3pose up site.toml`; every key is explained in docs/live.md."
+            "A site on one machine, whose cameras play a recording in a loop.\n"
+            "Run it with `e3pose up site.toml`. Keys: docs/reference/site-file.md."
         ),
     )
     return write_example(folder, example, recording.rig)

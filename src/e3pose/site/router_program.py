@@ -74,11 +74,11 @@ class Router:
             self.open()
         except InputError as error:
             if str(error) != self._refused:
-                self.tell(f"the list of certificates changed, but: {error}")
+                self.tell(f"cannot reload the certificates: {error}")
             self._refused = str(error)
             return
         self._refused = ""
-        self.tell("the list of certificates changed: joined anew")
+        self.tell("certificates reloaded")
 
     def close(self) -> None:
         """Leave."""

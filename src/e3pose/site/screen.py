@@ -1,10 +1,11 @@
-"""What `e3pose top` shows: a status as a table, in plain colours."""
+"""The screen of `e3pose top`: a status as text and a table that fits the terminal."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
@@ -14,13 +15,30 @@ from e3pose.wire.messages import CameraStatus, Status
 MODES = {
     "active": ("active", "green"),
     "power-saving": ("saving", "cyan"),
-    "aggressive-power-saving": ("asleep", "blue"),
+    "aggressive-power-saving": ("sleep", "blue"),
 }
 TELLING_SHIFT_PX = 3.0
 BAR = 10
 LOW_BATTERY = 0.2
 EVENTS = 8
 LONGEST_S = 3.2e9  # a century: what a clock that was set may say is drawn as no more
+
+
+# Heading, and how early the column gives way where a terminal is narrow (0: never).
+COLUMNS = (
+    ("camera", 0),
+    ("mode", 0),
+    ("duty", 0),
+    ("W", 0),
+    ("battery", 0),
+    ("deficit", 3),
+    ("age", 4),
+    ("late", 0),
+    ("lost", 0),
+    ("clock ms", 2),
+    ("noise", 1),
+)
+GAP = 1  # between two columns
 
 
 def screen(status: Status | None, stale_s: float) -> RenderableType:
@@ -31,11 +49,15 @@ def screen(status: Status | None, stale_s: float) -> RenderableType:
         stale_s: seconds since it came.
     """
     if status is None:
-        said = "waiting for the edge ... its very first start takes a minute or two (Ctrl-C ends)"
+        said = "Waiting for the edge. Its first start takes one to two minutes (Ctrl-C quits)."
         return Text(said, style="yellow")
-    lines: list[RenderableType] = [_head(status, stale_s), _cameras(status)]
+    lines: list[RenderableType] = [_head(status, stale_s), _Cameras(status)]
+    for camera in status.cameras:
+        if remark := _remark(camera):
+            style = "red" if camera.why else "yellow"
+            lines.append(Text(f"{camera.camera_id}: {remark}", style=style))
     if status.events:
-        lines.append(Text("\n".join(("newest events:", *status.events[-EVENTS:])), style="dim"))
+        lines.append(Text("\n".join(("Recent events:", *status.events[-EVENTS:])), style="dim"))
     return Group(*lines)
 
 
@@ -44,53 +66,60 @@ def _head(status: Status, stale_s: float) -> Text:
     head = Text()
     head.append(f"{status.site}  ", style="bold")
     if stale_s > 3:
-        head.append(f"no news for {stale_s:.0f} s  ", style="bold red")
+        head.append(f"no update for {stale_s:.0f} s  ", style="bold red")
     style = "green" if online == len(status.cameras) else "yellow" if online else "red"
-    head.append(f"{online}/{len(status.cameras)} cameras", style=style)
+    head.append(f"{online}/{len(status.cameras)} cameras online", style=style)
     head.append(f"  {counted(status.people, 'person', 'people')}", style="bold")
     if status.expected_error_mm is not None:
-        head.append(f" within {status.expected_error_mm:.0f} mm")
+        head.append(f", expected error {status.expected_error_mm:.0f} mm")
     if status.fps == 0:
         head.append(f"\nno slots yet  up {_duration(status.uptime_s)}")
         return head
     head.append(
-        f"\nslot {status.slot}  {status.fps:.1f} a second  lead {status.lead}  "
+        f"\nslot {status.slot}  {status.fps:.1f}/s  lead {status.lead}  "
         f"up {_duration(status.uptime_s)}"
-        f"\nstep {status.step_ms[0]:.1f} ms (99 %: {status.step_ms[1]:.1f})  "
+        f"\ncomputing {status.step_ms[0]:.1f} ms (99 %: {status.step_ms[1]:.1f})  "
         f"latency {status.latency_ms[0]:.1f} ms (99 %: {status.latency_ms[1]:.1f})"
     )
     if status.slots_lost:
         head.append(f"  {counted(status.slots_lost, 'slot')} lost", style="red")
     watts = [c.power_w for c in status.cameras if c.online and c.power_w is not None]
     if watts:
-        head.append(f"\n{sum(watts):.1f} W in all cameras that are there")
+        head.append(f"\n{sum(watts):.1f} W, all online cameras")
     return head
 
 
-def _cameras(status: Status) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in (
-        "camera",
-        "mode",
-        "duty",
-        "W",
-        "battery",
-        "owes",
-        "seen",
-        "late",
-        "lost",
-        "ms off",
-        "noise",
-    ):
-        left = name in ("camera", "mode")
-        table.add_column(name, justify="left" if left else "right", no_wrap=True)
-    table.add_column("", no_wrap=False)
-    for camera in status.cameras:
-        table.add_row(*_row(camera))
-    return table
+@dataclass(frozen=True, slots=True)
+class _Cameras:
+    """The table of cameras, with as many columns as the terminal has room for."""
+
+    status: Status
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Yield the table; columns of least weight are dropped until it fits."""
+        rows = [_row(camera, bars=True) for camera in self.status.cameras]
+        shown = list(range(len(COLUMNS)))
+        if _width(rows, shown) > options.max_width:
+            rows = [_row(camera, bars=False) for camera in self.status.cameras]
+        for index in sorted(shown, key=lambda i: COLUMNS[i][1]):
+            if COLUMNS[index][1] and _width(rows, shown) > options.max_width:
+                shown.remove(index)
+        table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, GAP, 0, 0))
+        for index in shown:
+            name = COLUMNS[index][0]
+            left = name in ("camera", "mode")
+            table.add_column(name, justify="left" if left else "right", no_wrap=True)
+        for row in rows:
+            table.add_row(*(row[index] for index in shown))
+        yield table
 
 
-def _row(camera: CameraStatus) -> list[Text]:
+def _width(rows: list[list[Text]], shown: list[int]) -> int:
+    widths = (max(len(COLUMNS[i][0]), *(len(row[i]) for row in rows), 0) for i in shown)
+    return sum(widths) + GAP * len(shown)
+
+
+def _row(camera: CameraStatus, bars: bool) -> list[Text]:
     if camera.online:
         word, style = MODES.get(camera.mode or "", ("?", ""))
         mode = Text(word, style=style)
@@ -98,18 +127,18 @@ def _row(camera: CameraStatus) -> list[Text]:
         mode = Text("offline", style="red")
     watts = f"{camera.power_w:.1f}" if camera.online and camera.power_w is not None else ""
     if watts and not camera.measured:
-        watts = f"~{watts}"  # a model says so
+        watts = f"~{watts}"  # modelled
     battery = Text("")
     if camera.battery is not None:
         charge = _within(camera.battery, 1.0)
-        full = round(charge * BAR)
+        full = round(charge * BAR) if bars else 0
         style = "red" if charge < LOW_BATTERY else "green"
-        battery = Text("|" * full + "." * (BAR - full), style=style)
+        battery = Text("|" * full + "." * (BAR - full) if bars else "", style=style)
         share = f"{charge:.0%}" if camera.gauge else f"~{charge:.0%}"
-        battery.append(f" {share:>5}", style="")
-    seen = "never"
+        battery.append(f" {share:>5}" if bars else share, style="" if bars else style)
+    age = "never"
     if camera.last_seen_s is not None:
-        seen = f"{_within(camera.last_seen_s, LONGEST_S):.1f} s"
+        age = f"{_within(camera.last_seen_s, LONGEST_S):.1f} s"
     return [
         Text(camera.camera_id, style="bold"),
         mode,
@@ -117,20 +146,20 @@ def _row(camera: CameraStatus) -> list[Text]:
         Text(watts),
         battery,
         Text(f"{camera.deficit:.1f}"),
-        Text(seen),
+        Text(age),
         Text(str(camera.late), style="yellow" if camera.late else ""),
         Text(str(camera.lost), style="yellow" if camera.lost else ""),
         Text("" if camera.last_seen_s is None else f"{camera.clock_offset_ms:+.1f}"),
         Text("" if camera.noise_factor is None else f"{camera.noise_factor:.1f}x"),
-        _remark(camera),
     ]
 
 
-def _remark(camera: CameraStatus) -> Text:
+def _remark(camera: CameraStatus) -> str:
+    """Return why a camera is excluded, or what is odd about it; empty if nothing."""
     shift_px = _within(camera.shift_px or 0.0, 999.0)
     if camera.why or shift_px < TELLING_SHIFT_PX:
-        return Text(camera.why, style="red")
-    return Text(f"{shift_px:.0f} px off", style="yellow")
+        return camera.why
+    return f"keypoints {shift_px:.0f} px off, check its calibration"
 
 
 def _duration(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""What a program of a site says when it ends."""
+"""The summary that a program of a site prints when it stops."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ def edge_summary(status: Status, slots: int, views: int) -> list[str]:
         views: that came in time.
     """
     if slots == 0:
-        lines = ["no slots: fewer than two cameras were there"]
+        lines = ["No slots: fewer than two cameras connected"]
     else:
         lines = [
             f"{counted(slots, 'slot')}, {status.slots_lost} lost, {counted(views, 'view')} in "
-            f"time; lead {status.lead}; a slot takes {_quantiles(status.step_ms)}, poses come "
+            f"time; lead {status.lead}; computing {_quantiles(status.step_ms)} per slot, latency "
             f"{_quantiles(status.latency_ms)} after the last view"
         ]
     return lines + [f"  {camera.camera_id}: {_camera(camera)}" for camera in status.cameras]
@@ -39,9 +39,9 @@ def camera_summary(camera_id: str, done: Counted, orders: int, late: int, proble
     if not done.captured:
         return f"{camera_id}: no frames" + (f": {problem}" if problem else "")
     if not orders:
-        return f"{camera_id}: {counted(done.captured, 'frame')}, but no orders: no edge asked it"
+        return f"{camera_id}: {counted(done.captured, 'frame')}, but no orders from the edge"
     return (
-        f"{camera_id}: {counted(done.captured, 'frame')}, {done.detected} looked at, "
+        f"{camera_id}: {counted(done.captured, 'frame')}, {done.detected} processed, "
         f"{counted(done.sent, 'view')} sent, {counted(late, 'late order')}"
     )
 
@@ -51,7 +51,7 @@ def _camera(camera: CameraStatus) -> str:
     if camera.last_seen_s is None:
         return state
     return (
-        f"{state}; looked in {camera.duty:.0%} of the last minute's slots, "
+        f"{state}; active in {camera.duty:.0%} of the last minute's slots, "
         f"{counted(camera.late, 'view')} late, {camera.lost} lost"
     )
 

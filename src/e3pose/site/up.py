@@ -140,7 +140,7 @@ def run_site(
                     raise InputError(f"{program.name}: {_last_line(program.log)}")
                 if program._due_s == 0.0:
                     program._due_s = time.monotonic() + RESTART_S
-                    tell(f"{program.name} ended with code {code}; started again in {RESTART_S:g} s")
+                    tell(f"{program.name} exited with code {code}; restarting in {RESTART_S:g} s")
                 elif time.monotonic() >= program._due_s:
                     program.restarts, program._due_s = program.restarts + 1, 0.0
                     program.start()
@@ -169,4 +169,4 @@ def end(programs: Sequence[Program]) -> None:
 
 def _last_line(log: Path) -> str:
     lines = log.read_text(errors="replace").strip().splitlines()
-    return lines[-1][:500].removeprefix("e3pose: ") if lines else "ended without a word"
+    return lines[-1][:500].removeprefix("e3pose: ") if lines else "exited without output"

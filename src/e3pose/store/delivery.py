@@ -79,7 +79,7 @@ class Delivery:
         count = sum(map(len, frames))
         if count:
             how_many = counted(count, "row")
-            yield f"found and stored {how_many} that run {run.name!r} could not deliver"
+            yield f"recovered {how_many} from the spool of run {run.name!r}"
 
     def trim(self, retention: Retention, now_ns: int) -> None:
         """Remove a few slots that need not be kept."""

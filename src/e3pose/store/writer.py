@@ -273,7 +273,7 @@ class StoreWriter:
         if self._shed + self._spool.lost_rows > self._told_shed:
             count = self._shed + self._spool.lost_rows
             self._say(
-                "store-shed", f"{counted(count - self._told_shed, 'record')} given up: no more room"
+                "store-shed", f"{counted(count - self._told_shed, 'record')} dropped: spool full"
             )
             self._told_shed = count
         notes, self._notes = self._notes, []
@@ -318,16 +318,14 @@ class StoreWriter:
             self._trouble = None
             self._say(
                 "store-recovered",
-                f"the store takes slots again, {counted(kept_rows, 'row')} caught up",
+                f"the store is writable again, {counted(kept_rows, 'row')} written from the spool",
             )
 
     def _commit(self, rows: Sequence[Row], run: Run | None = None) -> None:
         refused = self._delivery.commit(rows, run or self.run)
         if refused:
             self._shed += refused
-            self._say(
-                "store-refused", f"{counted(refused, 'row')} that the database does not accept"
-            )
+            self._say("store-refused", f"the database rejected {counted(refused, 'row')}")
 
     def _in_trouble(self, error: Exception) -> None:
         self._delivery.close()
@@ -340,11 +338,11 @@ class StoreWriter:
                 self._delivery.opened = False
             except OSError as refused:
                 if not known:
-                    self._say("store-corrupt", f"damaged ({reason}), not to be moved ({refused})")
+                    self._say("store-corrupt", f"damaged ({reason}), cannot be moved ({refused})")
         elif not known:
             where = "file" if self._spool.in_file else "memory"
             kind = "store-full" if "full" in reason or "space" in reason else "store-trouble"
-            self._say(kind, f"the store takes nothing ({reason}): kept in a {where} meanwhile")
+            self._say(kind, f"the store is not writable ({reason}): spooling to a {where}")
 
     def _open(self) -> None:
         told = open_checked(self._url)

@@ -2,5 +2,5 @@
 
     messages -> codec -> topics -> transport (memory: one process; network: zenoh)
 
-`docs/messages.md` is the format, for programs of others.
+`docs/reference/messages.md` is the format, for programs of others.
 """

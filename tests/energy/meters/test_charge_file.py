@@ -90,7 +90,7 @@ def test_deleted_file_is_a_battery_that_was_charged(tmp_path: Path) -> None:
     path.unlink()
     charge.keep()
     assert charge.left_j == WH == load_charge(path, "cam0", 1.0)
-    assert len(told) == 1 and "taken to be full" in told[0]
+    assert len(told) == 1 and "assuming a full battery" in told[0]
 
 
 def test_another_battery_begins_full(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_damaged_file_is_told_of_and_the_battery_taken_to_be_full(
     with pytest.raises(InputError):
         load_charge(path, "cam0", 1.0)
     charge = RememberedCharge(path, "cam0", 1.0, told.append)
-    assert charge.left_j == WH and len(told) == 1 and "taken to be full" in told[0]
+    assert charge.left_j == WH and len(told) == 1 and "assuming a full battery" in told[0]
     charge.keep()
     assert json.loads(path.read_text())["left_j"] == WH
 
@@ -133,7 +133,7 @@ def test_place_that_cannot_be_written_is_told_once(tmp_path: Path) -> None:
     charge = RememberedCharge(tmp_path / "file" / "b.json", "cam0", 1.0, told.append)
     for _ in range(3):
         charge.keep()
-    assert len(told) == 1 and "cannot be remembered" in told[0]
+    assert len(told) == 1 and "cannot save the battery charge" in told[0]
 
 
 def test_place_is_beside_the_camera_file_unless_it_says_where(tmp_path: Path) -> None:

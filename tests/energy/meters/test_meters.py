@@ -229,7 +229,7 @@ def test_command_prints_rails(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "VDD_GPU_SOC" in out
     assert "9.008" in out
     assert "measured" in out
-    assert run("power", "--root", str(tmp_path), "--seconds", "0.1", "--json") == 0
+    assert run("power", "--root", str(tmp_path), "--seconds", "0.1", "--json", "-") == 0
     content = json.loads(capsys.readouterr().out)
     assert content["reading"]["watts"] == pytest.approx(9.00832)
     assert content["charge"] is None

@@ -29,7 +29,7 @@ def test_a_better_network_is_handed_over_once_and_survives_a_restart(make: Make)
     trainer = make("good")
     live(trainer, 100)
     assert trainer.poll() is None
-    assert "version 1 runs" in trained(trainer)
+    assert "version 1 in use" in trained(trainer)
     predictor = trainer.poll()
     assert predictor is not None
     assert trainer.poll() is None
@@ -65,7 +65,7 @@ def test_the_newest_minutes_are_held_back_and_old_ones_learned(make: Make) -> No
 def test_a_network_that_is_not_better_is_not_taken(make: Make, mode: str) -> None:
     trainer = make(mode)
     live(trainer, 100)
-    assert "nothing is changed" in trained(trainer)
+    assert "no change:" in trained(trainer)
     assert trainer.poll() is None and trainer.current == 0 and trainer.versions() == ()
 
 
@@ -122,7 +122,7 @@ def test_a_choice_made_during_a_training_stands(make: Make, clock: ManualClock) 
     assert trainer.training
     trainer.rollback(0)
     wait(trainer)
-    assert trainer.current == 0 and "another version was chosen" in trainer.events[-1]
+    assert trainer.current == 0 and "another version was selected" in trainer.events[-1]
 
 
 def test_a_swap_loses_no_slot_and_no_person(make: Make) -> None:

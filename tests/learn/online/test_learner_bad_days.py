@@ -38,12 +38,12 @@ def test_a_trainer_that_fails_or_lies_changes_nothing_and_is_left_alone_for_long
     live(trainer, 100)
     assert re.search(said, trained(trainer)), trainer.events
     assert trainer.poll() is None and trainer.current == 0 and trainer.versions() == ()
-    assert "not tried again for 10 s" in trainer.events[-1]
+    assert "next attempt in 10 s" in trainer.events[-1]
     clock.advance(9.0)
     trainer.attend()
     assert not trainer.training
     clock.advance(2.0)
-    assert "not tried again for 20 s" in trained(trainer)
+    assert "next attempt in 20 s" in trained(trainer)
 
 
 def test_waiting_grows_to_a_bound(make: Make, clock: ManualClock) -> None:
@@ -51,7 +51,7 @@ def test_waiting_grows_to_a_bound(make: Make, clock: ManualClock) -> None:
     live(trainer, 100)
     waits = []
     for _ in range(5):
-        waits.append(trained(trainer).split("again for ")[1])
+        waits.append(trained(trainer).split("attempt in ")[1])
         clock.advance(71.0)
     assert waits == ["10 s", "20 s", "40 s", "70 s", "70 s"]
 
@@ -59,7 +59,7 @@ def test_waiting_grows_to_a_bound(make: Make, clock: ManualClock) -> None:
 def test_without_torch_it_is_long_before_the_next_attempt(make: Make) -> None:
     trainer = make("no torch")
     live(trainer, 100)
-    assert "torch is not installed; not tried again for 70 s" in trained(trainer)
+    assert "torch is not installed; next attempt in 70 s" in trained(trainer)
 
 
 def test_a_trainer_that_cannot_be_started_changes_nothing(make: Make) -> None:
@@ -79,7 +79,7 @@ def test_a_trainer_that_hangs_is_ended(make: Make, clock: ManualClock) -> None:
     clock.advance(2 * SETTINGS.train_s + 61.0)
     trainer.attend()
     assert not trainer.training and process.poll() == -signal.SIGKILL
-    assert "took too long" in trainer.events[-1]
+    assert "timed out" in trainer.events[-1]
 
 
 def test_a_trainer_killed_from_outside_changes_nothing(make: Make) -> None:
@@ -100,7 +100,7 @@ def test_a_damaged_version_gives_way_to_the_one_before(make: Make, tmp_path: Pat
     (tmp_path / "site" / "versions" / "000001.onnx").write_bytes(b"damaged")
     again = make("good")
     assert again.current == 0 and again.poll() is None
-    assert "version 1 is refused" in again.events[0]
+    assert "version 1 rejected" in again.events[0]
 
 
 def test_a_damaged_list_of_versions_is_put_aside(make: Make, tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ class RememberedCharge:
         try:
             left_j = None if path is None else load_charge(path, camera_id, capacity_wh)
         except InputError as error:
-            tell(f"{error}: the battery is taken to be full")
+            tell(f"{error}: assuming a full battery")
             left_j = None
         self.left_j = self.full_j if left_j is None else left_j
 
@@ -102,7 +102,7 @@ class RememberedCharge:
         if self._path is None:
             return
         if self._written and not self._path.exists():
-            self._tell(f"{self._path} was deleted: the battery is taken to be full")
+            self._tell(f"{self._path} was deleted: assuming a full battery")
             with self._lock:
                 self.left_j = self.full_j
         try:
@@ -111,5 +111,5 @@ class RememberedCharge:
         except (InputError, OSError) as error:
             self._written = False
             if not self._failed:
-                self._tell(f"the battery's charge cannot be remembered: {error}")
+                self._tell(f"cannot save the battery charge: {error}")
             self._failed = True

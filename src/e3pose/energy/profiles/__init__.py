@@ -63,7 +63,8 @@ def load_profile(name_or_path: str | Path) -> DeviceProfile:
     """Load a power profile that comes with the package, or one of the user's own.
 
     Args:
-        name_or_path: one of `PROFILES`, or the path of a TOML file (see `docs/energy.md`).
+        name_or_path: one of `PROFILES`, or the path of a TOML file
+            (`docs/reference/power-profiles.md`).
 
     Raises:
         InputError: naming the file and the field that is wrong.

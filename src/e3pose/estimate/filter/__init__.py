@@ -3,7 +3,8 @@
     predict -> associate -> update -> existence -> births
 
 A step is a pure function: the belief of the slot before and the views of this slot in, the belief
-of this slot and the people out. `docs/estimator.md` has the method and where its numbers come from.
+of this slot and the people out. Method: `docs/explanation/estimator.md`; origin of the constants:
+`docs/research/estimator.md`.
 """
 
 from e3pose.estimate.filter.outlook import outlook as outlook

@@ -3,7 +3,8 @@
 A filter states the uncertainty of its own model of detectors and of people. Where people fill
 little of an image that model is too cautious, where they walk or were not seen it claims too much.
 The factor is a regression of the 90 % quantile of (error / stated 90 % distance), in its logarithm,
-on simulated people: all scenes count alike. `docs/choice.md` has the seeds and what it reaches.
+on simulated people: all scenes count alike. Seeds: `docs/explanation/camera-selection.md`; how well
+it is calibrated: `docs/research/camera-selection.md`.
 """
 
 from __future__ import annotations

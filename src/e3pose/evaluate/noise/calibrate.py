@@ -1,4 +1,4 @@
-"""Measure a detector's noise on a recording, without labels (docs/noise.md).
+"""Measure a detector's noise on a recording, without labels (docs/explanation/keypoint-noise.md).
 
 all-camera replay -> tracks -> their detections -> leave one view out -> sigma by score
                                                         |                  |

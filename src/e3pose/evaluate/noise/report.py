@@ -115,8 +115,7 @@ def print_noise(
         Text(
             "sigma: of either coordinate, corrected for the error of the reference; gross: beyond "
             "40 px of 1032; bias: mean over time; "
-            "live: what the estimator learned while it ran, times the noise it began with, and the "
-            "shift that it took off"
+            "live: noise learned online relative to the initial model, and the corrected shift"
         )
     )
 

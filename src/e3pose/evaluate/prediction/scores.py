@@ -1,4 +1,4 @@
-"""How well predictors foresee motion: joint errors, boxes, honesty (docs/predictor-evaluation.md).
+"""Errors of predictors: joints, boxes, calibration (docs/reference/predictor-metrics.md).
 
 A *window* is one person in `history_slots` consecutive slots, in each of which at least one joint
 is known; the predictor is given these and asked for the slots that follow.

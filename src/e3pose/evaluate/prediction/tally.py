@@ -1,4 +1,4 @@
-"""Sums of prediction errors, and the figures that they make (docs/predictor-evaluation.md)."""
+"""Sums of prediction errors and their figures (docs/reference/predictor-metrics.md)."""
 
 from __future__ import annotations
 

@@ -232,7 +232,7 @@ class OnlineTrainer:
         self._trainer = TrainerProcess(self.folder / "job", job, self.command)
         self._fresh_s = 0.0  # what was held back now may be learned next time
         self._deadline_s = now_s + 2 * self.settings.train_s + 60.0
-        self._tell(f"training begins with {seconds[: len(learn)].sum():.0f} s of motion")
+        self._tell(f"training started on {seconds[: len(learn)].sum():.0f} s of motion")
 
     def _watch(self, trainer: TrainerProcess, now_s: float) -> None:
         code = trainer.code()
@@ -240,7 +240,7 @@ class OnlineTrainer:
             if now_s > self._deadline_s:
                 self._trainer = None
                 trainer.kill()
-                self._failed(now_s, "the trainer took too long and was ended")
+                self._failed(now_s, "the trainer timed out and was stopped")
             return
         self._trainer = None
         if code:
@@ -249,7 +249,7 @@ class OnlineTrainer:
         try:
             self._judge(trainer)
         except (InputError, OSError) as error:
-            self._failed(now_s, f"what the trainer left is refused: {error}")
+            self._failed(now_s, f"invalid result of the trainer: {error}")
             return
         self._failures = 0
         self._due_s = now_s + self.settings.every_s
@@ -263,13 +263,13 @@ class OnlineTrainer:
             )
         )
         if verdict.windows < self.settings.least_windows:
-            self._tell(f"nothing is changed: only {verdict.windows} windows were held back")
+            self._tell(f"no change: only {verdict.windows} validation windows")
             return
         if not verdict.better(self.settings.margin):
-            self._tell(f"nothing is changed: the new network is not better ({figures})")
+            self._tell(f"no change: the new network is not better ({figures})")
             return
         if Path(trainer.job.base) != self._weights_of(self.store.read(), self._running).resolve():
-            self._tell("nothing is changed: another version was chosen in the meantime")
+            self._tell("no change: another version was selected during training")
             return
         predictor = self._load(trainer.folder / WEIGHTS)
         version = self.store.add(
@@ -288,7 +288,7 @@ class OnlineTrainer:
         )
         self._running = version.number
         self._ready.put(predictor)
-        self._tell(f"version {version.number} runs from the next slot on ({figures})")
+        self._tell(f"version {version.number} in use from the next slot ({figures})")
 
     def _follow_manifest(self) -> None:
         """Load the version that the manifest names, if another one runs."""
@@ -307,14 +307,14 @@ class OnlineTrainer:
             try:
                 predictor = self._load(self._weights_of(manifest, wanted))
             except InputError as error:
-                self._tell(f"version {wanted} is refused: {error}", logging.WARNING)
+                self._tell(f"version {wanted} rejected: {error}", logging.WARNING)
                 wanted = self._before(manifest, wanted)
         if wanted != manifest.current:
             self.store.use(wanted)
         self._running = wanted
         if predictor is not None:
             self._ready.put(predictor)
-            self._tell(f"version {wanted} runs from the next slot on")
+            self._tell(f"version {wanted} in use from the next slot")
 
     def _before(self, manifest: Manifest, number: int) -> int:
         """Return what to run where version `number` cannot: an older one, or the running one."""
@@ -345,7 +345,7 @@ class OnlineTrainer:
         self._failures = min(self._failures + 1, 60)
         self._fresh_s = max(self._fresh_s, settings.held_back_s)  # nothing came of it: try again
         self._due_s = now_s + wait_s
-        self._tell(f"{reason}; not tried again for {wait_s:.0f} s", logging.WARNING)
+        self._tell(f"{reason}; next attempt in {wait_s:.0f} s", logging.WARNING)
 
     def _tell(self, event: str, level: int = logging.INFO) -> None:
         line = " ".join(event.split())[:1000]

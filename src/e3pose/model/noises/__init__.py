@@ -1,4 +1,4 @@
-"""Noise files: how far off a detector's keypoints are, by their score (docs/noise.md)."""
+"""Noise models: sigma of a detector's keypoints by score (docs/explanation/keypoint-noise.md)."""
 
 from e3pose.model.noises.file import NoiseFile as NoiseFile
 from e3pose.model.noises.file import ViewFigures as ViewFigures

@@ -155,7 +155,7 @@ def _panel(
     colors = [track_color(int(track_id)) for track_id in drawing.track_ids]
     drawn = draw_poses(image, reproject(drawing.poses, camera), recording.skeleton, colors)
     panel = cv2.resize(drawn, (width_px, height_px), interpolation=cv2.INTER_AREA)
-    text = f"{camera.camera_id} {'awake' if awake else 'asleep'}"
+    text = f"{camera.camera_id} {'active' if awake else 'idle'}"
     size = LABEL_HEIGHT * height_px / CAPITAL_PX
     height = round(LABEL_HEIGHT * height_px)
     band = panel[BORDER_PX : 6 * BORDER_PX + height]

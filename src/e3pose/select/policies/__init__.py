@@ -16,7 +16,7 @@ from e3pose.select.policies.independent import Independent
 from e3pose.select.policies.information import Information
 
 GROUP = "e3pose.policies"  # the entry points of other packages
-INFORMATION_WEIGHT = 10.0  # simulated: docs/choice.md
+INFORMATION_WEIGHT = 10.0  # simulated: docs/explanation/camera-selection.md
 
 
 @dataclass(frozen=True, slots=True)

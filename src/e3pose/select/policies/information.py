@@ -6,7 +6,7 @@
 `information` grows with diminishing returns, prices and watches add up: where nobody comes in, a
 greedy choice of a given number of cameras, whose objective is shifted to be zero for no camera and
 to grow with every one, reaches 1 - 1/e of the best (Nemhauser, Wolsey and Fisher, 1978). Where
-there are few subsets all are tried. `docs/choice.md` has the method and what it is worth.
+there are few subsets all are tried. Method: `docs/explanation/camera-selection.md`.
 """
 
 from __future__ import annotations
