@@ -26,7 +26,7 @@ from e3pose.site.up import camera_command
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = ROOT / "examples"
-TEXT = (ROOT / "docs" / "live.md").read_text()
+TEXT = (ROOT / "docs" / "reference" / "site-file.md").read_text()
 
 
 def test_example_site_makes_a_pipeline(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_page_explains_every_key_and_its_default(table: Any) -> None:
     for name, told in rows.items():
         item, default = fields[name]
         if item.required:
-            assert told == "must be there", name
+            assert told == "required", name
         elif default is None or default == ():
             assert told == "", name
         else:

@@ -13,7 +13,7 @@ from e3pose.wire import topics
 from e3pose.wire.codec import MAX_BYTES, decode, poses_2d
 from e3pose.wire.messages import VERSION, CameraStatus, Message, Order, View
 
-TEXT = (Path(__file__).parents[2] / "docs" / "messages.md").read_text()
+TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "messages.md").read_text()
 MESSAGES: tuple[Any, ...] = get_args(Message)
 
 

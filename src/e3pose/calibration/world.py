@@ -40,7 +40,7 @@ def require_placed(rig: Rig, where: object) -> None:
     if not rig.placed:
         raise InputError(
             f"{where}: it is not known where the cameras stand, expected a calibration: "
-            f"e3pose calibrate extrinsics {where} rig.toml (docs/calibration.md)"
+            f"e3pose calibrate extrinsics {where} rig.toml (docs/how-to/calibrate-cameras.md)"
         )
 
 
