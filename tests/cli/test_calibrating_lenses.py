@@ -66,7 +66,7 @@ def test_lenses_are_measured_told_and_written(
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("{pictures}",), "paths: found 1, expected VIDEO... DEST"),
+        (("{pictures}",), "VIDEO... DEST: found 1 path"),
         (("{pictures}", "lenses.txt"), "expected a calibration file to write, .toml"),
         (("{pictures}", "{tmp}/a.toml", "--board", "a4"), "expected a name as it is printed"),
         (("{pictures}", "{tmp}/a.toml", "--board", "chessboard-7x12-30mm"), "in 0 frames"),

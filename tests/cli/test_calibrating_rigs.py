@@ -120,7 +120,7 @@ def test_sync_of_films_in_step_says_so(folders: Path, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (("extrinsics", "a.mp4"), "paths: found 1"),
+        (("extrinsics", "a.mp4"), "found 1 path"),
         (("extrinsics", "a.mp4", "b.mp4", "{top}/x.toml"), "--intrinsics: found none"),
         (("extrinsics", "{top}/known", "{top}/x.toml", "--limb", "knee=4cm"), "--limb: found"),
         (("extrinsics", "{top}/known", "{top}/x.toml", "--seconds", "0"), "--seconds: found 0"),

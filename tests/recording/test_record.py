@@ -30,7 +30,7 @@ def test_a_lost_view_is_none_and_an_empty_one_is_not() -> None:
         ({"views": ()}, "views of 0 cameras"),
         ({"scored_slots": (5, 41)}, "scored_slots: found 5..41"),
         ({"scored_slots": (-1, 4)}, "scored_slots: found -1..4"),
-        ({"videos": {"eve": "a.mp4"}}, "camera 'eve' is not in the rig"),
+        ({"videos": {"eve": "a.mp4"}}, "camera: found 'eve', which is not in the rig"),
         ({"videos": {"cam0": "../../secret.mp4"}}, r"videos.cam0: found '../../secret.mp4'"),
         ({"videos": {"cam0": "a/b.mp4"}}, "videos.cam0"),
         ({"videos": {"cam0": ".."}}, "videos.cam0"),

@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
 from e3pose.errors import InputError
+from e3pose.plural import counted
 
 Flag = Annotated[bool, Parameter(negative="")]
 DEFAULT_BOARD = "charuco-5x7-36mm"  # what `calibrate board` makes for A4
@@ -122,7 +123,8 @@ def intrinsics(
     from e3pose.geometry.camera import Rig
 
     if len(paths) < 2:
-        raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST")
+        given = counted(len(paths), "path")
+        raise InputError(f"VIDEO... DEST: found {given}, expected videos, then the file to write")
     *films, last = paths
     dest = toml_path(last)
     if not 5 <= frames <= 100_000:

@@ -13,6 +13,7 @@ from cyclopts import Parameter
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
 from e3pose.cli.options import as_typed
 from e3pose.errors import InputError
+from e3pose.plural import counted
 from e3pose.quantities import length_m
 
 if TYPE_CHECKING:
@@ -87,7 +88,10 @@ def extrinsics(
     from e3pose.calibration import load_rig, save_rig
 
     if len(paths) < 2:
-        raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST or RECORDING DEST")
+        given = counted(len(paths), "path")
+        raise InputError(
+            f"VIDEO... DEST: found {given}, expected videos or a recording, then the file"
+        )
     *sources, last = paths
     dest = toml_path(last)
     known = _known(height, distance, limb)
@@ -179,7 +183,7 @@ def _films(
     for name in offsets:
         used.index(name)
     if len(used) < 2:
-        raise InputError(f"paths: found {len(used)} film, expected those of at least two cameras")
+        raise InputError(f"VIDEO...: found {len(used)} video, expected at least two cameras")
     if ball is not None:
         return from_ball_films(named, used, ball, offsets, rate, known)
     if known.height_m is not None or known.distance is not None or known.limb is not None:

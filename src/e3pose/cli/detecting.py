@@ -88,7 +88,8 @@ def detect(
     from e3pose.files.atomic import check_free
 
     if len(paths) < 2:
-        raise InputError(f"paths: found {len(paths)}, expected VIDEO... DEST")
+        given = counted(len(paths), "path")
+        raise InputError(f"VIDEO... DEST: found {given}, expected videos, then the folder to write")
     if link_videos and copy_videos:
         raise InputError("--link-videos and --copy-videos: found both, expected at most one")
     *videos, last = paths
