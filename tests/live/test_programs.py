@@ -154,7 +154,7 @@ def load_port(path: Path) -> str:
 def test_top_of_a_site_that_does_not_run(tmp_path: Path, recording: Path) -> None:
     path = write_site(tmp_path, recording)
     code, _, err = run("top", str(path), "--once", "--timeout", "0.5")
-    assert code == 2 and err.count("\n") == 1 and "no edge of site lab answers" in err
+    assert code == 2 and err.count("\n") == 1 and "the edge of site lab does not answer" in err
 
 
 def test_two_sites_share_one_router(tmp_path: Path, recording: Path) -> None:
