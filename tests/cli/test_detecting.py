@@ -156,7 +156,7 @@ def test_one_path_is_not_enough(
 ) -> None:
     *_, option, calibration = site(tmp_path)
     assert run("detect", str(tmp_path / "cam1.mp4"), option, calibration) == 2
-    assert "expected VIDEO... DEST" in capsys.readouterr().err
+    assert "expected videos, then the folder to write" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--model", "--family"])
