@@ -124,7 +124,7 @@ def wide(joints_m: Floats, model: Model) -> Flags:
 
 def _inside(belief: Belief, cameras: Ints, model: Model) -> Flags:
     pixels, depth, _ = project(belief.state[..., :3], model.rig.projections[cameras])
-    size = model.image_sizes[cameras].reshape(-1, 1, 1, 2)
+    size = model.rig.image_sizes[cameras].reshape(-1, 1, 1, 2)
     inside = ((pixels > 0) & (pixels < size)).all(axis=-1) & (depth > MIN_DEPTH_M)
     return np.asarray(inside.sum(axis=-1) >= INSIDE_JOINTS)
 

@@ -96,7 +96,7 @@ def _shifts(
     found += fresh[:, None] * shifts_px(shifts, model)[cameras]
     counts = shifts[cameras, COUNT]
     mean = (counts[:, None] * shifts[cameras, :COUNT] + found) / (counts + fresh)[:, None]
-    furthest = FURTHEST * model.image_sizes[cameras].max(axis=1)
+    furthest = FURTHEST * model.rig.image_sizes[cameras].max(axis=1)
     mean /= np.maximum(np.linalg.norm(mean, axis=1) / furthest, 1.0)[:, None]
     shifts = shifts.copy()
     shifts[cameras, :COUNT] = mean

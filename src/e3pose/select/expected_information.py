@@ -180,8 +180,7 @@ def _shown(outlook: Outlook, inside: Flags, in_front: Floats) -> Floats:
 
 
 def _inside(rig: Rig, pixels: Floats, depth: Floats) -> Flags:
-    sizes = np.array([camera.image_size for camera in rig.cameras], dtype=np.float64)
-    inside = ((pixels > 0) & (pixels < sizes[:, None, None])).all(axis=-1)
+    inside = ((pixels > 0) & (pixels < rig.image_sizes[:, None, None])).all(axis=-1)
     return np.asarray(inside & (depth > MIN_DEPTH_M))
 
 

@@ -71,7 +71,7 @@ def own_occlusion(sights: Sequence[Sight], slot: int, rig: Rig) -> Floats:
     )
     for row, sight in zip(boxes, sights, strict=True):
         row[: len(sight.boxes)] = sight.boxes + (slot - sight.slot) * sight.motion
-    sizes = np.array([camera.image_size * 2 for camera in rig.cameras], dtype=np.float64)
+    sizes = np.tile(rig.image_sizes, 2)
     with np.errstate(invalid="ignore"):
         boxes = np.minimum(np.maximum(boxes, -0.5), sizes[:, None] - 0.5)
         in_view = (boxes[..., 2:] > boxes[..., :2]).all(axis=-1)

@@ -38,7 +38,7 @@ def shifts_px(shifts: Floats, model: Model) -> Floats:
         model: the rig.
     """
     mean = shifts[:, :COUNT] * (shifts[:, COUNT:] / (shifts[:, COUNT:] + PRIOR))
-    least = LEAST * model.image_sizes.max(axis=1)
+    least = LEAST * model.rig.image_sizes.max(axis=1)
     squares = (mean**2).sum(axis=1)
     kept = np.where(squares > least**2, 1 - least**2 / np.maximum(squares, 1e-12), 0.0)
     return np.asarray(mean * kept[:, None])

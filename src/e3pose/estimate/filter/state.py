@@ -64,17 +64,12 @@ class Model:
     wait_s: float = WAIT_S
 
     @cached_property
-    def image_sizes(self) -> Floats:
-        """`(num_cameras, 2)` width and height in pixels."""
-        return np.array([camera.image_size for camera in self.rig.cameras], dtype=np.float64)
-
-    @cached_property
     def scales(self) -> Floats:
         """`(num_cameras,)` how much larger a camera's pixels count than the noise was measured in.
 
         Detectors see images at one input size, so their error is a share of the image.
         """
-        return np.asarray(self.image_sizes.max(axis=1) / self.noise.image_px)
+        return np.asarray(self.rig.image_sizes.max(axis=1) / self.noise.image_px)
 
     @cached_property
     def corner_m(self) -> Floats:

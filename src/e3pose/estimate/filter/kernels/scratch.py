@@ -56,7 +56,7 @@ def make_site(model: Model) -> Site:
         depths[joints] = depth
     return Site(
         np.ascontiguousarray(model.rig.projections),
-        np.ascontiguousarray(model.image_sizes),
+        np.ascontiguousarray(model.rig.image_sizes),
         np.ascontiguousarray(model.scales),
         np.array(model.noise.scores),
         np.array(model.noise.sigma_px),
