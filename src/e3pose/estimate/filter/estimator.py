@@ -84,7 +84,7 @@ class Filtered:
         )
         track_ids = identities.of(estimate.track_ids)
         shown = np.isin(belief.track_ids, estimate.track_ids)
-        factor = spread_factor(belief, self.model)[shown]
+        factor = spread_factor(belief)[shown]
         history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
         _, new, old = np.intersect1d(
             estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
@@ -138,8 +138,7 @@ class Filtered:
         expected = outlook(self.model, memory.belief, ahead_s)
         factor = 1.0
         if memory.belief.confirmed.any():
-            factors = spread_factor(memory.belief, self.model)[memory.belief.confirmed]
-            factor = float(np.exp(np.log(factors.min(axis=1)).mean()))  # of joints just measured
+            factor = float(spread_factor(memory.belief)[memory.belief.confirmed].mean())
         return replace(
             expected,
             track_ids=memory.identities.of(expected.track_ids),
