@@ -25,6 +25,8 @@ from e3pose.kernel import LANES, kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+CAMERA, ROW, LABEL, NEAREST, ALIVE, SIZE, MEMBER = range(7)  # the rows of `Memory.integers`
+
 
 class Memory(NamedTuple):
     """Scratch of a slot of at most `capacity` poses, allocated once."""
@@ -129,15 +131,6 @@ def fuse_slot(
     memory: Memory,
 ) -> int:
     """Match and triangulate one slot into the last four arrays of `memory`; return the people."""
-    cameras, rows, labels, nearest, alive, sizes, in_group = (
-        memory.integers[0],
-        memory.integers[1],
-        memory.integers[2],
-        memory.integers[3],
-        memory.integers[4],
-        memory.integers[5],
-        memory.integers[6],
-    )
     undistort_slot(
         keypoints_px,
         scores,
@@ -148,74 +141,13 @@ def fuse_slot(
         memory.lanes,
         memory.pixels,
     )
-    num_poses = gather(
-        scores,
-        counts,
-        ray_matrices,
-        centers_m,
-        memory.pixels,
-        memory.scores,
-        memory.precisions,
-        cameras,
-        rows,
-        memory.tiles,
-        memory.tile_centers,
-    )
-    measure_pairs(
-        num_poses,
-        scores.shape[2],
-        cameras,
-        memory.tiles,
-        memory.tile_centers,
-        cap_m,
-        memory.lanes,
-        memory.sums,
-        memory.weights,
-    )
-    group_poses(
-        num_poses,
-        memory.sums,
-        memory.weights,
-        max_distance_m,
-        cap_m,
-        labels,
-        nearest,
-        memory.distance,
-        alive,
-    )
-    weigh_groups(num_poses, labels, memory.scores, sizes, memory.strength)
-    dissolve_groups(
-        num_poses,
-        cameras,
-        memory.scores,
-        memory.tiles,
-        memory.tile_centers,
-        memory.lanes,
-        max_distance_m,
-        cap_m,
-        labels,
-        sizes,
-        nearest,
-        memory.strength,
-        memory.distance,
-        memory.weights[0],
-    )
+    num_poses = _match(scores, counts, ray_matrices, centers_m, max_distance_m, cap_m, memory)
+    cameras, rows = memory.integers[CAMERA], memory.integers[ROW]
     people = 0
     while True:
-        label = -1
-        for pose in range(num_poses):
-            strongest = label < 0 or memory.strength[pose] > memory.strength[label]
-            if sizes[pose] >= MIN_VIEWS and strongest:
-                label = pose
-        if label < 0:
+        group = _take_strongest(num_poses, memory)
+        if len(group) == 0:
             return people
-        group = in_group[: sizes[label]]
-        count = 0
-        for pose in range(num_poses):  # poses are stored by camera, so the group is too
-            if labels[pose] == label:
-                group[count] = pose
-                count += 1
-        sizes[label] = 0
         joints_m = memory.joints_m[people]
         found = triangulate_person(
             group, cameras, memory.pixels, memory.scores, projections, memory.small, joints_m
@@ -251,6 +183,98 @@ def fuse_slot(
         for index in range(len(group)):
             memory.members[people, cameras[group[index]]] = rows[group[index]]
         people += 1
+
+
+@kernel
+def _match(
+    scores: Floats,
+    counts: Integers,
+    ray_matrices: Floats,
+    centers_m: Floats,
+    max_distance_m: float,
+    cap_m: float,
+    memory: Memory,
+) -> int:
+    """Group the poses of `memory.pixels` by person: their labels, group sizes and strengths.
+
+    Returns the number of poses, over all cameras.
+    """
+    cameras, labels = memory.integers[CAMERA], memory.integers[LABEL]
+    nearest, sizes = memory.integers[NEAREST], memory.integers[SIZE]
+    num_poses = gather(
+        scores,
+        counts,
+        ray_matrices,
+        centers_m,
+        memory.pixels,
+        memory.scores,
+        memory.precisions,
+        cameras,
+        memory.integers[ROW],
+        memory.tiles,
+        memory.tile_centers,
+    )
+    measure_pairs(
+        num_poses,
+        scores.shape[2],
+        cameras,
+        memory.tiles,
+        memory.tile_centers,
+        cap_m,
+        memory.lanes,
+        memory.sums,
+        memory.weights,
+    )
+    group_poses(
+        num_poses,
+        memory.sums,
+        memory.weights,
+        max_distance_m,
+        cap_m,
+        labels,
+        nearest,
+        memory.distance,
+        memory.integers[ALIVE],
+    )
+    weigh_groups(num_poses, labels, memory.scores, sizes, memory.strength)
+    dissolve_groups(
+        num_poses,
+        cameras,
+        memory.scores,
+        memory.tiles,
+        memory.tile_centers,
+        memory.lanes,
+        max_distance_m,
+        cap_m,
+        labels,
+        sizes,
+        nearest,
+        memory.strength,
+        memory.distance,
+        memory.weights[0],
+    )
+    return num_poses
+
+
+@kernel
+def _take_strongest(num_poses: int, memory: Memory) -> Integers:
+    """Return the poses of the strongest group that is left, by camera; empty if none is."""
+    labels, sizes = memory.integers[LABEL], memory.integers[SIZE]
+    strongest = -1
+    for pose in range(num_poses):
+        stronger = strongest < 0 or memory.strength[pose] > memory.strength[strongest]
+        if sizes[pose] >= MIN_VIEWS and stronger:
+            strongest = pose
+    if strongest < 0:
+        return memory.integers[MEMBER, :0]
+    group = memory.integers[MEMBER, : sizes[strongest]]
+    count = 0
+    for pose in range(num_poses):  # poses are stored by camera, so the group is too
+        if labels[pose] == strongest:
+            group[count] = pose
+            count += 1
+    sizes[strongest] = 0
+    return group
 
 
 @kernel

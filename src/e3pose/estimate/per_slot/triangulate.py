@@ -128,81 +128,115 @@ def refine_person(
 
     `precisions` `(num_poses, num_joints)` are reciprocals of the noise in pixels, 0 where not seen.
     """
-    robust = 1.0 / OUTLIER_SIGMAS**2 if reject_outliers else 0.0
     for joint in range(joints_m.shape[0]):
         x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
         if math.isnan(x):
             continue
-        first_loss = last_loss = 1.0
+        first_loss = 1.0
         for step in range(steps + 1):
-            n00 = n01 = n02 = n11 = n12 = n22 = g0 = g1 = g2 = 0.0
-            product = 1.0
-            total = 0.0
-            far_enough = True
-            for index in range(len(group)):
-                pose = group[index]
-                weight = precisions[pose, joint] ** 2
-                if weight == 0:
-                    continue
-                k = cameras[pose]
-                depth = _depth(projections, k, x, y, z)
-                far_enough &= depth >= MIN_DEPTH_M
-                inverse = 1.0 / depth
-                u = inverse * (
-                    projections[k, 0, 0] * x
-                    + projections[k, 0, 1] * y
-                    + projections[k, 0, 2] * z
-                    + projections[k, 0, 3]
-                )
-                v = inverse * (
-                    projections[k, 1, 0] * x
-                    + projections[k, 1, 1] * y
-                    + projections[k, 1, 2] * z
-                    + projections[k, 1, 3]
-                )
-                error_u, error_v = u - pixels[pose, joint, 0], v - pixels[pose, joint, 1]
-                squares = weight * (error_u * error_u + error_v * error_v)
-                total += squares
-                if reject_outliers:
-                    product *= 1.0 + robust * squares
-                    weight /= 1.0 + robust * squares
-                if step == steps:
-                    continue
-                ua = (projections[k, 0, 0] - u * projections[k, 2, 0]) * inverse
-                ub = (projections[k, 0, 1] - u * projections[k, 2, 1]) * inverse
-                uc = (projections[k, 0, 2] - u * projections[k, 2, 2]) * inverse
-                va = (projections[k, 1, 0] - v * projections[k, 2, 0]) * inverse
-                vb = (projections[k, 1, 1] - v * projections[k, 2, 1]) * inverse
-                vc = (projections[k, 1, 2] - v * projections[k, 2, 2]) * inverse
-                n00 += weight * (ua * ua + va * va)
-                n01 += weight * (ua * ub + va * vb)
-                n02 += weight * (ua * uc + va * vc)
-                n11 += weight * (ub * ub + vb * vb)
-                n12 += weight * (ub * uc + vb * vc)
-                n22 += weight * (uc * uc + vc * vc)
-                g0 += weight * (ua * error_u + va * error_v)
-                g1 += weight * (ub * error_u + vb * error_v)
-                g2 += weight * (uc * error_u + vc * error_v)
+            last = step == steps
+            far_enough, loss, dx, dy, dz = _gauss_newton_step(
+                group,
+                cameras,
+                pixels[:, joint],
+                precisions[:, joint],
+                projections,
+                reject_outliers,
+                last,
+                (x, y, z),
+            )
             if not far_enough:
                 break
-            last_loss = product if reject_outliers else total
             if step == 0:
-                first_loss = last_loss
-            if step == steps:
-                if last_loss <= first_loss:
+                first_loss = loss
+            if last:
+                if loss <= first_loss:
                     joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2] = x, y, z
                 break
-            c00 = n11 * n22 - n12 * n12
-            c01 = n02 * n12 - n01 * n22
-            c02 = n01 * n12 - n02 * n11
-            scale = 1.0 / (n00 * c00 + n01 * c01 + n02 * c02)
-            c12 = n01 * n02 - n00 * n12
-            dx = scale * (c00 * g0 + c01 * g1 + c02 * g2)
-            dy = scale * (c01 * g0 + (n00 * n22 - n02 * n02) * g1 + c12 * g2)
-            dz = scale * (c02 * g0 + c12 * g1 + (n00 * n11 - n01 * n01) * g2)
             if not dx * dx + dy * dy + dz * dz <= MAX_STEP_M**2:
                 break
             x, y, z = x - dx, y - dy, z - dz
+
+
+@kernel
+def _gauss_newton_step(
+    group: Integers,
+    cameras: Integers,
+    pixels: Floats,
+    precisions: Floats,
+    projections: Floats,
+    reject_outliers: bool,
+    last: bool,
+    point: tuple[float, float, float],
+) -> tuple[bool, float, float, float, float]:
+    """Return whether every view is far enough, the loss at a point, and the step to take off.
+
+    `pixels` `(num_poses, 2)` and `precisions` `(num_poses,)` are those of one joint. The loss is
+    the sum of squares in units of the noise or, with `reject_outliers`, the product whose logarithm
+    is the Cauchy loss. The last step is asked for its loss alone.
+    """
+    x, y, z = point
+    robust = 1.0 / OUTLIER_SIGMAS**2 if reject_outliers else 0.0
+    n00 = n01 = n02 = n11 = n12 = n22 = g0 = g1 = g2 = 0.0
+    product = 1.0
+    total = 0.0
+    far_enough = True
+    for index in range(len(group)):
+        pose = group[index]
+        weight = precisions[pose] ** 2
+        if weight == 0:
+            continue
+        k = cameras[pose]
+        depth = _depth(projections, k, x, y, z)
+        far_enough &= depth >= MIN_DEPTH_M
+        inverse = 1.0 / depth
+        u = inverse * (
+            projections[k, 0, 0] * x
+            + projections[k, 0, 1] * y
+            + projections[k, 0, 2] * z
+            + projections[k, 0, 3]
+        )
+        v = inverse * (
+            projections[k, 1, 0] * x
+            + projections[k, 1, 1] * y
+            + projections[k, 1, 2] * z
+            + projections[k, 1, 3]
+        )
+        error_u, error_v = u - pixels[pose, 0], v - pixels[pose, 1]
+        squares = weight * (error_u * error_u + error_v * error_v)
+        total += squares
+        if reject_outliers:
+            product *= 1.0 + robust * squares
+            weight /= 1.0 + robust * squares
+        if last:
+            continue
+        ua = (projections[k, 0, 0] - u * projections[k, 2, 0]) * inverse
+        ub = (projections[k, 0, 1] - u * projections[k, 2, 1]) * inverse
+        uc = (projections[k, 0, 2] - u * projections[k, 2, 2]) * inverse
+        va = (projections[k, 1, 0] - v * projections[k, 2, 0]) * inverse
+        vb = (projections[k, 1, 1] - v * projections[k, 2, 1]) * inverse
+        vc = (projections[k, 1, 2] - v * projections[k, 2, 2]) * inverse
+        n00 += weight * (ua * ua + va * va)
+        n01 += weight * (ua * ub + va * vb)
+        n02 += weight * (ua * uc + va * vc)
+        n11 += weight * (ub * ub + vb * vb)
+        n12 += weight * (ub * uc + vb * vc)
+        n22 += weight * (uc * uc + vc * vc)
+        g0 += weight * (ua * error_u + va * error_v)
+        g1 += weight * (ub * error_u + vb * error_v)
+        g2 += weight * (uc * error_u + vc * error_v)
+    loss = product if reject_outliers else total
+    if last or not far_enough:
+        return far_enough, loss, 0.0, 0.0, 0.0
+    c00 = n11 * n22 - n12 * n12
+    c01 = n02 * n12 - n01 * n22
+    c02 = n01 * n12 - n02 * n11
+    scale = 1.0 / (n00 * c00 + n01 * c01 + n02 * c02)
+    c12 = n01 * n02 - n00 * n12
+    dx = scale * (c00 * g0 + c01 * g1 + c02 * g2)
+    dy = scale * (c01 * g0 + (n00 * n22 - n02 * n02) * g1 + c12 * g2)
+    dz = scale * (c02 * g0 + c12 * g1 + (n00 * n11 - n01 * n01) * g2)
+    return far_enough, loss, dx, dy, dz
 
 
 @kernel
