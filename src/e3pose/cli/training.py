@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,8 +13,14 @@ from e3pose.cli.options import Whole
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from e3pose.learn.train.attention_lstm import TrainSettings
+    from e3pose.learn.train.lessons import LessonSettings
     from e3pose.learn.train.network import AttentionLstm
+    from e3pose.learn.train.parallel import Workers
+    from e3pose.learn.train.windows import Clip
+    from e3pose.recording import Recording
 
 SHIPPED_NAME = "shipped"
 
@@ -109,41 +116,18 @@ def train(
     )
     workers = Workers(jobs, dask)
     import torch
-    from rich.console import Console
-    from rich.progress import Progress
 
     from e3pose.cli.placed import load_placed
     from e3pose.learn.train.attention_lstm import TrainSettings as Settings
     from e3pose.learn.train.attention_lstm import train as run
     from e3pose.learn.train.clips import gather
     from e3pose.learn.train.estimates import EstimateSettings
-    from e3pose.learn.train.lessons import LessonSettings, lessons
+    from e3pose.learn.train.lessons import LessonSettings
     from e3pose.learn.train.network import NetworkSettings
-    from e3pose.learn.train.windows import Clip
-    from e3pose.recording import Recording
 
     # More threads are no faster with a network so small, and a hundred times slower where other
     # programs run: they wait for each other by counting.
     torch.set_num_threads(1)
-    wanted = LessonSettings(
-        target=target,
-        include_scored=include_scored,
-        estimates=EstimateSettings(combinations=combinations, seed=seed),
-    )
-    console = Console(stderr=True)
-
-    def motion(recording: Recording, shortest: int) -> list[Clip]:
-        label = f"fuse {recording.name}"
-        with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-            task = bar.add_task(label, total=1.0)
-            return lessons(
-                recording,
-                shortest,
-                wanted,
-                workers,
-                lambda share: bar.update(task, completed=share),
-            )
-
     settings = Settings(
         network=NetworkSettings(history_slots=history, hidden=hidden),
         num_leads=leads,
@@ -157,14 +141,19 @@ def train(
         before, settings = _gone_on_from(start, settings)
     if dropout is not None:
         settings = replace(settings, network=replace(settings.network, dropout=dropout))
+    wanted = LessonSettings(
+        target=target,
+        include_scored=include_scored,
+        estimates=EstimateSettings(combinations=combinations, seed=seed),
+    )
     learned, held_out = gather(
         [load_placed(path) for path in recordings],
         [load_placed(path) for path in validate or []],
         hold_out,
         history + leads,
-        motion,
+        _with_progress(wanted, workers),
     )
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
+    with _progress() as bar:
         task = bar.add_task("train", total=1.0)
         weights = run(
             learned,
@@ -176,6 +165,34 @@ def train(
             before,
         )
     print(f"Wrote {weights}; validation figures: {out / 'model-card.md'}")
+
+
+def _progress() -> Progress:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    return Progress(console=console, disable=not console.is_terminal, transient=True)
+
+
+def _with_progress(
+    wanted: LessonSettings, workers: Workers
+) -> Callable[[Recording, int], list[Clip]]:
+    """Return what makes the lessons of a recording, and shows how far it is."""
+    from e3pose.learn.train.lessons import lessons
+
+    def motion(recording: Recording, shortest: int) -> list[Clip]:
+        with _progress() as bar:
+            task = bar.add_task(f"fuse {recording.name}", total=1.0)
+            return lessons(
+                recording,
+                shortest,
+                wanted,
+                workers,
+                lambda share: bar.update(task, completed=share),
+            )
+
+    return motion
 
 
 def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, TrainSettings]:
