@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.clock import Clock
 from e3pose.edge.delayed import DelayedPoses, lag_slots
@@ -18,17 +21,24 @@ class Publisher:
     """Puts people into the outbox, and knows how long after the last view they left it."""
 
     def __init__(
-        self, settings: EdgeSettings, interval_s: float, outbox: Outbox, clock: Clock
+        self,
+        settings: EdgeSettings,
+        camera_ids: Sequence[str],
+        interval_s: float,
+        outbox: Outbox,
+        clock: Clock,
     ) -> None:
         """Begin with nobody.
 
         Args:
             settings: of the edge.
+            camera_ids: of the rig.
             interval_s: of a slot.
             outbox: sends.
             clock: the edge's.
         """
         self._joints, self._outbox, self._clock = settings.joints, outbox, clock
+        self._camera_ids = np.array(camera_ids, dtype=object)
         self._topic = topics.of_site(settings.site, "poses")
         self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
         lag = lag_slots(settings.smooth_delay_s, interval_s)
@@ -36,19 +46,35 @@ class Publisher:
         self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
         self._told: tuple[int, int, People] | None = None  # the newest slot, its time and people
 
-    def tell(self, slot: int, time_ns: int, people: People, came_ns: Sequence[int]) -> None:
+    def tell(
+        self,
+        slot: int,
+        time_ns: int,
+        people: People,
+        came_ns: Mapping[int, int],
+        selected: NDArray[np.bool_],
+    ) -> None:
         """Publish the people of a slot.
 
         Args:
             slot: which.
             time_ns: when it was.
             people: who was there.
-            came_ns: when its views came.
+            came_ns: camera to when its view came, of those selected.
+            selected: `(num_cameras,)` who was to look.
         """
         self._told = slot, time_ns, people
-        self._last_in_ns = {slot: max(*came_ns, time_ns)} if came_ns else {}
+        self._last_in_ns = {slot: max(*came_ns.values(), time_ns)} if came_ns else {}
         now_ns = self._clock.now_ns()
-        message = poses_message(slot, people, self._joints, time_ns, now_ns)
+        message = poses_message(
+            slot,
+            people,
+            self._joints,
+            time_ns,
+            now_ns,
+            self._camera_ids[selected].tolist(),
+            self._camera_ids[sorted(came_ns)].tolist(),
+        )
         self._outbox.put(self._topic, encode(message), slot)
 
     def tell_again(self, busy: bool) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,13 @@ from e3pose.wire.messages import CameraStatus, Poses, Status
 
 
 def poses_message(
-    slot: int, people: People, joints: Sequence[str], time_ns: int, published_ns: int
+    slot: int,
+    people: People,
+    joints: Sequence[str],
+    time_ns: int,
+    published_ns: int,
+    selected: Sequence[str] = (),
+    arrived: Sequence[str] = (),
 ) -> Poses:
     """Return the message of a slot's people."""
     return Poses(
@@ -30,6 +37,33 @@ def poses_message(
         sigma_m=pack(axis_sigma_m(people.covariance_m2).astype(np.float32)),
         measured=pack(np.asarray(people.measured, dtype=bool)),
         published_edge_ns=published_ns,
+        selected=tuple(selected),
+        arrived=tuple(arrived),
+    )
+
+
+class Outlined(NamedTuple):
+    """What a camera was expected to show in the slot decided last; None if unknown."""
+
+    occlusion: float | None = None
+    gain_nats: float | None = None
+    price: float | None = None
+
+
+NOTHING = Outlined()
+
+
+def outlined(record: SlotRecord | None, camera: int) -> Outlined:
+    """Return what a camera was expected to show, by the newest record."""
+    if record is None:
+        return NOTHING
+    occlusion, reasons = float(record.occlusion[camera]), record.reasons
+    found = Outlined(min(max(occlusion, 0.0), 1.0) if np.isfinite(occlusion) else None)
+    if reasons is None:
+        return found
+    gain, price = float(reasons.gain_nats[camera]), float(reasons.price[camera])
+    return found._replace(
+        gain_nats=gain if np.isfinite(gain) else None, price=price if np.isfinite(price) else None
     )
 
 
@@ -44,6 +78,7 @@ def camera_status(
     now_ns: int,
     noise_factor: float = np.nan,
     shift_px: float = np.nan,
+    why: Outlined = NOTHING,
 ) -> CameraStatus:
     """Return what the edge knows of a camera.
 
@@ -58,6 +93,7 @@ def camera_status(
         now_ns: the time.
         noise_factor: sigma of its keypoints over what the noise file states; NaN if unknown.
         shift_px: how far all of its keypoints are off the same way; NaN if unknown.
+        why: it was or was not selected.
     """
     beat, capacity_wh = life.beat, life.hello.battery_wh if life.hello else None
     charge = beat.battery_j if beat else None
@@ -82,6 +118,10 @@ def camera_status(
         gauge=bool(beat and beat.gauge),
         noise_factor=float(noise_factor) if np.isfinite(noise_factor) else None,
         shift_px=float(shift_px) if np.isfinite(shift_px) else None,
+        occlusion=why.occlusion,
+        gain_nats=why.gain_nats,
+        price=why.price,
+        temperature_c=beat.temperature_c if beat else None,
     )
 
 
@@ -140,6 +180,7 @@ def site_status(moment: Moment) -> Status:
             moment.now_ns,
             factors[index],
             float(np.hypot(*shifts_px[index])),
+            outlined(record, index),
         )
         for index, life in enumerate(moment.lives)
     )

@@ -118,7 +118,8 @@ class EdgeServer:
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
-        self.publisher = Publisher(settings, interval_s, self.outbox, clock)
+        ids = pipeline.rig.camera_ids
+        self.publisher = Publisher(settings, ids, interval_s, self.outbox, clock)
         self._quiet = threading.Event()  # a slot was just done
         self.crew = Crew(self._wake)
         self._resume()
@@ -289,11 +290,11 @@ class EdgeServer:
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
         # A camera that is not believed to be there but delivered all the same was there.
         online = online | np.isin(np.arange(len(online)), list(views))
-        used = [a.arrived_ns for camera, a in arrivals.items() if told[camera]]
+        used = {camera: a.arrived_ns for camera, a in arrivals.items() if told[camera]}
         time_ns = times.middle_ns(slot)
 
         def publish(people: People) -> None:
-            self.publisher.tell(slot, time_ns, people, used)
+            self.publisher.tell(slot, time_ns, people, used, told & online)
 
         self.state, record = step(thinned(self.pipeline, self.load), state, views, online, publish)
         took_ns = self.clock.now_ns() - begun_ns

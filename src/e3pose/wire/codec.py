@@ -36,6 +36,7 @@ MAX_PIXEL = 1e6
 MAX_FIGURE = 1e15  # of a status: watts, milliseconds, millimetres; clocks that were set go far
 MAX_CAMERAS = 1000
 MAX_EVENTS = 1000
+TEMPERATURES_C = (-273.15, 1000.0)
 
 _encoder = msgspec.msgpack.Encoder()
 _envelope = msgspec.msgpack.Decoder(tuple[int, msgspec.Raw])
@@ -217,6 +218,7 @@ def _check_heartbeat(beat: Heartbeat, where: str) -> None:
         battery_j=beat.battery_j,
         charging_w=beat.charging_w,
     )
+    _check_numbers(where, *TEMPERATURES_C, temperature_c=beat.temperature_c)
     _check_text(where, beat.problem)
 
 
@@ -251,6 +253,10 @@ def _check_answer(answer: ClockAnswer, where: str) -> None:
 def _check_poses(poses: Poses, where: str) -> None:
     _check_whole(where, slot=poses.slot, time_edge_ns=poses.time_edge_ns)
     _check_text(where, *poses.joints)
+    for camera_id in (*poses.selected, *poses.arrived):
+        check_camera_id(camera_id)
+    if len(poses.selected) > MAX_CAMERAS or len(poses.arrived) > MAX_CAMERAS:
+        raise InputError(f"{where}: cameras: found more than {MAX_CAMERAS}")
     persons, joints = _check_persons(poses.track_ids, where), len(poses.joints)
     _check_array(poses.track_ids, f"{where}: track_ids", "i8", persons)
     _check_array(poses.joints_m, f"{where}: joints_m", "f4", persons, joints, 3)
@@ -295,7 +301,11 @@ def _check_camera_status(camera: CameraStatus, where: str) -> None:
         last_seen_s=camera.last_seen_s,
         deficit=camera.deficit,
         clock_offset_ms=camera.clock_offset_ms,
+        gain_nats=camera.gain_nats,
+        price=camera.price,
     )
+    _check_numbers(where, 0, 1, occlusion=camera.occlusion)
+    _check_numbers(where, *TEMPERATURES_C, temperature_c=camera.temperature_c)
 
 
 _CHECKS: dict[type[Any], Any] = {

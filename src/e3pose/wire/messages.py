@@ -118,6 +118,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
             an order was made from until it came; 0 if none came.
         gauge: whether a gauge says `battery_j`; otherwise a model says it.
         ends: whether this is its last word, as its program was told to end.
+        temperature_c: of the device; None without a sensor.
     """
 
     camera_id: str
@@ -145,6 +146,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     order_delay_ns: int = 0
     gauge: bool = False
     ends: bool = False
+    temperature_c: float | None = None
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
@@ -216,6 +218,8 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
         sigma_m: `(num_persons, num_joints)` f4 standard deviation along an axis; NaN where unknown.
         measured: `(num_persons, num_joints)` b1; the others are carried on from earlier slots.
         published_edge_ns: when the message left.
+        selected: cameras that were to look in the slot; empty of people who are told again.
+        arrived: those of them whose views are in the poses.
     """
 
     slot: int
@@ -226,6 +230,8 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
     sigma_m: Array
     measured: Array
     published_edge_ns: int = 0
+    selected: tuple[str, ...] = ()
+    arrived: tuple[str, ...] = ()
 
 
 class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
@@ -250,6 +256,11 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
             it; None if unknown.
         shift_px: how far all of its keypoints are off the same way, as the edge learned it and
             takes it off; None if unknown.
+        occlusion: of the people in its view, predicted for the slot decided last, [0, 1].
+        gain_nats: information a joint that it adds to the other cameras of that slot; None of a
+            policy that does not work it out.
+        price: what its energy queue asks for it, on the same scale.
+        temperature_c: of the device, by its own sensor; None where there is none.
     """
 
     camera_id: str
@@ -268,6 +279,10 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     gauge: bool = False
     noise_factor: float | None = None
     shift_px: float | None = None
+    occlusion: float | None = None
+    gain_nats: float | None = None
+    price: float | None = None
+    temperature_c: float | None = None
 
 
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):

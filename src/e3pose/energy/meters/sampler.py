@@ -14,6 +14,7 @@ from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
 from e3pose.energy.meters.charge_file import RememberedCharge
 from e3pose.energy.meters.choose import ModelMeter, choose_meter
+from e3pose.energy.meters.temperature import read_temperature_c
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.errors import InputError
 
@@ -95,6 +96,7 @@ class PowerSampler:
         self._stop = threading.Event()
         self._total = Total()
         self._charge: Charge | None = None
+        self._temperature_c: float | None = None
         self._charge_s = -CHARGE_PERIOD_S
         self._thread = threading.Thread(target=self._work, name="power", daemon=True)
 
@@ -125,6 +127,7 @@ class PowerSampler:
                 self._remembered.spend(self._total.energy_j - before_j)
             if time_s - self._charge_s >= CHARGE_PERIOD_S:
                 self._charge_s = time_s
+                self._temperature_c = read_temperature_c(self._root)
                 try:
                     self._charge = read_charge(self._root, self._capacity_wh)
                 except MeterError:
@@ -134,8 +137,8 @@ class PowerSampler:
     def __call__(self, _mode: Mode | None = None) -> dict[str, Any]:
         """Return the power fields of a heartbeat.
 
-        These are `power_w`, `energy_j`, `measured`, `battery_j`, `charging_w` and `gauge`.
-        `measured` is of the time since it was asked for the last time.
+        These are `power_w`, `energy_j`, `measured`, `battery_j`, `charging_w`, `gauge` and
+        `temperature_c`. `measured` is of the time since it was asked for the last time.
         """
         total = self.sample()
         with self._lock:
@@ -152,6 +155,7 @@ class PowerSampler:
             "battery_j": charge,
             "charging_w": charging_w,
             "gauge": gauge,
+            "temperature_c": self._temperature_c,
         }
 
     def _work(self) -> None:
