@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import re
 import runpy
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from tests.waiting import eventually
+
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.example import write_recorded
+from e3pose.store import Store
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -37,3 +43,30 @@ def test_example_says_what_it_promises(
     runpy.run_path(str(EXAMPLES / example), run_name="__main__")
     output = capsys.readouterr().out
     assert re.fullmatch(told, output), output
+
+
+def test_examples_watch_a_site_and_ask_its_store(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import matplotlib
+
+    matplotlib.use("agg")
+    monkeypatch.chdir(tmp_path)
+    live = runpy.run_path(str(EXAMPLES / "06_live.py"))
+    watch = runpy.run_path(str(EXAMPLES / "07_watch.py"))["main"]
+    ask = runpy.run_path(str(EXAMPLES / "08_query.py"))["main"]
+    recording = simulate(SceneSettings(people=2, seconds=4, fps=12.5, cameras=3), seed=1)
+    site_file = write_recorded(tmp_path / "site", recording)
+    with ExitStack() as stack:
+        live["run"](site_file, stack)
+        watch(site_file, seconds=1.0)
+        output = capsys.readouterr().out
+        assert re.match(
+            r"(slot \d+, cameras .*: .*\n)+(track \d+: joints move \d\.\d m/s\n)+", output
+        )
+        store = site_file.with_name("live.db")
+        assert eventually(lambda: len(Store(store).query()) > 10)
+        ask(store)
+    output = capsys.readouterr().out
+    assert re.match(r"slots \d+ to \d+, \d tracks\n(track \d+: nose at \d\.\d\d m\n)+", output)
+    assert (tmp_path / "slot.png").stat().st_size > 5000

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from e3pose.estimate.per_slot.fuse import Fuser as Fuser
     from e3pose.evaluate.replay import ReplaySettings as ReplaySettings
     from e3pose.evaluate.replay import replay as replay
+    from e3pose.exports.frame import to_frame as to_frame
+    from e3pose.exports.source import query as query
     from e3pose.geometry.camera import Camera as Camera
     from e3pose.geometry.camera import Rig as Rig
     from e3pose.model.pose import Poses2D as Poses2D
@@ -26,7 +28,9 @@ if TYPE_CHECKING:
     from e3pose.recording import Recording as Recording
     from e3pose.recording import load_recording as load_recording
     from e3pose.recording import save_recording as save_recording
+    from e3pose.report.plot import plot as plot
     from e3pose.site.camera_program import open_camera as open_camera
+    from e3pose.site.connect import connect as connect
     from e3pose.site.edge_program import open_edge as open_edge
 
 _HOMES = {
@@ -40,13 +44,17 @@ _HOMES = {
     "Rig": "geometry.camera",
     "SKELETONS": "model.skeleton",
     "Skeleton": "model.skeleton",
+    "connect": "site.connect",
     "load_recording": "recording",
     "load_rig": "calibration",
     "open_camera": "site.camera_program",
     "open_edge": "site.edge_program",
+    "plot": "report.plot",
+    "query": "exports.source",
     "replay": "evaluate.replay",
     "save_recording": "recording",
     "save_rig": "calibration",
+    "to_frame": "exports.frame",
 }
 
 

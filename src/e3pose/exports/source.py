@@ -48,6 +48,34 @@ class Asked:
     region_m: tuple[float, float, float, float] | None = None
 
 
+def query(
+    store: str | Path,
+    start: str | None = None,
+    end: str | None = None,
+    *,
+    tracks: Sequence[int] = (),
+    site: str | None = None,
+    run: int | None = None,
+) -> Take:
+    """Return the people that a store holds, each with arrays over time.
+
+        take = e3pose.query("lab.db", "-10min")
+        joints_m, tracks, first_slot = take.dense()
+
+    Args:
+        store: file or URL of a database.
+        start: from when: `-10min`, `14:00`, `2026-11-21T14:00`, seconds of the run such as `12.5`.
+        end: until when, included.
+        tracks: people; everybody by default.
+        site: runs of one site only.
+        run: one run only; needed where times lie in several.
+
+    Raises:
+        InputError: when nothing is found, or what is asked for lies in several runs.
+    """
+    return take_from_store(str(store), Asked(start, end, tuple(tracks), site, run))
+
+
 def take_from_store(store: str, asked: Asked) -> Take:
     """Return poses of one run of a store.
 

@@ -83,6 +83,20 @@ class Take:
             return 0, 0
         return min(m.first for m in self.motions), max(m.first + len(m) for m in self.motions)
 
+    def dense(self) -> tuple[Floats, tuple[int, ...], int]:
+        """Return everybody in one array.
+
+        Returns:
+            `(num_slots, num_tracks, num_joints, 3)` world metres, NaN where missing; the track ids
+            of its second axis; the slot of its first row.
+        """
+        first, end = self.span
+        joints_m = np.full((end - first, len(self.motions), len(self.skeleton), 3), np.nan)
+        for index, motion in enumerate(self.motions):
+            begin = motion.first - first
+            joints_m[begin : begin + len(motion), index] = motion.joints_m
+        return joints_m, tuple(motion.track_id for motion in self.motions), first
+
 
 def motion_of(
     track_id: int,

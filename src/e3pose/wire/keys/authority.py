@@ -14,6 +14,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from e3pose.errors import InputError
 
+SUBJECT = "e3pose "  # before the name of the site
 AUTHORITY_DAYS = 3650
 LEAF_DAYS = 825
 # What certificates and keys that are none raise.
@@ -24,7 +25,7 @@ CLOCK_SLACK = datetime.timedelta(days=1)  # a camera without a network may be be
 def make_authority(site: str, now: datetime.datetime) -> tuple[bytes, bytes]:
     """Return certificate and private key, PEM, of a new authority for one site."""
     key = ec.generate_private_key(ec.SECP256R1())
-    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"e3pose {site}"[:64])])
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"{SUBJECT}{site}"[:64])])
     certificate = (
         x509.CertificateBuilder()
         .subject_name(name)

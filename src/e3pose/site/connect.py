@@ -1,0 +1,298 @@
+"""Follow a running site from Python: slots as arrays, one after the other as they are published."""
+
+from __future__ import annotations
+
+import datetime
+import queue
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import MISSING, InputError
+from e3pose.model.skeleton import SKELETONS, Skeleton
+from e3pose.model.take import Take, motion_of
+from e3pose.settings.site_file import load_site
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.wire.access import Link, split_endpoint
+from e3pose.wire.codec import unpack
+from e3pose.wire.keys.folder import certificates_in, check_certificates
+from e3pose.wire.messages import Poses, Status
+from e3pose.wire.transport import Transport
+
+MAX_WAITING = 1000  # slots that nobody has taken yet; older ones are dropped
+WAIT_S = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveSlot:
+    """The people of one slot, as an edge published them.
+
+    Attributes:
+        slot: its number.
+        time_ns: middle of the slot, nanoseconds since 1970 by the edge's clock.
+        joints: `(num_joints,)` names of the joint axis.
+        track_ids: `(num_persons,)` identities.
+        joints_m: `(num_persons, num_joints, 3)` world metres, z up; NaN where unknown.
+        sigma_m: `(num_persons, num_joints)` standard deviation along an axis; NaN where unknown.
+        measured: `(num_persons, num_joints)` whether a view of the slot measured the joint; the
+            others are predicted from earlier slots.
+        selected: cameras that were ordered to look.
+        arrived: those whose views the poses are made from.
+        published_ns: when the edge sent it, by the same clock.
+    """
+
+    slot: int
+    time_ns: int
+    joints: tuple[str, ...]
+    track_ids: NDArray[np.int64]
+    joints_m: NDArray[np.float32]
+    sigma_m: NDArray[np.float32]
+    measured: NDArray[np.bool_]
+    selected: tuple[str, ...]
+    arrived: tuple[str, ...]
+    published_ns: int
+
+    def __len__(self) -> int:
+        """Return how many people there are."""
+        return len(self.track_ids)
+
+
+def live_slot(poses: Poses) -> LiveSlot:
+    """Return a message of the edge as arrays; it must have been checked by `decode`."""
+    return LiveSlot(
+        poses.slot,
+        poses.time_edge_ns,
+        poses.joints,
+        unpack(poses.track_ids),
+        unpack(poses.joints_m),
+        unpack(poses.sigma_m),
+        unpack(poses.measured).astype(bool),
+        poses.selected,
+        poses.arrived,
+        poses.published_edge_ns,
+    )
+
+
+def take_of_slots(slots: Sequence[LiveSlot], interval_s: float, name: str = "live") -> Take:
+    """Return slots as a take, in which each person has arrays over time.
+
+    Args:
+        slots: in any order, each once, with the same joints; one at least.
+        interval_s: seconds a slot.
+        name: of the take.
+
+    Raises:
+        InputError: without slots, or for a slot that comes twice.
+    """
+    if not slots:
+        raise InputError("slots", "none", "one at least")
+    joints = slots[0].joints
+    known = next((one for one in SKELETONS.values() if one.joints == joints), None)
+    tracks = sorted({int(track) for slot in slots for track in slot.track_ids})
+    motions = []
+    for track in tracks:
+        rows = [(one, int(at)) for one in slots for at in np.flatnonzero(one.track_ids == track)]
+        joints_m = np.array([one.joints_m[at] for one, at in rows], dtype=np.float64)
+        motions.append(
+            motion_of(
+                track,
+                np.array([one.slot for one, _ in rows], dtype=np.int64),
+                joints_m,
+                np.array([one.sigma_m[at] for one, at in rows], dtype=np.float64),
+                np.asarray(np.isfinite(joints_m).all(axis=-1), dtype=np.float64),
+                np.array([one.measured[at] for one, at in rows], dtype=bool),
+            )
+        )
+    first = slots[0]
+    started_ns = first.time_ns - round(first.slot * interval_s * 1e9)
+    skeleton = known or Skeleton("live", joints, ())
+    return Take(name, skeleton, interval_s, tuple(motions), started_ns)
+
+
+class Connection:
+    """A site that is followed; use it as a context manager, and iterate over it for its slots.
+
+    Attributes:
+        site: its name.
+        dropped: slots that came while `MAX_WAITING` waited to be taken.
+    """
+
+    def __init__(self, site: str, transport: Transport, wait_s: float = WAIT_S) -> None:
+        """Follow a site.
+
+        Args:
+            site: its name.
+            transport: how to reach its edge; closed with the connection.
+            wait_s: how long to wait for the edge at most; it may be away for less.
+        """
+        self.site, self.dropped = site, 0
+        self._transport, self._wait_s = transport, wait_s
+        self._follower = Follower(site)
+        self._slots: queue.Queue[LiveSlot | None] = queue.Queue(MAX_WAITING)
+        self._follower.listen(transport, self._keep)
+
+    def __enter__(self) -> Connection:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _keep(self, poses: Poses) -> None:
+        while True:
+            try:
+                return self._slots.put_nowait(live_slot(poses))
+            except queue.Full:
+                try:
+                    self._slots.get_nowait()
+                    self.dropped += 1
+                except queue.Empty:
+                    pass
+
+    def __iter__(self) -> Iterator[LiveSlot]:
+        """Yield slots as they come, in order, until the connection is closed.
+
+        Raises:
+            InputError: when none comes for `wait_s` seconds.
+        """
+        while (slot := self.next()) is not None:
+            yield slot
+
+    def next(self) -> LiveSlot | None:
+        """Wait for the next slot; None once the connection is closed.
+
+        Raises:
+            InputError: when none comes in time, naming why where that is known.
+        """
+        try:
+            return self._slots.get(timeout=self._wait_s)
+        except queue.Empty:
+            said = self._follower.problem
+            why = f" ({said})" if said else ""
+            raise InputError(
+                f"site {self.site}: no slot for {self._wait_s:g} s{why}: check that the edge runs "
+                "and cameras are online (`e3pose top`), the endpoint, the site name and the keys"
+            ) from None
+
+    def newest(self) -> LiveSlot:
+        """Return the newest slot: what waits is skipped; waits for one if none does."""
+        slot = self.next()
+        while not self._slots.empty():
+            slot = self.next()
+        if slot is None:
+            raise InputError(f"site {self.site}", "a closed connection", "an open one")
+        return slot
+
+    def status(self) -> Status:
+        """Return how the site is, as `e3pose top` shows it; waits for the first status.
+
+        Raises:
+            InputError: when none comes in time.
+        """
+        if not self._follower.fresh.wait(self._wait_s) or self._follower.status is None:
+            raise InputError(f"site {self.site}", f"no status in {self._wait_s:g} s", "an edge")
+        return self._follower.status
+
+    def take(self, seconds: float) -> Take:
+        """Record for a while: return the people of so many seconds, each with arrays over time.
+
+        Args:
+            seconds: of the edge's time.
+
+        Raises:
+            InputError: when slots stop to come.
+        """
+        slots: list[LiveSlot] = []
+        for slot in self:
+            slots.append(slot)
+            if slot.time_ns - slots[0].time_ns >= seconds * 1e9:
+                break
+        if len(slots) < 2:
+            raise InputError("seconds", f"{seconds:g}", "more than one slot")
+        spans = (slots[-1].time_ns - slots[0].time_ns, slots[-1].slot - slots[0].slot)
+        return take_of_slots(slots, spans[0] / max(spans[1], 1) / 1e9, self.site)
+
+    def close(self) -> None:
+        """Leave the site; whoever waits for a slot gets None."""
+        self._transport.close()
+        while True:
+            try:
+                return self._slots.put_nowait(None)
+            except queue.Full:
+                try:
+                    self._slots.get_nowait()
+                except queue.Empty:
+                    time.sleep(0)
+
+
+def connect(
+    place: str | Path,
+    *,
+    site: str | None = None,
+    keys: Path | str | None = None,
+    wait_s: float = WAIT_S,
+) -> Connection:
+    """Follow a running site: iterate over the connection for its slots.
+
+        with e3pose.connect("tls/edge.local:7447", keys="wall") as site:
+            for slot in site:
+                print(slot.slot, slot.track_ids, slot.joints_m[:, 0])
+
+    Args:
+        place: `tls/HOST:PORT` or `tcp/HOST:PORT` of the edge; or a site file or its folder.
+        site: name of the site; with `tls` that of the certificate by default.
+        keys: folder from `e3pose keys add NAME --viewer`, for `tls`.
+        wait_s: how long to wait for a slot before an error.
+
+    Raises:
+        InputError: for an endpoint, a name or certificates that cannot be used.
+    """
+    from e3pose.wire.network import open_network
+
+    folder = None if keys is None else Path(keys)
+    if Path(place).exists():
+        link = viewer_link(load_site(Path(place)), folder)
+        return Connection(link.site, open_network(link), wait_s)
+    endpoint, certificates = str(place), None
+    if split_endpoint(endpoint)[0] == "tls":
+        if folder is None:
+            wanted = 'keys="NAME", the folder of `e3pose keys add NAME --viewer`'
+            raise InputError("keys", MISSING, wanted)
+        certificates = certificates_in(folder, "viewer")
+        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+        site = site or certified_site(certificates.authority)
+    if site is None:
+        raise InputError("site", MISSING, 'site="NAME", as `name` in the site file')
+    link = Link("viewer", site, endpoint, certificates)
+    return Connection(site, open_network(link), wait_s)
+
+
+def certified_site(authority: Path) -> str:
+    """Return the site whose authority a certificate is of.
+
+    Raises:
+        InputError: when the certificate does not say it in full.
+    """
+    from cryptography import x509
+    from cryptography.x509.oid import NameOID
+
+    from e3pose.wire.keys.authority import SUBJECT, UNREADABLE
+
+    try:
+        subject = x509.load_pem_x509_certificate(authority.read_bytes()).subject
+    except UNREADABLE:
+        raise InputError(str(authority), "no certificate", "that of the site's authority") from None
+    name = subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value
+    site = str(name).removeprefix(SUBJECT)
+    if len(str(name)) >= 64:  # it may have been cut
+        raise InputError("site", MISSING, 'site="NAME", as `name` in the site file')
+    return site

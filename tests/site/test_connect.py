@@ -1,0 +1,154 @@
+"""Following a site from Python: slots as arrays, a while of them as a take."""
+
+from __future__ import annotations
+
+import datetime
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from e3pose import connect, plot, to_frame
+from e3pose.errors import InputError
+from e3pose.model.skeleton import SKELETONS
+from e3pose.site.connect import MAX_WAITING, Connection, LiveSlot, certified_site, take_of_slots
+from e3pose.wire.codec import encode, pack
+from e3pose.wire.keys.folder import add_keys, init_keys
+from e3pose.wire.memory import Hub, MemoryTransport
+from e3pose.wire.messages import Poses, Status
+
+NOW = datetime.datetime.now(datetime.timezone.utc)
+JOINTS = SKELETONS["coco17"].joints
+INTERVAL_NS = 40_000_000
+
+
+def poses(slot: int, *track_ids: int) -> Poses:
+    """People of whom all joints are at (track, slot, joint) but the last, which is missing."""
+    joints_m = np.full((len(track_ids), len(JOINTS), 3), np.nan, dtype=np.float32)
+    for row, track in enumerate(track_ids):
+        joints_m[row, :-1] = [(track, slot, joint) for joint in range(len(JOINTS) - 1)]
+    return Poses(
+        slot,
+        10**18 + slot * INTERVAL_NS,
+        JOINTS,
+        pack(np.array(track_ids, dtype=np.int64)),
+        pack(joints_m),
+        pack(np.full(joints_m.shape[:2], 0.01, dtype=np.float32)),
+        pack(np.ones(joints_m.shape[:2], dtype=bool)),
+        selected=("cam1", "cam2"),
+        arrived=("cam2",),
+    )
+
+
+def publish(edge: MemoryTransport, *messages: Poses) -> None:
+    for message in messages:
+        edge.publish("e3pose/lab/poses", encode(message))
+
+
+def test_slots_come_in_order_as_arrays() -> None:
+    hub = Hub()
+    with Connection("lab", hub.join()) as site:
+        publish(hub.join(), poses(3, 7), poses(4, 7, 9))
+        first, second = site.next(), site.next()
+    assert first is not None and second is not None
+    assert (first.slot, second.slot, len(second)) == (3, 4, 2)
+    assert second.track_ids.tolist() == [7, 9]
+    np.testing.assert_array_equal(second.joints_m[1, 5], [9, 4, 5])
+    assert second.selected == ("cam1", "cam2") and second.arrived == ("cam2",)
+    assert second.time_ns == 10**18 + 4 * INTERVAL_NS and second.measured.all()
+
+
+def test_iteration_ends_with_the_connection() -> None:
+    hub = Hub()
+    site, seen = Connection("lab", hub.join()), list[int]()
+    publish(hub.join(), poses(1, 7))
+
+    def watch() -> None:
+        for slot in site:
+            seen.append(slot.slot)
+            site.close()
+
+    watching = threading.Thread(target=watch)
+    watching.start()
+    watching.join(10)
+    assert seen == [1] and not watching.is_alive()
+
+
+def test_who_is_slow_loses_the_oldest_slots_and_may_skip_to_the_newest() -> None:
+    hub = Hub()
+    with Connection("lab", hub.join()) as site:
+        publish(hub.join(), *(poses(slot) for slot in range(MAX_WAITING + 5)))
+        assert site.dropped == 5
+        slot = site.next()
+        assert slot is not None and slot.slot == 5
+        assert site.newest().slot == MAX_WAITING + 4
+
+
+def test_site_that_is_silent_is_an_error_that_says_what_to_check() -> None:
+    with Connection("lab", Hub().join(), wait_s=0.01) as site:
+        with pytest.raises(InputError, match=r"site lab: no slot for 0\.01 s: check"):
+            next(iter(site))
+        with pytest.raises(InputError, match="no status"):
+            site.status()
+
+
+def test_status_is_that_of_the_edge() -> None:
+    hub = Hub()
+    with Connection("lab", hub.join()) as site:
+        hub.join().publish("e3pose/lab/status", encode(Status("lab", 3, 25.0, 2, 1, ())))
+        assert site.status().slot == 3
+
+
+def test_a_while_becomes_a_take_with_arrays_over_time() -> None:
+    hub = Hub()
+    with Connection("lab", hub.join()) as site:
+        publish(hub.join(), poses(10, 7), poses(11, 7, 9), poses(13, 9))
+        take = site.take(0.1)
+    joints_m, tracks, first = take.dense()
+    assert (joints_m.shape, tracks, first) == ((4, 2, 17, 3), (7, 9), 10)
+    assert take.interval_s == pytest.approx(0.04) and take.skeleton.name == "coco17"
+    np.testing.assert_array_equal(joints_m[1, 1, 5], [9, 11, 5])
+    assert np.isnan(joints_m[2]).all() and np.isnan(joints_m[:, :, -1]).all()
+    frame = to_frame(take)
+    assert len(frame) == 4 * 16 and set(frame["origin"]) == {"measured"}
+    row = frame[(frame.slot == 13) & (frame.joint == JOINTS[5])].iloc[0]
+    assert (row.track, row.x, row.y, row.z) == (9, 9.0, 13.0, 5.0)
+    assert row.time.value == 10**18 + 13 * INTERVAL_NS
+
+
+def test_picture_shows_the_people_of_a_slot() -> None:
+    import matplotlib
+
+    matplotlib.use("agg")
+    slots = [_slot(3, 7), _slot(4, 7, 9)]
+    take = take_of_slots(slots, 0.04)
+    drawn = plot(take)
+    assert drawn.get_title() == "slot 4"
+    assert [text.get_text() for text in drawn.get_legend().get_texts()] == ["track 7", "track 9"]
+    with pytest.raises(InputError, match="slot: found 5, expected 3 to 4"):
+        plot(take, 5)
+
+
+def _slot(slot: int, *track_ids: int) -> LiveSlot:
+    hub = Hub()
+    with Connection("lab", hub.join()) as site:
+        publish(hub.join(), poses(slot, *track_ids))
+        return site.newest()
+
+
+def test_without_slots_there_is_no_take() -> None:
+    with pytest.raises(InputError, match="slots: found none"):
+        take_of_slots([], 0.04)
+
+
+def test_endpoint_needs_the_keys_and_the_name_of_the_site(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='missing: keys="NAME"'):
+        connect("tls/edge.local:7447")
+    with pytest.raises(InputError, match='missing: site="NAME"'):
+        connect("tcp/127.0.0.1:7447")
+    with pytest.raises(InputError, match="endpoint"):
+        connect("edge.local")
+    init_keys(tmp_path / "keys", "lab", [], NOW)
+    folder = add_keys(tmp_path / "keys", "wall", NOW, kind="viewer")
+    assert certified_site(folder / "authority.pem") == "lab"
