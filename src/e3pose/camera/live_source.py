@@ -1,7 +1,7 @@
 """Sources of frames that come at their own pace: devices, streams, files, recordings.
 
     usb:0                        a camera of Video4Linux, `/dev/video0`
-    rtsp://HOST/PATH             a network camera
+    rtsp://HOST/PATH             a network camera; http:// likewise
     gstreamer:PIPELINE           a GStreamer pipeline, where OpenCV was built with it
     VIDEO.mp4                    a file at its own pace, again and again
     FOLDER                       its images, at --fps
@@ -27,6 +27,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording
 
 READ_S = 1.0
+STREAMS = ("rtsp", "rtsps", "http", "https")
 IMAGES = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
 OPEN_TIMEOUT_US = 5_000_000
 
@@ -53,7 +54,7 @@ def make_source(
         InputError: when it can be seen already that there is no such source.
     """
     kind, _, rest = name.partition(":")
-    if pace != 1 and kind in ("usb", "gstreamer", "rtsp", "rtsps"):
+    if pace != 1 and kind in ("usb", "gstreamer", *STREAMS):
         raise InputError("pace", f"{pace:g}", "1: a camera that films cannot go slower")
     if kind == "usb":
         if not (rest.isascii() and rest.isdigit() and len(rest) < 4):
@@ -61,7 +62,7 @@ def make_source(
         return OpenCvSource(int(rest), clock, fps)
     if kind == "gstreamer":
         return OpenCvSource(rest, clock, fps)
-    if kind in ("rtsp", "rtsps"):
+    if kind in STREAMS and "://" in name:
         return StreamSource(name, clock)
     if kind == "recorded":
         from e3pose.recording import load_recording
@@ -216,7 +217,7 @@ class RecordedDetector:
 
 @dataclass(slots=True, eq=False)
 class StreamSource:
-    """A network camera (RTSP), with the times of its stream where they are usable."""
+    """A network camera (RTSP or HTTP), with the times of its stream where they are usable."""
 
     url: str
     clock: Clock
@@ -228,7 +229,9 @@ class StreamSource:
         """See `LiveSource.open`."""
         import av
 
-        options = {"rtsp_transport": "tcp", "stimeout": str(OPEN_TIMEOUT_US), "fflags": "nobuffer"}
+        options = {"fflags": "nobuffer"}
+        if self.url.startswith("rtsp"):
+            options |= {"rtsp_transport": "tcp", "stimeout": str(OPEN_TIMEOUT_US)}
         try:
             self._container = av.open(self.url, options=options, timeout=(5.0, READ_S * 2))
             self._frames = self._container.decode(video=0)

@@ -10,6 +10,7 @@ from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
 from e3pose.errors import InputError
 from e3pose.family import made, member
+from e3pose.model.skeleton import COCO17, COCO18, Skeleton
 
 Factory = Callable[[Path | None, str, int | None], Detector]
 
@@ -53,6 +54,15 @@ DETECTORS: dict[str, Factory] = {
     "trt-pose": partial(_openpose, "trt-pose"),
     "yolo-pose": _yolo,
     "rtmlib": _rtmlib,
+}
+
+# What each outputs, known before its weights are there.
+SKELETONS: dict[str, Skeleton] = {
+    "movenet-multipose": COCO17,
+    "openpose-thin": COCO18,
+    "trt-pose": COCO18,
+    "yolo-pose": COCO17,
+    "rtmlib": COCO17,
 }
 
 

@@ -23,7 +23,9 @@ from e3pose.edge.roster import (
     trouble,
 )
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import Skeleton, convert
 from e3pose.wire import topics
 from e3pose.wire.codec import decode, encode, poses_2d
 from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, View
@@ -93,9 +95,13 @@ class Inbox:
         """Return, camera by camera, why it cannot be chosen; empty where it can."""
         now_ns = self.clock.now_ns()
         return [
-            trouble(life, self.joints, camera.image_size, now_ns)
+            trouble(life, self.joints, self._size(camera), now_ns)
             for life, camera in zip(self.roster.lives, self.rig.cameras, strict=True)
         ]
+
+    def _size(self, camera: Camera) -> tuple[int, int] | None:
+        """Return the size that a camera's images must have; None before it was ever seen."""
+        return camera.image_size if self.rig.placed or not camera.lens_assumed else None
 
     def online(self) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: who can be chosen now."""
@@ -147,16 +153,17 @@ class Inbox:
         index = self._camera(topic)
         if index is None:
             return
-        camera_id = self.rig.camera_ids[index]
+        camera_id, hello = self.rig.camera_ids[index], self.roster.lives[index].hello
+        joints = tuple(self.joints) if hello is None else hello.joints
         try:
             view = decode(payload, View, camera_id)
             _check_sender(view.camera_id, camera_id)
-            if view.scores.shape[1] != len(self.joints):
+            if view.scores.shape[1] != len(joints):
                 raise InputError(
                     f"{camera_id}: view: found {view.scores.shape[1]} joints, "
-                    f"expected {len(self.joints)}"
+                    f"expected {len(joints)}"
                 )
-            poses = poses_2d(view)
+            poses = _with_joints(poses_2d(view), joints, tuple(self.joints))
         except InputError as error:
             self._refuse(index, error)
             return
@@ -214,6 +221,14 @@ class Inbox:
             self._refuse(index, error)
             return None
         return encode(ClockAnswer(question.sent_ns, received_ns, self.clock.now_ns()))
+
+
+def _with_joints(poses: Poses2D, found: tuple[str, ...], wanted: tuple[str, ...]) -> Poses2D:
+    """Return poses with the joints of the edge's skeleton, whatever those of the detector are."""
+    if found == wanted:
+        return poses
+    source, target = Skeleton("", found, ()), Skeleton("", wanted, ())
+    return Poses2D(*convert(poses.keypoints_px, poses.scores, source, target))
 
 
 def _check_sender(named: str, camera_id: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from e3pose.model.skeleton import SKELETONS
+from e3pose.model.skeleton import BODY_JOINTS, SKELETONS, lacking, serves
 from e3pose.plural import counted
 from e3pose.wire.messages import CameraMode, Heartbeat, Hello
 
@@ -136,15 +136,15 @@ def take_wrong(life: CameraLife, misfit: str, now_ns: int) -> CameraLife:
 def trouble(
     life: CameraLife,
     joints: Sequence[str],
-    image_size: tuple[int, int],
+    image_size: tuple[int, int] | None,
     now_ns: int,
 ) -> str:
     """Return why a camera cannot be chosen, in words; empty if it can.
 
     Args:
         life: what is known of it.
-        joints: of the edge's skeleton, which its detector must find.
-        image_size: of its calibration.
+        joints: of the edge's skeleton, into which those of its detector are converted.
+        image_size: of its calibration; None for whatever it has.
         now_ns: the time.
     """
     if life.heard_ns is None:
@@ -164,9 +164,9 @@ def trouble(
         return f"sends invalid messages ({life.misfit})"
     if life.hello is None:  # without a frame it cannot know, and may say why
         return (life.beat.problem if life.beat else "") or "waiting for its first hello"
-    if tuple(life.hello.joints) != tuple(joints):
+    if not serves(life.hello.joints, joints):
         return _other_joints(life.hello.joints, joints)
-    if tuple(life.hello.image_size) != tuple(image_size):
+    if image_size is not None and tuple(life.hello.image_size) != tuple(image_size):
         width, height = life.hello.image_size
         return (
             f"image size {width} x {height}, but the calibration has "
@@ -178,15 +178,14 @@ def trouble(
 
 
 def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
-    """Say which skeleton a detector outputs where another one is expected."""
+    """Say which skeleton a detector outputs that cannot stand for the one expected."""
     names = {skeleton.joints: name for name, skeleton in SKELETONS.items()}
     outputs, expects = (
         names.get(tuple(joints), counted(len(joints), "joint")) for joints in (found, expected)
     )
-    if set(found) == set(expected):
-        outputs += " in another order"
-    fix = f': set skeleton = "{outputs}"' if tuple(found) in names else ""
-    return f"detector outputs {outputs}, the site expects {expects}{fix}"
+    lost = lacking(found, expected)
+    missing = [joint for joint in lost if joint in BODY_JOINTS] or lost
+    return f"detector outputs {outputs} without {', '.join(missing)}, the site expects {expects}"
 
 
 def _ailing(life: CameraLife, beat: Heartbeat, now_ns: int) -> str:

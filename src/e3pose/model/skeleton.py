@@ -7,6 +7,7 @@ special case of Shelf-14, whose head joints no detector gives.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,7 @@ BODY_LIMBS = (
     ("right_hip", "right_knee"),
     ("right_knee", "right_ankle"),
 )
+BODY_JOINTS = frozenset(joint for limb in BODY_LIMBS for joint in limb)
 FACE_LIMBS = (
     ("nose", "left_eye"),
     ("nose", "right_eye"),
@@ -119,6 +121,25 @@ def skeleton_by_name(name: str) -> Skeleton:
             f"skeleton {name[:40]!r} is unknown, expected one of {', '.join(SKELETONS)}"
         )
     return SKELETONS[name]
+
+
+def lacking(joints: Collection[str], target: Collection[str]) -> tuple[str, ...]:
+    """Return the joints of a target that cannot be had from others, neither as is nor as means.
+
+    Args:
+        joints: names of those that there are.
+        target: names of those wanted.
+    """
+    return tuple(
+        joint
+        for joint in target
+        if joint not in joints and not (joint in MEANS and set(MEANS[joint]) <= set(joints))
+    )
+
+
+def serves(joints: Collection[str], target: Collection[str]) -> bool:
+    """Return whether poses with these joints can stand for those of a target: no limb is lost."""
+    return not set(lacking(joints, target)) & (set(target) & BODY_JOINTS or set(target))
 
 
 def convert(

@@ -113,6 +113,12 @@ def load_recording(path: Path | str) -> Recording:
         raise InputError(f"{folder / HEADER}: {error}") from None
 
 
+def read_skeleton(path: Path | str) -> Skeleton:
+    """Return the skeleton of a recording's keypoints; raise `InputError` if it is none."""
+    header = Path(path) / HEADER
+    return _skeleton(header, _read_header(header).skeleton)
+
+
 def save_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
     """Write a recording folder, whole or not at all.
 

@@ -12,10 +12,12 @@ from e3pose.family import beside
 from e3pose.files.bounded import read_toml
 from e3pose.files.table import entry, read_table
 from e3pose.geometry.camera import check_camera_id
-from e3pose.settings.limits import check_camera, check_within, near
-from e3pose.settings.site_file import DEFAULT_ENDPOINT, MAX_BYTES
+from e3pose.settings.limits import check_camera, check_source, check_within, near
+from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
+
+CAMERA_FORMAT = "e3pose-camera"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ class NodeTable:
     endpoint: str = DEFAULT_ENDPOINT
     keys: str | None = None
     insecure: bool = False
-    detector: str = "movenet-multipose"
+    detector: str = DEFAULT_DETECTOR
     model: str | None = None
     provider: str = "auto"
     threads: int | None = None
@@ -84,12 +86,21 @@ class NodeTable:
         check_within("pace", self.pace, 1e-3, 1)
         check_within("begin_s", self.begin_s, 0, 1e10)
         check_camera(self.wake_s, self.battery_wh, self.threads)
+        check_source(self.source)
         if self.state and not self.state.endswith(".json"):  # it is replaced again and again
             raise InputError("state", repr(self.state[:80]), "a name that ends in .json, or ''")
 
     def near(self, name: str) -> Path:
         """Return the place that a name means, relative to the file; `~` is one's home."""
         return near(Path() if self.path is None else self.path.parent, name)
+
+
+def is_camera_file(path: Path) -> bool:
+    """Return whether a file says that it is that of a camera; other files are told of later."""
+    try:
+        return path.is_file() and read_toml(path, MAX_BYTES).get("format") == CAMERA_FORMAT
+    except InputError:
+        return False
 
 
 def load_node(path: Path | None, options: Mapping[str, Any] | None = None) -> NodeTable:
@@ -104,7 +115,7 @@ def load_node(path: Path | None, options: Mapping[str, Any] | None = None) -> No
             without the file.
     """
     asked = options or {}
-    table: dict[str, Any] = {"format": "e3pose-camera", "version": 1}
+    table: dict[str, Any] = {"format": CAMERA_FORMAT, "version": 1}
     if path is not None:
         table = read_toml(path, MAX_BYTES)
     try:

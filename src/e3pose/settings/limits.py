@@ -22,6 +22,12 @@ def check_camera(wake_s: float, battery_wh: float | None, threads: int | None) -
         check_within("battery_wh", battery_wh, 1e-3, 1e6)
 
 
+def check_source(name: str) -> None:
+    """Raise `InputError` for the bare number of a device, which could be a file as well."""
+    if name.isascii() and name.isdigit():
+        raise InputError("source", repr(name), f"usb:{name} for the device /dev/video{name}")
+
+
 def near(folder: Path, name: str) -> Path:
     """Return the place that a name means, relative to a folder; `~` is the user's home."""
     if not name.isprintable():

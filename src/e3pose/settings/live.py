@@ -7,18 +7,20 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from e3pose.calibration import load_rig
-from e3pose.calibration.world import require_placed, world_problem
+from e3pose.calibration.world import assumed_rig, world_problem
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
-from e3pose.model.skeleton import Skeleton, skeleton_by_name
+from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
 from e3pose.settings.energy import EnergyPlan
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_pipeline
-from e3pose.settings.site_file import CameraTable, SiteTable
+from e3pose.settings.site_file import SITE_FILE, CameraTable, SiteTable
+from e3pose.settings.skeletons import camera_skeletons, detector_of, site_skeleton
 
+ASSUMED_SIZE = (1280, 720)  # of images, until a camera was seen
 OF_ENERGY = ("profile", "battery_wh", "lifetime")
 
 
@@ -30,7 +32,7 @@ class LiveSite:
         site: its file.
         rig: the cameras.
         cameras: what the file says of each, in the order of the rig.
-        skeleton: of the detectors.
+        skeleton: of the poses.
         interval_s: seconds a slot.
         detector: whose noise serves all cameras.
         plan: what the cameras draw and have.
@@ -85,12 +87,35 @@ class LiveSite:
 def site_rig(site: SiteTable) -> Rig:
     """Return the cameras of a site; raise `InputError` naming the key where there are none."""
     calibration = site.near(site.calibration)
-    if not calibration.exists():
+    rig = load_rig(calibration) if calibration.exists() else None
+    if rig is None or not rig.placed:
+        found = f"no {calibration}" if rig is None else f"lenses without places in {calibration}"
+        raise InputError("calibration", found, f"one: {calibrate_advice(site)}", str(site.path))
+    return rig
+
+
+def calibrate_advice(site: SiteTable) -> str:
+    """Return the commands that make the calibration of a site."""
+    folder = site.path.parent if site.path.name == SITE_FILE else site.path
+    return (
+        f"let people walk through the room, `e3pose record {folder} walk --for 60`, then "
+        f"`e3pose calibrate extrinsics walk {site.near(site.calibration)} --update`"
+    )
+
+
+def known_rig(site: SiteTable) -> Rig:
+    """Return the cameras of a site as far as they are known: placed, or lenses, or names alone.
+
+    Raises:
+        InputError: for a file that is no calibration.
+    """
+    calibration = site.near(site.calibration)
+    if calibration.exists():
+        return load_rig(calibration)
+    if len(site.camera) == 0:
         error = InputError("calibration", f"no {calibration}", "the file of a rig")
         raise error.at(site.path)
-    rig = load_rig(calibration)
-    require_placed(rig, calibration)
-    return rig
+    return assumed_rig({camera.id: ASSUMED_SIZE for camera in site.camera})
 
 
 def live_site(
@@ -111,13 +136,22 @@ def live_site(
     try:
         plan = site.energy.plan(rig.camera_ids, 1 / site.fps, known_wh)
         loop = change(site.loop).for_rig(len(rig), plan)
-        skeleton = skeleton_by_name(site.skeleton)
+        found = camera_skeletons(site, cameras)
+        skeleton = site_skeleton(site.skeleton, found.values())
     except InputError as error:
         raise _in_file(site, error) from None
-    detectors = {camera.detector for camera in cameras.values() if camera.detector}
-    named = [name for name in SHIPPED if name in detectors]  # one noise serves all cameras
-    detector = named[0] if named else DEFAULT
+    detector = noise_of(cameras) or DEFAULT
     return LiveSite(site, rig, cameras, skeleton, 1 / site.fps, detector, plan, loop)
+
+
+def noise_of(cameras: Mapping[str, CameraTable]) -> str:
+    """Return the detector whose noise serves all cameras, by what the file says; empty if none.
+
+    Args:
+        cameras: of a site.
+    """
+    detectors = {detector_of(camera) for camera in cameras.values()}
+    return next((name for name in SHIPPED if name in detectors), "")
 
 
 def _in_file(site: SiteTable, error: InputError) -> InputError:

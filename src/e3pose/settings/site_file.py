@@ -19,7 +19,7 @@ from e3pose.files.table import entry, read_table
 from e3pose.geometry.camera import Rig, check_camera_id
 from e3pose.quantities import age_s, size_bytes
 from e3pose.settings.energy import EnergySettings, IdleMode
-from e3pose.settings.limits import check_camera, check_within, near
+from e3pose.settings.limits import check_camera, check_source, check_within, near
 from e3pose.settings.loop import LoopSettings
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
@@ -28,6 +28,7 @@ MAX_BYTES = 2**20
 SITE_FILE = "site.toml"
 T = TypeVar("T")
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_DETECTOR = "movenet-multipose"
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +99,7 @@ class CameraTable:
         except InputError as error:
             raise error.at(thing="id") from None
         check_camera(self.wake_s, self.battery_wh, self.threads)
+        check_source(self.source or "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +111,7 @@ class SiteTable:
         version: 1.
         name: of the site.
         calibration: file of the rig.
-        skeleton: of the detectors.
+        skeleton: of the poses; by default that of the cameras' detectors.
         fps: slots a second.
         pace: how fast files and recordings are played, where the machine cannot keep up: 0.1 is a
             tenth of their speed, and then slots are ten times as long.
@@ -137,7 +139,7 @@ class SiteTable:
     name: str = entry(write='"lab"')
     calibration: str = entry(write='"rig.toml"')
     fps: float = entry(write="25.0")
-    skeleton: str = "coco17"
+    skeleton: str | None = None
     pace: float = 1.0
     deadline_ms: float = 150.0
     smooth_delay_ms: float = 0.0

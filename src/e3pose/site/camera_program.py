@@ -170,6 +170,23 @@ def open_camera(
     raise AssertionError("an exit stack lets no error pass")
 
 
+def source_name(node: NodeTable) -> str:
+    """Return what a camera captures, files by their place.
+
+    Raises:
+        InputError: for a recording without a name.
+    """
+    name = node.source
+    kind, colon, rest = name.partition(":")
+    if kind == RECORDED and not rest:
+        raise InputError("source", repr(name), "recorded:RECORDING, the folder of a recording")
+    if kind == RECORDED and colon:
+        return f"{RECORDED}:{node.near(rest)}"
+    if "://" not in name and kind not in ("usb", "gstreamer"):
+        return str(node.near(name))
+    return name
+
+
 def make_camera(
     node: NodeTable,
     transport: Transport,
@@ -191,34 +208,28 @@ def make_camera(
     Raises:
         InputError: when the source or the network cannot be used.
     """
-    name = node.source
-    kind, colon, rest = name.partition(":")
-    if kind == RECORDED and not rest:
-        raise InputError("source", repr(name), "recorded:RECORDING, the folder of a recording")
-    if kind == RECORDED and colon:
-        name = f"{RECORDED}:{node.near(rest)}"
-    elif "://" not in name and kind not in ("usb", "gstreamer"):
-        name = str(node.near(name))
-    source = make_source(name, node.camera, clock, node.fps, node.pace, node.begin_s)
+    source = make_source(source_name(node), node.camera, clock, node.fps, node.pace, node.begin_s)
     looks: LiveDetector
     if detector is None:
-        looks, joints = _detector(node, source)
+        looks, joints, name = _detector(node, source)
     else:
-        looks, joints = detector, tuple(detector.skeleton.joints)
+        looks, joints, name = detector, tuple(detector.skeleton.joints), node.detector
     settings = NodeSettings(
         site=node.site,
         camera_id=node.camera,
         joints=joints,
         wake_s=node.wake_s,
-        detector=node.detector,
+        detector=name,
         battery_wh=node.battery_wh,
     )
     return CameraNode(settings, source, looks, transport, clock, meter, tell)
 
 
-def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...]]:
+def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:
+    """Return what finds the people, the joints that it gives, and its name."""
     if node.source.startswith(f"{RECORDED}:"):
-        return RecordedDetector(), source.recording.skeleton.joints
+        recording = source.recording
+        return RecordedDetector(), recording.skeleton.joints, recording.detector
     import numpy as np
 
     from e3pose.detectors import make_detector
@@ -226,4 +237,4 @@ def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ..
     model = None if node.model is None else node.near(node.model)
     detector = make_detector(node.detector, model, node.provider, node.threads)
     detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first look is slow: now, then
-    return detector, detector.skeleton.joints
+    return detector, detector.skeleton.joints, node.detector

@@ -1,0 +1,69 @@
+"""The skeleton of a site: the one asked for, or the one that all of its detectors can give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from e3pose.detectors import SKELETONS, identify, is_network
+from e3pose.errors import InputError
+from e3pose.model.skeleton import COCO17, Skeleton, lacking, skeleton_by_name
+from e3pose.recording.folder import read_skeleton
+from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
+
+RECORDED = "recorded:"
+
+
+def detector_of(camera: CameraTable) -> str | None:
+    """Return the detector of a camera; None where the site file does not say it.
+
+    A camera that this machine runs has the default of `e3pose camera`.
+    """
+    source = camera.source or RECORDED
+    return camera.detector or (None if source.startswith(RECORDED) else DEFAULT_DETECTOR)
+
+
+def camera_skeleton(site: SiteTable, camera: CameraTable) -> Skeleton | None:
+    """Return what a camera's detector outputs; None where that shows only when it runs."""
+    source = camera.source or ""
+    if source.startswith(RECORDED):
+        try:
+            return read_skeleton(site.near(source.removeprefix(RECORDED)))
+        except InputError:
+            return None  # told when the camera starts
+    name = detector_of(camera)
+    if name is None:
+        return None
+    if name not in SKELETONS and is_network(Path(name)) and site.near(name).is_file():
+        try:
+            name = identify(site.near(name))
+        except (InputError, ImportError):  # told by the camera, which runs it
+            return None
+    return SKELETONS.get(name)
+
+
+def camera_skeletons(site: SiteTable, cameras: Mapping[str, CameraTable]) -> dict[str, Skeleton]:
+    """Return what the detectors output, of those cameras of which it is known."""
+    found = {name: camera_skeleton(site, camera) for name, camera in cameras.items()}
+    return {name: skeleton for name, skeleton in found.items() if skeleton is not None}
+
+
+def site_skeleton(asked: str | None, detectors: Iterable[Skeleton]) -> Skeleton:
+    """Return the skeleton that a site works in.
+
+    Args:
+        asked: its name, where somebody chose one.
+        detectors: what the cameras' detectors output.
+
+    Returns:
+        The one asked for; else the one that lacks fewest joints in any camera, and of several the
+        one with fewest joints, as what a detector does not find is made of others.
+    """
+    if asked is not None:
+        return skeleton_by_name(asked)
+    known = list(dict.fromkeys(detectors))
+
+    def cost(target: Skeleton) -> tuple[int, int]:
+        return sum(len(lacking(other.joints, target.joints)) for other in known), len(target)
+
+    return min(known, key=cost, default=COCO17)
