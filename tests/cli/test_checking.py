@@ -141,13 +141,15 @@ def test_edge_that_cannot_be_asked_is_not_said_to_be_away(
     assert "not running" not in out
 
 
-def test_calibration_that_is_not_there_is_told_with_its_key(
+def test_calibration_that_is_not_there_is_told_with_the_commands_that_make_it(
     site: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (site / "rig.toml").unlink()
-    code, _, err = checked(site, capsys)
-    assert code == 2 and err.count("\n") == 1
-    assert "lab/site.toml: calibration: found no lab/rig.toml" in err
+    code, out, _ = checked(site, capsys)
+    assert code == 1
+    told = out[out.index("problem calibration lab/rig.toml is missing") :]
+    assert "e3pose record lab walk --for 60" in told
+    assert "e3pose calibrate extrinsics walk lab/rig.toml --update" in told
 
 
 def test_models_and_sources_that_are_not_there(

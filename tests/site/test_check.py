@@ -20,10 +20,10 @@ from e3pose.site.check import (
     check_calibration,
     check_clock,
     check_link_of,
-    check_models,
     check_places,
     check_running,
 )
+from e3pose.site.check_sources import check_sources
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.messages import CameraStatus, Status
 
@@ -123,7 +123,7 @@ def sources(tmp_path: Path, **keys: str) -> list[Finding]:
     """Return what is found of a camera with these keys."""
     table = "\n".join(f'{key} = "{value}"' for key, value in keys.items())
     site = write_site(tmp_path, f'[[camera]]\nid = "c0"\n{table}\n')
-    return list(check_models(site, RIG))
+    return list(check_sources(site, RIG))
 
 
 def test_cameras_that_run_elsewhere_are_not_looked_at(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_network_that_is_missing_or_unknown_is_a_problem(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
-    (tmp_path / "walk.mp4").touch()
+    (tmp_path / "walk.mp4").mkdir()  # of images
     (missing,) = wrong(sources(tmp_path, source="walk.mp4"))
     assert missing.advice == "e3pose models pull movenet-multipose"
     (unknown,) = wrong(sources(tmp_path, source="walk.mp4", detector="eyes"))

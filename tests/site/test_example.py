@@ -14,7 +14,8 @@ from e3pose.recording import load_recording
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site import example
-from e3pose.site.check import check_calibration, check_link_of, check_models
+from e3pose.site.check import check_calibration, check_link_of
+from e3pose.site.check_sources import check_sources
 from e3pose.site.example import Example, free_port, make_example, write_example, write_recorded
 
 
@@ -25,7 +26,7 @@ def test_site_of_a_recording_passes_its_own_check(tmp_path: Path) -> None:
     assert (site.name, site.fps, site.skeleton) == ("hall", recording.fps, recording.skeleton.name)
     assert rig.camera_ids == recording.rig.camera_ids
     found = [
-        *check_calibration(rig), *check_link_of(site, rig), *check_models(site, rig)
+        *check_calibration(rig), *check_link_of(site, rig), *check_sources(site, rig)
     ]  # fmt: skip
     assert [f for f in found if f.level != "ok"] == []
     assert path.read_text().startswith("# ")

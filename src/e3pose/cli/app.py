@@ -18,6 +18,7 @@ from e3pose.cli.calibrating_lenses import board, intrinsics
 from e3pose.cli.calibrating_places import extrinsics
 from e3pose.cli.calibrating_worlds import align
 from e3pose.cli.calibrating_worlds import check as check_calibration
+from e3pose.cli.checking import check
 from e3pose.cli.demonstrating import demo
 from e3pose.cli.detecting import detect
 from e3pose.cli.evaluating import evaluate
@@ -30,13 +31,15 @@ from e3pose.cli.metering import power
 from e3pose.cli.models import models_app
 from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.querying import query
+from e3pose.cli.recording import record
 from e3pose.cli.replaying import replay
 from e3pose.cli.routing import router
 from e3pose.cli.running import camera, edge, up
 from e3pose.cli.simulating import simulate
+from e3pose.cli.starting import init
 from e3pose.cli.synchronising import sync
 from e3pose.cli.training import train
-from e3pose.cli.watching import check, top
+from e3pose.cli.watching import top
 from e3pose.errors import InputError
 
 EXIT_INPUT = 2  # the input or the options are wrong
@@ -59,16 +62,17 @@ app.register_install_completion_command(
 app["--help"].group = app["--version"].group = _options
 # Verbs by group, in the order of `e3pose --help`.
 GROUPS: dict[str, tuple[str, ...]] = {
-    "Start here": ("demo", "up"),
+    "Start here": ("demo", "init", "up"),
     "Recordings": ("detect", "import", "simulate", "info", "sync", "replay", "export"),
     "Calibrate": ("calibrate",),
-    "Live site": ("keys", "check", "edge", "camera", "router", "top", "query"),
+    "Live site": ("keys", "check", "record", "edge", "camera", "router", "top", "query"),
     "Evaluate": ("evaluate", "evaluate-predictor"),
     "Learn": ("train", "learn"),
     "Maintenance": ("models", "power"),
 }
 VERBS: dict[str, Callable[..., Any]] = {
     "demo": demo,
+    "init": init,
     "detect": detect,
     "import": import_app,
     "simulate": simulate,
@@ -86,6 +90,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "router": router,
     "up": up,
     "camera": camera,
+    "record": record,
     "keys": keys_app,
     "top": top,
     "check": check,

@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed, warn
 from e3pose.errors import MISSING, InputError
 from e3pose.quantities import check_seconds
+
+if TYPE_CHECKING:
+    from e3pose.settings.live import LiveSite
+    from e3pose.settings.site_file import SiteTable
 
 # For programs that start others: `site.up`.
 Child = Annotated[bool, Parameter(negative="", show=False)]
@@ -227,6 +231,7 @@ def up(
     edge_link(table)
     warn(checked.world_warning())
     rig = checked.rig
+    _check_looks(table, checked)
     folder = logs or table.path.parent / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
@@ -264,6 +269,23 @@ def up(
     if shown[-1] is not None and not showing:
         console.print(screen(shown[-1], 0.0))
     console.print(f"Stopped. Logs: {folder}", highlight=False)
+
+
+def _check_looks(site: SiteTable, live: LiveSite) -> None:
+    """Refuse settings with which this machine cannot keep up; warn of those that are tight."""
+    from e3pose.site.check_sources import require_sources
+    from e3pose.site.looks import check_looks, hopeless, measure_looks
+
+    require_sources(site, live.rig)  # told here, not in the log of a camera
+    times = measure_looks(site, live.rig, again=False)
+    if times is None:
+        return
+    selected = live.loop.num_selected or len(live.rig)
+    for finding in hopeless(site, times, selected):
+        raise InputError(f"{site.path}: {finding.what}: {finding.found}: {finding.advice}")
+    for finding in check_looks(site, times, selected):
+        if finding.level != "ok":
+            warn(f"{finding.what}: {finding.found}: {finding.advice}")
 
 
 def _look_after_parent(asked: bool) -> None:

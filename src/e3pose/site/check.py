@@ -19,6 +19,7 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.plural import counted
 from e3pose.select.policies.base import Floats
+from e3pose.settings.live import calibrate_advice
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.edge_program import edge_link
 from e3pose.wire.access import split_endpoint
@@ -49,6 +50,13 @@ class Finding:
     what: str
     found: str
     advice: str = ""
+
+
+def uncalibrated(site: SiteTable) -> Finding:
+    """Return what is found of a site of which nobody knows where its cameras stand."""
+    file = site.near(site.calibration)
+    found = f"{file} has lenses, but no places" if file.exists() else f"{file} is missing"
+    return Finding("problem", "calibration", found, calibrate_advice(site))
 
 
 def check_calibration(rig: Rig) -> Iterator[Finding]:
@@ -254,39 +262,6 @@ def check_store(file: Path) -> Iterator[Finding]:
         found = f"{counted(len(aside), 'damaged database')} moved aside, newest: {aside[-1]}"
         advice = f"recover with `sqlite3 {aside[-1]} .recover`, then delete it"
         yield Finding("warning", "store-corrupt", found, advice)
-
-
-def check_models(site: SiteTable, rig: Rig) -> Iterator[Finding]:
-    """Look at the sources and networks of cameras that `e3pose up` would run here."""
-    from e3pose.detectors import DETECTORS
-    from e3pose.detectors.weights import MODELS, is_installed
-
-    for camera in site.cameras_of(rig).values():
-        if camera.source is None:
-            continue
-        kind = camera.source.partition(":")[0]
-        what = f"camera {camera.id}"
-        recorded = kind == "recorded"
-        local = recorded or ("://" not in camera.source and kind not in ("usb", "gstreamer"))
-        name = camera.source.partition(":")[2] if recorded else camera.source
-        if local and not site.near(name).exists():
-            yield Finding("problem", what, f"source {site.near(name)} does not exist")
-        elif kind == "usb" and not Path(f"/dev/video{name.partition(':')[2]}").exists():
-            yield Finding("problem", what, f"{camera.source}: no such device", "connect the camera")
-        else:
-            yield Finding("ok", what, f"source {camera.source[:60]}")
-        if recorded:
-            continue
-        detector = camera.detector or "movenet-multipose"
-        if camera.model is not None:
-            if not site.near(camera.model).is_file():
-                yield Finding("problem", what, f"model {site.near(camera.model)} does not exist")
-        elif detector in MODELS and not is_installed(detector):
-            advice = f"e3pose models pull {detector}"
-            yield Finding("problem", what, f"network {detector} is not installed", advice)
-        elif detector not in DETECTORS and not site.near(detector).is_file():
-            known = ", ".join(DETECTORS)
-            yield Finding("problem", what, f"unknown detector {detector}", f"one of {known}")
 
 
 def check_clock() -> Finding:

@@ -192,7 +192,7 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
         log.info(event.message, kind=event.kind, camera=event.camera_id)
 
     with ExitStack() as stack:
-        transport = _join(link, roll)
+        transport = join_as_edge(link, roll)
         stack.callback(transport.close)
         server = make_edge(live, pipeline, transport, clock, tell, stack)
         if site.metrics_port is not None:
@@ -203,11 +203,12 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
         log.info("getting ready; the very first time this compiles for a minute or two")
         server.start()
         log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(live.rig))
-        return Edge(server, Admission(site, server, _join, log.info), stack.pop_all())
+        return Edge(server, Admission(site, server, join_as_edge, log.info), stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 
 
-def _join(link: Link, roll: Roll | None) -> Transport:
+def join_as_edge(link: Link, roll: Roll | None) -> Transport:
+    """Open the network of a site for the program that routes for it."""
     if roll is None:
         return open_network(link)
     return open_network(link, roll.cameras, roll.viewers, roll.routers)

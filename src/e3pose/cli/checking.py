@@ -1,0 +1,145 @@
+"""`e3pose check`: look at a site, or at the machine of one camera, before it runs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from e3pose.cli.options import warn
+from e3pose.errors import InputError
+from e3pose.plural import counted
+from e3pose.quantities import check_seconds
+
+if TYPE_CHECKING:
+    from e3pose.geometry.camera import Rig
+    from e3pose.settings.live import LiveSite
+    from e3pose.settings.site_file import SiteTable
+    from e3pose.site.check import Finding
+
+STYLES = {"ok": "green", "warning": "yellow", "problem": "bold red"}
+
+
+def check(
+    site: Path,
+    /,
+    *,
+    keys: Path | None = None,
+    timeout: float = 2.0,
+    quick: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Check a site, or the machine of one camera, before it runs.
+
+    Example: `e3pose check site.toml`, and on a camera `e3pose check camera.toml`
+
+    Of a site: calibration, skeletons, budgets, certificates, networks and how long they take here,
+    disks, clock, connected cameras. Of a camera: source, network, clock, certificate, and the
+    route to the edge. Each finding comes with the command or setting that fixes it. Exit code: 0
+    if ready, 1 if there are problems, 2 if the file is invalid.
+
+    Parameters
+    ----------
+    site
+        Site file, the folder that contains site.toml, or a camera file.
+    keys
+        Folder from `e3pose keys add NAME --viewer`.
+    timeout
+        Seconds to wait for the edge, if it runs.
+    quick
+        Do not measure how long the networks take.
+    """
+    check_seconds("--timeout", timeout)
+    from e3pose.settings.camera_file import is_camera_file, load_node
+    from e3pose.site.check_camera import check_camera
+
+    if is_camera_file(site):
+        _show(list(check_camera(load_node(site), timeout)))
+        return
+    from e3pose.settings.site_file import load_site
+
+    table = load_site(site)
+    _show([*_site(table, quick), *_edge(table, keys, timeout)])
+
+
+def _site(table: SiteTable, quick: bool) -> list[Finding]:
+    from e3pose.settings.live import known_rig
+    from e3pose.site import check as examine
+    from e3pose.site.check_sources import check_sources
+    from e3pose.site.edge_program import check_edge
+
+    rig = known_rig(table)
+    if not rig.placed:
+        found = [examine.uncalibrated(table)]
+        placed = None
+    else:
+        placed = check_edge(table)
+        warn(placed.world_warning())
+        found = [*examine.check_calibration(rig), *_settings(placed)]
+    sources = list(check_sources(table, rig))
+    found += [*examine.check_link_of(table, rig), *examine.check_places(table), *sources]
+    usable = all(finding.level != "problem" for finding in sources)
+    selected = len(rig) if placed is None else placed.loop.num_selected or len(rig)
+    if usable and not quick:
+        found += _looks(table, rig, selected)
+    return [*found, examine.check_clock()]
+
+
+def _settings(live: LiveSite) -> list[Finding]:
+    from e3pose.site.check_settings import check_budgets, check_skeletons
+
+    return [*check_skeletons(live), *check_budgets(live, datetime.now().astimezone())]
+
+
+def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:
+    from e3pose.site.check import Finding
+    from e3pose.site.looks import check_looks, measure_looks
+
+    try:
+        times = measure_looks(table, rig)
+    except InputError as error:
+        return [Finding("problem", "network", str(error))]
+    return [] if times is None else list(check_looks(table, times, selected))
+
+
+def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]:
+    from e3pose.site.check import Finding, check_running
+    from e3pose.site.follow import Follower, viewer_link
+    from e3pose.wire.network import open_network
+
+    try:
+        link = viewer_link(site, keys)
+        transport = open_network(link)
+    except InputError as error:
+        return [Finding("warning", "edge", f"cannot connect: {error}")]
+    follower = Follower(site.name)
+    follower.listen(transport)
+    follower.fresh.wait(timeout_s)
+    transport.close()
+    return [*check_running(follower.status, link.endpoint)]
+
+
+def _show(findings: Sequence[Finding]) -> None:
+    """Print what was found; exit with 1 if there is a problem."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(box=None, pad_edge=False, show_header=False)
+    for finding in findings:
+        advice = f"\n-> {finding.advice}" if finding.advice else ""
+        shown.add_row(
+            Text(finding.level, style=STYLES[finding.level]),
+            Text(finding.what),
+            Text(finding.found + advice),
+        )
+    Console().print(shown)
+    count = {level: sum(finding.level == level for finding in findings) for level in STYLES}
+    told = f"{counted(count['problem'], 'problem')}, {counted(count['warning'], 'warning')}"
+    if count["problem"]:
+        print(f"e3pose: Not ready: {told}", file=sys.stderr)
+        sys.exit(1)
+    print(f"Ready: {told}")

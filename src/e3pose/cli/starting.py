@@ -1,0 +1,226 @@
+"""`e3pose init`: a site for the cameras and the machine that there are."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from e3pose.cli.options import Whole, warn
+from e3pose.errors import InputError
+from e3pose.plural import counted
+
+if TYPE_CHECKING:
+    from e3pose.camera.probe import Probe
+    from e3pose.detectors.timing import LookTimes
+    from e3pose.geometry.camera import Rig
+    from e3pose.site.new_site import Choice
+
+
+def init(
+    folder: Path,
+    /,
+    *sources: Annotated[str, Parameter(name="SOURCE")],
+    detector: str | None = None,
+    provider: Literal["auto", "tensorrt", "cuda", "cpu"] = "auto",
+    threads: Whole | None = None,
+    cameras: Whole | None = None,
+    calibration: Path | None = None,
+    name: str | None = None,
+    fps: float | None = None,
+    pace: float | None = None,
+) -> None:
+    """Create a site for your cameras whose settings fit this machine.
+
+    Example: `e3pose init room usb:0 usb:2 rtsp://10.0.0.7/stream`
+
+    Looks at one frame of each source, measures how long the network takes here with as many
+    processes as there are cameras, and writes a commented site folder with the slots per second,
+    threads and deadline that fit. It says what is missing, and the command for it.
+
+    Parameters
+    ----------
+    folder
+        The folder to create.
+    sources
+        What the cameras see: usb:0, rtsp://..., http://..., a video. NAME=SOURCE names a camera.
+        Default: the cameras found on this machine; on a terminal you are asked.
+    detector
+        2D pose network: a name from `e3pose models list`, a network file, or module:Name.
+        Default: the first that is installed.
+    provider
+        Execution provider of the network.
+    threads
+        CPU threads of each network. Default: the cores, shared among the cameras of a slot.
+    cameras
+        How many cameras look in a slot. Default: 2.
+    calibration
+        Calibration file of the cameras, in any supported format.
+    name
+        Site name. Default: the folder's.
+    fps
+        Slots per second. Default: what this machine reaches, at most 25.
+    pace
+        Playback speed of videos. Default: as slow as this machine needs to follow them.
+    """
+    from e3pose.files.atomic import check_free
+    from e3pose.site.new_site import Choice, name_sources, site_name, threads_for, write_site
+    from e3pose.wire.topics import check_site
+
+    check_free(folder)
+    named = name_sources(list(sources) or _asked(), folder)
+    rig = None if calibration is None else _rig(calibration, named)
+    count = min(2 if cameras is None else cameras, len(named))
+    if count < 1:
+        raise InputError(f"--cameras: found {cameras}, expected 1 to {len(named)}")
+    network = _network(detector)
+    cores = len(os.sched_getaffinity(0))
+    each = threads or threads_for(len(named), count, cores)
+    probes = _probed(named, rig)
+    times = _measured(network, provider, each, probes)
+    choice = Choice(
+        name=site_name(folder) if name is None else check_site(name),
+        probes=probes,
+        detector=network,
+        provider=provider,
+        threads=each,
+        num_selected=count,
+        times=times,
+        rig=rig,
+        fps=fps,
+        pace=pace,
+    )
+    path = write_site(folder, choice)
+    _tell(choice, folder, path)
+
+
+def _asked() -> list[str]:
+    """Return the cameras of this machine; on a terminal, those that somebody wants."""
+    from e3pose.camera.probe import find_devices
+
+    devices = find_devices()
+    for source, title in devices.items():
+        print(f"found {source}: {title}")
+    if not sys.stdin.isatty():
+        if len(devices) < 2:
+            raise InputError(
+                f"SOURCE: found {counted(len(devices), 'camera')} on this machine, expected two or "
+                "more sources: usb:0, rtsp://HOST/PATH, http://HOST/PATH or a video"
+            )
+        return list(devices)
+    chosen = []
+    for source in devices:
+        if input(f"use {source}? [Y/n] ").strip().lower() in ("", "y", "yes"):
+            chosen.append(source)
+    while word := input(
+        "another source (rtsp://..., http://..., a video; empty to go on): "
+    ).strip():
+        chosen.append(word)
+    return chosen
+
+
+def _rig(path: Path, named: dict[str, str]) -> Rig:
+    from e3pose.calibration import load_rig
+    from e3pose.calibration.world import require_placed
+
+    rig = load_rig(path)
+    require_placed(rig, path)
+    for camera_id in named:
+        if camera_id not in rig.camera_ids:
+            known = ", ".join(rig.camera_ids)
+            raise InputError(
+                f"SOURCE: found camera {camera_id}, expected one of {known}, as the calibration "
+                f"names them: {rig.camera_ids[0]}=SOURCE"
+            )
+    return rig.subset([rig.index(camera_id) for camera_id in rig.camera_ids if camera_id in named])
+
+
+def _network(asked: str | None) -> str:
+    """Return the network to use; raise `InputError` with the command that installs one."""
+    from e3pose.detectors import DETECTORS
+    from e3pose.detectors.weights import MODELS, find_weights, is_installed
+    from e3pose.family import beside
+    from e3pose.site.new_site import NETWORKS
+
+    if asked is None:
+        installed = [known for known in NETWORKS if is_installed(known)]
+        if not installed:
+            raise InputError(
+                f"--detector: no network is installed, expected one: e3pose models pull "
+                f"{NETWORKS[-1]}"
+            )
+        return installed[0]
+    if asked in MODELS and MODELS[asked].source is not None:
+        find_weights(asked)  # or the error that says how to get them
+    if asked in DETECTORS:
+        return asked
+    path = Path(asked)
+    return str(path.resolve()) if path.is_file() else beside(asked, Path())
+
+
+def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
+    from e3pose.camera.probe import probe
+
+    found = {}
+    for camera_id, source in named.items():
+        try:
+            seen = found[camera_id] = probe(source)
+        except InputError as error:
+            raise InputError(f"camera {camera_id}: {error}") from None
+        width, height = seen.image_size
+        print(f"{camera_id}: {source}, {width} x {height} at {seen.fps:.3g} frames per second")
+        if seen.dark:
+            warn(f"camera {camera_id}: its picture is dark; is the lens covered?")
+        if rig is not None:
+            expected = rig.cameras[rig.index(camera_id)].image_size
+            if seen.image_size != expected:
+                raise InputError(
+                    f"camera {camera_id}: found images of {width} x {height}, expected "
+                    f"{expected[0]} x {expected[1]} as in the calibration"
+                )
+    return found
+
+
+def _measured(network: str, provider: str, threads: int, probes: dict[str, Probe]) -> LookTimes:
+    from rich.console import Console
+
+    from e3pose.detectors.timing import Looker, time_looks
+
+    lookers = [
+        Looker(network, None, provider, threads, seen.image_size) for seen in probes.values()
+    ]
+    with Console(stderr=True).status(f"measuring {network}"):
+        times = time_looks(lookers)
+    alone_ms, all_ms = 1000 * times.alone_s.max(), 1000 * times.together_s.max()
+    print(
+        f"{network}, {counted(threads, 'thread')} each: {alone_ms:.3g} ms a look, {all_ms:.3g} ms "
+        f"while all {len(lookers)} look, {times.rate:.3g} looks per second"
+    )
+    return times
+
+
+def _tell(choice: Choice, folder: Path, path: Path) -> None:
+    from e3pose.site.new_site import RIG_FILE, rates
+
+    fps, pace = rates(choice)
+    slots = f"{fps:g} slots per second"
+    if pace != 1:
+        slots += f" of films that are played at {pace:g} of their speed"
+    of = f"{choice.num_selected} of {len(choice.probes)} cameras active in each"
+    print(f"Wrote {path}: {slots}, {of}")
+    if choice.fps or choice.pace:
+        from e3pose.settings.site_file import load_site
+        from e3pose.site.looks import check_looks
+
+        assert choice.times is not None
+        for finding in check_looks(load_site(path), choice.times, choice.num_selected):
+            if finding.level != "ok":
+                warn(f"{finding.what}: {finding.found}: {finding.advice}")
+    if choice.rig is None:
+        print("Missing: the calibration. Let people walk through the room, then")
+        print(f"  e3pose record {folder} walk --for 60")
+        print(f"  e3pose calibrate extrinsics walk {folder / RIG_FILE} --update")
+    print(f"Check it: e3pose check {folder}. Start it: e3pose up {folder}")

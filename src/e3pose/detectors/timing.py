@@ -1,0 +1,157 @@
+"""How long networks take on this machine: in processes of their own, one alone and all at once."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.detectors import make_detector
+from e3pose.errors import InputError
+
+MEASURE_S = 1.5  # of looking, each of the two times
+LEAST_LOOKS = 3
+LOAD_S = 300.0  # TensorRT builds its engine the first time
+DEFAULT_SIZE = (1280, 720)
+
+
+@dataclass(frozen=True, slots=True)
+class Looker:
+    """A process that looks at images, as a camera does.
+
+    Attributes:
+        detector: its name, or a network file.
+        model: a network file in place of the cached one.
+        provider: where it runs.
+        threads: of the processor; None for all cores.
+        image_size: `(width, height)` in pixels of what it looks at.
+    """
+
+    detector: str
+    model: Path | None = None
+    provider: str = "auto"
+    threads: int | None = None
+    image_size: tuple[int, int] = DEFAULT_SIZE
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LookTimes:
+    """How long looks take.
+
+    Attributes:
+        alone_s: `(num_lookers,)` seconds a look while no other looks, the median.
+        together_s: `(num_lookers,)` seconds a look while all look at once, the median.
+    """
+
+    alone_s: NDArray[np.float64]
+    together_s: NDArray[np.float64]
+
+    @property
+    def rate(self) -> float:
+        """Looks a second of all processes together."""
+        return float((1 / self.together_s).sum())
+
+    def reach_fps(self, num_selected: float) -> float:
+        """Return how many slots a second are possible in which so many cameras look.
+
+        A camera that is selected slot after slot must be done before the next, and all that look
+        share the machine.
+        """
+        selected = max(min(num_selected, len(self.together_s)), 1e-3)
+        return float(min(self.rate / selected, (1 / self.alone_s).min()))
+
+
+def time_looks(lookers: Sequence[Looker], seconds: float = MEASURE_S) -> LookTimes:
+    """Measure how long looks take, each in a process of its own.
+
+    Images of nothing but noise stand in for frames: what a network computes does not depend on
+    what it sees.
+
+    Args:
+        lookers: who looks.
+        seconds: for how long, each of the two times.
+
+    Raises:
+        InputError: when a network cannot be loaded.
+    """
+    with _at_work(lookers) as pipes:
+        alone: dict[Looker, float] = {}
+        for looker, pipe in zip(lookers, pipes, strict=True):
+            if looker not in alone:
+                alone[looker] = _measured([pipe], seconds)[0]
+        same = len(lookers) == 1
+        together = list(alone.values()) if same else _measured(pipes, seconds)
+    return LookTimes(np.array([alone[looker] for looker in lookers]), np.array(together))
+
+
+def _measured(pipes: Sequence[Connection], seconds: float) -> list[float]:
+    for pipe in pipes:
+        pipe.send(seconds)
+    return [float(_answer(pipe, LOAD_S)) for pipe in pipes]
+
+
+@contextmanager
+def _at_work(lookers: Sequence[Looker]) -> Iterator[list[Connection]]:
+    """Yield a pipe to each process, whose network is loaded and tried."""
+    context = multiprocessing.get_context("spawn")  # threads of ours would not survive a fork
+    processes, pipes = [], []
+    try:
+        for looker in lookers:
+            ours, theirs = context.Pipe()
+            process = context.Process(target=_look, args=(theirs, looker), daemon=True)
+            process.start()
+            theirs.close()  # so that the end of the process ends the pipe
+            processes.append(process)
+            pipes.append(ours)
+        for pipe in pipes:
+            _answer(pipe, LOAD_S)
+        yield pipes
+    finally:
+        for pipe in pipes:
+            pipe.close()
+        for process in processes:
+            process.join(timeout=5.0)
+            process.kill()
+
+
+def _answer(pipe: Connection, timeout_s: float) -> float:
+    try:
+        answer = pipe.recv() if pipe.poll(timeout_s) else "no answer"
+    except (EOFError, OSError):
+        answer = "its process ended"
+    if isinstance(answer, str):
+        raise InputError(f"detector: {answer}")
+    return float(answer)
+
+
+def _look(pipe: Connection, looker: Looker) -> None:
+    """Load a network, then look for as long as told, until the pipe ends."""
+    width, height = looker.image_size
+    image = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    try:
+        detector = make_detector(looker.detector, looker.model, looker.provider, looker.threads)
+        begun_s = time.perf_counter()
+        detector.detect(image)  # the first look is slow
+        pipe.send(time.perf_counter() - begun_s)
+    except (InputError, ImportError) as error:
+        pipe.send(str(error))
+        return
+    while True:
+        try:
+            seconds = float(pipe.recv())
+        except (EOFError, OSError):
+            return
+        took_s: list[float] = []
+        end_s = time.perf_counter() + seconds
+        while len(took_s) < LEAST_LOOKS or time.perf_counter() < end_s:
+            begun_s = time.perf_counter()
+            detector.detect(image)
+            took_s.append(time.perf_counter() - begun_s)
+        pipe.send(float(np.median(took_s)))

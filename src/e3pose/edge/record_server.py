@@ -1,0 +1,194 @@
+"""Record what all cameras of a site see, without a calibration: an edge that only orders and keeps.
+
+All cameras look in every slot. Nothing is computed, so it does not matter when a view arrives, as
+long as it does.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import ceil
+from pathlib import Path
+
+import numpy as np
+
+from e3pose.calibration.world import assumed_rig
+from e3pose.clock import Clock, SlotTimes
+from e3pose.edge.crew import Crew
+from e3pose.edge.gather import Arrival, Gather
+from e3pose.edge.inbox import Inbox
+from e3pose.edge.orders import Orders
+from e3pose.edge.outbox import Outbox
+from e3pose.geometry.camera import Rig
+from e3pose.model.skeleton import Skeleton
+from e3pose.recording.writer import RecordingWriter
+from e3pose.wire import topics
+from e3pose.wire.transport import Transport
+
+AHEAD_S = 0.6  # orders go out before their slot
+PATIENCE_S = 2.0  # for views, beyond the end of their slot
+LONE_S = 20.0  # to wait for further cameras once one is there
+END_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingPlan:
+    """What is to be recorded.
+
+    Attributes:
+        dest: the folder to make.
+        site: name of the site.
+        rig: its cameras, as far as they are known.
+        skeleton: of the keypoints.
+        fps: slots a second of the scene.
+        pace: seconds of the scene that pass in a second.
+        detector: whose noise the keypoints have; empty to take what the cameras say.
+        for_s: seconds of the scene to record; None until it is stopped.
+    """
+
+    dest: Path
+    site: str
+    rig: Rig
+    skeleton: Skeleton
+    fps: float
+    pace: float = 1.0
+    detector: str = ""
+    for_s: float | None = None
+
+
+class RecordServer:
+    """Records until stopped, or as long as planned. Use as a context manager."""
+
+    def __init__(self, plan: RecordingPlan, transport: Transport, clock: Clock) -> None:
+        """Make a recorder of a site.
+
+        Args:
+            plan: what to record.
+            transport: how to reach the cameras; the server closes it.
+            clock: the time.
+        """
+        self.plan, self.transport, self.clock = plan, transport, clock
+        self.interval_ns = round(1e9 / plan.fps / plan.pace)
+        self.gather = Gather(len(plan.rig))
+        self.inbox = Inbox(
+            plan.site, plan.rig, plan.skeleton.joints, self.interval_ns / 1e9, self.gather, clock,
+            lambda camera, delay_s: None, lambda beat: None,
+        )  # fmt: skip
+        self.outbox = Outbox()
+        self.orders = Orders(
+            plan.site, plan.rig.camera_ids, ["power-saving"] * len(plan.rig),
+            clock.now_ns() // 1000, self.outbox, clock,
+        )  # fmt: skip
+        self.crew = Crew(self._wake)
+        self.done = threading.Event()
+        self.slots = 0
+        self.people = np.zeros(len(plan.rig), dtype=np.int64)  # seen by each camera so far
+        self.views = np.zeros(len(plan.rig), dtype=np.int64)
+        self.written: Path | None = None
+
+    def __enter__(self) -> RecordServer:
+        self.inbox.listen(self.transport)
+        self.transport.be_present(topics.of_site(self.plan.site, "alive"))
+        self.crew.start("sending", lambda: self.outbox.run(self._publish))
+        self.crew.start("recording", self._run)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.crew.stop()
+        self.gather.wake()
+        self.crew.join(END_S, without="sending")
+        self.outbox.close()
+        self.crew.join(END_S)
+        self.transport.close()
+
+    def running(self) -> bool:
+        """Return whether it still records."""
+        return self.crew.running() and not self.done.is_set()
+
+    def troubles(self) -> dict[str, str]:
+        """Return the cameras that cannot be recorded, with the reason."""
+        troubles = zip(self.plan.rig.camera_ids, self.inbox.troubles(), strict=True)
+        return {camera_id: why for camera_id, why in troubles if why}
+
+    def _wake(self) -> None:
+        self.gather.wake()
+        self.outbox.close()
+
+    def _publish(self, topic: str, payload: bytes, slot: int) -> None:
+        self.transport.publish(topic, payload)
+
+    def _run(self) -> None:
+        if not self._wait_for_cameras():
+            return
+        ahead = ceil(AHEAD_S * 1e9 / self.interval_ns)
+        times = SlotTimes(self.clock.now_ns() + ahead * self.interval_ns, self.interval_ns)
+        everyone = np.ones(len(self.plan.rig), dtype=bool)
+        patience = ceil(PATIENCE_S * 1e9 / self.interval_ns)
+        last = None
+        if self.plan.for_s is not None:
+            last = max(1, round(self.plan.for_s * self.plan.fps))
+        ordered = 0
+        with self._writer() as writer:
+            while last is None or self.slots < last:
+                stopping = self.crew.stopping.is_set()
+                now = times.slot_at(self.clock.now_ns())
+                until = now + ahead if last is None else min(now + ahead, last - 1)
+                while ordered <= until and not stopping:
+                    self.orders.give(times, ordered, everyone, ahead)
+                    ordered += 1
+                self.orders.forget_before(self.slots)
+                while self.slots < now - (0 if stopping else patience) and self.slots < ordered:
+                    self._write(writer, times, self.gather.close())
+                if stopping:
+                    break
+                writer.flush()
+                self.clock.wait(self.crew.stopping, times.middle_ns(now + 1))
+        self.written = writer.dest if any(writer.counts.values()) else None
+        self.done.set()
+
+    def _write(
+        self, writer: RecordingWriter, times: SlotTimes, arrivals: Mapping[int, Arrival]
+    ) -> None:
+        origin_ns = times.middle_ns(0)
+        for index, arrival in arrivals.items():
+            time_s = (arrival.captured_ns - origin_ns) / 1e9 * self.plan.pace
+            writer.add(self.plan.rig.camera_ids[index], self.slots, time_s, arrival.poses)
+            self.views[index] += 1
+            self.people[index] += len(arrival.poses)
+        self.slots += 1
+
+    def _wait_for_cameras(self) -> bool:
+        """Wait for all cameras, or for one and then a while; return whether to begin."""
+        first_ns: int | None = None
+        while not self.crew.stopping.is_set():
+            online, now_ns = self.inbox.online(), self.clock.now_ns()
+            first_ns = (first_ns or now_ns) if online.any() else None
+            if online.all() or (first_ns is not None and now_ns - first_ns > LONE_S * 1e9):
+                return True
+            self.clock.wait(self.crew.stopping, now_ns + 50_000_000)
+        return False
+
+    def _writer(self) -> RecordingWriter:
+        plan = self.plan
+        hellos = [life.hello for life in self.inbox.roster.lives]
+        detectors = {hello.detector for hello in hellos if hello is not None}
+        detector = plan.detector or (detectors.pop() if len(detectors) == 1 else "")
+        sizes = [None if hello is None else hello.image_size for hello in hellos]
+        return RecordingWriter(
+            plan.dest, _seen(plan.rig, sizes), plan.fps, plan.skeleton.name, detector,
+            f"Recorded at the site {plan.site}, with all cameras active.",
+        )  # fmt: skip
+
+
+def _seen(rig: Rig, sizes: Sequence[tuple[int, int] | None]) -> Rig:
+    """Return cameras whose lenses are assumed with the image sizes that they really have."""
+    if rig.placed:
+        return rig
+    cameras = []
+    for camera, size in zip(rig.cameras, sizes, strict=True):
+        if camera.lens_assumed and size is not None:
+            camera = assumed_rig({camera.camera_id: size}).cameras[0]
+        cameras.append(camera)
+    return replace(rig, cameras=tuple(cameras))

@@ -1,0 +1,200 @@
+"""Write a recording while it happens; one that was cut off by a kill is put right afterwards.
+
+The work stands in `NAME.partial`, a growing file of lines for each camera, and gets its name when
+it is finished.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import tomli_w
+
+from e3pose.calibration import load_rig, save_rig
+from e3pose.errors import InputError
+from e3pose.files.bounded import read_toml
+from e3pose.files.private import append_to, make_folder
+from e3pose.geometry.camera import Rig
+from e3pose.model.pose import Poses2D
+from e3pose.recording.folder import FORMAT, HEADER, MAX_HEADER_BYTES, MAX_LINES_BYTES, RIG, VERSIONS
+from e3pose.recording.lines import encode_view
+
+PARTIAL = ".partial"
+TAIL_BYTES = 2**16
+
+
+@dataclass(slots=True, eq=False)
+class RecordingWriter:
+    """A recording that is being written. Use as a context manager, or `finish` it.
+
+    Attributes:
+        dest: the folder that it becomes.
+        rig: the cameras.
+        fps: slots a second.
+        skeleton: name of the skeleton.
+        detector: what finds the keypoints, as in `Recording`.
+        source: where it comes from, in words.
+        num_slots: up to the newest view.
+        num_bytes: written so far.
+        counts: views by camera.
+
+    Raises:
+        InputError: when unfinished work stands in its place.
+    """
+
+    dest: Path
+    rig: Rig
+    fps: float
+    skeleton: str
+    detector: str = ""
+    source: str = ""
+    num_slots: int = 0
+    num_bytes: int = 0
+    counts: dict[str, int] = field(default_factory=dict)
+    _files: dict[str, IO[bytes]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        folder = self.folder
+        if folder.exists():
+            raise InputError(f"{folder}: found unfinished work of another program; move it away")
+        make_folder(folder / "keypoints")
+        save_rig(self.rig, folder / RIG)
+        self._write_header(None)
+        for camera_id in self.rig.camera_ids:
+            self._files[camera_id] = append_to(folder / "keypoints" / f"{camera_id}.jsonl")
+            self.counts[camera_id] = 0
+
+    @property
+    def folder(self) -> Path:
+        """Where the work stands until it is finished."""
+        return self.dest.with_name(self.dest.name + PARTIAL)
+
+    def add(self, camera_id: str, slot: int, time_s: float, poses: Poses2D) -> None:
+        """Write what a camera saw in a slot, later than its last one.
+
+        Args:
+            camera_id: which camera.
+            slot: since the recording began.
+            time_s: when the frame was taken, seconds since the recording began.
+            poses: the people, in the recording's skeleton.
+        """
+        line = encode_view(slot, time_s, poses)
+        self._files[camera_id].write(line)
+        self.num_bytes += len(line)
+        self.counts[camera_id] += 1
+        self.num_slots = max(self.num_slots, slot + 1)
+
+    def flush(self) -> None:
+        """Hand what was written to the system."""
+        for file in self._files.values():
+            file.flush()
+
+    def close(self) -> None:
+        """Close the files, as the end of a program does; the work stays unfinished."""
+        for file in self._files.values():
+            file.close()
+
+    def finish(self) -> Path | None:
+        """End the recording and give it its name; return its folder, None if it has no view."""
+        self.close()
+        if not any(self.counts.values()):
+            shutil.rmtree(self.folder)
+            return None
+        self._write_header(self.counts)
+        os.replace(self.folder, self.dest)
+        return self.dest
+
+    def __enter__(self) -> RecordingWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.folder.exists():
+            self.finish()
+
+    def _write_header(self, frames: dict[str, int] | None) -> None:
+        table: dict[str, Any] = {
+            "format": FORMAT,
+            "version": VERSIONS[-1] if self.detector else VERSIONS[0],
+            "name": self.dest.name,
+            "fps": float(self.fps),
+            "num_slots": self.num_slots,
+            "skeleton": self.skeleton,
+            "source": self.source,
+        }
+        if self.detector:
+            table["detector"] = self.detector
+        if frames is not None:
+            table["frames"] = frames
+        (self.folder / HEADER).write_text(tomli_w.dumps(table))
+
+
+def finish_interrupted(folder: Path) -> list[Path]:
+    """Give recordings in a folder that a kill cut off their names; return them.
+
+    A line that was cut off is dropped. What is no such recording is left alone.
+    """
+    found = []
+    for partial in sorted(folder.glob(f"*{PARTIAL}")):
+        dest = partial.with_name(partial.name.removesuffix(PARTIAL))
+        if not partial.is_dir() or dest.exists():
+            continue
+        try:
+            table = dict(read_toml(partial / HEADER, MAX_HEADER_BYTES))
+            rig = load_rig(partial / RIG)
+            last, frames = -1, {}
+            for camera_id in rig.camera_ids:
+                path = partial / "keypoints" / f"{camera_id}.jsonl"
+                frames[camera_id] = _drop_torn(path)
+                last = max(last, _last_slot(path))
+        except (InputError, OSError, ValueError):
+            continue
+        if last < 0:
+            shutil.rmtree(partial)
+            continue
+        table |= {"num_slots": last + 1, "frames": frames}
+        (partial / HEADER).write_text(tomli_w.dumps(table))
+        os.replace(partial, dest)
+        found.append(dest)
+    return found
+
+
+def _drop_torn(path: Path) -> int:
+    """Cut off what stands after the last newline; return the number of lines."""
+    count = end = 0
+    with path.open("r+b") as file:
+        for chunk, begin in _chunks(file):
+            count += chunk.count(b"\n")
+            if (newline := chunk.rfind(b"\n")) >= 0:
+                end = begin + newline + 1
+        file.truncate(end)
+    return count
+
+
+def _chunks(file: IO[bytes]) -> Iterator[tuple[bytes, int]]:
+    begin = 0
+    while begin < MAX_LINES_BYTES and (chunk := file.read(2**20)):
+        yield chunk, begin
+        begin += len(chunk)
+
+
+def _last_slot(path: Path) -> int:
+    """Return the slot of the last line; -1 if there is none."""
+    import json
+
+    with path.open("rb") as file:
+        size = file.seek(0, os.SEEK_END)
+        for length in (TAIL_BYTES, 2**24):
+            file.seek(max(0, size - length))
+            lines = file.read().splitlines()
+            if not lines:
+                return -1
+            try:
+                return int(json.loads(lines[-1])["slot"])
+            except (ValueError, KeyError, TypeError):
+                continue  # the line is longer than that
+    raise InputError(f"{path}: the last line is no view")

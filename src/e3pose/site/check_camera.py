@@ -1,0 +1,152 @@
+"""Check the machine of one camera: source, network, certificate, clock, route to the edge."""
+
+from __future__ import annotations
+
+import datetime
+import socket
+import threading
+import time
+from collections.abc import Iterator
+
+from e3pose.camera.probe import probe
+from e3pose.clock import WallClock
+from e3pose.detectors.timing import Looker, time_looks
+from e3pose.errors import InputError
+from e3pose.settings.camera_file import NodeTable
+from e3pose.site.camera_program import RECORDED, camera_link, source_name
+from e3pose.site.check import CLOCK_MS, SOON_DAYS, Finding, Level, check_clock
+from e3pose.wire import topics
+from e3pose.wire.access import split_endpoint
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.keys.folder import certificates_in
+from e3pose.wire.messages import ClockAnswer, ClockQuestion
+from e3pose.wire.network import open_network
+from e3pose.wire.offset import Exchange
+
+CONNECT_S = 3.0
+SLOW_TRIP_MS = 100.0
+
+
+def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
+    """Look at what a camera needs on its own machine.
+
+    Args:
+        node: its file.
+        timeout_s: how long to wait for the edge.
+    """
+    size = None
+    for finding, found_size in _source(node):
+        yield finding
+        size = found_size or size
+    yield from _network(node, size)
+    yield check_clock()
+    try:
+        camera_link(node)
+    except InputError as error:
+        advice = f"e3pose keys add {node.camera} on the edge, then copy its folder here"
+        yield Finding("problem", "certificate", str(error), advice)
+        return
+    if node.keys is not None:
+        yield _certificate(node)
+    yield from _route(node, timeout_s)
+
+
+def _source(node: NodeTable) -> Iterator[tuple[Finding, tuple[int, int] | None]]:
+    what = "source"
+    try:
+        seen = probe(source_name(node), node.camera, node.fps)
+    except InputError as error:
+        advice = "connect the camera" if node.source.startswith("usb:") else ""
+        yield Finding("problem", what, str(error), advice), None
+        return
+    width, height = seen.image_size
+    shown = f"{node.source[:60]}: {width} x {height} at {seen.fps:.3g} frames per second"
+    yield Finding("ok", what, shown), seen.image_size
+    if seen.dark:
+        yield Finding("warning", what, "its picture is dark", "is the lens covered?"), None
+    if node.fps is not None and seen.fps < 0.9 * node.fps:
+        asked = f"gives {seen.fps:.3g} frames per second, fps asks for {node.fps:g}"
+        yield Finding("warning", what, asked, f"fps = {seen.fps:.3g}"), None
+
+
+def _network(node: NodeTable, size: tuple[int, int] | None) -> Iterator[Finding]:
+    if node.source.startswith(f"{RECORDED}:"):
+        return
+    model = None if node.model is None else node.near(node.model)
+    looker = Looker(node.detector, model, node.provider, node.threads)
+    if size is not None:
+        looker = Looker(node.detector, model, node.provider, node.threads, size)
+    try:
+        look_s = float(time_looks([looker]).alone_s[0])
+    except InputError as error:
+        yield Finding("problem", "network", str(error))
+        return
+    found = f"{node.detector}: {1000 * look_s:.0f} ms a look, {1 / look_s:.3g} looks per second"
+    yield Finding("ok", "network", f"{found}; the site's fps and deadline_ms must allow for it")
+
+
+def _certificate(node: NodeTable) -> Finding:
+    from e3pose.wire.keys.authority import expires
+
+    assert node.keys is not None
+    until = expires(certificates_in(node.near(node.keys), "camera").certificate.read_bytes())
+    soon = until - datetime.datetime.now(datetime.timezone.utc) < datetime.timedelta(days=SOON_DAYS)
+    again = f"e3pose keys add {node.camera} --again on the edge, then copy its folder here"
+    if soon:
+        return Finding("warning", "certificate", f"expires on {until:%Y-%m-%d}", again)
+    return Finding("ok", "certificate", f"valid until {until:%Y-%m-%d}")
+
+
+def _route(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
+    """Look for the edge: its name, its port, whether it lets the camera in, and its clock."""
+    _, host, port = split_endpoint(node.endpoint)
+    place = f"{host}:{port}"
+    try:
+        socket.create_connection((host.strip("[]"), port), CONNECT_S).close()
+    except socket.gaierror:
+        advice = "its name or address in endpoint, and DNS or /etc/hosts of this machine"
+        yield Finding("problem", "edge", f"no address is known for {host}", advice)
+        return
+    except ConnectionRefusedError:
+        yield Finding("problem", "edge", f"nothing listens at {place}", "start e3pose edge there")
+        return
+    except OSError as error:
+        advice = "the network, and whether a firewall lets the port through"
+        yield Finding("problem", "edge", f"no route to {place} ({error.strerror or error})", advice)
+        return
+    exchange = _ask_time(node, timeout_s)
+    if exchange is None:
+        found = f"{place} listens, but the edge of site {node.site} does not answer this camera"
+        advice = f"is {node.camera} in its calibration, is the site's name {node.site}, and are "
+        yield Finding("problem", "edge", found, advice + "the certificates of one authority?")
+        return
+    trip_ms, offset_ms = exchange.delay_ns / 1e6, exchange.offset_ns / 1e6
+    level: Level = "warning" if trip_ms > SLOW_TRIP_MS else "ok"
+    yield Finding(level, "edge", f"answers at {place}, {trip_ms:.1f} ms there and back")
+    if abs(offset_ms) > CLOCK_MS:
+        found = f"{offset_ms:+.1f} ms from the edge's"
+        yield Finding("warning", "clock", found, "corrected; for fast motion use chrony or PTP")
+
+
+def _ask_time(node: NodeTable, timeout_s: float) -> Exchange | None:
+    """Exchange times with the edge, as a camera does; None if it does not answer."""
+    transport, clock = open_network(camera_link(node)), WallClock()
+    topic = topics.of_camera(node.site, node.camera, "clock")
+    end_s, pause = time.monotonic() + timeout_s, threading.Event()
+    try:
+        while True:
+            asked_ns = clock.now_ns()
+            payload = transport.ask(topic, encode(ClockQuestion(node.camera, asked_ns)), 0.5)
+            answered_ns = clock.now_ns()
+            if payload is not None:
+                answer = decode(payload, ClockAnswer, "edge")
+                return Exchange.of_stamps(
+                    asked_ns, answer.received_edge_ns, answer.sent_edge_ns, answered_ns
+                )
+            if time.monotonic() >= end_s:
+                return None
+            pause.wait(0.1)
+    except InputError:
+        return None
+    finally:
+        transport.close()

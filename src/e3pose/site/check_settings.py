@@ -1,0 +1,95 @@
+"""Check that settings agree: skeletons with detectors, budgets with what cameras draw."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime
+
+from e3pose.energy.budgets import Supply, allowance_j, slot_shares
+from e3pose.errors import InputError
+from e3pose.model.skeleton import lacking, serves
+from e3pose.plural import counted
+from e3pose.settings.live import LiveSite
+from e3pose.settings.skeletons import camera_skeletons
+from e3pose.site.check import Finding
+
+JOULES = 3600.0  # a watt-hour
+ENOUGH = 1e-6
+
+
+def check_skeletons(live: LiveSite) -> Iterator[Finding]:
+    """Look at what the cameras' detectors output, and what of it the site needs."""
+    known = camera_skeletons(live.site, live.cameras)
+    own = "" if live.site.skeleton else ", that of the detectors"
+    yield Finding("ok", "skeleton", f"{live.skeleton.name}{own if known else ', the default'}")
+    for name, skeleton in known.items():
+        if skeleton == live.skeleton:
+            continue
+        what, missing = f"camera {name}", lacking(skeleton.joints, live.skeleton.joints)
+        outputs = f"its detector outputs {skeleton.name}"
+        lost = f"without {', '.join(missing)}"
+        if not serves(skeleton.joints, live.skeleton.joints):
+            fix = f'skeleton = "{skeleton.name}", or another detector'
+            yield Finding("problem", what, f"{outputs}, {lost}", fix)
+        elif missing:
+            yield Finding("warning", what, f"{outputs}, converted, {lost}")
+        else:
+            yield Finding("ok", what, f"{outputs}, converted")
+
+
+def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
+    """Look whether budgets pay for what cameras draw, by their power profiles.
+
+    Args:
+        live: the site.
+        now: the present, with its time zone.
+    """
+    site = live.site
+    if site.budget is None and not any(camera.budget for camera in live.cameras.values()):
+        return
+    pipeline = live.pipeline()
+    try:
+        budgets = live.budgets(pipeline.budget.tolist(), now)
+    except InputError as error:
+        yield Finding("problem", "budget", str(error))
+        return
+    modes = [camera.idle_mode for camera in live.cameras.values()]
+    active_w = [profile.watts("active") for profile in live.plan.profiles]
+    idle_w = [p.watts(mode) for p, mode in zip(live.plan.profiles, modes, strict=True)]
+    supplies = [
+        Supply() if camera.battery_wh is None else Supply(camera.battery_wh * JOULES)
+        for camera in live.cameras.values()
+    ]
+    slot_s = live.interval_s
+    active_j, idle_j = [w * slot_s for w in active_w], [w * slot_s for w in idle_w]
+    selected = live.loop.num_selected or 1.0
+    allowed_j = allowance_j(budgets, supplies, active_j, idle_j, slot_s, now.timestamp(), selected)
+    starved = 0
+    for index, (name, camera) in enumerate(live.cameras.items()):
+        if budgets[index].kind == "duty" or allowed_j[index] > idle_j[index] * (1 + ENOUGH):
+            continue
+        starved += 1
+        profile = live.plan.profiles[index].name
+        draws = f"{idle_w[index]:.2g} W idle and {active_w[index]:.2g} W active"
+        asleep_w = live.plan.profiles[index].watts("aggressive-power-saving")
+        wanted_w = budgets[index].value / (slot_s if budgets[index].kind == "joules" else 1.0)
+        helps = budgets[index].kind != "until" and asleep_w < wanted_w
+        yield Finding(
+            "problem",
+            f"camera {name}",
+            f"budget {camera.budget or site.budget!r} does not even pay for idling: it draws "
+            f"{draws} (profile {profile}), so it would never look",
+            f"a budget above {idle_w[index]:.2g} W"
+            + (', or idle_mode = "aggressive-power-saving"' if helps else ""),
+        )
+    shares = slot_shares(allowed_j, active_j, idle_j)
+    if not starved and shares.sum() < selected - ENOUGH and live.loop.target_error_m is None:
+        yield Finding(
+            "warning",
+            "budget",
+            f"pays for {counted(round(float(shares.sum()), 2), 'camera')} a slot, the site asks "
+            f"for {selected:g}",
+            f"cameras = {shares.sum():.2g} in [loop], or a larger budget",
+        )
+    elif not starved:
+        yield Finding("ok", "budget", f"pays for {shares.sum():.2g} cameras a slot")

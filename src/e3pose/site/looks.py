@@ -1,0 +1,167 @@
+"""Whether this machine's networks are quick enough for a site whose cameras it runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+
+from e3pose.detectors.timing import DEFAULT_SIZE, Looker, LookTimes, time_looks
+from e3pose.files.atomic import atomic_file
+from e3pose.files.bounded import read_bytes
+from e3pose.geometry.camera import Rig
+from e3pose.plural import counted
+from e3pose.settings.site_file import SiteTable
+from e3pose.settings.skeletons import RECORDED, detector_of
+from e3pose.site.check import Finding
+
+KEPT = "look-times.json"  # beside the site file
+MAX_BYTES = 10**5
+SPARE = 0.8  # of what a machine reaches, for what else it does: decoding, fusing, other programs
+WAIT_S = 0.04  # of a view for its frame and its way to the edge, beyond the look
+HOPELESS = 1.5  # times what is reached: beyond it a site is not started
+
+
+def lookers_of(site: SiteTable, rig: Rig) -> dict[str, Looker]:
+    """Return the cameras whose networks `e3pose up` runs on this machine, and how."""
+    found = {}
+    sizes = dict(zip(rig.camera_ids, (c.image_size for c in rig.cameras), strict=True))
+    for name, camera in site.cameras_of(rig).items():
+        if camera.source is None or camera.source.startswith(RECORDED):
+            continue
+        detector = detector_of(camera) or ""
+        own = site.near(detector)
+        found[name] = Looker(
+            str(own) if own.is_file() else detector,
+            None if camera.model is None else site.near(camera.model),
+            camera.provider,
+            camera.threads,
+            sizes[name] if rig.placed else DEFAULT_SIZE,
+        )
+    return found
+
+
+def measure_looks(site: SiteTable, rig: Rig, again: bool = True) -> LookTimes | None:
+    """Return how long looks take on this machine; None where it runs no network.
+
+    Args:
+        site: its file, beside which the times are kept.
+        rig: its cameras.
+        again: measure, even if it was done before with the same networks on this machine.
+
+    Raises:
+        InputError: when a network cannot be loaded.
+    """
+    lookers = lookers_of(site, rig)
+    if not lookers:
+        return None
+    kept, asked = site.near(KEPT), _asked(lookers)
+    if not again and (known := _read(kept, asked)) is not None:
+        return known
+    times = time_looks(list(lookers.values()))
+    keep_looks(kept, lookers, times)
+    return times
+
+
+def keep_looks(path: Path, lookers: dict[str, Looker], times: LookTimes) -> None:
+    """Write what was measured beside a site file."""
+    table = {
+        "of": _asked(lookers),
+        "alone_s": times.alone_s.tolist(),
+        "together_s": times.together_s.tolist(),
+    }
+    with suppress(OSError), atomic_file(path) as temporary:  # measured anew next time
+        temporary.write_text(json.dumps(table, indent=1) + "\n")
+
+
+def _asked(lookers: dict[str, Looker]) -> list[str]:
+    machine = f"{platform.node()}, {counted(len(os.sched_getaffinity(0)), 'core')}"
+    return [machine, *(f"{name} {asdict(looker)}" for name, looker in lookers.items())]
+
+
+def _read(path: Path, asked: list[str]) -> LookTimes | None:
+    try:
+        table = json.loads(read_bytes(path, MAX_BYTES))
+        if table["of"] != asked:
+            return None
+        alone, together = (np.array(table[key], dtype=float) for key in ("alone_s", "together_s"))
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    fits = alone.shape == together.shape == (len(asked) - 1,)
+    return (
+        LookTimes(alone, together) if fits and (alone > 0).all() and (together > 0).all() else None
+    )
+
+
+def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Iterator[Finding]:
+    """Compare the deadline and the slots a second of a site with how long looks take here.
+
+    Args:
+        site: its file.
+        times: of the cameras that this machine runs.
+        num_selected: cameras that look in a slot.
+    """
+    alone_s, together_s = float(times.alone_s.max()), float(times.together_s.max())
+    looks = f"{1000 * alone_s:.0f} ms a look, {1000 * together_s:.0f} ms while all cameras look"
+    yield Finding("ok", "network", looks)
+    needed_ms = 1000 * (alone_s + WAIT_S)
+    if site.deadline_ms < needed_ms:
+        late = site.deadline_ms < 1000 * alone_s
+        yield Finding(
+            "problem" if late else "warning",
+            "deadline_ms",
+            f"{site.deadline_ms:g} ms, but a look takes {1000 * alone_s:.0f} ms on this machine: "
+            f"{'all' if late else 'many'} views would come too late",
+            f"deadline_ms = {suggested_deadline_ms(times)}",
+        )
+    asked = site.fps * site.pace
+    reached = times.reach_fps(num_selected)
+    if asked > SPARE * reached:
+        cameras = counted(num_selected, "camera")
+        slots = "" if site.pace == 1 else f" (fps {site.fps:g} at pace {site.pace:g})"
+        slower = f"fps = {suggested_fps(times, num_selected):g}"
+        yield Finding(
+            "problem" if asked > reached else "warning",
+            "fps",
+            f"this machine manages {times.rate:.2g} looks a second, {reached:.2g} slots with "
+            f"{cameras} each; the site asks for {asked:.2g} slots a second{slots}",
+            f"{slower}, fewer cameras a slot, a smaller network, or e3pose init to choose anew",
+        )
+
+
+def hopeless(site: SiteTable, times: LookTimes, num_selected: float) -> list[Finding]:
+    """Return what keeps a site from working at all, rather than well."""
+    found = [f for f in check_looks(site, times, num_selected) if f.level == "problem"]
+    too_fast = site.fps * site.pace > HOPELESS * times.reach_fps(num_selected)
+    return [f for f in found if f.what != "fps" or too_fast]
+
+
+def with_time_for_all(site: SiteTable, times: LookTimes) -> SiteTable:
+    """Return a site slowed down so far that all its cameras can look in every slot.
+
+    Films are played slower; cameras that film get longer slots.
+    """
+    reach = suggested_fps(times, len(times.together_s))
+    if site.fps * site.pace <= reach:
+        return site
+    if site.pace < 1:
+        return replace(site, pace=max(float(f"{reach / site.fps:.2g}"), 0.001))
+    return replace(site, fps=max(reach, 0.1))
+
+
+def suggested_fps(times: LookTimes, num_selected: float) -> float:
+    """Return slots a second that a machine keeps up with, two digits of them, rounded down."""
+    reach = SPARE * times.reach_fps(num_selected)
+    unit = 10.0 ** (np.floor(np.log10(reach)) - 1)
+    return max(float(np.floor(reach / unit) * unit), 0.1)
+
+
+def suggested_deadline_ms(times: LookTimes) -> int:
+    """Return how long to wait for views of a slot in which all cameras look, in tens."""
+    return int(np.ceil((1250 * times.together_s.max() + 1000 * WAIT_S) / 10) * 10)

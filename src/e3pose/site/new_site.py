@@ -1,0 +1,290 @@
+"""Write a site whose settings fit what was measured on this machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from e3pose.calibration import save_rig
+from e3pose.camera.probe import Probe
+from e3pose.detectors.timing import LookTimes
+from e3pose.energy.profiles import load_profile
+from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_folder, check_free
+from e3pose.geometry.camera import Rig, check_camera_id
+from e3pose.plural import counted
+from e3pose.settings.site_file import SITE_FILE, load_site
+from e3pose.site.example import free_port
+from e3pose.site.looks import (
+    KEPT,
+    keep_looks,
+    lookers_of,
+    suggested_deadline_ms,
+    suggested_fps,
+)
+from e3pose.wire.topics import check_site
+
+RIG_FILE = "rig.toml"
+USUAL_PORT = 7447
+MOST_FPS = 25.0  # beyond it, poses get no better
+LEAST_DEADLINE_MS = 150
+PROFILE = "xavier-nx"
+NETWORKS = ("movenet-multipose", "openpose-thin")  # the first that is installed, by default
+PLACE = re.compile(r"(?:rtsps?|https?|rtmp|udp)://")
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What a site is to be made of.
+
+    Attributes:
+        name: of the site.
+        probes: by camera, what it sees.
+        detector: name of the network, or its file; empty where keypoints are recorded.
+        provider: where the network runs.
+        threads: of the processor, for each camera.
+        num_selected: cameras that look in a slot.
+        times: how long looks take; None if nobody looks.
+        rig: the calibration; None if it is missing.
+        fps: slots a second, if somebody insists.
+        pace: speed of files, if somebody insists.
+    """
+
+    name: str
+    probes: Mapping[str, Probe]
+    detector: str
+    provider: str
+    threads: int
+    num_selected: int
+    times: LookTimes | None
+    rig: Rig | None = None
+    fps: float | None = None
+    pace: float | None = None
+
+    @property
+    def files(self) -> bool:
+        """Whether all that is seen was recorded before."""
+        return all(_is_file(probe.source) for probe in self.probes.values())
+
+
+def name_sources(words: list[str], folder: Path) -> dict[str, str]:
+    """Return sources by the ids of their cameras.
+
+    `CAMERA=SOURCE` says it outright; a file is named after itself, another source by its number.
+
+    Args:
+        words: as typed; files relative to the current folder.
+        folder: of the site, which a file is not to be copied to.
+
+    Raises:
+        InputError: when two have one name, or a name is none.
+    """
+    named: dict[str, str] = {}
+    for number, word in enumerate(words, 1):
+        camera_id, equals, source = word.partition("=")
+        if not equals or "/" in camera_id or ":" in camera_id or Path(word).exists():
+            camera_id, source = "", word
+        if _is_file(source):
+            if source.isdigit() and not Path(source).exists():
+                raise InputError("source", repr(source), f"usb:{source} for /dev/video{source}")
+            stem = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(source).stem)[:64]
+            camera_id, source = camera_id or stem, str(Path(source).resolve())
+        camera_id = camera_id or f"cam{number}"
+        check_camera_id(camera_id)
+        if camera_id in named:
+            raise InputError("source", f"two cameras {camera_id}", "NAME=SOURCE with other names")
+        named[camera_id] = source
+    if len(named) < 2:
+        raise InputError("SOURCE", counted(len(named), "source"), "two or more: 3D needs them")
+    return named
+
+
+def site_name(folder: Path) -> str:
+    """Return the name of a site after its folder."""
+    name = re.sub(r"[^A-Za-z0-9_.-]", "-", folder.resolve().name)[:64] or "site"
+    return check_site(name)
+
+
+def threads_for(num_cameras: int, num_selected: int, cores: int) -> int:
+    """Return how many threads each network gets where cameras share a machine."""
+    return max(1, cores // max(1, min(num_cameras, num_selected)))
+
+
+def rates(choice: Choice) -> tuple[float, float]:
+    """Return slots a second of the scene and the pace that a machine keeps up with.
+
+    Films can be played slower, so that their slots are as many as those of a quick machine; a
+    camera that films cannot wait, so its slots are fewer.
+    """
+    source_fps = min(probe.fps for probe in choice.probes.values())
+    wanted = choice.fps or min(source_fps, MOST_FPS)
+    if choice.times is None:
+        return wanted, choice.pace or 1.0
+    reach = suggested_fps(choice.times, choice.num_selected)
+    if choice.pace is None and choice.files and reach < wanted:
+        return wanted, max(float(f"{reach / wanted:.2g}"), 0.001)
+    pace = choice.pace or 1.0
+    return choice.fps or min(wanted, float(f"{reach / pace:.3g}")), pace
+
+
+def write_site(folder: Path, choice: Choice) -> Path:
+    """Write a new folder with the site file, and the calibration if there is one.
+
+    Raises:
+        InputError: when something stands in the folder.
+    """
+    check_free(folder)
+    with atomic_folder(folder, private=True) as made:
+        if choice.rig is not None:
+            save_rig(choice.rig, made / RIG_FILE)
+        path = made / SITE_FILE
+        path.write_text(site_text(choice, folder))
+        site = load_site(path)  # what was written can be read
+        if choice.times is not None:
+            rig = choice.rig or _named(choice)
+            keep_looks(made / KEPT, lookers_of(site, rig), choice.times)
+    return folder / SITE_FILE
+
+
+def site_text(choice: Choice, folder: Path) -> str:
+    """Return a commented site file.
+
+    Args:
+        choice: what it says.
+        folder: in which it will stand.
+    """
+    count, total = choice.num_selected, len(choice.probes)
+    profile = load_profile(PROFILE)
+    active_w, idle_w = profile.watts("active"), profile.watts("power-saving")
+    made = f"{datetime.now():%Y-%m-%d} on {platform.node()}, {counted(_cores(), 'core')}"
+    return "\n".join(
+        [
+            f"# The site {choice.name}, made by `e3pose init` ({made}).",
+            f"# Check it: e3pose check {folder}    Start it: e3pose up {folder}",
+            "# All keys: docs/reference/site-file.md. Paths are relative to this file.",
+            "",
+            'format = "e3pose-site"',
+            "version = 1",
+            "",
+            f'name = "{choice.name}"',
+            *_calibration(choice, folder),
+            _line('# skeleton = "coco17"', "of the poses; by default that of the detector"),
+            *_timing(choice),
+            _line('lead = "adaptive"', "slots between an order and its slot"),
+            _line('state = "state.npz"', "a restarted edge resumes from here"),
+            _line(
+                f'# budget = "{(active_w + idle_w) / 2:.2g}W"',
+                f"of each camera: more than {idle_w:.2g} W idle, {active_w:.3g} W is active",
+            ),
+            "",
+            "[link]",
+            "# cameras elsewhere need tls: docs/how-to/live-site.md",
+            f'endpoint = "tcp/127.0.0.1:{_port()}"',
+            "",
+            "[store]",
+            _line('path = "live.db"', f"e3pose query {folder}"),
+            'keep = "30d"',
+            'max_size = "20GB"',
+            "",
+            "[loop]",
+            _line(f"cameras = {count}", f"of {total} look in a slot, on average"),
+            _line('# target_error = "40mm"', "or: as few as keep the expected error below this"),
+            "",
+            "[energy]",
+            _line(f'profile = "{PROFILE}"', "what cameras without a meter draw"),
+            *(_camera(choice, camera_id) for camera_id in choice.probes),
+            "",
+        ]
+    )
+
+
+def _line(setting: str, comment: str) -> str:
+    return f"{setting:<27} # {comment}"
+
+
+def _calibration(choice: Choice, folder: Path) -> list[str]:
+    setting = f'calibration = "{RIG_FILE}"'
+    if choice.rig is not None:
+        return [_line(setting, "names the cameras and says where they are")]
+    return [
+        _line(setting, "missing, to be made by"),
+        f"#   e3pose record {folder} walk --for 60",
+        f"#   e3pose calibrate extrinsics walk {folder / RIG_FILE} --update",
+    ]
+
+
+def _timing(choice: Choice) -> list[str]:
+    """Return the lines of what the machine's speed decides."""
+    fps, pace = rates(choice)
+    times = choice.times
+    if times is None:
+        return [
+            _line(f"fps = {fps:g}", "slots per second"),
+            _line(f"deadline_ms = {LEAST_DEADLINE_MS}", "for the views of a slot"),
+        ]
+    alone_ms, all_ms = 1000 * times.alone_s.max(), 1000 * times.together_s.max()
+    deadline_ms = max(LEAST_DEADLINE_MS, suggested_deadline_ms(times))
+    cameras = counted(choice.num_selected, "camera")
+    slower = _line(f"pace = {pace:g}", "films are played as slowly as this machine needs")
+    return [
+        _line(f"fps = {fps:g}", f"slots; here {times.rate:.3g} looks a second, {cameras} a slot"),
+        *([slower] if pace != 1 else []),
+        _line(
+            f"deadline_ms = {deadline_ms}",
+            f"a look takes {alone_ms:.0f} ms, {all_ms:.0f} ms while all cameras look",
+        ),
+    ]
+
+
+def _camera(choice: Choice, camera_id: str) -> str:
+    seen = choice.probes[camera_id]
+    width, height = seen.image_size
+    lines = [
+        "",
+        "[[camera]]",
+        f'id = "{camera_id}"  # {width} x {height}, {seen.fps:.3g} frames per second',
+        f"source = {_quoted(seen.source)}",
+    ]
+    if choice.detector:
+        lines += [
+            f"detector = {_quoted(choice.detector)}",
+            f'provider = "{choice.provider}"',
+            f"threads = {choice.threads}",
+        ]
+    return "\n".join(lines)
+
+
+def _quoted(text: str) -> str:
+    import tomli_w
+
+    return tomli_w.dumps({"a": text}).partition("=")[2].strip()
+
+
+def _named(choice: Choice) -> Rig:
+    from e3pose.calibration.world import assumed_rig
+
+    return assumed_rig({name: seen.image_size for name, seen in choice.probes.items()})
+
+
+def _is_file(source: str) -> bool:
+    return not PLACE.match(source) and source.partition(":")[0] not in ("usb", "gstreamer")
+
+
+def _port() -> int:
+    with socket.socket() as probe_socket:
+        probe_socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe_socket.bind(("127.0.0.1", USUAL_PORT))
+        except OSError:
+            return free_port()
+    return USUAL_PORT
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))

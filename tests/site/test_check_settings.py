@@ -1,0 +1,165 @@
+"""What `e3pose check` says of settings that cannot work together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs import looking
+from tests.site.tables import HEAD
+
+from e3pose.calibration import save_rig
+from e3pose.detectors.timing import LookTimes
+from e3pose.errors import InputError
+from e3pose.settings.live import LiveSite, live_site
+from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.site.check import Finding
+from e3pose.site.check_settings import check_budgets, check_skeletons
+from e3pose.site.looks import (
+    SPARE,
+    check_looks,
+    hopeless,
+    suggested_deadline_ms,
+    suggested_fps,
+)
+
+NOW = datetime(2026, 11, 22, 12, 0, tzinfo=timezone.utc)
+FOUR = looking((4, 0), (0, 4), (-4, 0), (0, -4))
+
+
+def live(folder: Path, more: str = "") -> LiveSite:
+    save_rig(FOUR, folder / "rig.toml")
+    (folder / "site.toml").write_text(HEAD + more)
+    return live_site(load_site(folder))
+
+
+def cameras(*detectors: str, **keys: str) -> str:
+    more = "".join(f'{key} = "{value}"\n' for key, value in keys.items())
+    return "".join(
+        f'[[camera]]\nid = "c{i}"\nsource = "cam{i}.mp4"\ndetector = "{name}"\n{more}'
+        for i, name in enumerate(detectors)
+    )
+
+
+@pytest.mark.parametrize(
+    ("detectors", "skeleton"),
+    [
+        (("openpose-thin",) * 4, "coco18"),
+        (("movenet-multipose",) * 4, "coco17"),
+        (("openpose-thin", "movenet-multipose"), "coco17"),
+        ((), "coco17"),
+    ],
+)
+def test_skeleton_follows_from_the_detectors(
+    tmp_path: Path, detectors: tuple[str, ...], skeleton: str
+) -> None:
+    site = live(tmp_path, cameras(*detectors))
+    assert site.skeleton.name == skeleton
+    assert all(finding.level == "ok" for finding in check_skeletons(site))
+
+
+def test_detector_of_another_skeleton_is_told_with_what_it_lacks(tmp_path: Path) -> None:
+    site = live(tmp_path, 'skeleton = "body25"\n' + cameras("openpose-thin", "movenet-multipose"))
+    found = {finding.what: finding for finding in check_skeletons(site)}
+    assert found["skeleton"].found == "body25"
+    assert found["camera c0"].level == "warning"
+    assert "outputs coco18, converted, without left_big_toe" in found["camera c0"].found
+
+
+@pytest.mark.parametrize(
+    ("budget", "level", "told"),
+    [
+        ("1W", "problem", "does not even pay for idling"),
+        ("0.01J", "problem", "it draws 6.2 W idle and 12 W active (profile xavier-nx)"),
+        ("6W", "problem", 'above 6.2 W, or idle_mode = "aggressive-power-saving"'),
+        ("10W", "ok", "pays for 2.4 cameras a slot"),
+        ("30%", "warning", "pays for 1.2 cameras a slot, the site asks for 2"),
+    ],
+)
+def test_budget_is_compared_with_what_cameras_draw(
+    tmp_path: Path, budget: str, level: str, told: str
+) -> None:
+    site = live(tmp_path, f'budget = "{budget}"\n')
+    found = list(check_budgets(site, NOW))
+    assert {finding.level for finding in found} == {level}
+    assert told in f"{found[0].found} {found[0].advice}"
+
+
+def test_site_without_a_budget_has_none_to_check(tmp_path: Path) -> None:
+    assert list(check_budgets(live(tmp_path), NOW)) == []
+
+
+def looked(fps: float, deadline_ms: float, selected: float = 2) -> dict[str, Finding]:
+    """Return what is found of a site on a machine with 100 ms a look, 200 ms with four at once."""
+    return {
+        finding.what: finding for finding in check_looks(site(fps, deadline_ms), SLOW, selected)
+    }
+
+
+def site(fps: float, deadline_ms: float) -> SiteTable:
+    return SiteTable(
+        "e3pose-site", 1, name="lab", calibration="rig.toml", fps=fps, deadline_ms=deadline_ms
+    )
+
+
+SLOW = LookTimes(np.full(4, 0.1), np.full(4, 0.2))  # 20 looks a second: 10 slots with 2 cameras
+
+
+@pytest.mark.parametrize(
+    ("fps", "deadline_ms", "what", "level"),
+    [
+        (7.9, 150, "fps", ""),
+        (9, 150, "fps", "warning"),
+        (25, 150, "fps", "problem"),
+        (5, 90, "deadline_ms", "problem"),
+        (5, 130, "deadline_ms", "warning"),
+        (5, 150, "deadline_ms", ""),
+    ],
+)
+def test_rate_and_deadline_are_compared_with_what_looks_take(
+    fps: float, deadline_ms: float, what: str, level: str
+) -> None:
+    found = looked(fps, deadline_ms)
+    assert found["network"].found == "100 ms a look, 200 ms while all cameras look"
+    assert (found[what].level if what in found else "") == level
+
+
+def test_finding_says_what_the_machine_manages_and_what_to_write() -> None:
+    found = looked(25, 90)
+    assert "manages 20 looks a second, 10 slots with 2 cameras each" in found["fps"].found
+    assert "the site asks for 25 slots a second" in found["fps"].found
+    assert found["fps"].advice.startswith("fps = 8,")
+    assert "a look takes 100 ms" in found["deadline_ms"].found
+    mended = looked(suggested_fps(SLOW, 2), suggested_deadline_ms(SLOW))
+    assert set(mended) == {"network"}
+
+
+def test_pace_makes_time_for_looks() -> None:
+    slower = replace(site(25, 500), pace=0.3)
+    assert {f.what for f in check_looks(slower, SLOW, 2)} == {"network"}
+
+
+def test_site_is_refused_only_where_it_could_not_work() -> None:
+    assert [f.what for f in hopeless(site(25, 90), SLOW, 2)] == ["deadline_ms", "fps"]
+    assert hopeless(site(11, 130), SLOW, 2) == []
+
+
+def test_one_camera_cannot_look_faster_than_alone() -> None:
+    many_cores = LookTimes(np.full(4, 0.1), np.full(4, 0.1))
+    assert many_cores.rate == pytest.approx(40)
+    assert many_cores.reach_fps(2) == pytest.approx(10)
+    assert suggested_fps(many_cores, 2) == pytest.approx(10 * SPARE)
+
+
+def test_source_that_is_a_bare_number_is_a_device() -> None:
+    with pytest.raises(InputError, match=r"found '0', expected usb:0 for the device /dev/video0"):
+        load_camera("0")
+
+
+def load_camera(source: str) -> None:
+    from e3pose.settings.camera_file import NodeTable
+
+    NodeTable("e3pose-camera", 1, site="lab", camera="cam1", source=source)

@@ -1,0 +1,124 @@
+"""What `e3pose init` writes fits what was measured, and says what is missing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs import looking
+
+from e3pose.camera.probe import Probe, find_devices
+from e3pose.detectors.timing import LookTimes
+from e3pose.errors import InputError
+from e3pose.settings.live import known_rig
+from e3pose.settings.site_file import load_site
+from e3pose.site.edge_program import check_edge
+from e3pose.site.looks import SPARE, check_looks, measure_looks, with_time_for_all
+from e3pose.site.new_site import Choice, name_sources, rates, site_name, threads_for, write_site
+
+SLOW = LookTimes(np.full(4, 0.1), np.full(4, 0.4))  # 10 looks a second: 5 slots with 2 cameras
+QUICK = LookTimes(np.full(4, 0.01), np.full(4, 0.01))
+
+
+def choice(source: str, times: LookTimes | None, **more: object) -> Choice:
+    """Return four cameras of 1000 x 800 and 30 frames per second."""
+    probes = {f"c{i}": Probe(source.format(i), (1000, 800), 30.0, False) for i in range(4)}
+    return Choice("lab", probes, "openpose-thin", "cpu", 1, 2, times, **more)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("source", "times", "fps", "pace"),
+    [
+        ("usb:{}", SLOW, 5 * SPARE, 1.0),
+        ("rtsp://cam{}/stream", SLOW, 5 * SPARE, 1.0),
+        ("cam{}.mp4", SLOW, 25.0, 0.16),
+        ("usb:{}", QUICK, 25.0, 1.0),
+        ("cam{}.mp4", QUICK, 25.0, 1.0),
+    ],
+)
+def test_rate_is_what_the_machine_reaches(
+    source: str, times: LookTimes, fps: float, pace: float
+) -> None:
+    assert rates(choice(source, times)) == pytest.approx((fps, pace))
+
+
+@pytest.mark.parametrize("source", ["usb:{}", "cam{}.mp4"])
+@pytest.mark.parametrize("times", [SLOW, QUICK])
+def test_site_passes_its_own_check(tmp_path: Path, source: str, times: LookTimes) -> None:
+    rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
+    path = write_site(tmp_path / "lab", choice(source, times, rig=rig))
+    live = check_edge(load_site(path))
+    assert live.skeleton.name == "coco18" and live.loop.num_selected == 2
+    found = list(check_looks(live.site, times, 2))
+    assert [finding.level for finding in found] == ["ok"], found
+    kept = measure_looks(live.site, live.rig, again=False)
+    assert kept is not None and (kept.together_s == times.together_s).all()
+
+
+def test_site_without_a_calibration_names_what_makes_it(tmp_path: Path) -> None:
+    path = write_site(tmp_path / "lab", choice("usb:{}", SLOW))
+    site = load_site(path)
+    assert f"e3pose record {tmp_path / 'lab'} walk --for 60" in path.read_text()
+    with pytest.raises(InputError, match=r"calibration: found no .*e3pose record"):
+        check_edge(site)
+    rig = known_rig(site)
+    assert rig.camera_ids == ("c0", "c1", "c2", "c3") and not rig.placed
+    assert all(line == line.rstrip() for line in path.read_text().split("\n"))
+
+
+@pytest.mark.parametrize(("source", "fps", "pace"), [("usb:{}", 2.0, 1.0), ("c{}.mp4", 25, 0.08)])
+def test_recording_with_all_cameras_takes_its_time(
+    tmp_path: Path, source: str, fps: float, pace: float
+) -> None:
+    site = load_site(write_site(tmp_path / "lab", choice(source, SLOW)))
+    slower = with_time_for_all(site, SLOW)
+    assert (slower.fps, slower.pace) == pytest.approx((fps, pace))
+    assert with_time_for_all(slower, SLOW) == slower
+
+
+def test_sources_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["usb:0", "door=usb:2", "walk cam3.mp4", "rtsp://user:a=b@host/x", "left=a.mp4"]
+    named = name_sources(words, tmp_path / "lab")
+    assert named == {
+        "cam1": "usb:0",
+        "door": "usb:2",
+        "walk_cam3": str(tmp_path / "walk cam3.mp4"),
+        "cam4": "rtsp://user:a=b@host/x",
+        "left": str(tmp_path / "a.mp4"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["usb:0"], "SOURCE: found 1 source, expected two or more"),
+        (["a=usb:0", "a=usb:1"], "two cameras a"),
+        (["0", "1"], "found '0', expected usb:0 for /dev/video0"),
+        (["/tmp/x/cam.mp4", "cam.mp4"], "two cameras cam"),
+    ],
+)
+def test_sources_that_cannot_be_are_told(words: list[str], told: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=told):
+        name_sources(words, tmp_path)
+
+
+def test_site_is_named_after_its_folder(tmp_path: Path) -> None:
+    assert site_name(tmp_path / "living room") == "living-room"
+
+
+@pytest.mark.parametrize(("cores", "threads"), [(2, 1), (8, 4), (1, 1)])
+def test_cores_are_shared_by_the_cameras_of_a_slot(cores: int, threads: int) -> None:
+    assert threads_for(4, 2, cores) == threads
+
+
+def test_devices_are_those_that_film(tmp_path: Path) -> None:
+    for number, index, name in ((10, 0, "Webcam C"), (2, 0, "Webcam B\n"), (3, 1, "Webcam B")):
+        folder = tmp_path / f"video{number}"
+        folder.mkdir()
+        (folder / "index").write_text(f"{index}\n")
+        (folder / "name").write_text(name)
+    (tmp_path / "video7").mkdir()
+    assert find_devices(tmp_path) == {"usb:2": "Webcam B", "usb:10": "Webcam C"}
+    assert find_devices(tmp_path / "none") == {}
