@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from e3pose.evaluate.noise.calibrate import Calibrated, calibrate_noise
 from e3pose.evaluate.noise.residuals import MIN_SCORE
 from e3pose.evaluate.noise.statistics import EDGES, RAYLEIGH
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-from e3pose.simulate.noise import GROSS_PX, MEMORY, correlated, normal_cdf
+from e3pose.simulate.noise import GROSS_PX, correlated, normal_cdf
 
 Floats = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ def known_noise(cameras: int) -> Recording:
         pixels, inside = camera.project(truth_m), camera.sees(truth_m)
         wander = correlated(rng, inside.shape, recording.interval_s, ((0.3, 0.1), (0.7, 1.0)))
         scores = np.where(inside, 0.12 + 0.86 * normal_cdf(wander), 0.0)
-        errors = correlated(rng, pixels.shape, recording.interval_s, MEMORY)
+        errors = correlated(rng, pixels.shape, recording.interval_s, ErrorMemory().parts)
         pixels = pixels + errors * np.interp(scores, KNOTS, SIGMA_PX)[..., None]
         pixels = np.where(inside[..., None], pixels, np.nan)
         there = [Poses2D(k[s.any(1)], s[s.any(1)]) for k, s in zip(pixels, scores, strict=True)]

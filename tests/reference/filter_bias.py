@@ -7,21 +7,25 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import (
     CLIP_SIGMAS,
-    LASTS_S,
     LEARNED_S,
-    MOST,
+    MemoryTerms,
 )
 
 Floats = NDArray[np.float64]
 
 
-def fade(bias_px: Floats, dt: float) -> Floats:
+def fade(bias_px: Floats, dt: float, terms: MemoryTerms) -> Floats:
     """Return the biases `dt` seconds later."""
-    return np.asarray(bias_px * np.exp(-dt / LASTS_S))
+    return np.asarray(bias_px * np.exp(-dt / terms.lasting_s))
 
 
 def learn(
-    bias_px: Floats, error_px: Floats, sigma_px: Floats, doubt_px2: Floats, since_s: Floats
+    bias_px: Floats,
+    error_px: Floats,
+    sigma_px: Floats,
+    doubt_px2: Floats,
+    since_s: Floats,
+    terms: MemoryTerms,
 ) -> Floats:
     """Return the biases of one view after it was seen.
 
@@ -33,8 +37,9 @@ def learn(
         doubt_px2: `(num_tracks, num_joints)` variance of the projected joints after the update; the
             less sure a joint, the less is the view to blame.
         since_s: `(num_tracks,)` seconds since the view saw the person before; inf if never.
+        terms: how long errors last.
     """
     off = np.linalg.norm(error_px, axis=-1) / sigma_px
     blame = sigma_px**2 / (sigma_px**2 + doubt_px2) / np.maximum(off / CLIP_SIGMAS, 1.0)
-    rate = np.minimum(MOST, 1 - np.exp(-since_s / LEARNED_S))
+    rate = np.minimum(terms.most, 1 - np.exp(-since_s / LEARNED_S))
     return np.asarray(bias_px + (rate[:, None] * blame)[..., None] * error_px)

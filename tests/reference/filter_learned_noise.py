@@ -11,7 +11,6 @@ from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
-    KNOWN,
     LEAST_SHARE,
     MEDIAN,
     MEMORY,
@@ -30,13 +29,14 @@ from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Floats, Ints,
 from e3pose.geometry.projection import MIN_DEPTH_M, project
 
 
-def own_share(since_s: Floats) -> Floats:
+def own_share(since_s: Floats, terms: bias.MemoryTerms) -> Floats:
     """Return what is left of a keypoint's variance once its learned bias is taken off.
 
     Args:
         since_s: seconds since the view saw the person before; inf if never.
+        terms: how long errors last.
     """
-    return np.asarray(1 - KNOWN * np.exp(-2 * since_s / bias.LASTS_S))
+    return np.asarray(1 - terms.removed * np.exp(-2 * since_s / terms.lasting_s))
 
 
 def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Model) -> Belief:
@@ -61,7 +61,8 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
     variance = (seen.sigma_px * seen.look) ** 2
     weight = 1 / (variance * (1 + squares / variance / OUTLIER_SIGMAS**2))
     left = 1 - np.minimum(weight * doubt, MOST_LEVERAGE)
-    own = seen.sigma_px**2 * own_share(since_s[:, cameras].T)[..., None]
+    terms = bias.memory_terms(model.noise.memory)
+    own = seen.sigma_px**2 * own_share(since_s[:, cameras].T, terms)[..., None]
     total = own + doubt / left
     share = own / total
     share = np.where(usable & (share > LEAST_SHARE), share, 0.0)

@@ -68,7 +68,7 @@ def step(
     seen = _sightings(belief, cameras, keypoints, scores, assigned, joints, dt, model, knots_px)
     belief = update(belief, seen, model)
     belief = filter_learned_noise.learn(belief, seen, cameras, dt, model)
-    belief = learn_biases(belief, seen, cameras, dt)
+    belief = learn_biases(belief, seen, cameras, dt, model)
     told = _information_share(seen, knots_px[cameras])
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
@@ -116,7 +116,8 @@ def _sightings(
     for view, camera in enumerate(cameras.tolist()):
         sigma[view] = np.interp(all_scores[view], model.noise.scores, knots_px[camera])
     all_keypoints -= np.swapaxes(belief.bias_px[:, cameras], 0, 1)
-    look = np.sqrt(bias.inflation(belief.last_seen_s[:, cameras].T + dt))[..., None]
+    terms = bias.memory_terms(model.noise.memory)
+    look = np.sqrt(bias.inflation(belief.last_seen_s[:, cameras].T + dt, terms))[..., None]
     return Sightings(model.rig.projections[cameras], all_keypoints, all_scores, sigma, look)
 
 

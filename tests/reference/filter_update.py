@@ -10,6 +10,7 @@ from tests.reference import filter_bias
 from tests.reference.filter_motion import spread
 from tests.reference.filter_tree import Links, conditionals, solve
 
+from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.kernels.update import (
     BONE_KNOWN_M,
     BONE_MEMORY,
@@ -56,7 +57,7 @@ def predict(belief: Belief, dt: float, model: Model) -> Belief:
         covariance=covariance,
         shared=shared,
         unmeasured_s=belief.unmeasured_s + dt,
-        bias_px=filter_bias.fade(belief.bias_px, dt),
+        bias_px=filter_bias.fade(belief.bias_px, dt, memory_terms(model.noise.memory)),
     )
 
 
@@ -102,9 +103,9 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
     return _learn_bones(belief, model)
 
 
-def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float) -> Belief:
+def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Model) -> Belief:
     """Return the belief after each view of a slot was compared with the updated people."""
-    biases = belief.bias_px.copy()
+    biases, terms = belief.bias_px.copy(), memory_terms(model.noise.memory)
     pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
     usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M)
     error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
@@ -112,7 +113,7 @@ def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float) -> B
     for view, camera in enumerate(cameras.tolist()):
         since_s = belief.last_seen_s[:, camera] + dt
         biases[:, camera] = filter_bias.learn(
-            biases[:, camera], error[view], seen.sigma_px[view], doubt[view], since_s
+            biases[:, camera], error[view], seen.sigma_px[view], doubt[view], since_s, terms
         )
     return replace(belief, bias_px=biases)
 

@@ -10,6 +10,7 @@ from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter import Belief, Model, outlook
 from e3pose.estimate.filter import blindness as blind
 from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.pose import Poses2D
 from e3pose.select.blind_places import INFORMATION_RATIO, with_coverage
 from e3pose.simulate import SceneSettings, simulate
@@ -32,6 +33,7 @@ def people(delivered: list[float], shows: list[float]) -> Outlook:
         last_seen_s=np.zeros((1, count)),
         needed=np.zeros((1, count), dtype=bool),
         sigma_px=np.full(count, 5.0),
+        memory=ErrorMemory(),
         unexplained=np.zeros(count, dtype=np.int64),
         unexplained_s=np.full(count, np.inf),
         wait_s=0.14,

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from tests.rigs import looking
 
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter.bias import inflation
+from e3pose.estimate.filter.bias import inflation, memory_terms
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import project
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.uncertainty import expected_distance_m
 from e3pose.select.expected_information import (
     BEHIND_SHARE,
@@ -29,6 +30,7 @@ RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
 
 
 SLOT_S = 0.04
+TERMS = memory_terms(ErrorMemory())
 
 
 def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
@@ -50,6 +52,7 @@ def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
         last_seen_s=np.full(shape, np.inf),
         needed=np.zeros(shape, dtype=bool),
         sigma_px=np.full(len(rig), 3.0),
+        memory=ErrorMemory(),
         unexplained=np.zeros(len(rig), dtype=np.int64),
         unexplained_s=np.full(len(rig), np.inf),
         wait_s=0.14,
@@ -95,7 +98,9 @@ def test_it_is_the_textbook_formula() -> None:
     # Nobody hides anybody but in camera 3, where the second person stands beside the first.
     assert foresight.information(chosen[None])[0] == pytest.approx(gain, rel=1e-9)
     # The estimator counts a view that comes long after the one before for more than a usual one.
-    counted = np.eye(3) / 0.1**2 + (information - np.eye(3) / 0.1**2) / inflation(np.array(np.inf))
+    counted = np.eye(3) / 0.1**2 + (information - np.eye(3) / 0.1**2) / inflation(
+        np.array(np.inf), TERMS
+    )
     error = expected_distance_m(np.linalg.inv(counted)).mean()
     assert foresight.expected_error_m(chosen[None])[0] == pytest.approx(error, rel=1e-9)
 
@@ -159,7 +164,7 @@ def test_somebody_behind_another_tells_less() -> None:
 
 
 def test_fresh_errors_tell_more_than_old_ones_again() -> None:
-    shares = freshness(np.array([0.0, 0.04, 0.4, 4.0, np.inf]))
+    shares = freshness(np.array([0.0, 0.04, 0.4, 4.0, np.inf]), ErrorMemory())
     assert (np.diff(shares) > 0).all()
     assert shares[0] == pytest.approx(0.1 / 1.9)
     assert shares[-1] == 1
@@ -220,13 +225,13 @@ def test_what_is_known_is_carried_as_a_kalman_filter_would(num_ordered: int) -> 
         for camera in np.flatnonzero(cameras):
             for joint in range(4):
                 J = np.hstack([jacobian[camera, 0, joint], np.zeros((2, 3))])
-                noise = 9 * inflation(since_s[camera]) * np.eye(2)
+                noise = 9 * inflation(since_s[camera], TERMS) * np.eye(2)
                 gain = covariance[joint] @ J.T @ np.linalg.inv(J @ covariance[joint] @ J.T + noise)
                 covariance[joint] = (np.eye(6) - gain @ J) @ covariance[joint]
             since_s[camera] = 0.0
     expected = np.linalg.inv(covariance[:, :3, :3])[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     np.testing.assert_allclose(found.prior[0], expected, rtol=1e-6)
-    np.testing.assert_allclose(found.fresh[:, 0], freshness(since_s))
+    np.testing.assert_allclose(found.fresh[:, 0], freshness(since_s, ErrorMemory()))
 
 
 def test_without_a_memory_views_in_flight_tell_nothing_of_a_later_slot() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.model.noise import ErrorMemory
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.simulate.noise import correlated, normal_cdf, size_scale
 
@@ -92,7 +93,8 @@ def test_residuals_remember_as_real_ones_do(lag: int, expected: float) -> None:
 
 def test_memory_is_a_matter_of_seconds_not_of_frames() -> None:
     rng = np.random.default_rng(0)
-    slow, fast = correlated(rng, (4000, 300), 0.1), correlated(rng, (8000, 300), 0.02)
+    parts = ErrorMemory().parts
+    slow, fast = correlated(rng, (4000, 300), 0.1, parts), correlated(rng, (8000, 300), 0.02, parts)
     assert slow.std() == pytest.approx(1, abs=0.03) and fast.std() == pytest.approx(1, abs=0.03)
     later = [(slow[:-1] * slow[1:]).mean(), (fast[:-5] * fast[5:]).mean()]
     expected = 0.45 * math.exp(-1) + 0.45 * math.exp(-0.1 / 2.5)

@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
 
@@ -114,6 +115,7 @@ class Outlook:
         needed: `(num_tracks, num_cameras)` cameras of which one must show the person by then, or
             the person is not shown; none for people who are shown anyway.
         sigma_px: `(num_cameras,)` error of a keypoint in plain sight.
+        memory: how long such errors last.
         unexplained: `(num_cameras,)` detections of each camera's newest look that no track
             explains, as long as they wait for another camera.
         unexplained_s: `(num_cameras,)` seconds since that look.
@@ -132,6 +134,7 @@ class Outlook:
     last_seen_s: NDArray[np.float64]
     needed: NDArray[np.bool_]
     sigma_px: NDArray[np.float64]
+    memory: ErrorMemory
     unexplained: NDArray[np.int64]
     unexplained_s: NDArray[np.float64]
     wait_s: float

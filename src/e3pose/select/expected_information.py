@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter.bias import inflation
+from e3pose.estimate.filter.bias import inflation, memory_terms
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import MIN_DEPTH_M, project
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.uncertainty import mean_distance
 from e3pose.select.hidden_people import HiddenPeople, expected_hidden
 from e3pose.select.newcomers import Entrants, expected_entrants
@@ -28,9 +29,6 @@ from e3pose.select.newcomers import Entrants, expected_entrants
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Errors of one view persist: their autocorrelation is that of 10 % white noise, 45 % with a memory
-# of 0.1 s and 45 % with one of 2.5 s, measured on detections against a smoother, without labels.
-PERSISTENT = ((0.45, 0.1), (0.45, 2.5))
 # Of the information about a joint that lies in the box of somebody nearer. A box is about half
 # filled by its body.
 BEHIND_SHARE = 0.5
@@ -128,12 +126,14 @@ def foresee(
     if ordered is None:
         ordered = np.zeros((0, len(rig)), dtype=bool)
     prior = np.empty(full.shape[1:])
+    terms = memory_terms(outlook.memory)
     since_s = outlook.last_seen_s.copy()
     carry(
         outlook.covariance,
         outlook.drift_m2ps3,
         outlook.velocity_lasts_s,
         interval_s,
+        terms,
         ordered if outlook.remembers else np.zeros_like(ordered),
         full,
         since_s,
@@ -144,8 +144,8 @@ def foresee(
         confirmed=outlook.confirmed,
         prior=prior,
         views=full,
-        counted=1 / inflation(since_s.T),
-        fresh=freshness(since_s.T),
+        counted=1 / inflation(since_s.T, terms),
+        fresh=freshness(since_s.T, outlook.memory),
         weights=outlook.delivered.max(axis=1, initial=0.0),
         hidden=expected_hidden(outlook.needed, _shown(outlook, inside, in_front), ordered),
         entrants=expected_entrants(
@@ -159,12 +159,14 @@ def foresee(
     )
 
 
-def freshness(last_seen_s: Floats) -> Floats:
+def freshness(last_seen_s: Floats, memory: ErrorMemory) -> Floats:
     """Return the share of a view's information that is new, so long after the one before.
 
-    Two measurements whose errors correlate by r tell (1 - r) / (1 + r) more than one.
+    Two measurements whose errors correlate by r tell (1 - r) / (1 + r) more than one; r is the
+    autocorrelation of the detector's errors.
     """
-    r = sum(share * np.exp(-last_seen_s / lasts_s) for share, lasts_s in PERSISTENT)
+    r = memory.quick_share * np.exp(-last_seen_s / memory.quick_s)
+    r = r + memory.lasting_share * np.exp(-last_seen_s / memory.lasting_s)
     return np.asarray((1 - r) / (1 + r))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Camera
+from e3pose.model.noise import ErrorMemory
 from e3pose.recording import ViewSeries
 from e3pose.simulate.hiding import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.mistakes import episodes, haunt, merge_people, swap_sides
@@ -80,7 +81,8 @@ def detect_people(
     )
     scores = _scores(own, other, depth / focus_m, px_per_m, settings.blur, fps, streams[0])
     seen = inside & ~_missed(own, other, px_per_m, fps, settings, streams[1:3])
-    keypoints = keypoints + settings.noise * _errors(scores, px_per_m, fps, streams[3])
+    errors_px = _errors(scores, px_per_m, fps, settings.memory, streams[3])
+    keypoints = keypoints + settings.noise * errors_px
     in_image = (keypoints >= -0.5) & (keypoints < np.array(camera.image_size) - 0.5)
     seen &= in_image.all(axis=-1) & (scores > MIN_SCORE)
     seen &= seen.sum(axis=-1, keepdims=True) >= MIN_JOINTS
@@ -88,8 +90,9 @@ def detect_people(
     keypoints = np.where(seen[..., None], keypoints, np.nan)
     keypoints, scores = swap_sides(keypoints, scores, streams[4], 1 / fps, settings.swap)
     keypoints, scores = merge_people(keypoints, scores, depth, streams[5], 1 / fps, settings.merge)
+    area = (offset_m[:2], scene.area_m)
     ghost_slots, ghosts, ghost_scores = haunt(
-        camera, num_slots, fps, (offset_m[:2], scene.area_m), streams[6], settings.ghosts
+        camera, num_slots, fps, area, streams[6], settings.ghosts, settings.memory
     )
     slots, people = np.nonzero(scores.any(axis=-1))
     fake = np.flatnonzero((ghost_scores > 0).sum(axis=-1) >= MIN_JOINTS)
@@ -160,9 +163,11 @@ def _missed(
     return np.asarray(missed | nobody[..., None])
 
 
-def _errors(scores: Floats, px_per_m: Floats, fps: float, rng: np.random.Generator) -> Floats:
+def _errors(
+    scores: Floats, px_per_m: Floats, fps: float, memory: ErrorMemory, rng: np.random.Generator
+) -> Floats:
     """Return keypoint errors `(num_slots, num_persons, 17, 2)` in pixels, correlated in time."""
-    direction = correlated(rng, (*scores.shape, 2), 1 / fps)
+    direction = correlated(rng, (*scores.shape, 2), 1 / fps, memory.parts)
     gross = normal_cdf(correlated(rng, scores.shape, 1 / fps, GROSS_MEMORY))
     return residuals(direction, gross, scores, px_per_m[..., None])
 

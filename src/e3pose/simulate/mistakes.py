@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Camera
+from e3pose.model.noise import ErrorMemory
 from e3pose.simulate.body import Posture, draw_body, joints_of
 from e3pose.simulate.gestures import HANGING, SEATED
 from e3pose.simulate.noise import correlated, normal_cdf
@@ -105,6 +106,7 @@ def haunt(
     area: tuple[Floats, float],
     rng: np.random.Generator,
     expected: float,
+    memory: ErrorMemory,
 ) -> tuple[NDArray[np.int64], Floats, Floats]:
     """Invent people who are not there, each for a moment and in this view only.
 
@@ -115,6 +117,7 @@ def haunt(
         area: `(2,)` centre and radius of the floor in use, around which ghosts appear.
         rng: source of randomness.
         expected: mean number of ghosts in a view.
+        memory: how long their keypoints stay off their place.
 
     Returns:
         Their slots `(num_ghosts,)`, keypoints `(num_ghosts, 17, 2)` and scores `(num_ghosts, 17)`,
@@ -132,8 +135,10 @@ def haunt(
         low, high = -shape.min(axis=0), np.array([width - 1, height - 1]) - shape.max(axis=0)
         place = low + rng.uniform(size=2) * (high - low)  # all of it inside, if it fits
         kept = rng.permutation(17) < rng.integers(6, 16)
-        jitter = 0.03 * height * 0.25 * correlated(rng, (length, 17, 2), 1 / fps)
-        score = rng.uniform(*GHOST_SCORES) + 0.06 * correlated(rng, (length, 17), 1 / fps)
+        jitter = 0.03 * height * 0.25 * correlated(rng, (length, 17, 2), 1 / fps, memory.parts)
+        score = rng.uniform(*GHOST_SCORES) + 0.06 * correlated(
+            rng, (length, 17), 1 / fps, memory.parts
+        )
         where = (shape + place + jitter)[: len(when)]
         inside = kept & ((where >= -0.5) & (where < np.array([width, height]) - 0.5)).all(axis=-1)
         slots.append(when.astype(np.int64))

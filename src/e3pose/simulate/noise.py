@@ -2,8 +2,7 @@
 
 All figures were measured on OpenPose detections of the Shelf recording against a smoother over all
 views: residuals by score, the share of gross errors, and how residuals of one view, person and
-joint resemble those of the frames before (about 10 % is new in every frame, 45 % lasts a tenth of
-a second, 45 % lasts seconds).
+joint resemble those of the frames before (`model.noise.ErrorMemory`).
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-MEMORY = ((0.10, 0.0), (0.45, 0.1), (0.45, 2.5))  # share of the variance, seconds
-GROSS_MEMORY = ((1.0, 2.5),)  # a detector that has taken a chair for a leg keeps doing so
+# Share of the variance, seconds: a detector that has taken a chair for a leg keeps doing so.
+GROSS_MEMORY = ((1.0, 2.5),)
 SCORES = np.array([0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95])
 MEDIAN_PX = np.array([16.6, 14.9, 14.0, 11.1, 9.6, 7.6, 5.5, 3.7, 2.7])
 GROSS_SHARE = np.array([0.19, 0.17, 0.13, 0.065, 0.032, 0.027, 0.013, 0.009, 0.004])
@@ -30,7 +29,7 @@ def correlated(
     rng: np.random.Generator,
     shape: tuple[int, ...],
     interval_s: float,
-    memory: tuple[tuple[float, float], ...] = MEMORY,
+    parts: tuple[tuple[float, float], ...],
 ) -> Floats:
     """Return standard normal noise `shape`, correlated along its first axis, which is time.
 
@@ -38,10 +37,11 @@ def correlated(
         rng: source of randomness.
         shape: `(num_slots, *batch)`.
         interval_s: between slots.
-        memory: share of the variance and memory in seconds of each component.
+        parts: share of the variance and correlation time in seconds of each, as in
+            `ErrorMemory.parts`.
     """
     total: Floats = np.zeros(shape)
-    for share, memory_s in memory:
+    for share, memory_s in parts:
         part = rng.standard_normal(shape)
         if memory_s > 0:
             keep = float(np.exp(-interval_s / memory_s))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
+from e3pose.model.noise import ErrorMemory
 
 MAX_PEOPLE = 50
 MAX_CAMERAS = 64
@@ -31,6 +32,7 @@ class DetectorSettings:
         merge: share of the views of two overlapping people in which they become one detection.
         ghosts: expected false people in a view.
         blur: log-odds taken from every score, as by a dirty or badly focused lens.
+        memory: how long the errors of keypoints last.
         perfect: report every joint inside the image at its exact pixel with score 1, hidden or
             not, and nobody else; all the above is then without effect.
     """
@@ -45,11 +47,12 @@ class DetectorSettings:
     merge: float = 0.15
     ghosts: float = 0.05
     blur: float = 0.0
+    memory: ErrorMemory = field(default_factory=ErrorMemory)
     perfect: bool = False
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            if item.name == "perfect":
+            if item.name in ("memory", "perfect"):
                 continue
             high = {"noise": 100.0, "ghosts": 20.0, "blur": 20.0}.get(item.name, 1.0)
             check_number(f"detector {item.name}", getattr(self, item.name), 0.0, high)

@@ -67,7 +67,8 @@ def walking(
     slots: list[dict[int, Poses2D]] = [{} for _ in times]
     for camera in range(NUM_CAMERAS):
         pixels = RIG.cameras[camera].project(people)
-        pixels = pixels + factor[camera] * sigma * correlated(rng, pixels.shape, 1 / FPS)
+        errors = correlated(rng, pixels.shape, 1 / FPS, MODEL.noise.memory.parts)
+        pixels = pixels + factor[camera] * sigma * errors
         lost = rng.uniform(size=pixels.shape[:-1]) < wild
         pixels = np.where(lost[..., None], pixels + rng.normal(scale=80, size=pixels.shape), pixels)
         for slot, px in enumerate(pixels):

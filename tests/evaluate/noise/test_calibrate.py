@@ -19,10 +19,11 @@ from e3pose.evaluate.noise.statistics import (
     falling,
     fit_memory,
 )
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-from e3pose.simulate.noise import MEMORY, correlated, normal_cdf
+from e3pose.simulate.noise import correlated, normal_cdf
 
 pytestmark = pytest.mark.slow
 
@@ -48,7 +49,7 @@ def known_noise(cameras: int = 5, seed: int = 1) -> Recording:
         pixels, inside = camera.project(truth_m), camera.sees(truth_m)
         scores = normal_cdf(correlated(rng, inside.shape, interval_s, ((0.3, 0.1), (0.7, 1.0))))
         scores = 0.12 + 0.86 * scores
-        errors = correlated(rng, pixels.shape, interval_s, MEMORY)
+        errors = correlated(rng, pixels.shape, interval_s, ErrorMemory().parts)
         pixels = pixels + errors * np.interp(scores, KNOTS, SIGMA_PX)[..., None]
         pixels = np.where(inside[..., None], pixels, np.nan)
         scores = np.where(inside, scores, 0.0)
@@ -154,10 +155,13 @@ def test_bias_is_the_mean_of_a_joint() -> None:
 
 def test_memory_of_known_noise_is_found() -> None:
     rng = np.random.default_rng(0)
-    errors = correlated(rng, (2000, 60, 2), 0.04, ((0.5, 0.0), (0.3, 0.1), (0.2, 2.5)))
+    memory = ErrorMemory(lasting_share=0.2, quick_share=0.3)
+    errors = correlated(rng, (2000, 60, 2), 0.04, memory.parts)
     what = residuals(errors, np.full((2000, 60), 0.5))
     found = autocorrelation(what, np.ones(len(what)), 0.04)
     for lag_s, value in found.items():
         expected = 0.3 * np.exp(-lag_s / 0.1) + 0.2 * np.exp(-lag_s / 2.5)
         assert value == pytest.approx(expected, abs=0.04)
-    assert fit_memory(found) == pytest.approx((0.5, 0.3, 0.2), abs=0.06)
+    fitted = fit_memory(found)
+    assert fitted.lasting_share == pytest.approx(0.2, abs=0.06)
+    assert fitted.quick_share == pytest.approx(0.3, abs=0.06)

@@ -24,7 +24,6 @@ MEMORY = 10_000.0  # keypoints of a camera: a minute of five people who are seen
 MOST = 5.0  # the factor and its inverse
 LEAST_SHARE = 0.2  # of a residual's variance that must be the keypoint's own
 MOST_LEVERAGE = 0.9
-KNOWN = 0.4  # share of a keypoint's variance that the learned bias of its view takes off
 # The filter takes joints for independent, which they are not: it is best where it takes keypoints
 # for this much noisier than they are. Shipped files hold it already where people are large.
 CAUTION = 4 / 3

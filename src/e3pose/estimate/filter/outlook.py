@@ -34,6 +34,7 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         last_seen_s=belief.last_seen_s,
         needed=needed(belief, ahead_s),
         sigma_px=learned_noise.knots_px(model, belief.noise).min(axis=-1),
+        memory=model.noise.memory,
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,
         wait_s=model.wait_s,

@@ -97,6 +97,7 @@ class PerSlot:
             last_seen_s=np.full(shape, np.inf),
             needed=np.zeros(shape, dtype=bool),
             sigma_px=OPENPOSE.sigma_px.min() * sizes / OPENPOSE.image_px,
+            memory=OPENPOSE.memory,
             unexplained=np.zeros(num_cameras, dtype=np.int64),
             unexplained_s=np.full(num_cameras, np.inf),
             wait_s=0.0,

@@ -181,8 +181,7 @@ def _made_up(
         person.keypoints_px, sigma, rig.projections, person.joints_m, recording.interval_s
     )
     pixels = project_all(path, rig.projections)[0]
-    memory = tuple(zip(measured.memory, (0.0, 0.1, 2.5), strict=True))
-    direction = correlated(rng, pixels.shape, recording.interval_s, memory)
+    direction = correlated(rng, pixels.shape, recording.interval_s, measured.memory.parts)
     wild = normal_cdf(
         correlated(rng, person.scores.shape, recording.interval_s, GROSS_MEMORY)
     ) < np.interp(person.scores, measured.scores, measured.gross_share)

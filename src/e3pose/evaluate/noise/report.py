@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from e3pose.evaluate.drawing import COLOURS, INK, PALE, legend_above, picture
 from e3pose.evaluate.noise.calibrate import Calibrated
-from e3pose.evaluate.noise.statistics import MEMORY_S
 from e3pose.geometry.camera import Rig
 from e3pose.model.noises import NoiseFile, ViewFigures
 from e3pose.model.noises.file import FORMAT, VERSION
@@ -49,8 +48,8 @@ def as_file(calibrated: Calibrated, rig: Rig, detector: str, source: str) -> Noi
         measured_px=_rounded(measured.sigma_px.tolist(), 3),
         gross_share=_rounded(measured.gross_share.tolist(), 5),
         counts=measured.counts.tolist(),
-        memory_s=list(MEMORY_S),
-        memory_share=_rounded(measured.memory, 3),
+        memory_s=[lasts_s for _, lasts_s in measured.memory.parts],
+        memory_share=_rounded((share for share, _ in measured.memory.parts), 3),
         views={
             rig.camera_ids[camera]: ViewFigures(
                 view.keypoints,

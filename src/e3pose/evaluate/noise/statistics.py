@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.evaluate.noise.residuals import MIN_SCORE, Residuals
+from e3pose.model.noise import ErrorMemory
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -18,7 +19,6 @@ LEAST = 400  # keypoints of a bin, whose errors last; bins with fewer are joined
 RAYLEIGH = float(np.sqrt(2 * np.log(2)))  # median length of two standard normal coordinates
 GROSS_SHARE = 40 / 1032  # of the image, beyond which an error is gross
 LAGS_S = (0.04, 0.08, 0.12, 0.2, 0.32, 0.5, 0.8, 1.2, 2.0)
-MEMORY_S = (0.0, 0.1, 2.5)  # the components that the simulator's noise has
 WINSOR = 3.0  # sigmas that one residual may count for in the memory
 BIAS_SLOTS = 25  # of one joint in one view, before its mean is called a bias
 
@@ -52,7 +52,7 @@ class Statistics:
         sigma_px: `(num_bins,)` robust, not rising with the score.
         gross_share: `(num_bins,)` share of gross errors.
         autocorrelation: by lag in seconds, of the residuals in units of their sigma.
-        memory: share of the variance that lasts 0, 0.1 and 2.5 s.
+        memory: what fits that, with the correlation times of the default.
         views: by camera index.
     """
 
@@ -61,7 +61,7 @@ class Statistics:
     sigma_px: Floats
     gross_share: Floats
     autocorrelation: dict[float, float]
-    memory: tuple[float, ...]
+    memory: ErrorMemory
     views: dict[int, ViewNoise]
 
 
@@ -138,17 +138,23 @@ def autocorrelation(
     return found
 
 
-def fit_memory(correlations: dict[float, float]) -> tuple[float, ...]:
-    """Return how much of the variance lasts for each of `MEMORY_S`, adding up to 1."""
+def fit_memory(correlations: dict[float, float]) -> ErrorMemory:
+    """Return the memory that fits correlations by lag in seconds best, by least squares.
+
+    The correlation times are those of the default: few recordings are long enough to tell them.
+    """
     from scipy.optimize import nnls
 
+    memory = ErrorMemory()
     if not correlations:
-        return (1.0, 0.0, 0.0)
+        return replace(memory, lasting_share=0.0, quick_share=0.0)
     lags = np.array([0.0, *correlations])
     target = np.array([1.0, *correlations.values()])
-    columns = [(lags == 0).astype(float), *(np.exp(-lags / memory_s) for memory_s in MEMORY_S[1:])]
+    times_s = (memory.quick_s, memory.lasting_s)
+    columns = [(lags == 0).astype(float), *(np.exp(-lags / lasts_s) for lasts_s in times_s)]
     shares = nnls(np.stack(columns, axis=1), target)[0]
-    return tuple((shares / shares.sum()).tolist())
+    _, quick, lasting = (shares / shares.sum()).tolist()
+    return replace(memory, lasting_share=lasting, quick_share=quick)
 
 
 def _bins(scores: Floats) -> Ints:

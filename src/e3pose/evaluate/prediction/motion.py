@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Rig
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.skeleton import MEANS, Skeleton
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.noise import correlated
@@ -95,9 +96,8 @@ def estimated_motion(recording: Recording, records: Iterable[SlotRecord]) -> Mot
 def disturbed(motion: Motion, noise_m: float, missing: float, seed: int) -> tuple[Floats, ...]:
     """Return the people of a motion as an estimator would give them.
 
-    Every coordinate gets normal noise with the memory that was measured on real detections (10 % of
-    its variance is new in every slot, 45 % lasts 0.1 s, 45 % lasts 2.5 s), and joints go missing,
-    each in each slot by itself.
+    Every coordinate gets normal noise with the memory that was measured on real detections
+    (`ErrorMemory`), and joints go missing, each in each slot by itself.
 
     Args:
         motion: exact.
@@ -108,7 +108,7 @@ def disturbed(motion: Motion, noise_m: float, missing: float, seed: int) -> tupl
     people = []
     for person, joints_m in enumerate(motion.people):
         rng = np.random.default_rng([seed, crc32(motion.name.encode()), person])
-        noise = noise_m * correlated(rng, joints_m.shape, motion.interval_s)
+        noise = noise_m * correlated(rng, joints_m.shape, motion.interval_s, ErrorMemory().parts)
         lost = rng.random(joints_m.shape[:-1]) < missing
         people.append(np.where(lost[..., None], np.nan, joints_m + noise))
     return tuple(people)

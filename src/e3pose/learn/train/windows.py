@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.learn.train.bodies import mirrored, other_bodies, swapped_arms, uneven_time
+from e3pose.model.noise import ErrorMemory
 from e3pose.predict.normalise import NUM_COMMON, Normalised, fill_gaps, normalise, to_person
 
 Floats = NDArray[np.float64]
@@ -24,7 +25,7 @@ LOG_PACE = 0.3  # people move faster or slower by up to this
 UNEVEN = 0.3  # by how much the pace of a window changes at most
 OTHER_ARMS = 0.15  # share of windows with somebody else's arms
 DAMPING = 0.85  # a slot
-MEMORIES_S = (0.1, 2.5)  # of the estimator's error; a tenth of it or so has none
+MEMORY = ErrorMemory()  # of the estimator's error, on average: that of its detectors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -258,8 +259,7 @@ def estimation_noise(
 ) -> Floats:
     """Return errors `(num_slots, size, NUM_COMMON, 3)` as triangulation makes them.
 
-    Part of them is new in every slot, part lasts a tenth of a second and part some seconds
-    (measured on OpenPose detections); how much of each is drawn per window.
+    They have the parts of `ErrorMemory`; how much of each is drawn per window.
 
     Args:
         num_slots: length.
@@ -273,7 +273,7 @@ def estimation_noise(
     scale = level_m[:, None, None] / np.sqrt(3) * joint
     shape = (num_slots, size, NUM_COMMON, 3)
     noise = np.sqrt(shares[:, 0])[:, None, None] * rng.standard_normal(shape, dtype=np.float32)
-    for share, memory_s in zip(shares.T[1:], MEMORIES_S, strict=True):
+    for share, memory_s in zip(shares.T[1:], (MEMORY.quick_s, MEMORY.lasting_s), strict=True):
         keep = np.exp(-interval_s / memory_s)[:, None, None]
         fresh = rng.standard_normal(shape, dtype=np.float32)
         state = fresh[0]

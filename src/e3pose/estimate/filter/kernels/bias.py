@@ -7,16 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.bias import (
-    CLIP_SIGMAS,
-    FRESH,
-    LASTS_S,
-    LEARNED_S,
-    MOST,
-    QUICK,
-    QUICK_S,
-    SHORTEST_S,
-)
+from e3pose.estimate.filter.bias import CLIP_SIGMAS, LEARNED_S, SHORTEST_S, MemoryTerms
 from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
@@ -26,16 +17,18 @@ Floats = NDArray[np.float64]
 
 
 @kernel
-def inflation(since_s: float) -> float:
+def inflation(since_s: float, terms: MemoryTerms) -> float:
     """Return the factor on a keypoint's variance so long after the look before."""
-    since_s = SHORTEST_S if since_s < SHORTEST_S else LASTS_S if since_s > LASTS_S else since_s
-    return FRESH + QUICK / math.tanh(since_s / (2 * QUICK_S))
+    since_s = SHORTEST_S if since_s < SHORTEST_S else since_s
+    since_s = terms.lasting_s if since_s > terms.lasting_s else since_s
+    return terms.fresh + terms.quick / math.tanh(since_s / (2 * terms.quick_s))
 
 
 @kernel
 def learn_bias(
     row: int,
     since_s: float,
+    terms: MemoryTerms,
     state: Floats,
     covariance: Floats,
     projection: Floats,
@@ -49,6 +42,7 @@ def learn_bias(
     Args:
         row: of the detection in `pixels`, `weights` and `variances`.
         since_s: seconds since the view saw the person before; inf if never.
+        terms: how long errors last.
         state: `(num_joints, 6)`.
         covariance: `(num_joints, 6, 6)`.
         projection: `(3, 4)`.
@@ -58,7 +52,7 @@ def learn_bias(
         bias_px: `(num_joints, 2)`, of this view, moved.
     """
     rate = 1.0 - math.exp(-since_s / LEARNED_S)
-    rate = rate if rate < MOST else MOST
+    rate = rate if rate < terms.most else terms.most
     for joint in range(len(state)):
         if not weights[row, joint] > MIN_SCORE:
             continue

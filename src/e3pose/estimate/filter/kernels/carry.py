@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.kernels.bias import inflation
 from e3pose.kernel import kernel
 
@@ -20,6 +21,7 @@ def carry(
     drift_m2ps3: Floats,
     velocity_lasts_s: Floats,
     interval_s: float,
+    terms: MemoryTerms,
     ordered: Flags,
     views: Floats,
     since_s: Floats,
@@ -37,6 +39,7 @@ def carry(
         drift_m2ps3: `(num_tracks, num_joints)` as in `Outlook`.
         velocity_lasts_s: as in `Outlook`.
         interval_s: seconds per slot.
+        terms: how long errors last.
         ordered: `(num_ordered, num_cameras)` cameras of the next slots; the slot after them is the
             one that `prior` is for.
         views: `(num_cameras, num_tracks, num_joints, 6)` information of a view with new errors.
@@ -53,7 +56,7 @@ def carry(
             for camera in range(num_cameras):
                 since_s[track, camera] += interval_s
                 if slot < num_ordered and ordered[slot, camera]:
-                    shares[slot, camera] = 1.0 / inflation(since_s[track, camera])
+                    shares[slot, camera] = 1.0 / inflation(since_s[track, camera], terms)
                     since_s[track, camera] = 0.0
         for joint in range(covariance.shape[1]):
             for a in range(3):

@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.bias import LASTS_S
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.kernels.bias import inflation
 from e3pose.estimate.filter.kernels.learned_shift import compare_shift
@@ -17,7 +16,6 @@ from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
     ALIKE,
     COUNT,
-    KNOWN,
     LEAST_SHARE,
     LOG,
     MEDIAN,
@@ -96,8 +94,8 @@ def compare_noise(
             _compare(
                 camera,
                 views.starts[camera] + person,
-                1.0 - KNOWN * math.exp(-2.0 * since_s / LASTS_S),
-                inflation(since_s),
+                1.0 - site.memory.removed * math.exp(-2.0 * since_s / site.memory.lasting_s),
+                inflation(since_s, site.memory),
                 tracks.state[track],
                 tracks.covariance[track],
                 site.projections[camera],

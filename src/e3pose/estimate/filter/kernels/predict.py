@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.bias import LASTS_S
 from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks
 from e3pose.estimate.filter.kernels.tree import backward, decompose, forward
 from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, SHORTEST_S, WALKS_MPS
@@ -19,7 +18,7 @@ Floats = NDArray[np.float64]
 @kernel
 def predict(num_tracks: int, dt: float, site: Site, tracks: Tracks, passes: Passes) -> None:
     """Move the first `num_tracks` tracks on by `dt` seconds, in place."""
-    bias_fade = math.exp(-dt / LASTS_S)
+    bias_fade = math.exp(-dt / site.memory.lasting_s)
     num_joints = len(site.order)
     for track in range(num_tracks):
         _advance(

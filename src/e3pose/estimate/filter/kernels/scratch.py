@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, Belief, Model
 from e3pose.geometry.undistort import Lenses, make_lenses
 from e3pose.kernel import LANES
@@ -28,6 +29,7 @@ class Site(NamedTuple):
     noise_scores: Floats  # (num_knots,)
     noise_px: Floats  # (num_knots,)
     noise_weight: float
+    memory: MemoryTerms  # of the detector's errors
     bones: Integers  # (num_bones, 2)
     slacks_m: Floats  # (num_bones,)
     loose: Flags  # (num_bones,) not between a joint and its parent
@@ -61,6 +63,7 @@ def make_site(model: Model) -> Site:
         np.array(model.noise.scores),
         np.array(model.noise.sigma_px),
         float(model.noise.weight),
+        memory_terms(model.noise.memory),
         np.ascontiguousarray(model.bones),
         np.ascontiguousarray(model.slacks_m),
         loose,

@@ -218,6 +218,7 @@ def step_slot(
                 learn_bias(
                     views.starts[camera] + person,
                     tracks.last_seen_s[track, camera] + dt,
+                    site.memory,
                     tracks.state[track],
                     tracks.covariance[track],
                     site.projections[camera],

@@ -82,7 +82,7 @@ def update(
                     views.weights,
                     views.variances,
                     tracks.bias_px[track, camera],
-                    inflation(tracks.last_seen_s[track, camera] + dt),
+                    inflation(tracks.last_seen_s[track, camera] + dt, site.memory),
                     iteration == 0,
                     seen,
                     passes.measured,
