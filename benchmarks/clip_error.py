@@ -23,7 +23,12 @@ from e3pose.estimate.filter import Noise
 from e3pose.evaluate.bad_days import thinned
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.noise.calibrate import all_camera_tracks
-from e3pose.evaluate.noise.residuals import MIN_SCORE, SUPPORT_S, SUPPORT_VIEWS, sight
+from e3pose.evaluate.noise.residuals import (
+    MIN_SCORE,
+    SUPPORT_S,
+    SUPPORT_VIEWS,
+    assign_detections,
+)
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoother import smooth
 from e3pose.model.noises import detector_of, load_noise
@@ -68,7 +73,7 @@ def references(recording: Recording, noise: Noise) -> list[Reference]:
     scales = np.array([max(c.image_size) for c in recording.rig.cameras]) / noise.image_px
     reach = 2 * max(1, round(SUPPORT_S / recording.interval_s)) + 1
     found = []
-    for person in sight(recording, tracks, recording.num_slots):
+    for person in assign_detections(recording, tracks, recording.num_slots):
         seen = person.scores > MIN_SCORE
         sigma = np.where(seen, noise.of(person.scores, scales[:, None]), np.inf)
         path = smooth(

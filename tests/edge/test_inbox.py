@@ -65,4 +65,4 @@ def test_joint_that_no_detector_finds_is_missing() -> None:
 def test_view_with_other_joints_than_were_announced_is_refused() -> None:
     inbox, gather = received(COCO18, COCO17, sent=17)
     assert inbox.wrong == 1 and not gather.close()
-    assert "found 17 joints, expected 18" in inbox.roster.lives[0].misfit
+    assert "found 17 joints, expected 18" in inbox.roster.lives[0].fault

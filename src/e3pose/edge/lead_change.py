@@ -1,4 +1,4 @@
-"""Amend the loop's state between slots: another lead, slots that nobody computed."""
+"""Change the loop's state between slots: another lead, slots that nobody computed."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class CameraLife:
         heard_ns: when its newest message came; None before the first.
         wrong: when messages came that made no sense, newest last.
         quarantined_until_ns: until when it is left out because of those.
-        misfit: what was wrong with the newest of them.
+        fault: what was wrong with the newest of them.
         told: messages of this second, for `flooding`.
         second: which second that is.
         frame_ns: when its count of frames last grew.
@@ -52,7 +52,7 @@ class CameraLife:
     heard_ns: int | None = None
     wrong: tuple[int, ...] = ()
     quarantined_until_ns: int = 0
-    misfit: str = ""
+    fault: str = ""
     told: int = 0
     second: int = 0
     frame_ns: int = 0
@@ -123,14 +123,14 @@ def flooding(life: CameraLife, fps: float) -> bool:
     return life.told > FLOOD_RATE * (fps + 10)
 
 
-def take_wrong(life: CameraLife, misfit: str, now_ns: int) -> CameraLife:
+def take_wrong(life: CameraLife, fault: str, now_ns: int) -> CameraLife:
     """Return the life of a camera that sent something that makes no sense, for a reason."""
     recent = tuple(at for at in life.wrong if now_ns - at < WRONG_S * 1e9)[-WRONG_LIMIT:]
     wrong = (*recent, now_ns)
     if len(wrong) < WRONG_LIMIT:
-        return replace(life, wrong=wrong, misfit=misfit)
+        return replace(life, wrong=wrong, fault=fault)
     until_ns = now_ns + round(QUARANTINE_S * 1e9)
-    return replace(life, wrong=(), misfit=misfit, quarantined_until_ns=until_ns)
+    return replace(life, wrong=(), fault=fault, quarantined_until_ns=until_ns)
 
 
 def trouble(
@@ -161,7 +161,7 @@ def trouble(
             f"{' and '.join(map(str, speakers))}): stop one of them"
         )
     if now_ns < life.quarantined_until_ns:
-        return f"sends invalid messages ({life.misfit})"
+        return f"sends invalid messages ({life.fault})"
     if life.hello is None:  # without a frame it cannot know, and may say why
         return (life.beat.problem if life.beat else "") or "waiting for its first hello"
     if not serves(life.hello.joints, joints):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
-from e3pose.evaluate.noise.residuals import MIN_SLOTS, Sighted, leave_one_out, sight
+from e3pose.evaluate.noise.residuals import MIN_SLOTS, Observed, assign_detections, leave_one_out
 from e3pose.evaluate.noise.statistics import Statistics, describe, falling
 from e3pose.evaluate.smoother import project_all, smooth
 from e3pose.geometry.camera import Rig
@@ -97,12 +97,12 @@ def calibrate_noise(
         )
     num_slots = min(recording.num_slots, max(1, round(seconds / recording.interval_s)))
     tracks, learned, learned_px = all_camera_tracks(recording, num_slots, replayed)
-    people = list(sight(recording, tracks, num_slots))
+    people = list(assign_detections(recording, tracks, num_slots))
     image_px = float(max(max(camera.image_size) for camera in rig.cameras))
     noise = _resized(start, image_px)
     scales = np.array([max(camera.image_size) for camera in rig.cameras]) / image_px
 
-    def compared(what: str, whom: Sequence[Sighted], belief: Noise) -> Statistics:
+    def compared(what: str, whom: Sequence[Observed], belief: Noise) -> Statistics:
         residuals = leave_one_out(
             whom, rig, belief, recording.interval_s, lambda n: told(what, n, len(whom))
         )
@@ -165,14 +165,14 @@ def all_camera_tracks(
 
 
 def _made_up(
-    person: Sighted,
+    person: Observed,
     rig: Rig,
     belief: Noise,
     noise: Noise,
     measured: Statistics,
     recording: Recording,
     rng: np.random.Generator,
-) -> Sighted:
+) -> Observed:
     """Return the person with keypoints of known errors, in the same views with the same scores."""
     scales = np.array([max(c.image_size) for c in rig.cameras]) / noise.image_px
     seen = person.scores > 0
@@ -190,7 +190,7 @@ def _made_up(
     return replace(person, keypoints_px=np.where(seen[..., None], pixels + errors, np.nan))
 
 
-def _shifted(person: Sighted, shifts_px: Floats) -> Sighted:
+def _shifted(person: Observed, shifts_px: Floats) -> Observed:
     return replace(person, keypoints_px=person.keypoints_px - shifts_px[:, None])
 
 

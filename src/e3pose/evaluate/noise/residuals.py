@@ -35,7 +35,7 @@ PASSES = 3  # from the path over all views to that over all but one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighted:
+class Observed:
     """One track and the detections that belong to it.
 
     Attributes:
@@ -74,9 +74,9 @@ class Residuals:
         return len(self.scores)
 
 
-def sight(
+def assign_detections(
     recording: Recording, tracks: Sequence[tuple[Ints, Floats]], num_slots: int
-) -> Iterator[Sighted]:
+) -> Iterator[Observed]:
     """Give the detections of a recording to its tracks.
 
     Args:
@@ -112,11 +112,11 @@ def sight(
                     keypoints[place[0]][place[1:]] = pixels[person]
                     scores[place[0]][place[1:]] = np.where(known[person], view.scores[person], 0.0)
     for (first, _), *parts in zip(spans, joints, keypoints, scores, strict=True):
-        yield Sighted(first, *parts)
+        yield Observed(first, *parts)
 
 
 def leave_one_out(
-    people: Sequence[Sighted],
+    people: Sequence[Observed],
     rig: Rig,
     noise: Noise,
     interval_s: float,

@@ -64,7 +64,7 @@ def draw_claims(path: Path, calibration: Mapping[str, Any]) -> None:
     with picture(path, PANEL_IN * 1.3, PANEL_IN * 1.3) as figure:
         axes = figure.subplots()
         _log(axes)
-        axes.plot(TICKS_MM, TICKS_MM, color=INK, linewidth=0.8, linestyle=":", label="honest")
+        axes.plot(TICKS_MM, TICKS_MM, color=INK, linewidth=0.8, linestyle=":", label="equal")
         number = 0
         for condition, predictors in calibration.items():
             for name, groups in predictors.items():

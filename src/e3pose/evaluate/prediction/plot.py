@@ -12,7 +12,7 @@ from e3pose.files.atomic import atomic_file
 COLOURS = ("#1f2937", "#b45309", "#1e40af", "#15803d", "#7c3aed", "#be123c", "#0e7490")
 DASHES = {"exact": "solid", "noisy": "dash", "estimated": "dot"}
 PANELS = (("mpjpe_mm", "absolute MPJPE, mm"), ("box_iou", "IoU of predicted and actual boxes"))
-HONESTY = "expected against actual error, mm"
+STATED_ERROR = "expected against actual error, mm"
 
 
 def check_plot(path: Path) -> None:
@@ -22,7 +22,7 @@ def check_plot(path: Path) -> None:
 
 
 def write_plot(path: Path, figures: Mapping[str, Any], calibration: Mapping[str, Any]) -> None:
-    """Write a page with error, IoU and honesty that needs no network to be looked at.
+    """Write a self-contained page with error, IoU and stated against actual error.
 
     Args:
         path: the page.
@@ -33,7 +33,7 @@ def write_plot(path: Path, figures: Mapping[str, Any], calibration: Mapping[str,
 
     check_plot(path)
     stated = any(calibration.values())
-    titles = [heading for _, heading in PANELS] + [HONESTY] * stated
+    titles = [heading for _, heading in PANELS] + [STATED_ERROR] * stated
     page = make_subplots(1, len(titles), subplot_titles=titles)
     names = list(dict.fromkeys(name for group in figures.values() for name in group))
     for condition, predictors in figures.items():
