@@ -118,7 +118,7 @@ def test_page_asks_the_network_for_nothing() -> None:
 
 def test_own_scripts_and_markup_name_no_address() -> None:
     folder = Path(scenes.__file__).parent
-    for name in ("page.html", "player.js", "charts.js"):
+    for name in ("page.html", "scene.js", "player.js", "charts.js"):
         text = (folder / name).read_text()
         assert not re.search(r"https?://|//cdn|fetch\(|XMLHttpRequest|innerHTML", text), name
 
@@ -134,7 +134,7 @@ def test_hostile_text_stays_text() -> None:
     records = [record(i, [0], stage_s={HOSTILE: 0.1}) for i in range(2)]
     hostile, plain = page(source, records, figures), page(recording(2), records, summary())
     tags = [tag for tag, _ in hostile.tags]
-    assert tags.count("script") == [tag for tag, _ in plain.tags].count("script") == 5
+    assert tags.count("script") == [tag for tag, _ in plain.tags].count("script") == 6
     assert "img" not in tags
     assert HOSTILE not in render(source, records, figures)
 
@@ -233,7 +233,7 @@ def test_people_present_together_differ_in_colour_and_keep_it() -> None:
 
 
 def test_player_has_the_colours_that_are_counted_on() -> None:
-    text = (Path(scenes.__file__).parent / "player.js").read_text()
+    text = (Path(scenes.__file__).parent / "scene.js").read_text()
     (listed,) = re.findall(r"const COLOURS = \[(.*?)\]", text)
     assert len(set(re.findall(r"#[0-9a-f]{6}", listed))) == NUM_COLOURS
 

@@ -87,6 +87,7 @@ def render(recording: Recording, records: Sequence[SlotRecord], summary: Summary
         source=_text(recording.source),
         data=embed(drawn),
         figures=embed(charts),
+        scene=_packaged("scene.js"),
         player=_packaged("player.js"),
         charts=_packaged("charts.js"),
         plotly=get_plotlyjs(),
@@ -163,7 +164,7 @@ def _sure_box(drawn: Mapping[str, Any]) -> str:
 
 def _cell(drawn: Mapping[str, Any]) -> str:
     size = max(high - low for low, high in zip(drawn["low"], drawn["high"], strict=True))
-    return f"{max(1, -(-size // 30_000))} m"  # as `drawFloor` of player.js
+    return f"{max(1, -(-size // 30_000))} m"  # as `drawFloor` of scene.js
 
 
 def _text(value: object, most: int = MAX_TEXT) -> str:

@@ -21,7 +21,7 @@ MAX_SLOTS = 1500  # a page with more becomes slow to open and its strips too fin
 MAX_COORDINATES = 3_000_000  # about 20 MB of page
 MAX_COORDINATE_M = 1000.0  # a joint further out is a mistake, and nothing to look at
 FRUSTUM_SHARE = 0.06  # of the scene's size: how large cameras are drawn
-NUM_COLOURS = 8  # of `COLOURS` in player.js
+NUM_COLOURS = 8  # of `COLOURS` in scene.js
 BAND = 0.9  # share of cases in which a joint lies within its drawn distance
 ASLEEP, AWAKE, LOST = 0, 1, 2  # what a camera did in a slot, as the strip's codes
 
@@ -59,14 +59,14 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
         "tracks": track_ids,
         "colours": [chosen[track_id] for track_id in track_ids],
         "limbs": [list(limb) for limb in recording.skeleton.limbs],
-        "neck": _neck(recording.skeleton),
+        "neck": neck(recording.skeleton),
         "people": [_people(record, number) for record in shown],
         "truth": [_truth(recording.truth, record.slot) for record in shown],
         "truthLimbs": [list(i) for i in recording.truth.skeleton.limbs] if recording.truth else [],
         "cameras": list(recording.rig.camera_ids),
-        "frustums": [_millimetres(frustum(camera, size_m)) for camera in recording.rig.cameras],
-        "low": _millimetres(low),
-        "high": _millimetres(high),
+        "frustums": [millimetres(frustum(camera, size_m)) for camera in recording.rig.cameras],
+        "low": millimetres(low),
+        "high": millimetres(high),
         "floor": round(1000 * floor_m(shown)),
         "states": _by_camera(recording, [_states(record) for record in shown], digits=0),
         "occlusion": _by_camera(recording, [record.occlusion for record in shown]),
@@ -85,8 +85,8 @@ def _people(record: SlotRecord, number: Mapping[int, int]) -> list[list[Any]]:
     for track_id, joints_m, radii_m in zip(
         record.track_ids, record.poses.joints_m, within, strict=True
     ):
-        known = [_millimetres(radii_m)] if np.isfinite(radii_m).any() else []
-        people.append([number[int(track_id)], _millimetres(joints_m), *known])
+        known = [millimetres(radii_m)] if np.isfinite(radii_m).any() else []
+        people.append([number[int(track_id)], millimetres(joints_m), *known])
     return people
 
 
@@ -103,7 +103,7 @@ def _reasons(
     return {
         "gain": _by_camera(recording, [unknown if r is None else r.gain_nats for r in chosen]),
         "price": _by_camera(recording, [unknown if r is None else r.price for r in chosen]),
-        "expected": _millimetres(np.array(errors)),
+        "expected": millimetres(np.array(errors)),
     }
 
 
@@ -179,7 +179,7 @@ def _telling(rig: Rig, records: Sequence[SlotRecord]) -> int:
     return int(rows[len(rows) // 2])
 
 
-def _neck(skeleton: Skeleton) -> list[int]:
+def neck(skeleton: Skeleton) -> list[int]:
     """Return nose and shoulders of a skeleton without a neck, whose drawing would be headless."""
     names = ("nose", "left_shoulder", "right_shoulder")
     if "neck" in skeleton.joints or not set(names) <= set(skeleton.joints):
@@ -191,7 +191,7 @@ def _truth(truth: Truth | None, slot: int) -> list[list[int | None]]:
     if truth is None:
         return []
     people = truth.joints_m[slot]
-    return [_millimetres(person) for person in people if np.isfinite(person).any()]
+    return [millimetres(person) for person in people if np.isfinite(person).any()]
 
 
 def _states(record: SlotRecord) -> Floats:
@@ -208,7 +208,8 @@ def _by_camera(
     ]
 
 
-def _millimetres(points_m: Floats) -> list[int | None]:
+def millimetres(points_m: Floats) -> list[int | None]:
+    """Return coordinates, one after the other, as whole millimetres; missing ones as None."""
     return [
         round(1000 * v) if abs(v) < MAX_COORDINATE_M else None
         for v in np.asarray(points_m, dtype=np.float64).ravel().tolist()
