@@ -18,7 +18,14 @@ from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
 from e3pose.recording import load_recording
 from e3pose.settings.camera_file import NodeTable, load_node
-from e3pose.settings.site_file import CameraTable, LinkTable, SiteTable, StoreTable, load_site
+from e3pose.settings.site_file import (
+    CameraTable,
+    LinkTable,
+    SiteTable,
+    StoreTable,
+    ViewTable,
+    load_site,
+)
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 from e3pose.site.edge_program import check_edge
 from e3pose.site.example import make_example, write_recorded
@@ -47,12 +54,14 @@ def test_example_camera_is_of_the_example_site() -> None:
     assert node.endpoint.rpartition(":")[2] == site.link.endpoint.rpartition(":")[2]
 
 
-@pytest.mark.parametrize("table", [SiteTable, LinkTable, StoreTable, CameraTable, NodeTable])
+@pytest.mark.parametrize(
+    "table", [SiteTable, LinkTable, StoreTable, ViewTable, CameraTable, NodeTable]
+)
 def test_page_explains_every_key_and_its_default(table: Any) -> None:
     (text,) = re.findall(rf"<!-- {table.__name__} -->\n(.*?)\n\n", TEXT, re.S)
     rows = dict(re.findall(r"^\| `(\w+)` \|\s*([^|]*?)\s*\|", text, re.M))
     fields = {item.key: (item, defaults(table).get(item.field)) for item in entries(table)}
-    tables = {"link", "store", "loop", "energy", "camera"} if table is SiteTable else set()
+    tables = {"link", "store", "view", "loop", "energy", "camera"} if table is SiteTable else set()
     assert set(rows) == set(fields) - tables - {"format", "version"}
     for name, told in rows.items():
         item, default = fields[name]

@@ -15,7 +15,7 @@ from tests.site.tables import write_site
 from e3pose.cli.app import app
 from e3pose.errors import InputError
 from e3pose.site import up
-from e3pose.site.up import Program, camera_command, edge_command, end, run_site
+from e3pose.site.up import Program, camera_command, edge_command, end, run_site, view_command
 
 RIG = looking((4, 0), (0, 4))
 
@@ -41,6 +41,8 @@ def test_edge_reads_the_site_file_and_ends_with_its_parent() -> None:
     assert command == [
         sys.executable, "-m", "e3pose", "edge", "lab/site.toml", "--end-with-parent",
     ]  # fmt: skip
+    command[3] = "view"
+    assert view_command(Path("lab/site.toml")) == command
 
 
 @pytest.mark.parametrize(

@@ -39,6 +39,7 @@ from e3pose.cli.simulating import simulate
 from e3pose.cli.starting import init
 from e3pose.cli.synchronising import sync
 from e3pose.cli.training import train
+from e3pose.cli.viewing import view
 from e3pose.cli.watching import top
 from e3pose.errors import InputError
 
@@ -65,7 +66,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Start here": ("demo", "init", "up"),
     "Recordings": ("detect", "import", "simulate", "info", "sync", "replay", "export"),
     "Calibrate": ("calibrate",),
-    "Live site": ("keys", "check", "record", "edge", "camera", "router", "top", "query"),
+    "Live site": ("keys", "check", "record", "edge", "camera", "router", "top", "view", "query"),
     "Evaluate": ("evaluate", "evaluate-predictor"),
     "Learn": ("train", "learn"),
     "Maintenance": ("models", "power"),
@@ -93,6 +94,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "record": record,
     "keys": keys_app,
     "top": top,
+    "view": view,
     "check": check,
     "train": train,
     "learn": learn_app,
@@ -133,6 +135,11 @@ EXTRAS = {
     "cryptography": "edge",
     "zenoh": "edge",
     "ezc3d": "export",
+    "fastapi": "view",
+    "starlette": "view",
+    "uvicorn": "view",
+    "websockets": "view",
+    "pandas": "notebook",
     "rerun": "rerun",
     "plotly": "report",
     "matplotlib": "report",

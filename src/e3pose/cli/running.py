@@ -184,6 +184,7 @@ def up(
     /,
     *,
     example: Annotated[bool, Parameter(negative="")] = False,
+    view: Annotated[bool, Parameter(negative="")] = False,
     logs: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
@@ -202,6 +203,8 @@ def up(
         Site file, or the folder that contains site.toml.
     example
         Create the folder first, with four cameras that play a simulated scene.
+    view
+        Also run `e3pose view`: the live page, at the printed address.
     logs
         Folder for the logs of the programs. Default: `logs` beside the site file.
     for_s
@@ -221,7 +224,7 @@ def up(
     from e3pose.site.example import make_example
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
-    from e3pose.site.up import Program, camera_command, edge_command, run_site
+    from e3pose.site.up import Program, camera_command, edge_command, run_site, view_command
     from e3pose.wire.network import open_network
 
     if example:
@@ -238,11 +241,16 @@ def up(
     programs = [Program("edge", edge_command(table.path), folder / "edge.log")] + [
         Program(i, camera_command(table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
     ]
+    console = Console(quiet=quiet)
+    if view:
+        from e3pose.view.program import addresses, door_of
+
+        programs.append(Program("view", view_command(table.path), folder / "view.log"))
+        console.print("\n".join(addresses(table, door_of(table))), highlight=False)
     transport = open_network(viewer_link(table, None))
     make_folder(folder)
     follower = Follower(table.name)
     follower.listen(transport)
-    console = Console(quiet=quiet)
     begun_s = came_s = time.monotonic()
     end_s = None if for_s is None else begun_s + for_s
     shown: list[Any] = [None]

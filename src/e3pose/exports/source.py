@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
+from e3pose.model.region import in_rectangle, middles_m
 from e3pose.model.skeleton import SKELETONS, Skeleton
 from e3pose.model.take import Take, motion_of
 from e3pose.store import Store
@@ -188,12 +189,7 @@ def _inside(joints_m: Floats, asked: Asked) -> NDArray[np.bool_]:
     """Return `(num_rows,)`: whose joints' middle lies in the region."""
     if asked.region_m is None:
         return np.ones(len(joints_m), dtype=bool)
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(joints_m).all(axis=-1))
-    total = np.where(known[..., None], joints_m, 0.0).sum(axis=1)
-    middle = total[:, :2] / np.maximum(known.sum(axis=1), 1)[:, None]
-    x0, y0, x1, y1 = asked.region_m
-    low, high = np.minimum([x0, y0], [x1, y1]), np.maximum([x0, y0], [x1, y1])
-    return np.asarray(((middle >= low) & (middle <= high)).all(axis=1) & known.any(axis=1))
+    return in_rectangle(middles_m(joints_m), asked.region_m)
 
 
 def _read(path: Path) -> dict[str, NDArray[Any]]:

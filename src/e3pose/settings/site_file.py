@@ -64,6 +64,30 @@ class StoreTable:
 
 
 @dataclass(frozen=True, slots=True)
+class ViewTable:
+    """`[view]`: where `e3pose view` serves its page, API and streams.
+
+    Attributes:
+        listen: `HOST:PORT`; beyond loopback it needs keys or `insecure`, and every reader a token.
+        hosts: names by which browsers reach it, beside `localhost` and that of the machine.
+        tokens: file of the tokens, made where it is missing.
+        insecure: whether plain http beyond this machine is allowed.
+    """
+
+    listen: str = "127.0.0.1:8470"
+    hosts: tuple[str, ...] = ()
+    tokens: str = "view-tokens.toml"
+    insecure: bool = False
+
+    def __post_init__(self) -> None:
+        try:
+            split_endpoint(f"tcp/{self.listen}")
+        except InputError:
+            wanted = "HOST:PORT, such as 127.0.0.1:8470"
+            raise InputError("listen", repr(self.listen[:100]), wanted) from None
+
+
+@dataclass(frozen=True, slots=True)
 class CameraTable:
     """`[[camera]]`: one camera of the site, and for `e3pose up` what it sees.
 
@@ -125,6 +149,7 @@ class SiteTable:
         metrics_port: of Prometheus metrics on loopback; without it there are none.
         link: see `LinkTable`.
         store: see `StoreTable`.
+        view: see `ViewTable`.
         loop: how the loop runs.
         energy: what the cameras draw and have.
         camera: the cameras; those of the calibration that are not named here have the defaults.
@@ -150,6 +175,7 @@ class SiteTable:
     metrics_port: int | None = None
     link: LinkTable = LinkTable()
     store: StoreTable | None = None
+    view: ViewTable = ViewTable()
     loop: LoopSettings = LoopSettings()
     energy: EnergySettings = EnergySettings()
     camera: tuple[CameraTable, ...] = ()

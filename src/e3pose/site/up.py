@@ -28,6 +28,11 @@ def edge_command(path: Path) -> list[str]:
     return [sys.executable, "-m", "e3pose", "edge", str(path), CHILD]
 
 
+def view_command(path: Path) -> list[str]:
+    """Return the command line of the page, API and streams of a site."""
+    return [sys.executable, "-m", "e3pose", "view", str(path), CHILD]
+
+
 def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
     """Return the command line of a camera of a site, run on this machine.
 

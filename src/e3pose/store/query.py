@@ -95,15 +95,26 @@ class Store:
         joint: str | None = None,
         site: str | None = None,
         run: int | None = None,
+        after: tuple[int, int] | None = None,
+        chunk: int = CHUNK_POSES,
     ) -> Iterator[StoredPoses]:
-        """Yield what `query` returns in chunks, at least one, so that a day fits into memory."""
+        """Yield what `query` returns in chunks, at least one, so that a day fits into memory.
+
+        Args:
+            start: as in `query`, and so are the others that are not here.
+            after: run and slot: only what comes after that slot.
+            chunk: rows in each.
+        """
         with reading(self._store, self._engines) as connection:
             spans = self._spans(connection, start, end, site, run)
             joints = self._joints(spans, joint)
             yield stored_poses([], joints, len(joints), None, self.where)
             for span in spans:
+                if after is not None and span.stored.run_id < after[0]:
+                    continue
+                begin = after[1] + 1 if after and span.stored.run_id == after[0] else None
                 column = None if joint is None else span.stored.run.joints.index(joint)
-                for rows in self._pose_rows(connection, span, track):
+                for rows in self._pose_rows(connection, span, track, begin, chunk):
                     count = len(span.stored.run.joints)
                     yield stored_poses(rows, joints, count, column, self.where)
 
@@ -115,15 +126,33 @@ class Store:
         *,
         site: str | None = None,
         run: int | None = None,
+        offset: int = 0,
+        limit: int | None = None,
     ) -> list[dict[str, Any]]:
         """Return rows of `slots`, `tracks`, `energy` or `events` between two times, by column name.
 
         A slot's `occlusion`, `deficit` and `energy_j` are lists with one number a camera.
+
+        Args:
+            table: which.
+            start: as in `query`, and so are the others that are not here.
+            offset: rows to leave out at the beginning.
+            limit: the most to return.
         """
         found: list[dict[str, Any]] = []
         with reading(self._store, self._engines) as connection:
             for span in self._spans(connection, start, end, site, run):
-                for row in connection.execute(_of_table(table, span)).mappings():
+                asked = _of_table(table, span)
+                if offset:
+                    count = connection.scalar(select(func.count()).select_from(asked.subquery()))
+                    if (count or 0) <= offset:
+                        offset -= count or 0
+                        continue
+                if limit is not None:
+                    asked = asked.limit(limit - len(found))
+                if offset:
+                    asked, offset = asked.offset(offset), 0
+                for row in connection.execute(asked).mappings():
                     if len(found) >= MAX_POSES:
                         raise InputError(
                             f"{self.where}: found more than {MAX_POSES} rows, expected fewer: "
@@ -178,12 +207,14 @@ class Store:
         return next(iter(kinds), ())
 
     def _pose_rows(
-        self, connection: Connection, span: Span, track: int | None
+        self, connection: Connection, span: Span, track: int | None, begin: int | None, chunk: int
     ) -> Iterator[Sequence[Any]]:
         poses = schema.poses
         bounds = _slot_bounds(connection, span, track)
         if bounds is None:
             return
+        if begin is not None:
+            bounds = max(bounds[0], begin), bounds[1]
         # By the key, run and slot, with which the rows of a stretch of time lie together.
         asked = (
             select(poses)
@@ -194,7 +225,7 @@ class Store:
         )
         if track is not None:
             asked = asked.where(poses.c.track_id == track)
-        result = connection.execution_options(yield_per=CHUNK_POSES).execute(asked)
+        result = connection.execution_options(yield_per=chunk).execute(asked)
         yield from result.partitions()
 
 

@@ -1,0 +1,57 @@
+"""`e3pose view`: the live page, API and streams of a running site."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from e3pose.quantities import check_seconds
+
+
+def view(
+    site: Path,
+    /,
+    *,
+    listen: str | None = None,
+    keys: Path | None = None,
+    for_s: Annotated[float | None, Parameter(name="--for")] = None,
+    end_with_parent: Annotated[bool, Parameter(negative="", show=False)] = False,
+) -> None:
+    """Serve the live page, API and streams of a running site over HTTP.
+
+    Example: `e3pose view site.toml`, then open the printed address in a browser.
+
+    On loopback everyone on this machine may read; beyond it, reading needs the token that is part
+    of the printed address. Ctrl-C stops it.
+
+    Parameters
+    ----------
+    site
+        Site file, or the folder that contains site.toml.
+    listen
+        HOST:PORT instead of the site file's. Default: 127.0.0.1:8470.
+    keys
+        Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
+    for_s
+        Stop after this many seconds.
+    end_with_parent
+        Stop when standard input closes, a pipe from the parent process.
+    """
+    import time
+
+    check_seconds("--for", for_s)
+    from e3pose.settings.live import live_site
+    from e3pose.settings.site_file import load_site
+    from e3pose.site.run import end_with_parent as look_after_parent
+    from e3pose.site.run import run_until_stopped
+    from e3pose.view.program import addresses, open_view
+
+    if end_with_parent:
+        look_after_parent()
+    table = load_site(site)
+    with open_view(live_site(table), listen, keys) as opened:
+        print("\n".join(addresses(table, opened.door)), flush=True)
+        end_s = None if for_s is None else time.monotonic() + for_s
+        run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))

@@ -1,0 +1,180 @@
+"""What the API says, as JSON and msgpack: shapes for OpenAPI, and how they are made of arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from e3pose.site.connect import LiveSlot
+from e3pose.wire.messages import Status
+
+DECIMALS_M = 4  # a tenth of a millimetre
+
+
+class Shape(BaseModel):
+    """A JSON object with these fields and no others."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class Person(Shape):
+    """One person in one slot: world metres, z up; null where a joint is unknown."""
+
+    track: int
+    joints_m: list[list[float | None]]
+    sigma_m: list[float | None]
+    measured: list[bool]
+
+
+class Slot(Shape):
+    """The people of one slot; `time_ns` is nanoseconds since 1970."""
+
+    run: int
+    slot: int
+    time_ns: int
+    people: list[Person]
+
+
+class PosePage(Shape):
+    """Slots in order; ask again with `cursor` for those after them, if there is one."""
+
+    joints: list[str]
+    slots: list[Slot]
+    cursor: str | None
+
+
+class RowPage(Shape):
+    """Rows of a table of the store by column name."""
+
+    rows: list[dict[str, Any]]
+    cursor: str | None
+
+
+class Refused(BaseModel):
+    """Why a request was refused."""
+
+    detail: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Encoded:
+    """An event of the live stream, encoded once for all who follow.
+
+    Attributes:
+        kind: what it is.
+        body: what JSON and msgpack hold alike.
+    """
+
+    kind: Literal["slot", "status"]
+    body: dict[str, Any]
+
+    @cached_property
+    def json(self) -> bytes:
+        """As JSON."""
+        return msgspec.json.encode({"type": self.kind, **self.body})
+
+    @cached_property
+    def msgpack(self) -> bytes:
+        """As msgpack."""
+        return msgspec.msgpack.encode({"type": self.kind, **self.body})
+
+    @cached_property
+    def sse(self) -> bytes:
+        """As a server-sent event."""
+        return b"event: " + self.kind.encode() + b"\ndata: " + self.json + b"\n\n"
+
+
+def event_of_slot(slot: LiveSlot) -> Encoded:
+    """Return the event of a slot that was published."""
+    body = {
+        "slot": slot.slot,
+        "time_ns": slot.time_ns,
+        "published_ns": slot.published_ns,
+        "joints": slot.joints,
+        "selected": slot.selected,
+        "arrived": slot.arrived,
+        "people": people(slot.track_ids, slot.joints_m, slot.sigma_m, slot.measured),
+    }
+    return Encoded("slot", body)
+
+
+def event_of_status(status: Status) -> Encoded:
+    """Return the event of a status."""
+    return Encoded("status", status_body(status))
+
+
+def status_body(status: Status) -> dict[str, Any]:
+    """Return a status by field name."""
+    return {
+        name: getattr(status, name) for name in status.__struct_fields__ if name != "cameras"
+    } | {
+        "cameras": [
+            {name: getattr(camera, name) for name in camera.__struct_fields__}
+            for camera in status.cameras
+        ]
+    }
+
+
+def people(
+    track_ids: NDArray[np.int64],
+    joints_m: NDArray[np.float32],
+    sigma_m: NDArray[np.float32],
+    measured: NDArray[np.bool_],
+) -> list[dict[str, Any]]:
+    """Return people as `Person` describes them, with None for NaN.
+
+    Args:
+        track_ids: `(num_persons,)`.
+        joints_m: `(num_persons, num_joints, 3)` metres; NaN where missing.
+        sigma_m: `(num_persons, num_joints)` metres; NaN where unknown.
+        measured: `(num_persons, num_joints)`.
+    """
+    columns = zip(
+        track_ids.tolist(), plain(joints_m), plain(sigma_m), measured.tolist(), strict=True
+    )
+    return [
+        {"track": track, "joints_m": places, "sigma_m": sigma, "measured": seen}
+        for track, places, sigma, seen in columns
+    ]
+
+
+def plain(values: NDArray[np.float32]) -> list[Any]:
+    """Return metres as nested lists to a tenth of a millimetre, None for NaN."""
+    rounded = values.astype(np.float64).round(DECIMALS_M)
+    if np.isfinite(rounded).all():
+        return list(rounded.tolist())
+    masked = rounded.astype(object)
+    masked[~np.isfinite(rounded)] = None
+    return list(masked.tolist())
+
+
+def slots_of_rows(
+    run_ids: NDArray[np.int64],
+    slots: NDArray[np.int64],
+    time_ns: NDArray[np.int64],
+    found: Sequence[dict[str, Any]],
+) -> list[dict[str, Any]]:
+    """Return rows of people as `Slot` describes them.
+
+    Args:
+        run_ids: `(num_rows,)` in order.
+        slots: `(num_rows,)` in order within a run.
+        time_ns: `(num_rows,)`.
+        found: `(num_rows,)` people.
+    """
+    answer: list[dict[str, Any]] = []
+    key: tuple[int, int] | None = None
+    rows = zip(run_ids.tolist(), slots.tolist(), time_ns.tolist(), found, strict=True)
+    for run_id, slot, at_ns, person in rows:
+        if (run_id, slot) != key:
+            key = (run_id, slot)
+            answer.append({"run": run_id, "slot": slot, "time_ns": at_ns, "people": []})
+        answer[-1]["people"].append(person)
+    return answer

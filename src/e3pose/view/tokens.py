@@ -1,0 +1,82 @@
+"""Tokens of a site's view: who has one may read, or also write."""
+
+from __future__ import annotations
+
+import hmac
+import re
+import secrets
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import tomli_w
+
+from e3pose.errors import InputError
+from e3pose.files.atomic import atomic_file
+from e3pose.files.bounded import read_toml
+from e3pose.files.table import read_table
+
+Scope = Literal["read", "write"]
+MAX_BYTES = 2**16
+TOKEN = re.compile(r"[A-Za-z0-9_-]{16,128}")  # may stand in a header and in an address
+TOKEN_BYTES = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Tokens:
+    """The tokens of a view.
+
+    Attributes:
+        format: `e3pose-view-tokens`.
+        version: 1.
+        read: lets its holder see the site.
+        write: lets its holder also control the site.
+    """
+
+    format: Literal["e3pose-view-tokens"]
+    version: Literal[1]
+    read: str
+    write: str
+
+    def __post_init__(self) -> None:
+        for name, token in (("read", self.read), ("write", self.write)):
+            if not TOKEN.fullmatch(token):  # not shown: it may be somebody's secret
+                raise InputError(name, "no token", "16 to 128 letters, digits, - and _")
+        if self.read == self.write:
+            raise InputError("write", "the token for reading", "another")
+
+    def scope(self, token: str) -> Scope | None:
+        """Return what a token allows; None for one that is not ours."""
+        given = token.encode(errors="replace")
+        # Both are compared: the time it takes tells nothing.
+        writes = hmac.compare_digest(given, self.write.encode())
+        reads = hmac.compare_digest(given, self.read.encode())
+        return "write" if writes else "read" if reads else None
+
+
+def make_tokens() -> Tokens:
+    """Return new tokens."""
+    read, write = (secrets.token_urlsafe(TOKEN_BYTES) for _ in range(2))
+    return Tokens("e3pose-view-tokens", 1, read, write)
+
+
+def open_tokens(path: Path) -> Tokens:
+    """Return the tokens of a file; where there is none, make it with new ones.
+
+    Raises:
+        InputError: for a file that holds something else.
+    """
+    if not path.exists():
+        made = make_tokens()
+        fields = {name: getattr(made, name) for name in ("format", "version", "read", "write")}
+        with atomic_file(path, private=True) as temporary:
+            temporary.write_text(
+                "# Who has a token may see the site; who has that for writing may control it.\n"
+                "# Delete this file and restart `e3pose view` for new ones.\n"
+                + tomli_w.dumps(fields)
+            )
+        return made
+    try:
+        return read_table(Tokens, read_toml(path, MAX_BYTES))
+    except InputError as error:
+        raise error.at(path) from None

@@ -1,0 +1,388 @@
+// The live page: follows a site over a WebSocket, shows its past from the store, and controls it
+// where the token allows. Whatever comes from the site is text, never markup.
+"use strict";
+
+const NINETY = 2.5003; // radius of the ball that holds a joint in nine of ten cases, in sigmas of an axis
+const TRAIL_S = 4, STRIP_S = 30, WINDOW_S = 20, QUIET_S = 3;
+const MODES = { active: "active", "power-saving": "saving", "aggressive-power-saving": "sleeping" };
+
+// ---- the token: kept for this tab alone, and out of the address bar
+
+const given = new URLSearchParams(location.hash.slice(1)).get("token");
+if (given) {
+  sessionStorage.setItem("token", given);
+  history.replaceState(null, "", location.pathname);
+}
+const token = sessionStorage.getItem("token") || "";
+
+async function ask(path, body) {
+  const headers = token ? { Authorization: `Bearer ${token}` } : {};
+  const options = { headers };
+  if (body !== undefined) {
+    Object.assign(options, { method: "POST", body: JSON.stringify(body) });
+    headers["Content-Type"] = "application/json";
+  }
+  const answer = await fetch(path, options);
+  const said = answer.headers.get("content-type")?.startsWith("application/json") ? await answer.json() : null;
+  if (!answer.ok) throw new Error(said && typeof said.detail === "string" ? said.detail : `refused (${answer.status})`);
+  return said;
+}
+
+// ---- what is known
+
+let room = null, scene = null, status = null, shown = null, mode = "live", cameAt = 0;
+const history30 = []; // slots of the last half minute, oldest first: { t, selected, arrived }
+const trails = new Map(); // track to [[t, x, y], ...] in millimetres
+const zoneCounts = {};
+const colourOf = (track) => COLOURS[((track % COLOURS.length) + COLOURS.length) % COLOURS.length];
+
+// A slot of the live stream or of the store as what the scene draws.
+function prepared(slot, selected, arrived) {
+  const t = slot.time_ns / 1e9;
+  const people = slot.people.map((person) => ({
+    track: person.track,
+    joints: person.joints_m.flatMap((point) => (point[0] === null ? [null, null, null] : point.map((v) => 1000 * v))),
+    radii: person.sigma_m.map((sigma) => (sigma === null ? null : 1000 * NINETY * sigma)),
+  }));
+  return { slot: slot.slot, t, people, selected: new Set(selected), arrived: new Set(arrived) };
+}
+
+function middle(joints) {
+  let [x, y, n] = [0, 0, 0];
+  for (let i = 0; i < joints.length; i += 3) if (joints[i] !== null) (x += joints[i]), (y += joints[i + 1]), n++;
+  return n ? [x / n, y / n] : null;
+}
+
+function remember(now) {
+  for (const { track, joints } of now.people) {
+    const place = middle(joints);
+    if (!place) continue;
+    if (!trails.has(track)) trails.set(track, []);
+    trails.get(track).push([now.t, ...place]);
+  }
+  for (const [track, trail] of trails) {
+    while (trail.length && (trail[0][0] < now.t - TRAIL_S || trail[0][0] > now.t + 1)) trail.shift();
+    if (!trail.length) trails.delete(track);
+  }
+  history30.push(now);
+  while (history30.length && (history30[0].t < now.t - STRIP_S || history30[0].t > now.t + 1)) history30.shift();
+}
+
+function cameraState(name) {
+  const camera = status && status.cameras.find((one) => one.camera_id === name);
+  if (mode === "live" && camera && !camera.online) return LOST;
+  if (shown && shown.selected.has(name)) return shown.arrived.has(name) ? AWAKE : LOST;
+  return mode === "live" && camera && camera.mode === "aggressive-power-saving" ? DEEP : ASLEEP;
+}
+
+function toDraw() {
+  const people = shown ? shown.people : [];
+  return {
+    people: people.map(({ track, joints, radii }) => ({
+      colour: colourOf(track),
+      label: String(track),
+      joints,
+      radii: byId("sure").checked ? radii : null,
+      trail: byId("trails").checked ? (trails.get(track) || []).map(([, x, y]) => [x, y]) : [],
+    })),
+    states: room.cameras.map(cameraState),
+  };
+}
+
+function show(now) {
+  shown = now;
+  remember(now);
+  scene.touch();
+  drawStrips();
+  const list = now.people.map(({ track }) => {
+    const item = document.createElement("li"), swatch = document.createElement("i");
+    swatch.style.background = colourOf(track);
+    item.append(swatch, `track ${track}`);
+    return item;
+  });
+  byId("people").replaceChildren(...(list.length ? list : ["nobody"]));
+  const when = new Date(1000 * now.t);
+  byId("where").textContent = `${when.toLocaleTimeString()} · slot ${now.slot}`;
+}
+
+function drawStrips() {
+  const canvas = byId("strips"), pen = canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
+  const rowHeight = 16, height = rowHeight * room.cameras.length + 4;
+  canvas.style.height = `${height}px`;
+  const width = canvas.clientWidth;
+  canvas.width = Math.round(width * ratio);
+  canvas.height = Math.round(height * ratio);
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.font = "12px system-ui, sans-serif";
+  pen.textBaseline = "middle";
+  const left = 8 + Math.min(110, Math.max(...room.cameras.map((name) => pen.measureText(name).width)));
+  const end = history30.length ? history30[history30.length - 1].t : 0;
+  const scale = (width - left) / STRIP_S, thick = Math.max(1, scale / room.fps + 0.5);
+  room.cameras.forEach((name, row) => {
+    const y = row * rowHeight;
+    pen.fillStyle = INK;
+    pen.fillText(name, 0, y + rowHeight / 2, left - 6);
+    pen.fillStyle = "#e6e9ee";
+    pen.fillRect(left, y + 2, width - left, rowHeight - 4);
+    for (const { t, selected, arrived } of history30) {
+      if (!selected.has(name)) continue;
+      pen.fillStyle = arrived.has(name) ? INK : LOST_INK;
+      pen.fillRect(width - (end - t) * scale - thick, y + 2, thick, rowHeight - 4);
+    }
+  });
+}
+
+// ---- status
+
+const number = (value, places = 0, unit = "") => (value === null || value === undefined ? "–" : value.toFixed(places) + unit);
+const percent = (value) => (value === null || value === undefined ? "–" : `${Math.round(100 * value)} %`);
+const COLUMNS = [
+  ["camera", (c) => c.camera_id],
+  ["mode", (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" : "offline")],
+  ["duty", (c) => percent(c.duty)],
+  ["occlusion", (c) => percent(c.occlusion)],
+  ["information, nats", (c) => number(c.gain_nats, 2)],
+  ["price", (c) => number(c.price, 1)],
+  ["deficit", (c) => number(c.deficit, 1)],
+  ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`)],
+  ["battery", (c) => (c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`)],
+  ["temperature", (c) => number(c.temperature_c, 0, " °C")],
+  ["late, lost", (c) => `${c.late}, ${c.lost}`],
+];
+
+function showStatus() {
+  const online = status.cameras.filter((camera) => camera.online);
+  const watts = online.filter((camera) => camera.power_w !== null);
+  byId("count").textContent = status.people;
+  byId("error").textContent = number(status.expected_error_mm, 0, " mm");
+  byId("rate").textContent = number(status.fps, 1);
+  byId("latency").textContent = `${number(status.latency_ms[0], 1)} ms (99 %: ${number(status.latency_ms[1], 0)})`;
+  byId("lead").textContent = `${status.lead} slots`;
+  byId("power").textContent = watts.length ? `${watts.reduce((sum, camera) => sum + camera.power_w, 0).toFixed(1)} W` : "–";
+  const rows = status.cameras.map((camera) => {
+    const row = document.createElement("tr");
+    for (const [, text] of COLUMNS) row.insertCell().append(text(camera));
+    controlCells(row, camera);
+    if (camera.why) {
+      const why = row.insertCell();
+      why.className = "why";
+      why.append(camera.why);
+    }
+    return row;
+  });
+  const focused = document.activeElement;
+  if (!(focused && byId("table").contains(focused))) byId("table").tBodies[0].replaceChildren(...rows);
+  byId("events").replaceChildren(...[...status.events].reverse().map((text) => {
+    const item = document.createElement("li");
+    item.append(text);
+    return item;
+  }));
+  showSettings();
+  if (mode === "live") scene.touch();
+}
+
+function showState() {
+  const late = (performance.now() - cameAt) / 1000, pill = byId("state");
+  const word = mode === "past" ? "past" : socket && socket.readyState === 1 ? (late < QUIET_S ? "live" : "no slots") : "no connection";
+  pill.textContent = word;
+  pill.className = `pill ${{ past: "past", live: "live" }[word] || "off"}`;
+}
+
+function notice(text) {
+  byId("notice").hidden = !text;
+  byId("notice").textContent = text;
+}
+
+// ---- following
+
+let socket = null, pause_ms = 500;
+
+function follow() {
+  const url = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`;
+  socket = new WebSocket(url, token ? ["e3pose", `e3pose.token.${token}`] : ["e3pose"]);
+  socket.onmessage = ({ data }) => {
+    const event = JSON.parse(data);
+    pause_ms = 500;
+    if (event.type === "status") {
+      status = event;
+      showStatus();
+    } else if (event.type === "slot") {
+      cameAt = performance.now();
+      if (mode === "live") show(prepared(event, event.selected, event.arrived));
+    }
+    listeners.forEach((listener) => listener(event));
+  };
+  socket.onclose = () => {
+    setTimeout(follow, pause_ms);
+    pause_ms = Math.min(2 * pause_ms, 10_000);
+  };
+}
+const listeners = [];
+
+// ---- the past: windows of the store, played by this page alone
+
+let span = null, windowed = [], at_s = 0, playing = false, before_ms = 0, loading = 0;
+
+async function findSpan() {
+  const runs = await ask("/api/runs");
+  if (!runs.length) return;
+  span = { begin_s: runs[0].started_ns / 1e9, runs: new Map(runs.map((run) => [run.run, run])) };
+  byId("scrub").disabled = false;
+}
+
+const nanoseconds = (seconds) => `${Math.round(seconds * 1000)}000000`;
+const end_s = () => Math.max(Date.now() / 1000 - 1, span.begin_s + 1);
+
+async function load(from_s) {
+  const asked = ++loading, range = `start=${nanoseconds(from_s)}&end=${nanoseconds(from_s + WINDOW_S)}`;
+  const [poses, rows] = await Promise.all([ask(`/api/poses?limit=2000&${range}`), ask(`/api/slots?limit=5000&${range}`)]);
+  if (asked !== loading) return;
+  const people = new Map(poses.slots.map((slot) => [`${slot.run}.${slot.slot}`, slot.people]));
+  windowed = rows.rows.map((row) => {
+    const run = span.runs.get(row.run_id);
+    const names = (flags) => (run ? run.cameras.filter((_, index) => flags[index] === "1") : []);
+    const found = people.get(`${row.run_id}.${row.slot}`) || [];
+    return prepared({ slot: row.slot, time_ns: row.time_ns, people: found }, names(row.selected), names(row.arrived));
+  });
+  notice(windowed.length ? "" : "Nothing is stored for this time.");
+}
+
+async function seek(to_s) {
+  mode = "past";
+  at_s = to_s;
+  playing = true;
+  history30.length = 0;
+  trails.clear();
+  byId("live").disabled = false;
+  byId("play").hidden = false;
+  showState();
+  try {
+    await load(to_s);
+  } catch (error) {
+    notice(error.message);
+  }
+}
+
+function goLive() {
+  mode = "live";
+  playing = false;
+  history30.length = 0;
+  trails.clear();
+  byId("live").disabled = true;
+  byId("play").hidden = true;
+  byId("scrub").value = 1000;
+  notice("");
+  showState();
+}
+
+function playPast(passed_s) {
+  at_s += playing ? passed_s : 0;
+  const due = windowed.filter(({ t }) => t <= at_s && t > (shown && windowed.includes(shown) ? shown.t : -Infinity));
+  due.forEach((slot, index) => (index === due.length - 1 ? show(slot) : remember(slot)));
+  const last = windowed.length ? windowed[windowed.length - 1].t : Infinity;
+  if (playing && at_s > last && windowed.length) {
+    const next_s = last + 0.001;
+    windowed = [];
+    if (next_s < end_s()) load(next_s).catch((error) => notice(error.message));
+    else goLive();
+  }
+  if (document.activeElement !== byId("scrub")) byId("scrub").value = 1000 * (at_s - span.begin_s) / (end_s() - span.begin_s);
+}
+
+// ---- control: only what the edge says is shown as its setting
+
+const mayControl = () => room.controls && room.scope === "write";
+
+function controlCells(row, camera) {
+  if (!mayControl()) return;
+  const button = document.createElement("button");
+  button.type = "button";
+  button.textContent = camera.paused ? "Resume" : "Pause";
+  button.addEventListener("click", () => {
+    button.blur();
+    control(`/api/control/cameras/${encodeURIComponent(camera.camera_id)}`, { paused: !camera.paused });
+  });
+  row.insertCell().append(button);
+  const budget = document.createElement("input");
+  budget.placeholder = camera.budget === null ? "budget" : percent(camera.budget);
+  budget.title = "budget: 60%, 4W, 0.3J, until 18:00, for 8h";
+  budget.addEventListener("change", () => {
+    budget.blur();
+    control(`/api/control/cameras/${encodeURIComponent(camera.camera_id)}`, { budget: budget.value });
+  });
+  row.insertCell().append(budget);
+}
+
+async function control(path, body) {
+  byId("said").textContent = "…";
+  try {
+    byId("said").textContent = (await ask(path, body)).said;
+  } catch (error) {
+    byId("said").textContent = error.message;
+  }
+}
+
+function showSettings() {
+  if (!mayControl() || byId("loop").contains(document.activeElement)) return;
+  byId("cameras").max = room.cameras.length;
+  if (status.num_selected !== null) byId("cameras").value = status.num_selected;
+  byId("cameras-out").textContent = status.num_selected === null ? "by target" : status.num_selected;
+  byId("target").value = status.target_error_mm ?? "";
+  byId("weight").value = status.quality_weight ?? "";
+}
+
+// ---- start
+
+function tick(now_ms) {
+  if (mode === "past") playPast(Math.min((now_ms - before_ms) / 1000, 0.5));
+  before_ms = now_ms;
+  scene.draw();
+  requestAnimationFrame(tick);
+}
+
+async function start() {
+  try {
+    room = await ask("/api/site");
+  } catch (error) {
+    notice(`${error.message}. Open the address that \`e3pose view\` printed.`);
+    byId("state").textContent = "no access";
+    byId("state").className = "pill off";
+    return;
+  }
+  document.title = `${room.site} · e3pose`;
+  byId("site").textContent = room.site;
+  const head = byId("table").tHead.insertRow();
+  const extra = mayControl() ? ["", ""] : [];
+  for (const name of [...COLUMNS.map(([name]) => name), ...extra]) {
+    const cell = document.createElement("th");
+    cell.append(name);
+    head.append(cell);
+  }
+  byId("control").hidden = !mayControl();
+  scene = makeScene(byId("scene"), room, toDraw);
+  for (const box of ["sure", "trails"]) byId(box).addEventListener("change", scene.touch);
+  byId("live").addEventListener("click", goLive);
+  byId("play").addEventListener("click", () => ((playing = !playing), (byId("play").textContent = playing ? "❚❚" : "▶")));
+  byId("scrub").addEventListener("input", () => {
+    const share = byId("scrub").value / 1000;
+    if (share >= 1) goLive();
+    else seek(span.begin_s + share * (end_s() - span.begin_s));
+  });
+  byId("cameras").addEventListener("input", () => (byId("cameras-out").textContent = byId("cameras").value));
+  byId("cameras").addEventListener("change", () => control("/api/control/loop", { cameras: Number(byId("cameras").value) }));
+  byId("loop").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const body = {};
+    if (byId("target").value) body.target_error_mm = Number(byId("target").value);
+    else body.cameras = Number(byId("cameras").value);
+    if (byId("weight").value) body.quality_weight = Number(byId("weight").value);
+    document.activeElement.blur();
+    control("/api/control/loop", body);
+  });
+  follow();
+  setInterval(showState, 500);
+  requestAnimationFrame(tick);
+  if (room.stored) findSpan().catch((error) => notice(error.message));
+}
+
+start();

@@ -1,0 +1,110 @@
+"""The live page in a real browser: what it draws, who sees nothing, and how it looks on a phone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.view.browser import Page, browser, browser_path
+from tests.view.watched import SLOTS, Watched, record, watched_site
+from tests.waiting import eventually
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
+]
+TRACK_10 = (0x00, 0x9E, 0x73)  # its colour in report/scene.js
+TRACK_11 = (0xCC, 0x79, 0xA7)
+
+
+@pytest.fixture(scope="module")
+def watched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
+    with watched_site(tmp_path_factory.mktemp("site")) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with browser(tmp_path_factory.mktemp("browser")) as made:
+        yield made
+
+
+def pixels(page: Page, colour: tuple[int, int, int]) -> int:
+    """Return how many pixels of the window have a colour."""
+    return int((np.abs(page.picture().astype(int) - colour).max(axis=-1) <= 2).sum())
+
+
+def at(page: Page, x: float, y: float, z: float) -> tuple[int, int, int]:
+    """Return the colour where a point of the world, millimetres, is drawn."""
+    place = page.run(
+        f"(([x, y]) => {{ const box = document.getElementById('scene').getBoundingClientRect();"
+        f" return [box.x + x, box.y + y]; }})(scene.place({x}, {y}, {z}))"
+    )
+    column, row = (round(value) for value in place)
+    red, green, blue = page.picture()[row, column].tolist()
+    return red, green, blue
+
+
+def test_people_stand_where_the_edge_says(page: Page, watched: Watched) -> None:
+    page.open(watched.view.url)
+    assert page.shows("site", "lab")
+    assert eventually(lambda: watched.view.feed.followers == 1)
+    watched.publish(20)
+    assert page.shows("where", "slot 20") and page.shows("people", "track 11")
+    # The joints of a person lie on a line: the left shin, from knee to ankle, is at (x, 0.2 m).
+    knee, ankle = record(20).poses.joints_m[1][[13, 15]]
+    middle = 1000 * (knee + ankle) / 2
+    assert eventually(lambda: at(page, *middle) == TRACK_11)
+    assert pixels(page, TRACK_10) > 100 and pixels(page, TRACK_11) > 100
+    assert "c1" in page.text("table") and page.text("count") == "2"
+    assert page.messages == []
+
+
+def test_past_is_played_from_the_store_and_the_present_found_again(
+    page: Page, watched: Watched
+) -> None:
+    page.open(watched.view.url)
+    assert page.shows("site", "lab")
+    assert eventually(lambda: not page.run("document.getElementById('scrub').disabled"))
+    page.run("seek(span.begin_s + 1.0)")
+    assert page.shows("state", "past")
+    assert eventually(lambda: "slot" in page.text("where"))
+    assert page.shows("where", f"slot {SLOTS - 1}")  # it plays to the end of what is stored
+    assert page.run("shown.selected.has('c0') && !shown.selected.has('c2')")
+    page.run("goLive()")
+    watched.publish(50)
+    assert page.shows("where", "slot 50")
+
+
+def test_wrong_token_shows_nothing_and_says_so(page: Page, watched: Watched) -> None:
+    page.open(watched.view.url + "#token=wrong-wrong-wrong-wrong")
+    assert page.shows("state", "no access") and page.shows("notice", "wrong token")
+    assert page.text("table") == "" and page.run("location.hash") == ""
+    page.run("sessionStorage.clear()")
+
+
+def test_another_page_gets_nothing(page: Page, watched: Watched, tmp_path: Path) -> None:
+    (tmp_path / "evil.html").write_text("<!doctype html><title>another page</title>")
+    page.open((tmp_path / "evil.html").as_uri())
+    assert eventually(lambda: page.run("document.title") == "another page")
+    url = watched.view.url
+    read = f"fetch('{url}api/site').then((a) => a.status, () => 'refused')"
+    assert page.run(read) == "refused"
+    opened = (
+        f"new Promise((done) => {{ const s = new WebSocket('{url.replace('http', 'ws')}api/live');"
+        " s.onopen = () => done('open'); s.onerror = () => done('refused'); })"
+    )
+    assert page.run(opened) == "refused"
+    assert watched.view.feed.followers == 0 or eventually(lambda: not watched.view.feed.followers)
+
+
+def test_phone_has_room_for_all_of_it(page: Page, watched: Watched) -> None:
+    page.open(watched.view.url, 390, 844)
+    assert page.shows("site", "lab")
+    assert eventually(lambda: watched.view.feed.followers == 1)
+    watched.publish(30)
+    assert page.shows("where", "slot 30")
+    assert page.run("document.documentElement.scrollWidth") == 390
+    assert eventually(lambda: pixels(page, TRACK_11) > 30)

@@ -1,0 +1,128 @@
+"""Headless Chromium for tests of the page, driven over its DevTools protocol."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from tests.waiting import eventually
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as connect_socket
+
+NAMES = ("chromium", "chromium-browser", "google-chrome")
+FLAGS = (
+    "--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", "--hide-scrollbars",
+    "--no-first-run", "--disable-extensions", "--disable-dev-shm-usage",
+    "--remote-debugging-port=0",
+)  # fmt: skip
+
+
+def browser_path() -> str | None:
+    """Return where a browser is; None if there is none."""
+    return next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+class Page:
+    """A page of the browser."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self._socket, self._count = socket, 0
+        self.messages: list[str] = []  # what the page wrote to its console, and its errors
+        for domain in ("Page", "Runtime", "Log"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """Call a method of the protocol and return its result."""
+        self._count += 1
+        self._socket.send(json.dumps({"id": self._count, "method": method, "params": parameters}))
+        while True:
+            answer = json.loads(self._socket.recv(60))
+            if answer.get("id") == self._count:
+                assert "error" not in answer, answer
+                return dict(answer["result"])
+            self._note(answer)
+
+    def _note(self, event: dict[str, Any]) -> None:
+        said = event.get("params", {})
+        if event["method"] == "Runtime.exceptionThrown":
+            self.messages.append(str(said["exceptionDetails"]))
+        elif event["method"] == "Log.entryAdded":
+            self.messages.append(f"{said['entry']['text']} {said['entry'].get('url', '')}")
+
+    def open(self, url: str, width: int = 1280, height: int = 900) -> None:
+        """Open an address in a window of a size."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
+                  deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
+        self.call("Page.navigate", url="about:blank")  # else another fragment loads nothing
+        assert eventually(lambda: self.run("location.href") == "about:blank")
+        self.call("Page.navigate", url=url)
+
+    def run(self, script: str) -> Any:
+        """Return the value of a JavaScript expression."""
+        found = self.call(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
+
+    def text(self, element: str) -> str:
+        """Return the text of an element by its id; empty while it is not there."""
+        return str(self.run(f"document.getElementById({element!r})?.textContent ?? ''"))
+
+    def shows(self, element: str, text: str) -> bool:
+        """Wait until an element has a text in it; return whether it does in time."""
+        return eventually(lambda: text in self.text(element))
+
+    def picture(self, path: Path | None = None) -> NDArray[np.uint8]:
+        """Return the window as `(height, width, 3)` RGB."""
+        data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        if path is not None:
+            path.write_bytes(data)
+        image: Any = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        return np.asarray(image[..., ::-1], dtype=np.uint8)
+
+
+@contextmanager
+def browser(folder: Path) -> Iterator[Page]:
+    """Start a browser with a profile in a folder; yield its page."""
+    path = browser_path()
+    assert path is not None
+    program = subprocess.Popen(
+        [path, *FLAGS, f"--user-data-dir={folder}", "about:blank"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    port_file = folder / "DevToolsActivePort"
+    try:
+        assert eventually(lambda: port_file.is_file() and "\n" in port_file.read_text(), 60)
+        port = port_file.read_text().splitlines()[0]
+        with connect_socket(_page_address(port), max_size=None) as socket:
+            yield Page(socket)
+    finally:
+        program.terminate()
+        try:
+            program.wait(10)
+        except subprocess.TimeoutExpired:
+            program.kill()
+            program.wait()
+
+
+def _page_address(port: str) -> str:
+    import httpx
+
+    def pages() -> list[dict[str, Any]]:
+        found = httpx.get(f"http://127.0.0.1:{port}/json", timeout=30).json()
+        return [one for one in found if one["type"] == "page"]
+
+    assert eventually(pages)
+    return str(pages()[0]["webSocketDebuggerUrl"])
