@@ -23,7 +23,7 @@ BAND = 0.9
 
 
 def expected_figures(recording: Recording, records: Sequence[SlotRecord]) -> Expected:
-    """Return the expected error of shown joints and, where the truth is known, how close it is to the actual error.
+    """Return the expected error of shown joints, against the actual one where truth is known.
 
     With truth in the recording's own skeleton also of the joints of people matched within 500 mm.
     """
