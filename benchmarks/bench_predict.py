@@ -17,15 +17,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.evaluate.drawing import check_svg
+from e3pose.model.skeleton import COCO17
 from e3pose.predict import PREDICTORS, make_predictor
-from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
+from e3pose.predict.attention_lstm import AttentionLstm
+from e3pose.predict.kernels.network import run_network
+from e3pose.predict.normalise import (
+    NUM_COMMON,
+    NUM_CONTEXT,
+    NUM_FEATURES,
+    Normalised,
+    normalise,
+    to_common,
+)
+from reference import attention_network as runtime
 
 Floats = NDArray[np.float64]
 Lines = dict[str, list[tuple[int, float | None]]]
 Curves = tuple[Lines, Lines]
 
 TARGETS_MS = {(4, 5): 1.0, (16, 5): 2.5}  # people and lead: median of attention-lstm
-TARGET_RATIO = 5.0  # eager torch by ONNX Runtime
 OURS, WITHOUT = "attention-lstm", "constant-velocity"
 PLOTTED_LEADS, PLOTTED_PEOPLE = (1, 2, 3, 5, 8, 10, 15), (1, 2, 4, 8, 16, 32, 64)
 HISTORY_SLOTS = 10
@@ -65,10 +75,11 @@ def torch_ms(num_people: int, leads: int, calls: int) -> float | None:
         import torch
     except ImportError:
         return None
-    from e3pose.learn.train.network import AttentionLstm, NetworkSettings
+    from e3pose.learn.train.network import AttentionLstm as Network
+    from e3pose.learn.train.network import NetworkSettings
 
     torch.set_num_threads(1)
-    network = AttentionLstm(NetworkSettings())
+    network = Network(NetworkSettings())
     network.eval()
     features = torch.zeros(HISTORY_SLOTS, num_people, NUM_FEATURES)
     context = torch.zeros(num_people, NUM_CONTEXT)
@@ -76,18 +87,30 @@ def torch_ms(num_people: int, leads: int, calls: int) -> float | None:
         return median_ms(lambda: network(features, context, leads), calls)
 
 
-def onnx_ms(num_people: int, leads: int, calls: int) -> float:
-    """Return the time of the network alone in ONNX Runtime."""
-    from e3pose.model.skeleton import COCO17
-    from e3pose.predict.attention_lstm import AttentionLstm
+def network_inputs(num_people: int) -> Normalised:
+    """Return what the network is given of people."""
+    predictor = AttentionLstm(COCO17)
+    return normalise(to_common(people(num_people), predictor.columns), 0.04, HISTORY_SLOTS)
 
-    session = AttentionLstm(COCO17).session
-    inputs = {
-        "features": np.zeros((HISTORY_SLOTS, num_people, 7 * NUM_COMMON), dtype=np.float32),
-        "context": np.zeros((num_people, NUM_CONTEXT), dtype=np.float32),
-        "num_leads": np.array([leads]),
-    }
-    return median_ms(lambda: session.run(None, inputs), calls)
+
+def kernel_ms(num_people: int, leads: int, calls: int) -> float:
+    """Return the time of the network alone as it is compiled here."""
+    normal, weights = network_inputs(num_people), AttentionLstm(COCO17).weights
+    places = np.empty((leads, num_people, 3 * NUM_COMMON), dtype=np.float32)
+    errors = np.empty((leads, num_people, NUM_COMMON), dtype=np.float32)
+    return median_ms(
+        lambda: run_network(weights, normal.features, normal.context, places, errors), calls
+    )
+
+
+def onnx_ms(num_people: int, leads: int, calls: int) -> float | None:
+    """Return the time of the network alone in ONNX Runtime, or None where that is missing."""
+    try:
+        session = runtime.open_session()
+    except ImportError:
+        return None
+    normal = network_inputs(num_people)
+    return median_ms(lambda: runtime.run_network(session, normal, leads), calls)
 
 
 def memory_mb(recording: Path, predictor: str) -> float:
@@ -187,16 +210,19 @@ def main() -> None:
 
 
 def print_networks(calls: int) -> list[dict[str, float | None]]:
-    """Print the network alone, in ONNX Runtime and in eager torch in the same run."""
+    """Print the network alone, compiled, in ONNX Runtime and in eager torch in the same run."""
     rows: list[dict[str, float | None]] = []
     for num_people in (4, 16):
+        ours = kernel_ms(num_people, 5, calls)
         graph, eager = onnx_ms(num_people, 5, calls), torch_ms(num_people, 5, calls)
-        rows.append({"people": num_people, "onnx_ms": graph, "torch_ms": eager})
-        torch = "no torch here to compare with: pip install 'e3pose[train]'"
-        if eager is not None:
-            torch = f"eager torch {eager:.3f} ms, {eager / graph:.1f} times it"
-            torch += f"  target {TARGET_RATIO:g} times" if num_people == 4 else ""
-        print(f"network alone, {num_people} people, lead 5: ONNX Runtime {graph:.3f} ms; {torch}")
+        rows.append({"people": num_people, "kernel_ms": ours, "onnx_ms": graph, "torch_ms": eager})
+        others = [
+            f"{name}: not installed"
+            if spent is None
+            else f"{name} {spent:.3f} ms, {spent / ours:.1f} times it"
+            for name, spent in (("ONNX Runtime", graph), ("eager torch", eager))
+        ]
+        print(f"network alone, {num_people} people, lead 5: {ours:.3f} ms; {'; '.join(others)}")
     return rows
 
 

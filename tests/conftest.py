@@ -37,9 +37,10 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     config = session.config
     if not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
         return
-    from e3pose.kernel import FILTER_SOURCES, sources_stamp
+    from e3pose.kernel import PREDICTOR_SOURCES, SELECTION_SOURCES, sources_stamp
 
-    stamp, cache = sources_stamp(FILTER_SOURCES), getattr(config, "cache", None)
+    stamp = sources_stamp((*SELECTION_SOURCES, *PREDICTOR_SOURCES))
+    cache = getattr(config, "cache", None)
     if cache is not None and cache.get(COMPILED, None) == stamp:
         return
     subprocess.run([sys.executable, "-c", COMPILE], check=True)

@@ -32,6 +32,10 @@ FILTER_SOURCES = (
     *sorted((_FILTER / "kernels").glob("*.py")),
     *(_FILTER / f"{name}.py" for name in FILTER_CONSTANTS),
 )
+PREDICTOR = "e3pose.predict."
+PREDICTOR_SOURCES = (*sorted((_PACKAGE / "predict" / "kernels").glob("*.py")), *SOURCES[-1:])
+SELECTION = "e3pose.select."
+SELECTION_SOURCES = (*sorted((_PACKAGE / "select" / "kernels").glob("*.py")), *FILTER_SOURCES)
 
 
 def sources_stamp(sources: tuple[Path, ...] = SOURCES) -> str:
@@ -42,12 +46,17 @@ def sources_stamp(sources: tuple[Path, ...] = SOURCES) -> str:
     return digest.hexdigest()
 
 
-_STAMP = sources_stamp()
-
-
 @cache
-def _filter_stamp() -> str:
-    return sources_stamp(FILTER_SOURCES)
+def _stamp_of(module: str) -> str:
+    """Return the digest for the kernels of a module."""
+    for start, sources in (
+        (FILTER, FILTER_SOURCES),
+        (PREDICTOR, PREDICTOR_SOURCES),
+        (SELECTION, SELECTION_SOURCES),
+    ):
+        if module.startswith(start):
+            return sources_stamp(sources)
+    return sources_stamp()
 
 
 def _or_nothing(load_index: Callable[[], dict[Any, str]]) -> Callable[[], dict[Any, str]]:
@@ -85,8 +94,7 @@ def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Resul
         # layout of memory.
         if not hasattr(cache_file, "_source_stamp"):
             raise AttributeError("numba keeps its stamp elsewhere")
-        of_filter = function.__module__.startswith(FILTER)
-        cache_file._source_stamp = _filter_stamp() if of_filter else _STAMP
+        cache_file._source_stamp = _stamp_of(function.__module__)
         cache_file._load_index = _or_nothing(cache_file._load_index)
     except (RuntimeError, AttributeError):  # nowhere to write, or another numba: compile each time
         dispatcher = numba.njit(**options)(function)

@@ -7,23 +7,27 @@ import json
 import numpy as np
 import pytest
 
-from e3pose.predict.calibration import Calibration
+from e3pose.predict.calibration import read_curves
+from e3pose.predict.kernels.tracks import Curves, calibrated
+
+
+def errors(curves: Curves, lead: int, log_errors: list[float]) -> list[float]:
+    return [calibrated(np.float32(log_error), lead, curves) for log_error in log_errors]
 
 
 def test_between_points_logarithms_are_linear_and_beyond_ratios_hold() -> None:
     curve = [[[-4.0, -3.0, -2.0], [-4.0, -3.0, -2.0]], [[-5.0, -3.0, -2.5], [-4.0, -3.0, -2.0]]]
-    calibration = Calibration({"error_factor": "[1.0]", "error_curve": json.dumps(curve)})
-    given = np.array([-6.0, -4.0, -3.5, -3.0, -2.5, -2.0, 0.0], dtype=np.float32)
-    bent = np.log(calibration(given[None, None].repeat(2, axis=0)))
-    np.testing.assert_allclose(bent[0, 0], [-7.0, -5.0, -4.0, -3.0, -2.75, -2.5, -0.5], atol=1e-6)
-    np.testing.assert_allclose(bent[1, 0], given, atol=1e-6)
+    curves = read_curves({"error_factor": "[1.0]", "error_curve": json.dumps(curve)})
+    given = [-6.0, -4.0, -3.5, -3.0, -2.5, -2.0, 0.0]
+    bent = np.log([errors(curves, lead, given) for lead in range(2)])
+    np.testing.assert_allclose(bent[0], [-7.0, -5.0, -4.0, -3.0, -2.75, -2.5, -0.5], atol=1e-6)
+    np.testing.assert_allclose(bent[1], given, atol=1e-6)
 
 
 def test_factors_alone_do_and_the_last_serves_later_leads() -> None:
-    calibration = Calibration({"error_factor": "[2.0, 3.0]"})
-    errors = calibration(np.zeros((4, 2, 5), dtype=np.float32))
-    np.testing.assert_allclose(errors[:, 1, 3], [2, 3, 3, 3])
-    assert calibration(np.zeros((4, 0, 5), dtype=np.float32)).shape == (4, 0, 5)
+    curves = read_curves({"error_factor": "[2.0, 3.0]"})
+    found = [errors(curves, lead, [0.0])[0] for lead in range(4)]
+    np.testing.assert_allclose(found, [2, 3, 3, 3])
 
 
 @pytest.mark.parametrize(
@@ -46,4 +50,4 @@ def test_factors_alone_do_and_the_last_serves_later_leads() -> None:
 )
 def test_nonsense_is_refused(factor: str, curve: str) -> None:
     with pytest.raises(ValueError):
-        Calibration({"error_factor": factor, "error_curve": curve})
+        read_curves({"error_factor": factor, "error_curve": curve})

@@ -1,9 +1,9 @@
-"""The paper's attention-LSTM predictor (section 3.2.1), run by ONNX Runtime on one thread."""
+"""The paper's attention-LSTM predictor (section 3.2.1), run by own kernels on one thread."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +12,26 @@ from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Prediction
-from e3pose.predict.calibration import Calibration
 from e3pose.predict.normalise import (
     COMMON_JOINTS,
+    LEFT_RIGHT,
     NUM_COMMON,
-    Normalised,
     common_columns,
-    fill_gaps,
     normalise,
     to_common,
-    to_world,
 )
+
+if TYPE_CHECKING:
+    from e3pose.predict.kernels.network import Weights
+    from e3pose.predict.kernels.tracks import Curves
+    from e3pose.predict.weights_file import WeightsFile
 
 Floats = NDArray[np.float64]
 
 SHIPPED = Path(__file__).parent / "weights" / "attention-lstm.onnx"
 FORMAT = "e3pose attention-lstm"
 FORMAT_VERSION = "2"
+INPUTS, OUTPUTS = ("features", "context", "num_leads"), ("places", "log_error")
 MAX_WEIGHTS_BYTES = 64 * 2**20
 MAX_HISTORY_SLOTS = 1000
 MAX_LEADS = 60  # later slots repeat the last of these: nothing is known of them any more
@@ -43,20 +46,27 @@ class AttentionLstm:
     """
 
     def __init__(self, skeleton: Skeleton, weights: Path = SHIPPED) -> None:
-        self.session, properties = _load(weights)
-        self.history_slots = int(properties["history_slots"])
-        self.calibration = Calibration(properties)
+        from e3pose.predict.kernels.network import run_network
+        from e3pose.predict.kernels.tracks import Joints, place_tracks
+
+        self.weights, self.curves, self.history_slots = _load(weights)
         self.num_joints = len(skeleton)
-        self.columns = common_columns(skeleton)
-        if not any(self.columns):
+        columns = common_columns(skeleton)
+        if not (columns >= 0).any():
             raise InputError(
                 f"{weights}: skeleton: found {skeleton.name}, "
                 f"expected one with any of {', '.join(COMMON_JOINTS)}"
             )
-        direct = [(i, chosen[0]) for i, chosen in enumerate(self.columns) if len(chosen) == 1]
-        self.from_common = [common for common, _ in direct]
-        self.to_joints = [joint for _, joint in direct]
-        self.carried = [j for j in range(self.num_joints) if j not in set(self.to_joints)]
+        direct = np.where((columns >= 0).sum(axis=1) == 1, columns[:, 0], -1)
+        carried = np.setdiff1d(np.arange(self.num_joints), direct)
+        self.columns = columns
+        self.joints = Joints(
+            self.columns,
+            direct,
+            carried,
+            np.array(LEFT_RIGHT, dtype=np.int64),
+        )
+        self._network, self._place = run_network, place_tracks
 
     def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """See `Predictor.predict`."""
@@ -72,69 +82,55 @@ class AttentionLstm:
         self, history_m: Floats, interval_s: float, joints_m: Floats, error_m: Floats
     ) -> None:
         """Fill `joints_m` and `error_m` with the prediction of some tracks."""
-        history_m = history_m[-self.history_slots :]
+        history_m = np.ascontiguousarray(history_m[-self.history_slots :], dtype=np.float64)
         common = to_common(history_m, self.columns)
         normal = normalise(common, interval_s, self.history_slots)
-        leads = min(len(joints_m), MAX_LEADS)
-        places, log_error = _run(self.session, normal, leads)
-        axes_last = places.reshape(leads, -1, 3, NUM_COMMON).swapaxes(-1, -2)
-        world = to_world(normal, axes_last.astype(np.float64))
-        expected = self.calibration(log_error)
-        unseen = ~normal.seen
-        world[:, unseen], expected[:, unseen] = np.nan, np.nan
-        joints_m[:leads, :, self.to_joints] = world[:, :, self.from_common]
-        error_m[:leads, :, self.to_joints] = expected[:, :, self.from_common]
-        if self.carried:
-            self._carry(normal, history_m[:, :, self.carried], world, expected, joints_m, error_m)
-        joints_m[leads:], error_m[leads:] = joints_m[leads - 1], error_m[leads - 1]
-
-    def _carry(
-        self,
-        normal: Normalised,
-        others_m: Floats,
-        world_m: Floats,
-        expected_m: Floats,
-        joints_m: Floats,
-        error_m: Floats,
-    ) -> None:
-        """Move every other joint as the common joint moves that is nearest to it now."""
-        filled, measured = fill_gaps(others_m)
-        newest = filled[-1]
-        apart = np.square(newest[:, :, None] - normal.newest_m[:, None]).sum(axis=-1)
-        apart[~np.broadcast_to(normal.seen[:, None], apart.shape)] = np.inf
-        nearest = apart.argmin(axis=-1)
-        row = np.arange(len(nearest))[:, None]
-        leads = len(world_m)
-        moved = world_m[:, row, nearest] + (newest - normal.newest_m[row, nearest])
-        known = normal.seen.any(axis=1)
-        moved[:, ~known] = newest[~known]
-        never = ~measured.any(axis=0)
-        moved[:, never] = np.nan
-        error = expected_m[:, row, nearest]
-        error[:, never] = np.nan
-        joints_m[:leads, :, self.carried] = moved
-        error_m[:leads, :, self.carried] = error
+        known = min(len(joints_m), MAX_LEADS)
+        places = np.empty((known, *normal.seen.shape[:1], 3 * NUM_COMMON), dtype=np.float32)
+        log_error = np.empty((known, *normal.seen.shape), dtype=np.float32)
+        self._network(self.weights, normal.features, normal.context, places, log_error)
+        self._place(
+            places,
+            log_error,
+            normal.centre_m,
+            normal.heading,
+            normal.seen,
+            normal.newest_m,
+            history_m,
+            self.joints,
+            self.curves,
+            joints_m,
+            error_m,
+        )
 
 
-def _load(weights: Path) -> tuple[Any, dict[str, str]]:
-    """Return a session of the network in `weights` and its properties, or raise `InputError`."""
-    import onnxruntime as ort
+def _load(path: Path) -> tuple[Weights, Curves, int]:
+    """Return the weights, the calibration and the slots of history of a network.
 
-    content = read_bytes(weights, MAX_WEIGHTS_BYTES)
-    options = ort.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 4
+    Raises:
+        InputError: for a file that is missing, damaged, or of another kind.
+    """
+    from e3pose.predict.weights_file import history_slots, network_weights, read_file
+
+    content = read_bytes(path, MAX_WEIGHTS_BYTES)
     try:
-        session = ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-        properties = dict(session.get_modelmeta().custom_metadata_map)
-    except Exception as error:  # ONNX Runtime raises its own kinds, none of them public
-        raise InputError(f"{weights}: found no readable network, expected ONNX") from error
-    _check(weights, session, properties)
-    return session, properties
+        file = read_file(content)
+    except (ValueError, KeyError) as error:
+        raise InputError(f"{path}: found no readable network, expected ONNX") from error
+    _check(path, file)
+    curves = _curves(path, file.properties)
+    try:
+        weights = network_weights(file)
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: network: expected one of e3pose, found {error}") from error
+    return weights, curves, history_slots(file)
 
 
-def _check(weights: Path, session: Any, properties: dict[str, str]) -> None:
+def _check(path: Path, file: WeightsFile) -> None:
+    """Raise `InputError` for a network of another kind."""
+    from e3pose.predict.weights_file import history_slots
+
+    properties = file.properties
     for key, wanted in (
         ("format", FORMAT),
         ("version", FORMAT_VERSION),
@@ -142,34 +138,24 @@ def _check(weights: Path, session: Any, properties: dict[str, str]) -> None:
     ):
         if properties.get(key) != wanted:
             found = properties.get(key, "nothing")[:200]
-            raise InputError(f"{weights}: {key}: found {found}, expected {wanted}")
-    slots = properties.get("history_slots", "nothing")
-    shape = {item.name: item.shape for item in session.get_inputs()}.get("features", [None])
-    if not (slots.isdecimal() and 3 <= int(slots) <= MAX_HISTORY_SLOTS and shape[0] == int(slots)):
+            raise InputError(f"{path}: {key}: found {found}, expected {wanted}")
+    slots, own = properties.get("history_slots", "nothing"), history_slots(file)
+    if slots != str(own) or not 3 <= own <= MAX_HISTORY_SLOTS:
         raise InputError(
-            f"{weights}: history_slots: found {slots[:20]}, expected the {shape[0]} of the network"
+            f"{path}: history_slots: found {slots[:20]}, expected the {own} of the network"
         )
+    if (file.inputs, file.outputs) != (INPUTS, OUTPUTS):
+        found = ", ".join((*file.inputs, *file.outputs))[:200]
+        wanted_names = ", ".join((*INPUTS, *OUTPUTS))
+        raise InputError(f"{path}: network: found {found}, expected {wanted_names}")
+
+
+def _curves(path: Path, properties: dict[str, str]) -> Curves:
+    from e3pose.predict.calibration import read_curves
+
     for key in ("error_factor", "error_curve"):
         try:
-            Calibration({"error_factor": "[1.0]", key: properties.get(key, "null")})
+            read_curves({"error_factor": "[1.0]", key: properties.get(key, "null")})
         except (ValueError, TypeError) as error:
-            raise InputError(f"{weights}: {key}: {error}") from error
-    nobody_moves = normalise(np.zeros((int(slots), 1, NUM_COMMON, 3)), 1.0, int(slots))
-    try:
-        outputs = _run(session, nobody_moves, 2)
-    except Exception as error:
-        raise InputError(f"{weights}: network: does not run, expected one of e3pose") from error
-    shapes = [output.shape for output in outputs]
-    if shapes != [(2, 1, 3 * NUM_COMMON), (2, 1, NUM_COMMON)]:
-        raise InputError(f"{weights}: network: found outputs of shapes {shapes}")
-
-
-def _run(session: Any, normal: Normalised, leads: int) -> list[NDArray[np.float32]]:
-    """Return places and logarithms of expected errors, shaped as `learn.train.export` says."""
-    inputs = {
-        "features": normal.features,
-        "context": normal.context,
-        "num_leads": np.array([leads]),
-    }
-    outputs: list[NDArray[np.float32]] = session.run(["places", "log_error"], inputs)
-    return outputs
+            raise InputError(f"{path}: {key}: {error}") from error
+    return read_curves(properties)

@@ -1,0 +1,280 @@
+"""The attention-LSTM network forward (paper section 3.2.1), as `learn.train.network` has it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.kernel import kernel
+from e3pose.predict.kernels.layers import (
+    add_product,
+    linear,
+    lstm_cell,
+    place_beside,
+    rectify,
+    sigmoid,
+    soften,
+    tanh,
+)
+
+Floats32 = NDArray[np.float32]
+
+HUNDREDTH, TEN = np.float32(0.01), np.float32(10)
+
+
+class Weights(NamedTuple):
+    """All weights in single precision; matrices are `(inputs, outputs)`, gates as `lstm_cell` has.
+
+    With `A` outputs of an attention, `H` the width of the LSTMs, `C` common joints, `M` slots of
+    history and `E` experts.
+    """
+
+    look: Floats32  # (7 C, A) input attention, of features
+    look_bias: Floats32  # (A,)
+    look_hidden: Floats32  # (H, A) of the encoder's state
+    weigh: Floats32  # (A, C)
+    weigh_bias: Floats32  # (C,)
+    encoder: Floats32  # (7 C + 4 + H, 4 H) of attended features, context and state
+    encoder_bias: Floats32  # (4 H,)
+    key: Floats32  # (H, A) temporal attention
+    key_bias: Floats32  # (A,)
+    smooth: Floats32  # (4 + H, 2 (M - 1) C)
+    smooth_bias: Floats32
+    expert: Floats32  # (3 C M, 6 C E)
+    expert_bias: Floats32
+    gate: Floats32  # (4 + H, E)
+    gate_bias: Floats32
+    entry_context: Floats32  # (4, H)
+    entry_bias: Floats32  # (H,)
+    doubt_context: Floats32  # (4, A)
+    doubt_bias: Floats32  # (A,)
+    query: Floats32  # (2 H, A)
+    energy: Floats32  # (A, 1)
+    entry: Floats32  # (6 C + H, H)
+    decoder: Floats32  # (2 H, 4 H) of entry and state
+    decoder_bias: Floats32  # (4 H,)
+    read: Floats32  # (2 H, H)
+    read_bias: Floats32  # (H,)
+    regress: Floats32  # (H, 4 C)
+    regress_bias: Floats32  # (4 C,)
+    doubt: Floats32  # (2 H, A)
+    error: Floats32  # (A, C)
+    error_bias: Floats32  # (C,)
+    couple: Floats32  # (6 C, 3 C)
+
+
+@kernel
+def run_network(
+    weights: Weights,
+    features: Floats32,
+    context: Floats32,
+    places: Floats32,
+    log_error: Floats32,
+) -> None:
+    """Predict.
+
+    Args:
+        weights: of the network.
+        features: `(M, num_tracks, 7 C)`, see `normalise.Normalised`.
+        context: `(num_tracks, 4)`.
+        places: `(num_leads, num_tracks, 3 C)`, filled: metres in the people's frames, all x before
+            all y before all z.
+        log_error: `(num_leads, num_tracks, C)`, filled: logarithm of the expected error.
+    """
+    num_slots, num_tracks, _ = features.shape
+    size, num_joints = len(weights.read_bias), len(weights.weigh_bias)
+    hidden = np.zeros((num_tracks, size), np.float32)
+    cell = np.zeros((num_tracks, size), np.float32)
+    encoded = np.empty((num_slots, num_tracks, size), np.float32)
+    _encode(weights, features, context, hidden, cell, encoded)
+    keys = np.empty((num_slots * num_tracks, len(weights.key_bias)), np.float32)
+    linear(encoded.reshape(-1, size), weights.key, weights.key_bias, keys)
+    # Places and then motions, where the decoder starts.
+    moving = np.empty((num_tracks, 6 * num_joints), np.float32)
+    _start(weights, features, context, hidden, moving)
+    entry = np.empty((num_tracks, size), np.float32)
+    doubt = np.empty((num_tracks, len(weights.doubt_bias)), np.float32)
+    attended = np.empty((num_tracks, size), np.float32)
+    for lead in range(len(places)):
+        _attend(weights, hidden, cell, keys, encoded, attended)
+        linear(context, weights.entry_context, weights.entry_bias, entry)
+        linear(context, weights.doubt_context, weights.doubt_bias, doubt)
+        _decode(weights, context, attended, entry, doubt, hidden, cell, moving, log_error[lead])
+        for track in range(num_tracks):
+            speed = HUNDREDTH * np.float32(math.exp(context[track, 0]))
+            usual = math.log(0.002 + 0.5 * speed * (lead + 1))
+            for joint in range(num_joints):
+                log_error[lead, track, joint] += usual
+            for axis in range(3 * num_joints):
+                places[lead, track, axis] = moving[track, axis]
+
+
+@kernel
+def _encode(
+    weights: Weights,
+    features: Floats32,
+    context: Floats32,
+    hidden: Floats32,
+    cell: Floats32,
+    encoded: Floats32,
+) -> None:
+    """Read the slots one after another, each joint as the input attention weighs it."""
+    num_slots, num_tracks, num_features = features.shape
+    num_joints, num_context, size = len(weights.weigh_bias), context.shape[1], hidden.shape[1]
+    width = len(weights.look_bias)
+    looks = np.empty((num_slots * num_tracks, width), np.float32)
+    linear(features.reshape(-1, num_features), weights.look, weights.look_bias, looks)
+    shares = np.empty((num_tracks, num_joints), np.float32)
+    entry = np.empty((num_tracks, num_features + num_context + size), np.float32)
+    gates = np.empty((num_tracks, 4 * size), np.float32)
+    for slot in range(num_slots):
+        look = looks[slot * num_tracks : (slot + 1) * num_tracks]
+        add_product(hidden, weights.look_hidden, look)
+        for track in range(num_tracks):
+            row = look[track]
+            for j in range(width):
+                row[j] = tanh(row[j])
+        linear(look, weights.weigh, weights.weigh_bias, shares)
+        for track in range(num_tracks):
+            soften(shares[track])
+            for j in range(num_features):
+                share = np.float32(num_joints) * shares[track, j % num_joints]
+                entry[track, j] = features[slot, track, j] * share
+        place_beside(context, num_features, entry)
+        place_beside(hidden, num_features + num_context, entry)
+        linear(entry, weights.encoder, weights.encoder_bias, gates)
+        lstm_cell(gates, hidden, cell)
+        for track in range(num_tracks):
+            for j in range(size):
+                encoded[slot, track, j] = hidden[track, j]
+
+
+@kernel
+def _start(
+    weights: Weights, features: Floats32, context: Floats32, hidden: Floats32, moving: Floats32
+) -> None:
+    """Fill the first places and motions `(num_tracks, 6 C)`: smoothed, and what experts find."""
+    num_slots, num_tracks, _ = features.shape
+    num_joints, num_context, size = len(weights.weigh_bias), context.shape[1], hidden.shape[1]
+    axes, experts = 3 * num_joints, len(weights.gate_bias)
+    summary = np.empty((num_tracks, num_context + size), np.float32)
+    evidence = np.empty((num_tracks, axes * num_slots), np.float32)
+    for track in range(num_tracks):
+        speed = HUNDREDTH * np.float32(math.exp(context[track, 0]))
+        for j in range(axes):
+            evidence[track, j] = features[-1, track, j]
+            for slot in range(1, num_slots):
+                evidence[track, slot * axes + j] = TEN * speed * features[slot, track, axes + j]
+    place_beside(context, 0, summary)
+    place_beside(hidden, num_context, summary)
+    kernels = np.empty((num_tracks, len(weights.smooth_bias)), np.float32)
+    found = np.empty((num_tracks, len(weights.expert_bias)), np.float32)
+    shares = np.empty((num_tracks, experts), np.float32)
+    linear(summary, weights.smooth, weights.smooth_bias, kernels)
+    linear(evidence, weights.expert, weights.expert_bias, found)
+    linear(summary, weights.gate, weights.gate_bias, shares)
+    half = (num_slots - 1) * num_joints
+    for track in range(num_tracks):
+        speed = HUNDREDTH * np.float32(math.exp(context[track, 0]))
+        soften(shares[track])
+        for j in range(axes):
+            place, motion = features[-1, track, j], features[-1, track, axes + j]
+            change, offset = np.float32(0), np.float32(0)
+            for slot in range(1, num_slots):
+                at, paced = (
+                    (slot - 1) * num_joints + j % num_joints,
+                    features[slot, track, axes + j],
+                )
+                change += kernels[track, at] * paced
+                offset += kernels[track, half + at] * paced
+            fix, push = np.float32(0), np.float32(0)
+            for expert in range(experts):
+                fix += shares[track, expert] * found[track, 2 * axes * expert + j]
+                push += shares[track, expert] * found[track, 2 * axes * expert + axes + j]
+            moving[track, j] = place + speed * offset + fix
+            moving[track, axes + j] = motion + change + push / speed
+
+
+@kernel
+def _attend(
+    weights: Weights,
+    hidden: Floats32,
+    cell: Floats32,
+    keys: Floats32,
+    encoded: Floats32,
+    attended: Floats32,
+) -> None:
+    """Fill `attended` `(num_tracks, H)`: encoded slots by temporal attention."""
+    num_slots, num_tracks, size = encoded.shape
+    both = np.empty((num_tracks, 2 * size), np.float32)
+    place_beside(hidden, 0, both)
+    place_beside(cell, size, both)
+    query = np.zeros((num_tracks, keys.shape[1]), np.float32)
+    add_product(both, weights.query, query)
+    share = np.empty(num_slots, np.float32)
+    sight = np.empty(keys.shape[1], np.float32)
+    for track in range(num_tracks):
+        for slot in range(num_slots):
+            key = keys[slot * num_tracks + track]
+            for j in range(len(sight)):
+                sight[j] = tanh(key[j] + query[track, j])
+            share[slot] = np.float32(0)
+            for j in range(len(sight)):
+                share[slot] += sight[j] * weights.energy[j, 0]
+        soften(share)
+        for j in range(size):
+            attended[track, j] = np.float32(0)
+        for slot in range(num_slots):
+            for j in range(size):
+                attended[track, j] += share[slot] * encoded[slot, track, j]
+
+
+@kernel
+def _decode(
+    weights: Weights,
+    context: Floats32,
+    attended: Floats32,
+    entry: Floats32,
+    doubt: Floats32,
+    hidden: Floats32,
+    cell: Floats32,
+    moving: Floats32,
+    error: Floats32,
+) -> None:
+    """Move everybody on by one slot; `entry` and `doubt` hold what the context adds to them."""
+    num_tracks, size = hidden.shape
+    num_joints = len(weights.weigh_bias)
+    axes = 3 * num_joints
+    fed = np.empty((num_tracks, 2 * axes + size), np.float32)
+    place_beside(moving, 0, fed)
+    place_beside(attended, 2 * axes, fed)
+    add_product(fed, weights.entry, entry)
+    rectify(entry)
+    both = np.empty((num_tracks, 2 * size), np.float32)
+    place_beside(entry, 0, both)
+    place_beside(hidden, size, both)
+    gates = np.empty((num_tracks, 4 * size), np.float32)
+    linear(both, weights.decoder, weights.decoder_bias, gates)
+    lstm_cell(gates, hidden, cell)
+    place_beside(hidden, 0, both)
+    place_beside(attended, size, both)
+    reading = np.empty((num_tracks, size), np.float32)
+    linear(both, weights.read, weights.read_bias, reading)
+    rectify(reading)
+    result = np.empty((num_tracks, 4 * num_joints), np.float32)
+    linear(reading, weights.regress, weights.regress_bias, result)
+    add_product(both, weights.doubt, doubt)
+    rectify(doubt)
+    linear(doubt, weights.error, weights.error_bias, error)
+    coupled = np.zeros((num_tracks, axes), np.float32)
+    add_product(moving, weights.couple, coupled)
+    for track in range(num_tracks):
+        speed = HUNDREDTH * np.float32(math.exp(context[track, 0]))
+        for j in range(axes):
+            kept = sigmoid(result[track, axes + j % num_joints])
+            motion = moving[track, axes + j] * kept + result[track, j] + coupled[track, j]
+            moving[track, axes + j] = motion
+            moving[track, j] += speed * motion
