@@ -264,11 +264,9 @@ def _reasons(situation: Situation, decision: Selection) -> Reasons | None:
     foresight = situation.foresight
     if foresight is None:
         return None
-    one = np.eye(len(decision), dtype=bool)
-    information = foresight.information(np.concatenate([decision | one, decision & ~one]))
-    with_each, without_each = np.split(information, 2)
-    error_m = foresight.expected_error_m(decision[None])[0]
-    return Reasons(situation.slot, with_each - without_each, situation.price, float(error_m))
+    gains_nats = foresight.gains_nats(decision)
+    error_m = float(foresight.expected_error_m(decision[None])[0])
+    return Reasons(situation.slot, gains_nats, situation.price, error_m)
 
 
 def _look(

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.reference.expected_information import freshness
 from tests.rigs import looking
 
 from e3pose.estimate.base import Outlook
@@ -16,12 +17,8 @@ from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import project
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.uncertainty import expected_distance_m
-from e3pose.select.expected_information import (
-    BEHIND_SHARE,
-    Foresight,
-    foresee,
-    freshness,
-)
+from e3pose.select.expected_information import Foresight, foresee
+from e3pose.select.kernels.foresight import BEHIND_SHARE
 
 Floats = NDArray[np.float64]
 
@@ -230,7 +227,7 @@ def test_what_is_known_is_carried_as_a_kalman_filter_would(num_ordered: int) -> 
                 covariance[joint] = (np.eye(6) - gain @ J) @ covariance[joint]
             since_s[camera] = 0.0
     expected = np.linalg.inv(covariance[:, :3, :3])[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-    np.testing.assert_allclose(found.prior[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(found.prior[0], expected, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.fresh[:, 0], freshness(since_s, ErrorMemory()))
 
 

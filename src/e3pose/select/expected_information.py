@@ -17,23 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter.bias import inflation, memory_terms
-from e3pose.estimate.filter.blindness import PLAIN
+from e3pose.estimate.filter.bias import memory_terms
 from e3pose.geometry.camera import Rig
-from e3pose.geometry.projection import MIN_DEPTH_M, project
-from e3pose.model.noise import ErrorMemory
-from e3pose.model.uncertainty import mean_distance
 from e3pose.select.hidden_people import HiddenPeople, expected_hidden
 from e3pose.select.newcomers import Entrants, expected_entrants
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-# Of the information about a joint that lies in the box of somebody nearer. A box is about half
-# filled by its body.
-BEHIND_SHARE = 0.5
-BEHIND_M = 0.1  # nearer than this two people stand side by side
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # of a symmetric matrix, as stored here
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,28 +65,36 @@ class Foresight:
         Args:
             subsets: `(num_subsets, num_cameras)`.
         """
-        if self.prior.size == 0:
-            return np.zeros(len(subsets))
-        after = self._after(subsets, self.views * self.fresh[..., None, None])
-        gain = np.log(_det(after)) - np.log(_det(self.prior.reshape(-1, 6)))
-        weights = np.repeat(self.weights, self.prior.shape[1])
-        return np.asarray(gain @ weights / max(weights.sum(), 1e-9) / 2)
+        from e3pose.select.kernels.foresight import information
+
+        nats = np.zeros(len(subsets))
+        if self.prior.size:
+            information(self.prior, self.views, self.fresh, self.weights, subsets, nats)
+        return nats
+
+    def gains_nats(self, chosen: Flags) -> Floats:
+        """Return `(num_cameras,)` nats a joint that each camera adds to the others of a set.
+
+        Args:
+            chosen: `(num_cameras,)`.
+        """
+        from e3pose.select.kernels.foresight import gains
+
+        nats = np.zeros(len(chosen))
+        if self.prior.size:
+            gains(self.prior, self.views, self.fresh, self.weights, chosen, nats)
+        return nats
 
     def expected_error_m(self, subsets: Flags) -> Floats:
         """Return `(num_subsets,)` metres: the mean distance of shown joints from the truth.
 
         It is what the estimator will state after the views, and NaN when nobody is shown.
         """
-        shown = np.repeat(self.confirmed, self.prior.shape[1])
-        if not shown.any():
-            return np.full(len(subsets), np.nan)
-        after = self._after(subsets, self.views * self.counted[..., None, None])[:, shown]
-        return np.asarray(_distance(after).mean(axis=-1))
+        from e3pose.select.kernels.foresight import errors
 
-    def _after(self, subsets: Flags, views: Floats) -> Floats:
-        """Return `(num_subsets, num_tracks * num_joints, 6)`."""
-        added = subsets.astype(np.float64) @ views.reshape(len(views), -1)
-        return np.asarray((added + self.prior.reshape(-1)).reshape(len(subsets), -1, 6))
+        error_m = np.empty(len(subsets))
+        errors(self.prior, self.views, self.counted, self.confirmed, subsets, error_m)
+        return error_m
 
 
 def foresee(
@@ -114,40 +112,45 @@ def foresee(
         ordered: `(num_ordered, num_cameras)` from the next slot to the one before that which is
             decided: the cameras that are already ordered; None where it is the next one.
     """
-    from e3pose.estimate.filter.kernels.carry import carry
+    from e3pose.select.kernels.foresight import Autocorrelation, foresee_views
 
-    pixels, depth, jacobian = project(outlook.joints_m, rig.projections)
-    inside, in_front = _inside(rig, pixels, depth), _in_front(pixels, depth)
-    seen = inside * in_front
-    weight = seen / outlook.sigma_px[:, None, None] ** 2
-    weight = weight * outlook.delivered.T[..., None]
-    full = np.stack([(jacobian[..., a] * jacobian[..., b]).sum(axis=-1) for a, b in UPPER], axis=-1)
-    full = full * weight[..., None]  # (num_cameras, num_tracks, num_joints, 6)
+    memory = outlook.memory
     if ordered is None:
         ordered = np.zeros((0, len(rig)), dtype=bool)
-    prior = np.empty(full.shape[1:])
-    terms = memory_terms(outlook.memory)
-    since_s = outlook.last_seen_s.copy()
-    carry(
+    num_tracks, num_joints, _ = outlook.joints_m.shape
+    prior = np.empty((num_tracks, num_joints, 6))
+    views = np.empty((len(rig), *prior.shape))
+    shown, counted, fresh = np.empty((3, len(rig), num_tracks))
+    foresee_views(
+        np.ascontiguousarray(outlook.joints_m),
+        rig.projections,
+        rig.image_sizes,
+        outlook.sigma_px,
+        np.ascontiguousarray(outlook.delivered),
+        np.ascontiguousarray(outlook.shows),
         outlook.covariance,
         outlook.drift_m2ps3,
         outlook.velocity_lasts_s,
+        memory_terms(memory),
+        Autocorrelation(memory.quick_share, memory.quick_s, memory.lasting_share, memory.lasting_s),
         interval_s,
-        terms,
         ordered if outlook.remembers else np.zeros_like(ordered),
-        full,
-        since_s,
+        outlook.last_seen_s.copy(),
+        views,
+        shown,
         prior,
+        counted,
+        fresh,
     )
     return Foresight(
         track_ids=outlook.track_ids,
         confirmed=outlook.confirmed,
         prior=prior,
-        views=full,
-        counted=1 / inflation(since_s.T, terms),
-        fresh=freshness(since_s.T, outlook.memory),
+        views=views,
+        counted=counted,
+        fresh=fresh,
         weights=outlook.delivered.max(axis=1, initial=0.0),
-        hidden=expected_hidden(outlook.needed, _shown(outlook, inside, in_front), ordered),
+        hidden=expected_hidden(outlook.needed, shown, ordered),
         entrants=expected_entrants(
             rig,
             outlook.unexplained,
@@ -157,58 +160,3 @@ def foresee(
             ordered,
         ),
     )
-
-
-def freshness(last_seen_s: Floats, memory: ErrorMemory) -> Floats:
-    """Return the share of a view's information that is new, so long after the one before.
-
-    Two measurements whose errors correlate by r tell (1 - r) / (1 + r) more than one; r is the
-    autocorrelation of the detector's errors.
-    """
-    r = memory.quick_share * np.exp(-last_seen_s / memory.quick_s)
-    r = r + memory.lasting_share * np.exp(-last_seen_s / memory.lasting_s)
-    return np.asarray((1 - r) / (1 + r))
-
-
-def _shown(outlook: Outlook, inside: Flags, in_front: Floats) -> Floats:
-    """Return `(num_cameras, num_tracks)`: how likely a look shows somebody who is there.
-
-    As the filter counts: a view should show a person of whom enough joints lie inside the image.
-    """
-    from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
-
-    enough = inside.sum(axis=-1) >= INSIDE_JOINTS
-    return np.asarray(PLAIN * outlook.shows.T * enough * in_front.mean(axis=-1))
-
-
-def _inside(rig: Rig, pixels: Floats, depth: Floats) -> Flags:
-    inside = ((pixels > 0) & (pixels < rig.image_sizes[:, None, None])).all(axis=-1)
-    return np.asarray(inside & (depth > MIN_DEPTH_M))
-
-
-def _in_front(pixels: Floats, depth: Floats) -> Floats:
-    """Return `(num_cameras, num_tracks, num_joints)`: 1, or less behind the box of somebody."""
-    low, high = pixels.min(axis=2), pixels.max(axis=2)  # (num_cameras, num_tracks, 2)
-    others = (slice(None), None, None, slice(None))
-    within = (pixels[:, :, :, None] > low[others]) & (pixels[:, :, :, None] < high[others])
-    distance = depth.mean(axis=-1)
-    nearer = (distance[:, None] < distance[..., None] - BEHIND_M) & (distance[:, None] > 0)
-    hidden = (within.all(axis=-1) & nearer[:, :, None, :]).any(axis=-1)
-    return np.where(hidden, BEHIND_SHARE, 1.0)
-
-
-def _det(m: Floats) -> Floats:
-    xx, xy, xz, yy, yz, zz = np.moveaxis(m, -1, 0)
-    return np.asarray(
-        xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
-    )
-
-
-def _distance(information: Floats) -> Floats:
-    """Return the expected distance for information matrices `(*batch, 6)`, in closed form."""
-    xx, xy, xz, yy, yz, zz = np.moveaxis(information, -1, 0)
-    minors = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz
-    det = _det(information)
-    total = minors / det  # the trace of the inverse
-    squared = total**2 - 2 * (xx + yy + zz) / det  # the trace of its square
-    return mean_distance(total, total**2 / squared)

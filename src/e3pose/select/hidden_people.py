@@ -46,7 +46,11 @@ class HiddenPeople:
         Args:
             subsets: `(num_subsets, num_cameras)`.
         """
-        return np.asarray((self.hidden * (1 - _all_miss(self.shown, subsets))).sum(axis=-1))
+        from e3pose.select.kernels.people import revealed
+
+        people = np.empty(len(subsets))
+        revealed(self.hidden, self.shown, subsets, people)
+        return people
 
 
 def expected_hidden(needed: Flags, shown: Floats, ordered: Flags) -> HiddenPeople:
@@ -57,10 +61,8 @@ def expected_hidden(needed: Flags, shown: Floats, ordered: Flags) -> HiddenPeopl
         shown: `(num_cameras, num_tracks)` in [0, 1]: how likely each camera shows somebody there.
         ordered: `(num_ordered, num_cameras)` cameras of the next slots.
     """
-    useful = shown * needed.T
-    return HiddenPeople(_all_miss(useful, ordered).prod(axis=0), useful)
+    from e3pose.select.kernels.people import hide
 
-
-def _all_miss(shown: Floats, subsets: Flags) -> Floats:
-    """Return `(num_subsets, num_tracks)`: how likely all cameras of a set miss somebody there."""
-    return np.asarray((1 - subsets[:, :, None] * shown).prod(axis=1))
+    useful, hidden = shown.copy(), np.empty(len(needed))
+    hide(useful, needed, ordered, hidden)
+    return HiddenPeople(hidden, useful)

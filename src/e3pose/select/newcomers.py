@@ -17,8 +17,6 @@ from e3pose.geometry.camera import Rig
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# Of a start: what one look is worth that leaves the other half to a later one.
-FIRST_LOOK = 0.5
 OVERLAP_DEPTHS_M = np.arange(1.0, 9.0, 0.5)
 PERSON_M = 2.0  # up to which height people are seen
 
@@ -50,15 +48,11 @@ class Entrants:
         Args:
             subsets: `(num_subsets, num_cameras)`.
         """
-        total = np.zeros(len(subsets))
-        for shares, partners, weight in zip(self.shares, self.partners, self.weights, strict=True):
-            seen = subsets * shares
-            highest = np.sort(seen, axis=1)[:, -2:]
-            together = highest.prod(axis=1) if subsets.shape[1] > 1 else 0.0
-            with_partner = (seen * partners).max(axis=1)
-            first = FIRST_LOOK * highest[:, -1]
-            total += weight * np.maximum(np.maximum(together, with_partner), first)
-        return total
+        from e3pose.select.kernels.people import started
+
+        people = np.empty(len(subsets))
+        started(self.shares, self.partners, self.weights, subsets, people)
+        return people
 
 
 def expected_entrants(
@@ -80,38 +74,22 @@ def expected_entrants(
         interval_s: seconds per slot.
         ordered: `(num_ordered, num_cameras)` cameras of the next slots.
     """
+    from e3pose.select.kernels.people import pair_looks
+
     sources = np.flatnonzero(unexplained)
     if len(sources) == 0:
         return Entrants.nobody(len(rig))
-    shares = np.maximum(overlap(rig), np.eye(len(rig)))[sources]
+    shares = reach(rig)[sources]
     partners, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
-    ages_s = [interval_s * (len(ordered) - ahead) for ahead in range(len(ordered))]
+    ages_s = np.empty(1 + len(ordered))
+    ages_s[1:] = interval_s * np.arange(len(ordered), 0, -1)
+    seen = np.empty((1 + len(ordered), len(rig)))
     for row, source in enumerate(sources):
-        looks = [(float(age_s[source]), np.eye(len(rig))[source])]
-        looks += [
-            (age, shares[row] * cameras) for age, cameras in zip(ages_s, ordered, strict=True)
-        ]
-        met = 0.0
-        for index, (age, seen) in enumerate(looks):
-            recent = [other for earlier, other in looks[:index] if earlier - age <= wait_s]
-            met = max(met, _pair(seen, np.max([seen, *recent], axis=0)))
-            if age <= wait_s:
-                partners[row] = np.maximum(partners[row], _of_others(seen))
-        weights[row] *= 1 - met
+        ages_s[0] = age_s[source]
+        seen[0], seen[1:] = 0.0, shares[row] * ordered
+        seen[0, source] = 1.0
+        weights[row] *= 1 - pair_looks(seen, ages_s, wait_s, partners[row])
     return Entrants(shares, partners, weights)
-
-
-def _pair(first: Floats, second: Floats) -> float:
-    """Return the largest product of two different cameras."""
-    products = np.outer(first, second)
-    np.fill_diagonal(products, 0.0)
-    return float(products.max())
-
-
-def _of_others(seen: Floats) -> Floats:
-    """Return for each camera the highest of the other ones."""
-    others = np.where(np.eye(len(seen), dtype=bool), 0.0, seen)
-    return np.asarray(others.max(axis=1))
 
 
 @lru_cache(maxsize=8)
@@ -131,3 +109,9 @@ def overlap(rig: Rig) -> Floats:
             share[row] = [other.sees(points).mean() for other in rig.cameras]
     np.fill_diagonal(share, 0.0)
     return share
+
+
+@lru_cache(maxsize=8)
+def reach(rig: Rig) -> Floats:
+    """Return `overlap`, with 1 on the diagonal: a camera sees all that it sees."""
+    return np.maximum(overlap(rig), np.eye(len(rig)))

@@ -1,0 +1,312 @@
+"""What cameras would add to what is known, and what sets of them leave: loops over arrays.
+
+Symmetric 3 x 3 matrices are their six upper entries, xx, xy, xz, yy, yz and zz.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.bias import MemoryTerms
+from e3pose.estimate.filter.blindness import PLAIN
+from e3pose.estimate.filter.kernels.bias import inflation
+from e3pose.estimate.filter.kernels.carry import carry
+from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
+from e3pose.geometry.projection import MIN_DEPTH_M
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Of the information about a joint that lies in the box of somebody nearer. A box is about half
+# filled by its body.
+BEHIND_SHARE = 0.5
+BEHIND_M = 0.1  # nearer than this two people stand side by side
+LEAST_DEPTH_M = 1e-6  # in place of smaller depths, so that no pixel is infinite
+MOST_PRODUCT = 1e200  # of ratios before their logarithm is taken
+
+
+class Autocorrelation(NamedTuple):
+    """Of the errors of a view: how much of their variance is left after a time.
+
+    Attributes:
+        quick_share: of the variance that is down to 1/e after `quick_s`.
+        quick_s: seconds.
+        lasting_share: likewise of `lasting_s`.
+        lasting_s: seconds.
+    """
+
+    quick_share: float
+    quick_s: float
+    lasting_share: float
+    lasting_s: float
+
+
+@kernel
+def foresee_views(
+    joints_m: Floats,
+    projections: Floats,
+    sizes: Floats,
+    sigma_px: Floats,
+    delivered: Floats,
+    shows: Floats,
+    covariance: Floats,
+    drift_m2ps3: Floats,
+    velocity_lasts_s: Floats,
+    terms: MemoryTerms,
+    autocorrelation: Autocorrelation,
+    interval_s: float,
+    carried: Flags,
+    since_s: Floats,
+    views: Floats,
+    shown: Floats,
+    prior: Floats,
+    counted: Floats,
+    fresh: Floats,
+) -> None:
+    """Fill the arrays of a `Foresight`, from `views` on.
+
+    Args:
+        joints_m: `(num_tracks, num_joints, 3)` metres; it and all that `Outlook` has are of that.
+        projections: `(num_cameras, 3, 4)`.
+        sizes: `(num_cameras, 2)` width and height.
+        sigma_px: `(num_cameras,)`.
+        delivered: `(num_tracks, num_cameras)`.
+        shows: `(num_tracks, num_cameras)`.
+        covariance: `(num_tracks, num_joints, 6, 6)`.
+        drift_m2ps3: `(num_tracks, num_joints)`.
+        velocity_lasts_s: `(num_joints,)`.
+        terms: how the filter counts repeated looks.
+        autocorrelation: of the detector's errors.
+        interval_s: seconds per slot.
+        carried: `(num_ordered, num_cameras)` the looks that will be known by then.
+        since_s: `(num_tracks, num_cameras)` seconds since a look; advanced in place.
+        views: `(num_cameras, num_tracks, num_joints, 6)` see `Foresight`.
+        shown: `(num_cameras, num_tracks)` how likely a look shows somebody who is there.
+        prior: `(num_tracks, num_joints, 6)`.
+        counted: `(num_cameras, num_tracks)`.
+        fresh: `(num_cameras, num_tracks)`.
+    """
+    num_cameras, num_tracks, num_joints, _ = views.shape
+    pixels = np.empty((num_tracks, num_joints, 2))
+    inside = np.empty((num_tracks, num_joints), np.bool_)
+    boxes, depths = np.empty((num_tracks, 4)), np.empty(num_tracks)
+    for camera in range(num_cameras):
+        for track in range(num_tracks):
+            depths[track] = _look(
+                joints_m[track],
+                projections[camera],
+                sizes[camera],
+                pixels[track],
+                inside[track],
+                boxes[track],
+                views[camera, track],
+            )
+        for track in range(num_tracks):
+            weight = delivered[track, camera] / sigma_px[camera] ** 2
+            count, front = 0, 0.0
+            for joint in range(num_joints):
+                share = _in_front(pixels[track, joint], depths[track], boxes, depths)
+                count += inside[track, joint]
+                front += share
+                for entry in range(6):
+                    views[camera, track, joint, entry] *= share * weight * inside[track, joint]
+            enough = count >= INSIDE_JOINTS
+            shown[camera, track] = PLAIN * shows[track, camera] * enough * front / num_joints
+    carry(
+        covariance,
+        drift_m2ps3,
+        velocity_lasts_s,
+        interval_s,
+        terms,
+        carried,
+        views,
+        since_s,
+        prior,
+    )
+    for camera in range(num_cameras):
+        for track in range(num_tracks):
+            counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
+            fresh[camera, track] = freshness(since_s[track, camera], autocorrelation)
+
+
+@kernel
+def freshness(since_s: float, autocorrelation: Autocorrelation) -> float:
+    """Return the share of a view's information that is new, so long after the one before.
+
+    Two measurements whose errors correlate by r tell (1 - r) / (1 + r) more than one.
+    """
+    quick, lasting = autocorrelation.quick_share, autocorrelation.lasting_share
+    r = quick * math.exp(-since_s / autocorrelation.quick_s)
+    r += lasting * math.exp(-since_s / autocorrelation.lasting_s)
+    return float((1.0 - r) / (1.0 + r))
+
+
+@kernel
+def _look(
+    joints_m: Floats,
+    projection: Floats,
+    size: Floats,
+    pixels: Floats,
+    inside: Flags,
+    box: Floats,
+    information: Floats,
+) -> float:
+    """Project a person into a camera; return the mean depth of the joints.
+
+    Fills `pixels`, `inside` the image, `box` (left, top, right, bottom of all joints) and
+    `information` `(num_joints, 6)`: J' J of the derivative of the projection.
+    """
+    box[0] = box[1] = np.inf
+    box[2] = box[3] = -np.inf
+    total = 0.0
+    at, slope = np.empty(3), np.empty((2, 3))
+    for joint in range(len(joints_m)):
+        for row in range(3):
+            at[row] = projection[row, 3]
+            for axis in range(3):
+                at[row] += projection[row, axis] * joints_m[joint, axis]
+        depth = at[2]
+        total += depth
+        safe = LEAST_DEPTH_M if abs(depth) < LEAST_DEPTH_M else depth
+        inside[joint] = depth > MIN_DEPTH_M
+        for row in range(2):
+            pixel = at[row] / safe
+            pixels[joint, row] = pixel
+            inside[joint] = inside[joint] and pixel > 0 and pixel < size[row]
+            box[row] = min(box[row], pixel)
+            box[row + 2] = max(box[row + 2], pixel)
+            for axis in range(3):
+                slope[row, axis] = (projection[row, axis] - pixel * projection[2, axis]) / safe
+        entry = 0
+        for a in range(3):
+            for b in range(a, 3):
+                information[joint, entry] = slope[0, a] * slope[0, b] + slope[1, a] * slope[1, b]
+                entry += 1
+    return total / len(joints_m)
+
+
+@kernel
+def _in_front(pixel: Floats, depth: float, boxes: Floats, depths: Floats) -> float:
+    """Return 1, or `BEHIND_SHARE` for a joint that lies behind the box of somebody nearer."""
+    for other in range(len(depths)):
+        if 0 < depths[other] < depth - BEHIND_M:
+            box = boxes[other]
+            if box[0] < pixel[0] < box[2] and box[1] < pixel[1] < box[3]:
+                return BEHIND_SHARE
+    return 1.0
+
+
+@kernel
+def information_of(
+    prior: Floats, views: Floats, fresh: Floats, weights: Floats, subset: Flags
+) -> float:
+    """Return the nats a joint that a set of cameras is expected to add, see `Foresight`.
+
+    Args:
+        prior: `(num_tracks, num_joints, 6)`.
+        views: `(num_cameras, num_tracks, num_joints, 6)`.
+        fresh: `(num_cameras, num_tracks)` share of `views` that is new.
+        weights: `(num_tracks,)` of people.
+        subset: `(num_cameras,)`.
+    """
+    num_tracks, num_joints, _ = prior.shape
+    after = np.empty(6)
+    total, weight = 0.0, 0.0
+    for track in range(num_tracks):
+        weight += weights[track]
+        logs, product = 0.0, 1.0
+        for joint in range(num_joints):
+            _add(prior[track, joint], views[:, track, joint], fresh[:, track], subset, after)
+            product *= _det(after) / _det(prior[track, joint])
+            if product > MOST_PRODUCT:
+                logs += math.log(product)
+                product = 1.0
+        total += weights[track] * (logs + math.log(product))
+    return float(total / max(weight * num_joints, 1e-9) / 2)
+
+
+@kernel
+def information(
+    prior: Floats, views: Floats, fresh: Floats, weights: Floats, subsets: Flags, nats: Floats
+) -> None:
+    """Fill `nats` `(num_subsets,)` with `information_of` each of the `subsets`."""
+    for row in range(len(subsets)):
+        nats[row] = information_of(prior, views, fresh, weights, subsets[row])
+
+
+@kernel
+def gains(
+    prior: Floats, views: Floats, fresh: Floats, weights: Floats, chosen: Flags, nats: Floats
+) -> None:
+    """Fill `nats` `(num_cameras,)`: what each camera adds to the other ones that are `chosen`."""
+    base = information_of(prior, views, fresh, weights, chosen)
+    other = chosen.copy()
+    for camera in range(len(chosen)):
+        other[camera] = not chosen[camera]
+        change = information_of(prior, views, fresh, weights, other) - base
+        nats[camera] = -change if chosen[camera] else change
+        other[camera] = chosen[camera]
+
+
+@kernel
+def errors(
+    prior: Floats, views: Floats, counted: Floats, confirmed: Flags, subsets: Flags, error_m: Floats
+) -> None:
+    """Fill `error_m` `(num_subsets,)`: the mean distance expected of joints of people confirmed.
+
+    NaN where nobody is. Other arguments are those of `information_of`; `counted` is the share of
+    `views` that the estimator counts.
+    """
+    num_tracks, num_joints, _ = prior.shape
+    after = np.empty(6)
+    for row in range(len(subsets)):
+        total, count = 0.0, 0
+        for track in range(num_tracks):
+            if confirmed[track]:
+                for joint in range(num_joints):
+                    _add(
+                        prior[track, joint],
+                        views[:, track, joint],
+                        counted[:, track],
+                        subsets[row],
+                        after,
+                    )
+                    total += _distance(after)
+                    count += 1
+        error_m[row] = total / count if count else np.nan
+
+
+@kernel
+def _add(prior: Floats, views: Floats, share: Floats, subset: Flags, after: Floats) -> None:
+    """Fill `after` `(6,)`: the information about a joint with the views of a set of cameras."""
+    for entry in range(6):
+        after[entry] = prior[entry]
+    for camera in range(len(subset)):
+        if subset[camera]:
+            for entry in range(6):
+                after[entry] += share[camera] * views[camera, entry]
+
+
+@kernel
+def _det(m: Floats) -> float:
+    minor = m[3] * m[5] - m[4] * m[4]
+    across = m[1] * (m[1] * m[5] - m[4] * m[2])
+    return float(m[0] * minor - across + m[2] * (m[1] * m[4] - m[3] * m[2]))
+
+
+@kernel
+def _distance(m: Floats) -> float:
+    """Return the expected distance for an information matrix, as `model.uncertainty` has it."""
+    minors = m[0] * m[3] - m[1] * m[1] + m[0] * m[5] - m[2] * m[2] + m[3] * m[5] - m[4] * m[4]
+    det = _det(m)
+    total = minors / det  # the trace of the inverse
+    squared = total**2 - 2 * (m[0] + m[3] + m[5]) / det  # the trace of its square
+    degrees = total**2 / squared
+    # The mean of a chi distribution: sqrt(2) Gamma((k + 1) / 2) / Gamma(k / 2).
+    rising = math.exp(math.lgamma(degrees / 2 + 0.5) - math.lgamma(degrees / 2))
+    return math.sqrt(2 * total / degrees) * rising

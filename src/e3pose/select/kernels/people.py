@@ -1,0 +1,104 @@
+"""People who are not tracked yet, and people who are hidden: what sets of cameras would show."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+FIRST_LOOK = 0.5  # of a start: what one look is worth that leaves the other half to a later one
+
+
+@kernel
+def pair_looks(
+    seen: Floats,
+    ages_s: Floats,
+    wait_s: float,
+    partners: Floats,
+) -> float:
+    """Return how likely two of the `seen` looks start a person; fill `partners`.
+
+    Args:
+        seen: `(num_looks, num_cameras)` how likely each camera sees the person at each time.
+        ages_s: `(num_looks,)` before the slot, falling.
+        wait_s: how far apart two looks may be to make a pair.
+        partners: `(num_cameras,)` filled: how likely another camera sees the person at most
+            `wait_s` before the slot.
+    """
+    num_looks, num_cameras = seen.shape
+    met = 0.0
+    for camera in range(num_cameras):
+        partners[camera] = 0.0
+    for look in range(num_looks):
+        for first in range(num_cameras):
+            for second in range(num_cameras):
+                if first == second:
+                    continue
+                if ages_s[look] <= wait_s:
+                    partners[first] = max(partners[first], seen[look, second])
+                other = seen[look, second]
+                for earlier in range(look):
+                    if ages_s[earlier] - ages_s[look] <= wait_s:
+                        other = max(other, seen[earlier, second])
+                met = max(met, seen[look, first] * other)
+    return met
+
+
+@kernel
+def started(
+    shares: Floats, partners: Floats, weights: Floats, subsets: Flags, people: Floats
+) -> None:
+    """Fill `people` `(num_subsets,)`; other arguments are those of `newcomers.Entrants`."""
+    for row in range(len(subsets)):
+        people[row] = 0.0
+        for entrant in range(len(weights)):
+            first, second, paired = 0.0, 0.0, 0.0
+            for camera in range(shares.shape[1]):
+                if subsets[row, camera]:
+                    seen = shares[entrant, camera]
+                    second = max(second, min(first, seen))
+                    first = max(first, seen)
+                    paired = max(paired, seen * partners[entrant, camera])
+            best = max(max(first * second, paired), FIRST_LOOK * first)
+            people[row] += weights[entrant] * best
+
+
+@kernel
+def miss(shown: Floats, subset: Flags, track: int) -> float:
+    """Return how likely all cameras of a set miss somebody who is there.
+
+    Args:
+        shown: `(num_cameras, num_tracks)` how likely each camera shows each person.
+        subset: `(num_cameras,)`.
+        track: the person.
+    """
+    missed = 1.0
+    for camera in range(len(subset)):
+        if subset[camera]:
+            missed *= 1.0 - shown[camera, track]
+    return missed
+
+
+@kernel
+def hide(shown: Floats, needed: Flags, ordered: Flags, hidden: Floats) -> None:
+    """Fill `hidden` `(num_tracks,)`, and leave of `shown` what is of use; see `hidden_people`."""
+    for track in range(len(hidden)):
+        hidden[track] = 1.0
+        for camera in range(len(shown)):
+            if not needed[track, camera]:
+                shown[camera, track] = 0.0
+        for slot in range(len(ordered)):
+            hidden[track] *= miss(shown, ordered[slot], track)
+
+
+@kernel
+def revealed(hidden: Floats, shown: Floats, subsets: Flags, people: Floats) -> None:
+    """Fill `people` `(num_subsets,)`; other arguments are those of `hidden_people.HiddenPeople`."""
+    for row in range(len(subsets)):
+        people[row] = 0.0
+        for track in range(len(hidden)):
+            people[row] += hidden[track] * (1.0 - miss(shown, subsets[row], track))

@@ -1,0 +1,122 @@
+"""What cameras would add: the compiled form against plain numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.reference import expected_information as plain
+from tests.reference import newcomers
+from tests.rigs import looking
+
+import e3pose.kernel as compiling
+from e3pose.estimate.base import Outlook
+from e3pose.model.noise import ErrorMemory
+from e3pose.select.expected_information import Foresight, foresee
+from e3pose.select.kernels.foresight import Autocorrelation, foresee_views, freshness
+from e3pose.select.newcomers import expected_entrants
+
+Flags = NDArray[np.bool_]
+RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
+SLOT_S = 0.04
+JOINTS = 9
+MEMORY = ErrorMemory()
+AUTOCORRELATION = Autocorrelation(
+    MEMORY.quick_share, MEMORY.quick_s, MEMORY.lasting_share, MEMORY.lasting_s
+)
+
+
+def outlook(seed: int, people: int = 3) -> Outlook:
+    """Return people about the middle, some of them outside the images, behind others or lost."""
+    rng = np.random.default_rng(seed)
+    joints_m = rng.uniform(-1.5, 1.5, (people, 1, 3)) + rng.normal(0, 0.4, (people, JOINTS, 3))
+    joints_m[..., 2] += 1.0
+    root = rng.normal(0, 0.1, (people, JOINTS, 6, 6))
+    shape = (people, len(RIG))
+    return Outlook(
+        track_ids=np.arange(people),
+        confirmed=rng.random(people) < 0.8,
+        joints_m=joints_m,
+        covariance=root @ np.swapaxes(root, -1, -2) + 1e-4 * np.eye(6),
+        drift_m2ps3=rng.uniform(0, 1, (people, JOINTS)),
+        velocity_lasts_s=rng.uniform(0.2, 1.0, JOINTS),
+        remembers=bool(seed % 2),
+        delivered=rng.uniform(0, 1, shape),
+        shows=rng.uniform(0, 1, shape),
+        last_seen_s=np.where(rng.random(shape) < 0.2, np.inf, rng.uniform(0, 3, shape)),
+        needed=rng.random(shape) < 0.5,
+        sigma_px=rng.uniform(2, 8, len(RIG)),
+        memory=MEMORY,
+        unexplained=np.zeros(len(RIG), dtype=np.int64),
+        unexplained_s=np.full(len(RIG), np.inf),
+        wait_s=0.14,
+    )
+
+
+def subsets() -> Flags:
+    return (np.arange(16)[:, None] >> np.arange(4) & 1).astype(bool)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_foresight_is_that_of_numpy(seed: int) -> None:
+    people, ordered = outlook(seed), subsets()[seed : seed + 3]
+    found = foresee(RIG, people, SLOT_S, ordered)
+    expected = plain.foresee(RIG, people, SLOT_S, ordered)
+    for name in ("prior", "views", "counted", "fresh", "weights"):
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(expected, name), rtol=1e-8, err_msg=name
+        )
+    np.testing.assert_allclose(found.hidden.hidden, expected.hidden.hidden, atol=1e-12)
+    np.testing.assert_allclose(found.hidden.shown, expected.hidden.shown, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_worth_of_sets_is_that_of_numpy(seed: int) -> None:
+    found = foresee(RIG, outlook(seed), SLOT_S)
+    sets = subsets()
+    nats = plain.information(found, sets)
+    np.testing.assert_allclose(found.information(sets), nats, atol=1e-12)
+    if found.confirmed.any():
+        error_m = plain.expected_error_m(found, sets)
+        np.testing.assert_allclose(found.expected_error_m(sets), error_m, rtol=1e-10)
+    for chosen in sets:
+        gains = [
+            nats[(sets == (chosen | one)).all(axis=1)] - nats[(sets == (chosen & ~one)).all(axis=1)]
+            for one in np.eye(4, dtype=bool)
+        ]
+        np.testing.assert_allclose(found.gains_nats(chosen), np.ravel(gains), atol=1e-12)
+
+
+def test_hundreds_of_joints_do_not_overflow() -> None:
+    found = foresee(RIG, outlook(1), SLOT_S)
+    many = Foresight(
+        **{name: getattr(found, name) for name in found.__dataclass_fields__}
+        | {"prior": np.tile(found.prior, (1, 60, 1)), "views": np.tile(found.views, (1, 1, 60, 1))}
+    )
+    np.testing.assert_allclose(many.information(subsets()), found.information(subsets()))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_entrants_are_those_of_numpy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    arguments = (
+        RIG, rng.integers(0, 3, len(RIG)), rng.uniform(0, 0.3, len(RIG)), 0.14, SLOT_S,
+        rng.random((seed % 5, len(RIG))) < 0.5,
+    )  # fmt: skip
+    found, expected = expected_entrants(*arguments), newcomers.expected_entrants(*arguments)
+    np.testing.assert_allclose(found.partners, expected.partners)
+    np.testing.assert_allclose(found.weights, expected.weights)
+    np.testing.assert_allclose(found.starts(subsets()), newcomers.starts(expected, subsets()))
+
+
+def test_freshness_is_that_of_numpy() -> None:
+    since_s = np.array([0.0, 0.04, 0.4, 4.0, np.inf])
+    found = [freshness(each, AUTOCORRELATION) for each in since_s]
+    np.testing.assert_allclose(found, plain.freshness(since_s, ErrorMemory()))
+
+
+def test_kernel_on_disk_is_stamped_with_its_sources() -> None:
+    names = {path.name for path in compiling.SELECTION_SOURCES}
+    assert {"foresight.py", "people.py", "carry.py", "blindness.py", "kernel.py"} <= names
+    stamp = compiling.sources_stamp(compiling.SELECTION_SOURCES)
+    assert foresee_views._cache._cache_file._source_stamp == stamp  # type: ignore[attr-defined]
