@@ -95,6 +95,21 @@ def test_control_needs_the_token_for_writing_everywhere() -> None:
     assert refused(made, "/api/control/loop", authorization=bearer(TOKENS.write)) == 0
 
 
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"content_length": "100"}, 0),
+        ({"content_length": "5000"}, 413),
+        ({"content_length": "9" * 40}, 413),
+        ({"content_length": "-1"}, 413),
+        ({"transfer_encoding": "chunked"}, 411),
+    ],
+)
+def test_body_has_a_length_and_it_is_small(headers: dict[str, str], status: int) -> None:
+    authorization = bearer(TOKENS.write)
+    assert refused(rules(), "/api/control/loop", authorization=authorization, **headers) == status
+
+
 def test_guessing_tokens_ends_soon() -> None:
     made = rules()
     found = [refused(made, authorization=bearer("x" * 20)) for _ in range(20)]

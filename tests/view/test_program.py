@@ -14,7 +14,7 @@ from tests.site.tables import write_site
 from e3pose.calibration import save_rig
 from e3pose.errors import InputError
 from e3pose.settings.live import live_site
-from e3pose.view.program import door_of, open_view
+from e3pose.view.program import address_of, open_view
 from e3pose.wire.keys.folder import init_keys
 from e3pose.wire.memory import Hub
 
@@ -23,25 +23,25 @@ TLS = '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n'
 
 
 def test_view_is_on_loopback_unless_told_otherwise(tmp_path: Path) -> None:
-    door = door_of(write_site(tmp_path))
-    assert (door.host, door.port, door.certificate) == ("127.0.0.1", 8470, None)
-    assert "localhost" in door.hosts
+    address = address_of(write_site(tmp_path))
+    assert (address.host, address.port, address.certificate) == ("127.0.0.1", 8470, None)
+    assert "localhost" in address.hosts
 
 
 def test_plain_http_beyond_this_machine_is_refused(tmp_path: Path) -> None:
     site = write_site(tmp_path, '[view]\nlisten = "0.0.0.0:8470"\n')
     with pytest.raises(InputError, match=r"site\.toml: view\.listen: found 0\.0\.0\.0:8470, plain"):
-        door_of(site)
+        address_of(site)
     with pytest.raises(InputError, match=r"--listen: found 0\.0\.0\.0:1, plain http"):
-        door_of(site, "0.0.0.0:1")
+        address_of(site, "0.0.0.0:1")
     open_site = write_site(tmp_path, '[view]\nlisten = "0.0.0.0:8470"\ninsecure = true\n')
-    assert door_of(open_site).certificate is None
+    assert address_of(open_site).certificate is None
 
 
 @pytest.mark.parametrize("listen", ["8470", "localhost", "127.0.0.1:99999", "a b:1"])
 def test_place_that_is_none_is_refused(tmp_path: Path, listen: str) -> None:
     with pytest.raises(InputError, match="HOST:PORT"):
-        door_of(write_site(tmp_path), listen)
+        address_of(write_site(tmp_path), listen)
     with pytest.raises(InputError, match=r"view\.listen"):
         write_site(tmp_path, f'[view]\nlisten = "{listen}"\n')
 
@@ -65,7 +65,7 @@ def test_beyond_loopback_it_is_https_with_the_certificate_of_the_edge_and_a_toke
     live = live_site(write_site(tmp_path, TLS))
     trusted = ssl.create_default_context(cafile=str(tmp_path / "keys" / "authority.pem"))
     with open_view(live, "0.0.0.0:0", transport=Hub().join()) as view:
-        assert view.url.startswith("https://localhost:") and not view.open_reading
+        assert view.url.startswith("https://localhost:") and not view.rules.open_reading
         with httpx.Client(base_url=view.url, verify=trusted) as client:
             assert client.get("/").status_code == 200
             assert client.get("/api/site").status_code == 401

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from e3pose.settings.live import live_site
 from e3pose.settings.site_file import load_site
 from e3pose.store import Run, StoreWriter
 from e3pose.view.program import View, open_view
+from e3pose.view.rates import Rate
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.memory import Hub, MemoryTransport
 from e3pose.wire.messages import CameraStatus, Poses, Status
@@ -111,4 +113,5 @@ def watched_site(folder: Path) -> Iterator[Watched]:
     hub = Hub()
     live = live_site(load_site(folder))
     with open_view(live, "127.0.0.1:0", transport=hub.join()) as view:
+        view.rules.writes = Rate(1e6, 1e6, time.monotonic)  # tests ask for much
         yield Watched(view, hub.join(), folder)

@@ -33,6 +33,7 @@ class Site:
         for camera in ("cam1", "cam2", "cam3"):
             add_keys(folder, camera, now)
         add_keys(folder, "wall", now, kind="viewer")
+        add_keys(folder, "desk", now, kind="operator")
         revoke_keys(folder, "cam3")
 
     def edge(self) -> NetworkTransport:
@@ -40,7 +41,7 @@ class Site:
         link = Link(
             "edge", "lab", f"tls/127.0.0.1:{self.port}", certificates_in(self.folder, "edge")
         )
-        return self.keep(open_network(link, roll.cameras, roll.viewers))
+        return self.keep(open_network(link, roll.cameras, roll.viewers, operators=roll.operators))
 
     def camera(self, name: str) -> NetworkTransport:
         files = certificates_in(self.folder / "cameras" / name, "camera")
@@ -48,6 +49,10 @@ class Site:
 
     def viewer(self) -> NetworkTransport:
         files = certificates_in(self.folder / "viewers" / "wall", "viewer")
+        return self.keep(open_network(Link("viewer", "lab", f"tls/localhost:{self.port}", files)))
+
+    def operator(self) -> NetworkTransport:
+        files = certificates_in(self.folder / "operators" / "desk", "operator")
         return self.keep(open_network(Link("viewer", "lab", f"tls/localhost:{self.port}", files)))
 
     def keep(self, transport: NetworkTransport) -> NetworkTransport:
@@ -112,6 +117,32 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
     assert set(later) == {b"people again"}
     # The one thing on `e3pose/**` that a viewer may hear are the poses.
     assert {payload for _, payload in spied} <= {b"people", b"people again"}
+    edge.close()
+
+
+def test_operators_alone_control_the_edge_and_see_what_viewers_see(site: Site) -> None:
+    edge, seen = site.edge(), list[bytes]()
+    asked: list[bytes] = []
+
+    def answer(_: str, payload: bytes) -> bytes:
+        asked.append(payload)
+        return b"done"
+
+    edge.answer("e3pose/lab/control", answer)
+    operator, viewer, camera = site.operator(), site.viewer(), site.camera("cam1")
+    operator.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
+
+    def ready() -> bool:
+        edge.publish("e3pose/lab/poses", b"people")
+        return bool(seen) and operator.ask("e3pose/lab/control", b"mine", 0.5) == b"done"
+
+    assert eventually(ready)
+    asked.clear()
+    for other in (viewer, camera):
+        assert other.ask("e3pose/lab/control", b"not allowed", SILENCE_S) is None
+    operator.publish("e3pose/lab/order/cam1", b"forged")
+    assert operator.ask("e3pose/lab/control", b"again", 10.0) == b"done"
+    assert asked == [b"again"]
     edge.close()
 
 

@@ -53,11 +53,12 @@ def add(
     *,
     keys: Path = DEFAULT,
     viewer: Annotated[bool, Parameter(negative="")] = False,
+    operator: Annotated[bool, Parameter(negative="")] = False,
     router: Annotated[bool, Parameter(negative="")] = False,
     host: Annotated[list[str] | None, Parameter(negative="")] = None,
     again: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
-    """Create the certificate of a camera, viewer or router; print the folder to copy to it.
+    """Create the certificate of a camera, viewer, operator or router; print its folder.
 
     Example: `e3pose keys add cam1`, then `scp -r keys/cameras/cam1 cam1.local:`
 
@@ -67,11 +68,13 @@ def add(
     Parameters
     ----------
     name
-        Camera id, as in the calibration; or any name for a viewer or router.
+        Camera id, as in the calibration; or any name for the others.
     keys
         Folder from `e3pose keys init`.
     viewer
         Create a viewer: a program that may read poses and status only.
+    operator
+        Create an operator: a viewer that may also control the edge, such as `e3pose view`.
     router
         Create a router, which forwards all messages of the site; see `e3pose router`.
     host
@@ -81,17 +84,19 @@ def add(
     """
     from e3pose.wire.keys.folder import add_keys
 
-    if viewer and router:
-        raise InputError("--router: found with --viewer, expected one of them")
+    kinds: dict[Kind, bool] = {"viewer": viewer, "operator": operator, "router": router}
+    chosen = [kind for kind, asked in kinds.items() if asked]
+    if len(chosen) > 1:
+        raise InputError(f"--{chosen[1]}: found with --{chosen[0]}, expected one of them")
     if host and not router:
         raise InputError("--host: found without --router, expected both")
-    kind: Kind = "viewer" if viewer else "router" if router else "camera"
+    kind: Kind = chosen[0] if chosen else "camera"
     print(add_keys(keys, name, _now(), kind, again, host or []))
 
 
 @keys_app.command(name="revoke")
 def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
-    """Revoke the certificate of a camera, viewer or router.
+    """Revoke the certificate of a camera, viewer, operator or router.
 
     Example: `e3pose keys revoke cam1`
 
@@ -100,7 +105,7 @@ def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
     Parameters
     ----------
     name
-        Camera, viewer or router.
+        Camera, viewer, operator or router.
     keys
         Folder from `e3pose keys init`.
     """
@@ -133,6 +138,7 @@ def list_keys(*, keys: Path = DEFAULT) -> None:
     for kind, people in (
         ("camera", roll.cameras),
         ("viewer", roll.viewers),
+        ("operator", roll.operators),
         ("router", roll.routers),
     ):
         rows += [

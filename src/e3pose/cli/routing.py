@@ -52,7 +52,9 @@ def router(
         keys,
         endpoint,
         edge,
-        lambda link, roll: open_network(link, roll.cameras, roll.viewers, roll.routers),
+        lambda link, roll: open_network(
+            link, roll.cameras, roll.viewers, roll.routers, roll.operators
+        ),
         log.info,
     )
     end_s = None if for_s is None else time.monotonic() + for_s

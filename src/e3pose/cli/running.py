@@ -243,10 +243,10 @@ def up(
     ]
     console = Console(quiet=quiet)
     if view:
-        from e3pose.view.program import addresses, door_of
+        from e3pose.view.program import address_of, page_links
 
         programs.append(Program("view", view_command(table.path), folder / "view.log"))
-        console.print("\n".join(addresses(table, door_of(table))), highlight=False)
+        console.print("\n".join(page_links(table, address_of(table))), highlight=False)
     transport = open_network(viewer_link(table, None))
     make_folder(folder)
     follower = Follower(table.name)

@@ -24,7 +24,7 @@ def view(
     Example: `e3pose view site.toml`, then open the printed address in a browser.
 
     On loopback everyone on this machine may read; beyond it, reading needs the token that is part
-    of the printed address. Ctrl-C stops it.
+    of the printed address. The second address also controls the site. Ctrl-C stops it.
 
     Parameters
     ----------
@@ -33,7 +33,8 @@ def view(
     listen
         HOST:PORT instead of the site file's. Default: 127.0.0.1:8470.
     keys
-        Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
+        Folder from `e3pose keys add NAME --operator`, or `--viewer` to read only. Default on the
+        edge server: the first operator, else the first viewer.
     for_s
         Stop after this many seconds.
     end_with_parent
@@ -46,12 +47,12 @@ def view(
     from e3pose.settings.site_file import load_site
     from e3pose.site.run import end_with_parent as look_after_parent
     from e3pose.site.run import run_until_stopped
-    from e3pose.view.program import addresses, open_view
+    from e3pose.view.program import open_view, page_links
 
     if end_with_parent:
         look_after_parent()
     table = load_site(site)
     with open_view(live_site(table), listen, keys) as opened:
-        print("\n".join(addresses(table, opened.door)), flush=True)
+        print("\n".join(page_links(table, opened.address)), flush=True)
         end_s = None if for_s is None else time.monotonic() + for_s
         run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))

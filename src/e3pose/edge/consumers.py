@@ -14,6 +14,8 @@ from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.predict.base import Predictor
 from e3pose.store.rows import Event
 from e3pose.wire.messages import Heartbeat
+from e3pose.wire.topics import of_site
+from e3pose.wire.transport import Transport
 
 if TYPE_CHECKING:
     from e3pose.store.writer import WriterStatus
@@ -54,6 +56,23 @@ class Learner(Protocol):
         ...
 
 
+class Controls(Protocol):
+    """What operators ask of a running edge; `site.control.SiteControls` is one."""
+
+    @property
+    def paused(self) -> frozenset[str]:
+        """Cameras that are left out."""
+        ...
+
+    def answer(self, payload: bytes) -> bytes:
+        """Answer a `Control`; on a thread of the transport."""
+        ...
+
+    def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
+        """Return the parts to go on with, and what to tell; between two slots."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Consumers:
     """To whom an edge hands what it gets and makes.
@@ -62,13 +81,25 @@ class Consumers:
         sink: keeps every slot.
         learner: improves the predictor.
         ledger: reckons what cameras spend and may spend.
+        controls: what operators ask for.
         on_beat: called with every heartbeat, on a thread of the transport.
     """
 
     sink: Sink | None = None
     learner: Learner | None = None
     ledger: EnergyLedger | None = None
+    controls: Controls | None = None
     on_beat: Callable[[Heartbeat], None] = lambda beat: None
+
+    def paused(self) -> frozenset[str]:
+        """Return the cameras that operators had left out."""
+        return frozenset() if self.controls is None else self.controls.paused
+
+    def listen(self, transport: Transport, site: str) -> None:
+        """Answer operators from now on."""
+        controls = self.controls
+        if controls is not None:
+            transport.answer(of_site(site, "control"), lambda _, asked: controls.answer(asked))
 
     def take(self, beat: Heartbeat) -> None:
         """Hand on a heartbeat; on a thread of the transport."""
@@ -96,6 +127,9 @@ class Consumers:
             what a person should know.
         """
         told: list[tuple[str, str, str | None]] = []
+        if self.controls is not None:
+            pipeline, lines = self.controls.applied(pipeline)
+            told += [("control", line, None) for line in lines]
         if self.ledger is not None:
             pipeline, news = self.ledger.reckoned(pipeline)
             told += [("energy", line, camera_id) for camera_id, line in news]

@@ -78,6 +78,17 @@ class EnergyLedger:
             spent_j = beat.energy_j - before.energy_j
             self._keep(EnergyReading(beat.sent_edge_ns, beat.camera_id, spent_j, span_s, source))
 
+    def change(self, budgets: Sequence[Budget], num_selected: float) -> None:
+        """Go on with other budgets, from the next slot on.
+
+        Args:
+            budgets: `(num_cameras,)` what each may spend.
+            num_selected: cameras that are to be active in a slot.
+        """
+        with self._lock:
+            self._budgets, self._num_selected = tuple(budgets), num_selected
+            self._reckoned_ns = None
+
     def reckoning(self) -> tuple[Reckoning, bool]:
         """Return budgets and costs, worked out anew once a minute, and whether they are new."""
         now_ns = self._now_ns()

@@ -31,6 +31,7 @@ from e3pose.wire.codec import decode, encode, poses_2d
 from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, View
 from e3pose.wire.transport import Transport
 
+PAUSED = "paused"  # in place of a trouble, so that nobody selects it
 FLOOD_WRONG = 64  # of so many unread messages of a flood one counts as making no sense
 
 
@@ -47,6 +48,7 @@ class Inbox:
         clock: the edge's.
         on_delay: called with a camera's index and the delay of orders that it measured, seconds.
         on_beat: told every heartbeat.
+        paused: returns the cameras that operators had left out.
         roster: what is known of the cameras; replaced whole, so that readers need no lock.
         strangers: messages of cameras that the rig does not have.
         wrong: messages that made no sense.
@@ -61,6 +63,7 @@ class Inbox:
     clock: Clock
     on_delay: Callable[[int, float], None]
     on_beat: Callable[[Heartbeat], None]
+    paused: Callable[[], frozenset[str]] = frozenset
     roster: Roster = field(init=False)
     strangers: int = 0
     wrong: int = 0
@@ -93,9 +96,11 @@ class Inbox:
 
     def troubles(self) -> list[str]:
         """Return, camera by camera, why it cannot be chosen; empty where it can."""
-        now_ns = self.clock.now_ns()
+        now_ns, paused = self.clock.now_ns(), self.paused()
         return [
-            trouble(life, self.joints, self._size(camera), now_ns)
+            PAUSED
+            if camera.camera_id in paused
+            else trouble(life, self.joints, self._size(camera), now_ns)
             for life, camera in zip(self.roster.lives, self.rig.cameras, strict=True)
         ]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from e3pose.edge.delayed import DelayedPoses, lag_slots
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.reports import poses_message
 from e3pose.estimate.base import People
+from e3pose.geometry.camera import Rig
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
@@ -23,7 +24,7 @@ class Publisher:
     def __init__(
         self,
         settings: EdgeSettings,
-        camera_ids: Sequence[str],
+        rig: Rig,
         interval_s: float,
         outbox: Outbox,
         clock: Clock,
@@ -32,13 +33,13 @@ class Publisher:
 
         Args:
             settings: of the edge.
-            camera_ids: of the rig.
+            rig: the cameras.
             interval_s: of a slot.
             outbox: sends.
             clock: the edge's.
         """
         self._joints, self._outbox, self._clock = settings.joints, outbox, clock
-        self._camera_ids = np.array(camera_ids, dtype=object)
+        self._camera_ids = np.array(rig.camera_ids, dtype=object)
         self._topic = topics.of_site(settings.site, "poses")
         self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
         lag = lag_slots(settings.smooth_delay_s, interval_s)

@@ -9,11 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.edge.inbox import PAUSED
 from e3pose.edge.roster import CameraLife
 from e3pose.edge.tally import Counts
 from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
-from e3pose.pipeline import SlotRecord
+from e3pose.pipeline import Pipeline, SlotRecord
+from e3pose.select.policies.base import Policy
 from e3pose.wire.codec import one_line, pack
 from e3pose.wire.messages import CameraStatus, Poses, Status
 
@@ -79,6 +81,7 @@ def camera_status(
     noise_factor: float = np.nan,
     shift_px: float = np.nan,
     why: Outlined = NOTHING,
+    budget: float | None = None,
 ) -> CameraStatus:
     """Return what the edge knows of a camera.
 
@@ -94,6 +97,7 @@ def camera_status(
         noise_factor: sigma of its keypoints over what the noise file states; NaN if unknown.
         shift_px: how far all of its keypoints are off the same way; NaN if unknown.
         why: it was or was not selected.
+        budget: share of the slots in which it may be active.
     """
     beat, capacity_wh = life.beat, life.hello.battery_wh if life.hello else None
     charge = beat.battery_j if beat else None
@@ -122,6 +126,8 @@ def camera_status(
         gain_nats=why.gain_nats,
         price=why.price,
         temperature_c=beat.temperature_c if beat else None,
+        paused=trouble == PAUSED,
+        budget=None if budget is None else min(max(budget, 0.0), 1.0),
     )
 
 
@@ -140,6 +146,7 @@ class Moment:
         deficit: `(num_cameras,)` their queues.
         late: `(num_cameras,)` views that came too late.
         lead_slots: between an order and its slot.
+        pipeline: the parts that work now.
         counts: of slots, views and times.
         events: what was told last.
     """
@@ -154,6 +161,7 @@ class Moment:
     deficit: NDArray[np.float64]
     late: NDArray[np.int64]
     lead_slots: int
+    pipeline: Pipeline
     counts: Counts
     events: Sequence[str]
 
@@ -181,9 +189,12 @@ def site_status(moment: Moment) -> Status:
             factors[index],
             float(np.hypot(*shifts_px[index])),
             outlined(record, index),
+            float(moment.pipeline.budget[index]),
         )
         for index, life in enumerate(moment.lives)
     )
+    policy = moment.pipeline.policy
+    target_m = _number(policy, "target_error_m")
     error_m = record.reasons.error_m if record and record.reasons else np.nan
     return Status(
         site=moment.site,
@@ -198,7 +209,16 @@ def site_status(moment: Moment) -> Status:
         events=tuple(map(one_line, moment.events)),
         expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
         slots_lost=counts.lost,
+        num_selected=_number(policy, "num_selected"),
+        target_error_mm=None if target_m is None else 1000 * target_m,
+        quality_weight=_number(policy, "quality_weight"),
     )
+
+
+def _number(policy: Policy, name: str) -> float | None:
+    """Return a number that a policy has; None of one that has none by that name."""
+    found = getattr(policy, name, None)
+    return float(found) if isinstance(found, int | float) and np.isfinite(found) else None
 
 
 def changes(

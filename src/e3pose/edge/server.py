@@ -84,8 +84,7 @@ class EdgeServer:
         interval_s = self.interval_ns / 1e9
         self.started_ns = clock.now_ns()
         num_cameras = len(pipeline.rig)
-        self.counts = Counts(num_cameras, interval_s)
-        self.gather = Gather(num_cameras)
+        self.counts, self.gather = Counts(num_cameras, interval_s), Gather(num_cameras)
         self._delays: deque[tuple[int, float]] = deque(maxlen=512)
         self.inbox = Inbox(
             settings.site,
@@ -97,6 +96,7 @@ class EdgeServer:
             # Deques are safe to append to from any thread.
             lambda camera, delay_s: self._delays.append((camera, delay_s)),
             consumers.take,
+            consumers.paused,
         )
         self._late = self.gather.late.copy()  # up to the slot before
         self.outbox = Outbox()
@@ -118,8 +118,7 @@ class EdgeServer:
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
-        ids = pipeline.rig.camera_ids
-        self.publisher = Publisher(settings, ids, interval_s, self.outbox, clock)
+        self.publisher = Publisher(settings, pipeline.rig, interval_s, self.outbox, clock)
         self._quiet = threading.Event()  # a slot was just done
         self.crew = Crew(self._wake)
         self._resume()
@@ -163,6 +162,7 @@ class EdgeServer:
 
     def _join(self) -> None:
         self.inbox.listen(self.transport)
+        self.consumers.listen(self.transport, self.settings.site)
         self.transport.be_present(topics.of_site(self.settings.site, "alive"))
 
     def _publish(self, topic: str, payload: bytes, slot: int) -> None:
@@ -201,6 +201,7 @@ class EdgeServer:
                 deficit=self.state.deficit,
                 late=self.gather.late,
                 lead_slots=self.lead.slots,
+                pipeline=self.pipeline,
                 counts=self.counts,
                 events=[event.message for event in self.news.recent],
             )

@@ -71,8 +71,38 @@ def make_pipeline(
     settings = settings.for_rig(len(place.rig))
     num_selected = float(settings.num_selected or 0)
     row = row_of(settings)
-    _check(settings, row, len(place.rig))
     predictor, steering = _predictors(settings, row, place.skeleton)
+    policy, waking = make_policy(place, settings)
+    return Pipeline(
+        rig=place.rig,
+        num_joints=len(place.skeleton),
+        interval_s=place.interval_s,
+        estimator=_estimator(place, settings, num_selected, steering is not None),
+        predictor=predictor,
+        policy=policy,
+        waking=waking,
+        budget=shares(settings, len(place.rig)),
+        cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
+        clock=clock,
+        lead_slots=settings.lead_slots,
+        warmup_slots=settings.warmup_slots,
+        holds=row.holds,
+        foresees=row.foresees or settings.foresees,
+        own_boxes=row.own_boxes,
+        steering=steering,
+    )
+
+
+def make_policy(
+    place: Place, settings: LoopSettings
+) -> tuple[Policy, Callable[[float], Policy] | None]:
+    """Return who decides, and what makes the same for another number of cameras, if it has one.
+
+    Raises:
+        InputError: naming the setting that cannot be had.
+    """
+    row, num_selected = row_of(settings), float(settings.num_selected or 0)
+    _check(settings, row, len(place.rig))
     asked = PolicySettings(
         num_selected=num_selected,
         quality_weight=settings.quality_weight,
@@ -87,24 +117,7 @@ def make_pipeline(
     def waking(count: float) -> Policy:
         return row.make(replace(asked, num_selected=count))
 
-    return Pipeline(
-        rig=place.rig,
-        num_joints=len(place.skeleton),
-        interval_s=place.interval_s,
-        estimator=_estimator(place, settings, num_selected, steering is not None),
-        predictor=predictor,
-        policy=row.make(asked),
-        waking=waking if row.asks_count else None,
-        budget=_budget(settings, len(place.rig), row.counts),
-        cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
-        clock=clock,
-        lead_slots=settings.lead_slots,
-        warmup_slots=settings.warmup_slots,
-        holds=row.holds,
-        foresees=row.foresees or settings.foresees,
-        own_boxes=row.own_boxes,
-        steering=steering,
-    )
+    return row.make(asked), waking if row.asks_count else None
 
 
 def row_of(settings: LoopSettings) -> PolicyRow:
@@ -206,8 +219,13 @@ def _check(settings: LoopSettings, row: PolicyRow, num_cameras: int) -> None:
         raise InputError("cost", costs, "one above 0 a camera")
 
 
-def _budget(settings: LoopSettings, num_cameras: int, counts: bool) -> NDArray[np.float64]:
-    """Return `(num_cameras,)` the share of slots that each camera may be active."""
+def shares(settings: LoopSettings, num_cameras: int) -> NDArray[np.float64]:
+    """Return `(num_cameras,)` the share of slots that each camera may be active.
+
+    Raises:
+        InputError: for budgets that do not pay for the cameras that are to be selected.
+    """
+    counts = row_of(settings).counts
     share = settings.share(num_cameras)
     budget = np.atleast_1d(np.asarray(1.0 if share is None else share, dtype=np.float64))
     if len(budget) == 1:

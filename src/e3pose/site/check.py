@@ -23,7 +23,7 @@ from e3pose.settings.live import calibrate_advice
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.edge_program import edge_link
 from e3pose.wire.access import split_endpoint
-from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates
+from e3pose.wire.keys.folder import Kind, Roll, certificates_in, check_certificates
 from e3pose.wire.messages import Status
 
 SOON_DAYS = 30
@@ -165,7 +165,7 @@ def check_link_of(site: SiteTable, rig: Rig) -> Iterator[Finding]:
 def _lasting(
     folder: Path, name: str, roll: Roll | None, now: datetime.datetime
 ) -> Iterator[Finding]:
-    """Look at the certificates of the edge, its authority, viewers and routers."""
+    """Look at the certificates of the edge, its authority, viewers, operators and routers."""
     from e3pose.wire.keys.authority import expires
 
     anew = f"e3pose keys init {name} --out {folder}-new, then copy all its folders"
@@ -173,9 +173,9 @@ def _lasting(
         until = expires((folder / file).read_bytes())  # that they are valid now was looked at
         if until - now < datetime.timedelta(days=SOON_DAYS):
             yield Finding("warning", f"certificate {what}", f"expires on {until:%Y-%m-%d}", anew)
-    kinds: dict[Literal["viewer", "router"], Mapping[str, str]] = {}
+    kinds: dict[Kind, Mapping[str, str]] = {}
     if roll is not None:
-        kinds = {"viewer": roll.viewers, "router": roll.routers}
+        kinds = {"viewer": roll.viewers, "operator": roll.operators, "router": roll.routers}
     for kind, names in kinds.items():
         for one in names:
             place = folder / f"{kind}s" / one
@@ -187,7 +187,7 @@ def _certificate(
     folder: Path,
     name: str,
     now: datetime.datetime,
-    kind: Literal["camera", "viewer", "router"] = "camera",
+    kind: Kind = "camera",
 ) -> Finding:
     from e3pose.wire.keys.authority import expires
 

@@ -29,6 +29,7 @@ from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import noise_warning
 from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.site.control import SiteControls
 from e3pose.site.lines import NO_LOG, Log
 from e3pose.site.quiet import be_quiet
 from e3pose.site.run import run_until_stopped
@@ -211,7 +212,7 @@ def join_as_edge(link: Link, roll: Roll | None) -> Transport:
     """Open the network of a site for the program that routes for it."""
     if roll is None:
         return open_network(link)
-    return open_network(link, roll.cameras, roll.viewers, roll.routers)
+    return open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators)
 
 
 def make_edge(
@@ -271,7 +272,8 @@ def make_edge(
         pace=site.pace,
         smooth_delay_s=site.smooth_delay_ms / 1e3,
     )
-    consumers = Consumers(sink, learner, ledger)
+    controls = SiteControls(live, ledger)
+    consumers = Consumers(sink, learner, ledger, controls)
     return EdgeServer(pipeline, transport, settings, clock, state_file, news, consumers)
 
 

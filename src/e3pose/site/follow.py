@@ -13,7 +13,7 @@ from e3pose.settings.site_file import SiteTable
 from e3pose.wire import topics
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.codec import decode
-from e3pose.wire.keys.folder import certificates_in, check_certificates
+from e3pose.wire.keys.folder import Kind, certificates_in, check_certificates
 from e3pose.wire.messages import Poses, Status
 from e3pose.wire.transport import Transport
 
@@ -68,13 +68,14 @@ class Follower:
         transport.subscribe(topics.of_site(self.site, "poses"), take_poses)
 
 
-def viewer_link(site: SiteTable, viewer: Path | None) -> Link:
-    """Return how a program that only looks joins a site.
+def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) -> Link:
+    """Return how a program that looks joins a site.
 
     Args:
         site: its file.
-        viewer: folder that `e3pose keys add NAME --viewer` made; on the edge server itself, its own
-            certificate serves by default.
+        viewer: folder that `e3pose keys add NAME --viewer` or `--operator` made; on the edge
+            server itself, the first viewer's certificate serves by default.
+        operates: whether the first operator's serves in its place, where there is one.
 
     Raises:
         InputError: for certificates that cannot be used.
@@ -87,13 +88,15 @@ def viewer_link(site: SiteTable, viewer: Path | None) -> Link:
         if viewer is None:
             folder = site.near(site.link.keys or "keys")
             found = sorted((folder / "viewers").glob("*/viewer.pem"))
+            found = sorted((folder / "operators").glob("*/operator.pem")) * operates + found
             if not found:
                 raise InputError(
                     f"{folder}: found no viewer's certificate, expected one: "
                     f"e3pose keys add NAME --viewer --keys {folder}"
                 )
             viewer = found[0].parent
-        certificates = certificates_in(viewer, "viewer")
+        kind: Kind = "operator" if (viewer / "operator.pem").exists() else "viewer"
+        certificates = certificates_in(viewer, kind)
         check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
         if host == "127.0.0.1":
             endpoint = f"tls/localhost:{port}"

@@ -38,13 +38,16 @@ Cursor = Annotated[str | None, Query(max_length=48, pattern=r"^[0-9]{1,18}(\.[0-
 T = TypeVar("T")
 
 
-def make_api(feed: Feed, store: Store | None, describe: Callable[[], dict[str, Any]]) -> APIRouter:
+def make_api(
+    feed: Feed, store: Store | None, describe: Callable[[], dict[str, Any]], controls: bool
+) -> APIRouter:
     """Return the routes that only read.
 
     Args:
         feed: the newest of the site.
         store: of the site; None where nothing is stored.
         describe: what does not change: cameras, skeleton, room.
+        controls: whether the edge lets itself be controlled from here.
     """
     api = APIRouter(prefix="/api", responses=REFUSALS)
 
@@ -54,7 +57,7 @@ def make_api(feed: Feed, store: Store | None, describe: Callable[[], dict[str, A
             **describe(),
             "scope": getattr(request.state, "scope", "read"),
             "stored": store is not None,
-            "controls": False,
+            "controls": controls,
         }
 
     @api.get("/status", summary="How the site is, by the second")

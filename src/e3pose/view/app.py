@@ -14,6 +14,7 @@ from starlette.types import ASGIApp
 from e3pose import __version__
 from e3pose.store import Store
 from e3pose.view.api import make_api
+from e3pose.view.control import Ask, make_control
 from e3pose.view.door import Door, Rules
 from e3pose.view.feed import Feed
 from e3pose.view.live import make_live
@@ -32,11 +33,13 @@ class Site:
         feed: the newest.
         store: what is kept; None where nothing is.
         describe: what does not change.
+        ask: sends a `Control` to the edge; None where that is not possible from here.
     """
 
     feed: Feed
     store: Store | None
     describe: Callable[[], dict[str, Any]]
+    ask: Ask | None = None
 
 
 def make_app(site: Site, rules: Rules) -> ASGIApp:
@@ -60,5 +63,7 @@ def inner_app(site: Site) -> FastAPI:
     )  # fmt: skip
     app.include_router(make_page())
     app.include_router(make_live(site.feed))
-    app.include_router(make_api(site.feed, site.store, site.describe))
+    if site.ask is not None:
+        app.include_router(make_control(site.ask))
+    app.include_router(make_api(site.feed, site.store, site.describe, site.ask is not None))
     return app

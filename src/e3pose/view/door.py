@@ -29,6 +29,7 @@ WRITE_PREFIX = "/api/control"
 READS_PER_S, READ_BURST = 50.0, 100.0
 WRITES_PER_S, WRITE_BURST = 5.0, 10.0
 GUESSES_PER_S, GUESS_BURST = 0.2, 10.0
+MAX_BODY_BYTES = 4096
 CLOSED = 4403  # what a WebSocket that was refused would be closed with
 HEADERS = {
     "Content-Security-Policy": (
@@ -96,6 +97,8 @@ class Rules:
             return None, Refusal(421, f"host {host[:80]!r} is not this server: see [view] hosts")
         if refusal := self._foreign(path, headers, host):
             return None, refusal
+        if refusal := _large(headers):
+            return None, refusal
         if path in OPEN_PATHS:
             return None, _late(self.reads.wait_s(client))
         scope: Scope | None = "read" if self.open_reading else None
@@ -134,6 +137,15 @@ class Rules:
 
 
 BEARER = {"WWW-Authenticate": "Bearer"}
+
+
+def _large(headers: Mapping[str, str]) -> Refusal | None:
+    if "transfer-encoding" in headers:
+        return Refusal(411, "the length of the body must be stated")
+    length = headers.get("content-length", "0")
+    if not (length.isascii() and length.isdigit() and int(length[:12]) <= MAX_BODY_BYTES):
+        return Refusal(413, f"more than {MAX_BODY_BYTES} bytes")
+    return None
 
 
 def _late(wait_s: float) -> Refusal | None:

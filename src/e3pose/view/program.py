@@ -22,19 +22,21 @@ from e3pose.view.app import Site, make_app
 from e3pose.view.door import Rules
 from e3pose.view.feed import Feed
 from e3pose.view.room import describe
-from e3pose.view.tokens import Tokens, open_tokens
+from e3pose.view.tokens import open_tokens
 from e3pose.wire.access import is_loopback, split_endpoint
 from e3pose.wire.network import open_network
+from e3pose.wire.topics import of_site
 from e3pose.wire.transport import Transport
 
 START_S = 20.0
 END_S = 5.0
+ASK_S = 3.0  # for the edge to answer
 MAX_CONNECTIONS = 256
 MAX_MESSAGE_BYTES = 4096  # of a WebSocket, to us
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class Address:
     """Where a view listens, and how it is reached.
 
     Attributes:
@@ -58,7 +60,7 @@ class Door:
         return f"{'http' if self.certificate is None else 'https'}://{shown}:{self.port}/"
 
 
-def door_of(site: SiteTable, listen: str | None = None) -> Door:
+def address_of(site: SiteTable, listen: str | None = None) -> Address:
     """Return where the view of a site listens.
 
     Args:
@@ -75,7 +77,7 @@ def door_of(site: SiteTable, listen: str | None = None) -> Door:
         raise InputError("--listen", repr(words[:100]), "HOST:PORT, 127.0.0.1:8470") from None
     hosts = {"localhost", host.lower(), *(name.lower() for name in table.hosts)}
     if is_loopback(host):
-        return Door(host, port, None, None, frozenset(hosts))
+        return Address(host, port, None, None, frozenset(hosts))
     hosts |= {socket.gethostname().lower(), socket.getfqdn().lower()}
     certificate = key = None
     if site.link.keys is not None:
@@ -89,36 +91,39 @@ def door_of(site: SiteTable, listen: str | None = None) -> Door:
                 str(site.path),
             )
         certificate = key = None
-    return Door(host, port, certificate, key, frozenset(hosts))
+    return Address(host, port, certificate, key, frozenset(hosts))
 
 
-def addresses(site: SiteTable, door: Door) -> list[str]:
+def page_links(site: SiteTable, address: Address) -> list[str]:
     """Return where to look, a line each, with the tokens that are needed.
 
     Args:
         site: its file.
-        door: where its view listens.
+        address: where its view listens.
     """
     tokens = open_tokens(site.near(site.view.tokens))
-    token = "" if is_loopback(door.host) else f"#token={tokens.read}"
-    return [f"See the site: {door.url}{token}"]
+    token = "" if is_loopback(address.host) else f"#token={tokens.read}"
+    return [
+        f"See the site:     {address.url}{token}",
+        f"Control the site: {address.url}#token={tokens.write}",
+    ]
 
 
 class View:
     """A server at work, until it is closed. Use it as a context manager.
 
     Attributes:
-        door: where it listens.
+        address: where it listens.
         url: of its page.
+        rules: who may come in.
         tokens: who may read and write.
         feed: what it hands on.
-        open_reading: whether reading needs no token.
     """
 
-    def __init__(self, door: Door, tokens: Tokens, feed: Feed, open_reading: bool) -> None:
+    def __init__(self, address: Address, rules: Rules, feed: Feed) -> None:
         """Describe a server; `open_view` starts one."""
-        self.door, self.url = door, door.url
-        self.tokens, self.feed, self.open_reading = tokens, feed, open_reading
+        self.address, self.url = address, address.url
+        self.rules, self.tokens, self.feed = rules, rules.tokens, feed
         self._stack = ExitStack()
 
     def __enter__(self) -> View:
@@ -178,29 +183,37 @@ def open_view(
         InputError: for a port that is taken, and all that is wrong in the file.
     """
     site = live.site
-    door = door_of(site, listen)
+    address = address_of(site, listen)
     tokens = open_tokens(site.near(site.view.tokens))
-    listening = _listen(door)
-    door = replace(door, port=listening.getsockname()[1])
-    open_reading = is_loopback(door.host)
+    listening = _listen(address)
+    address = replace(address, port=listening.getsockname()[1])
+    rules = Rules(tokens, address.hosts, is_loopback(address.host), address.certificate is not None)
     feed = Feed(site.name)
-    view = View(door, tokens, feed, open_reading)
+    view = View(address, rules, feed)
     with ExitStack() as stack:
         stack.callback(listening.close)
         place = site.store_place
+        operates = True
         if transport is None:
-            transport = open_network(viewer_link(site, keys))
+            link = viewer_link(site, keys, operates=True)
+            files = link.certificates
+            operates = files is None or files.certificate.name == "operator.pem"
+            transport = open_network(link)
         stack.callback(transport.close)
         feed.listen(transport)
         body = describe(live)
-        made = Site(feed, None if place is None else Store(place), lambda: body)
-        rules = Rules(tokens, door.hosts, open_reading, door.certificate is not None)
+        store, topic = None if place is None else Store(place), of_site(site.name, "control")
+
+        def ask(payload: bytes) -> bytes | None:
+            return transport.ask(topic, payload, ASK_S)
+
+        made = Site(feed, store, lambda: body, ask if operates else None)
         view._stack.push(stack.pop_all())
-    view.serve(_server(make_app(made, rules), door), listening)
+    view.serve(_server(make_app(made, rules), address), listening)
     return view
 
 
-def _server(app: object, door: Door) -> uvicorn.Server:
+def _server(app: object, address: Address) -> uvicorn.Server:
     return uvicorn.Server(
         uvicorn.Config(
             app,  # type: ignore[arg-type]
@@ -212,28 +225,28 @@ def _server(app: object, door: Door) -> uvicorn.Server:
             ws_max_size=MAX_MESSAGE_BYTES,
             limit_concurrency=MAX_CONNECTIONS,
             timeout_graceful_shutdown=1,
-            ssl_certfile=None if door.certificate is None else str(door.certificate),
-            ssl_keyfile=None if door.key is None else str(door.key),
+            ssl_certfile=None if address.certificate is None else str(address.certificate),
+            ssl_keyfile=None if address.key is None else str(address.key),
         )
     )
 
 
-def _listen(door: Door) -> socket.socket:
+def _listen(address: Address) -> socket.socket:
     """Return a socket that listens; raise `InputError` naming a port that is taken."""
-    family = socket.AF_INET6 if door.host.startswith("[") else socket.AF_INET
+    family = socket.AF_INET6 if address.host.startswith("[") else socket.AF_INET
     listening = socket.socket(family)
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((door.host.strip("[]"), door.port))
+        listening.bind((address.host.strip("[]"), address.port))
         listening.listen(128)
     except OSError as error:
         listening.close()
         if error.errno == errno.EADDRINUSE:
             raise InputError(
-                f"port {door.port} is in use, expected a free one: end the program that has it "
-                f"(`ss -ltnp 'sport = :{door.port}'` names it), or choose another with --listen"
+                f"port {address.port} is in use, expected a free one: end the program that has it "
+                f"(`ss -ltnp 'sport = :{address.port}'` names it), or choose another with --listen"
             ) from None
         raise InputError(
-            "--listen", f"{door.host}:{door.port}", "an address of this machine"
+            "--listen", f"{address.host}:{address.port}", "an address of this machine"
         ) from None
     return listening

@@ -123,6 +123,7 @@ def zenoh_config(
     cameras: Mapping[str, str] | None = None,
     viewers: Mapping[str, str] | None = None,
     routers: Mapping[str, str] | None = None,
+    operators: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the configuration of a program's Zenoh session.
 
@@ -133,6 +134,7 @@ def zenoh_config(
         viewers: likewise, of programs that may read poses and status.
         routers: likewise, of programs that pass on whatever the site says, and are trusted to let
             each camera say and hear its own alone. A router trusts the edge of its site too.
+        operators: likewise, of viewers that may also control the edge.
     """
     check_link(link)
     protocol, _, _ = split_endpoint(link.endpoint)
@@ -185,7 +187,9 @@ def zenoh_config(
             trusted = dict(routers or {})
             if link.role == "router":
                 trusted["#edge"] = edge_name(link.site)
-            config["access_control"] = _access(link.site, cameras or {}, viewers or {}, trusted)
+            config["access_control"] = _access(
+                link.site, cameras or {}, viewers or {}, trusted, operators or {}
+            )
     if routes(link):
         config["low_pass_filter"] = _limits(link.site)
     return config
@@ -212,7 +216,11 @@ def _limits(site: str) -> list[dict[str, Any]]:
 
 
 def _access(
-    site: str, cameras: Mapping[str, str], viewers: Mapping[str, str], trusted: Mapping[str, str]
+    site: str,
+    cameras: Mapping[str, str],
+    viewers: Mapping[str, str],
+    trusted: Mapping[str, str],
+    operators: Mapping[str, str],
 ) -> dict[str, Any]:
     rules: list[dict[str, Any]] = []
     policies: list[dict[str, Any]] = []
@@ -231,6 +239,14 @@ def _access(
         _grant(rules, policies, subjects, f"viewer-{viewer}", common_name, {
             "listens": ("ingress", LISTEN, shown),
             "hears": ("egress", HEAR, shown),
+        })  # fmt: skip
+    control = [of_site(site, "control")]
+    for operator, common_name in operators.items():
+        _grant(rules, policies, subjects, f"operator-{operator}", common_name, {
+            "listens": ("ingress", LISTEN, shown),
+            "hears": ("egress", HEAR, shown),
+            "asks": ("ingress", ["query"], control),
+            "gets": ("egress", ["reply"], control),
         })  # fmt: skip
     for name, common_name in trusted.items():
         _grant(rules, policies, subjects, f"router-{name}", common_name, {

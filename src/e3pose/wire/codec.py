@@ -18,6 +18,8 @@ from e3pose.wire.messages import (
     CameraStatus,
     ClockAnswer,
     ClockQuestion,
+    Control,
+    Controlled,
     Heartbeat,
     Hello,
     Message,
@@ -264,6 +266,24 @@ def _check_poses(poses: Poses, where: str) -> None:
     _check_array(poses.measured, f"{where}: measured", "b1", persons, joints)
 
 
+def _check_control(control: Control, where: str) -> None:
+    _check_numbers(
+        where,
+        0,
+        MAX_FIGURE,
+        cameras=control.cameras,
+        target_error_mm=control.target_error_mm,
+        quality_weight=control.quality_weight,
+    )
+    if control.camera_id:
+        check_camera_id(control.camera_id)
+    _check_text(where, control.budget)
+
+
+def _check_controlled(controlled: Controlled, where: str) -> None:
+    _check_text(where, controlled.said, controlled.problem)
+
+
 def _check_status(status: Status, where: str) -> None:
     _check_whole(
         where,
@@ -280,6 +300,14 @@ def _check_status(status: Status, where: str) -> None:
             raise InputError(f"{where}: {name}: found {found}, expected at most {most}")
     _check_text(where, status.site, *status.events)
     _check_numbers(where, 0, MAX_FIGURE, fps=status.fps, error=status.expected_error_mm)
+    _check_numbers(
+        where,
+        0,
+        MAX_FIGURE,
+        num_selected=status.num_selected,
+        target_error_mm=status.target_error_mm,
+        quality_weight=status.quality_weight,
+    )
     # Below zero where a clock was set back meanwhile.
     for name, durations in (("step_ms", status.step_ms), ("latency_ms", status.latency_ms)):
         for value in durations:
@@ -304,7 +332,7 @@ def _check_camera_status(camera: CameraStatus, where: str) -> None:
         gain_nats=camera.gain_nats,
         price=camera.price,
     )
-    _check_numbers(where, 0, 1, occlusion=camera.occlusion)
+    _check_numbers(where, 0, 1, occlusion=camera.occlusion, budget=camera.budget)
     _check_numbers(where, *TEMPERATURES_C, temperature_c=camera.temperature_c)
 
 
@@ -316,6 +344,8 @@ _CHECKS: dict[type[Any], Any] = {
     ClockQuestion: _check_question,
     ClockAnswer: _check_answer,
     Poses: _check_poses,
+    Control: _check_control,
+    Controlled: _check_controlled,
     Status: _check_status,
 }
 

@@ -261,6 +261,8 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
             policy that does not work it out.
         price: what its energy queue asks for it, on the same scale.
         temperature_c: of the device, by its own sensor; None where there is none.
+        paused: whether an operator had it left out.
+        budget: share of the slots in which it may be active, as a mean.
     """
 
     camera_id: str
@@ -283,6 +285,42 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     gain_nats: float | None = None
     price: float | None = None
     temperature_c: float | None = None
+    paused: bool = False
+    budget: float | None = None
+
+
+class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
+    """An operator asks the edge to run otherwise from the next slot on; until it is restarted.
+
+    What is None or empty stays as it is.
+
+    Attributes:
+        cameras: cameras a slot, as a mean; ends aiming at an error.
+        target_error_mm: wake as few as keep the expected error below this; in place of `cameras`.
+        quality_weight: the paper's V.
+        camera_id: of the camera that the rest is about.
+        paused: whether that camera is left out.
+        budget: what it may spend, as people write it: `60%`, `4W`, `until 18:00`.
+    """
+
+    cameras: float | None = None
+    target_error_mm: float | None = None
+    quality_weight: float | None = None
+    camera_id: str = ""
+    paused: bool | None = None
+    budget: str = ""
+
+
+class Controlled(msgspec.Struct, array_like=True, frozen=True, tag="controlled"):
+    """The edge's answer to a `Control`.
+
+    Attributes:
+        said: what it does, in words; empty where it refuses.
+        problem: why it refuses; empty where it does not.
+    """
+
+    said: str = ""
+    problem: str = ""
 
 
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
@@ -301,6 +339,9 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         events: the newest things worth telling, newest last.
         expected_error_mm: what the estimator expects of itself; None where unknown.
         slots_lost: slots that were never computed.
+        num_selected: cameras a slot that the policy is to wake; None where it has no number.
+        target_error_mm: the expected error that it aims at instead; None where it does not.
+        quality_weight: its V; None where it has none.
     """
 
     site: str
@@ -315,6 +356,20 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     events: tuple[str, ...] = ()
     expected_error_mm: float | None = None
     slots_lost: int = 0
+    num_selected: float | None = None
+    target_error_mm: float | None = None
+    quality_weight: float | None = None
 
 
-Message = Hello | View | Heartbeat | Order | ClockQuestion | ClockAnswer | Poses | Status
+Message = (
+    Hello
+    | View
+    | Heartbeat
+    | Order
+    | ClockQuestion
+    | ClockAnswer
+    | Poses
+    | Control
+    | Controlled
+    | Status
+)

@@ -91,6 +91,7 @@ def open_network(
     cameras: Mapping[str, str] | None = None,
     viewers: Mapping[str, str] | None = None,
     routers: Mapping[str, str] | None = None,
+    operators: Mapping[str, str] | None = None,
 ) -> NetworkTransport:
     """Join the site; a camera that finds no edge goes on trying in the background.
 
@@ -99,12 +100,13 @@ def open_network(
         cameras: see `zenoh_config`.
         viewers: see `zenoh_config`.
         routers: see `zenoh_config`.
+        operators: see `zenoh_config`.
 
     Raises:
         InputError: when the endpoint or a certificate cannot be used.
     """
     zenoh.init_log_from_env_or("off")
-    config = zenoh_config(link, cameras, viewers, routers)
+    config = zenoh_config(link, cameras, viewers, routers, operators)
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:

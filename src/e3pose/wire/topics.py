@@ -4,6 +4,7 @@ e3pose/SITE/camera/CAMERA/{hello,view,heartbeat,alive}   a camera writes, the ed
 e3pose/SITE/camera/CAMERA/clock                          a camera asks, the edge answers
 e3pose/SITE/order/CAMERA                                 the edge writes, that camera reads
 e3pose/SITE/{poses,poses-delayed,status}                 the edge writes, viewers read
+e3pose/SITE/control                                      an operator asks, the edge answers
 e3pose/SITE/alive                                        that the edge is there
 """
 
@@ -36,7 +37,7 @@ def of_order(site: str, camera_id: str) -> str:
 
 
 def of_site(site: str, what: str) -> str:
-    """Return a topic of the edge: `poses`, `poses-delayed`, `status` or `alive`."""
+    """Return a topic of the edge: `poses`, `poses-delayed`, `status`, `control` or `alive`."""
     return f"{ROOT}/{check_site(site)}/{what}"
 
 

@@ -6,6 +6,7 @@
       edge.pem, .key            of the edge server
       cameras/CAMERA/           carry it to the camera: authority.pem, camera.pem, camera.key
       viewers/VIEWER/           likewise, for programs that only look
+      operators/OPERATOR/       likewise, for programs that also control the edge
       routers/ROUTER/           likewise, for a router before the edge, with a copy of keys.toml
 
 A common name holds a number that grows (`cam1#2`): a camera that was revoked and added again is
@@ -41,8 +42,9 @@ MAX_PEM_BYTES = 2**16
 HOST = re.compile(r"[A-Za-z0-9.:-]{1,253}")
 COMMON_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,51}#([0-9]{1,9})")
 MAX_COUNT = 10**9 - 1
-KEYS = ("format", "version", "site", "count", "revoked", "cameras", "viewers", "routers")
-Kind = Literal["camera", "viewer", "router"]
+GROUPS = ("cameras", "viewers", "operators", "routers")
+KEYS = ("format", "version", "site", "count", "revoked", *GROUPS)
+Kind = Literal["camera", "viewer", "operator", "router"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,7 @@ class Roll:
         site: name of the site.
         cameras: camera id to the common name of its certificate.
         viewers: viewer to the common name of its certificate.
+        operators: operator to the common name of its certificate.
         routers: router to the common name of its certificate.
         revoked: common names that are worthless.
         count: certificates made so far.
@@ -61,6 +64,7 @@ class Roll:
     site: str
     cameras: Mapping[str, str] = field(default_factory=dict)
     viewers: Mapping[str, str] = field(default_factory=dict)
+    operators: Mapping[str, str] = field(default_factory=dict)
     routers: Mapping[str, str] = field(default_factory=dict)
     revoked: tuple[str, ...] = ()
     count: int = 0
@@ -110,13 +114,13 @@ def add_keys(
     again: bool = False,
     hosts: Sequence[str] = (),
 ) -> Path:
-    """Make the certificate of a camera, a viewer or a router.
+    """Make the certificate of a camera, a viewer, an operator or a router.
 
     Args:
         folder: of the site.
-        name: of the camera, viewer or router.
+        name: of the camera, viewer, operator or router.
         now: the time from which it is valid.
-        kind: which of the three.
+        kind: which of the four.
         again: whether it may replace an earlier one, which is then revoked.
         hosts: names and addresses under which cameras reach a router.
 
@@ -143,7 +147,7 @@ def _add(
     from e3pose.wire.keys.authority import UNREADABLE, make_certificate
 
     roll = read_roll(folder)
-    known = dict({"camera": roll.cameras, "viewer": roll.viewers, "router": roll.routers}[kind])
+    known = dict(getattr(roll, f"{kind}s"))
     if name in known and not again:
         raise InputError(
             f"{folder}: {kind} {name} has a certificate already, "
@@ -179,7 +183,7 @@ def _add(
 
 
 def revoke_keys(folder: Path, name: str) -> Roll:
-    """Make the certificate of a camera, viewer or router worthless.
+    """Make the certificate of a camera, viewer, operator or router worthless.
 
     Raises:
         InputError: when there is none of that name.
@@ -191,7 +195,7 @@ def revoke_keys(folder: Path, name: str) -> Roll:
 
 def _revoke(folder: Path, name: str) -> Roll:
     roll = read_roll(folder)
-    everybody = (roll.cameras, roll.viewers, roll.routers)
+    everybody: list[Mapping[str, str]] = [getattr(roll, group) for group in GROUPS]
     lost = [people[name] for people in everybody if name in people]
     if not lost:
         known = ", ".join(name for people in everybody for name in people) or "nobody"
@@ -200,6 +204,7 @@ def _revoke(folder: Path, name: str) -> Roll:
         roll,
         cameras={n: c for n, c in roll.cameras.items() if n != name},
         viewers={n: c for n, c in roll.viewers.items() if n != name},
+        operators={n: c for n, c in roll.operators.items() if n != name},
         routers={n: c for n, c in roll.routers.items() if n != name},
         revoked=(*roll.revoked, *lost),
     )
@@ -221,12 +226,11 @@ def read_roll(folder: Path) -> Roll:
         if key not in KEYS:
             raise InputError(f"{path}: unknown key {key[:60]!r}, expected one of {', '.join(KEYS)}")
     try:
-        groups = ("cameras", "viewers", "routers")
-        people = {group: _people(group, table.get(group, {})) for group in groups}
+        people = {group: _people(group, table.get(group, {})) for group in GROUPS}
         revoked = table.get("revoked", [])
         if not isinstance(revoked, list):
             raise InputError(f"revoked: found {str(revoked)[:60]!r}, expected a list of names")
-        known = [*(name for group in groups for name in people[group].values()), *revoked]
+        known = [*(name for group in GROUPS for name in people[group].values()), *revoked]
         numbers = [_number(name) for name in known]
         if len(set(known)) < len(known):
             twice = next(name for name in known if known.count(name) > 1)
@@ -264,9 +268,7 @@ def _number(common_name: object) -> int:
     return int(match[1])
 
 
-def certificates_in(
-    folder: Path, role: Literal["edge", "camera", "viewer", "router"]
-) -> Certificates:
+def certificates_in(folder: Path, role: Literal["edge"] | Kind) -> Certificates:
     """Return the files of a folder for a program; raise `InputError` naming what is missing."""
     files = Certificates(folder / "authority.pem", folder / f"{role}.pem", folder / f"{role}.key")
     for path in (files.authority, files.certificate, files.key):
@@ -295,6 +297,7 @@ def _write_roll(folder: Path, roll: Roll) -> None:
         "revoked": list(roll.revoked),
         "cameras": dict(roll.cameras),
         "viewers": dict(roll.viewers),
+        "operators": dict(roll.operators),
         "routers": dict(roll.routers),
     }
     written = tomli_w.dumps(table).encode()

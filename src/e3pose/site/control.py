@@ -1,0 +1,130 @@
+"""Control of a running edge: what operators ask for is checked at once and used from the next slot.
+
+Nothing of it is written down: an edge that is restarted runs as its site file says.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
+
+from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.energy.budgets import Budget, parse_budget
+from e3pose.errors import InputError
+from e3pose.pipeline import Pipeline
+from e3pose.plural import counted
+from e3pose.select.policies import Policy
+from e3pose.settings.live import LiveSite
+from e3pose.settings.loop import LoopSettings
+from e3pose.settings.parts import make_policy, shares
+from e3pose.wire.codec import decode, encode, one_line
+from e3pose.wire.messages import Control, Controlled
+
+Chosen = tuple[Policy, Callable[[float], Policy] | None]
+
+
+class SiteControls:
+    """What operators asked of an edge; see `edge.consumers.Controls`."""
+
+    def __init__(self, live: LiveSite, ledger: EnergyLedger) -> None:
+        """Begin as the site file says.
+
+        Args:
+            live: the site.
+            ledger: told other budgets.
+        """
+        self._live, self._ledger, self._loop = live, ledger, live.loop
+        self._own: dict[str, Budget] = {}  # camera to the budget that an operator gave it
+        self._paused: frozenset[str] = frozenset()
+        self._chosen: Chosen | None = None  # to be used from the next slot on
+        self._told: list[str] = []
+        self._lock = threading.Lock()
+
+    @property
+    def paused(self) -> frozenset[str]:
+        """Cameras that are left out."""
+        return self._paused
+
+    def answer(self, payload: bytes) -> bytes:
+        """Do what a `Control` asks for, or say why not; on a thread of the transport."""
+        try:
+            said = self.take(decode(payload, Control, "control"))
+        except InputError as error:
+            return encode(Controlled(problem=one_line(str(error))))
+        return encode(Controlled(said=one_line(said)))
+
+    def take(self, control: Control) -> str:
+        """Do what is asked for, all of it or nothing; return what that is, in words.
+
+        Raises:
+            InputError: naming what cannot be had.
+        """
+        with self._lock:
+            said = self._of_camera(control) if control.camera_id else self._of_loop(control)
+            if not said:
+                raise InputError("control", "nothing to change", "one setting at least")
+            self._told.append(said)
+        return said
+
+    def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
+        """See `edge.consumers.Controls`."""
+        if not self._told:  # nearly always
+            return pipeline, []
+        with self._lock:
+            told, self._told = self._told, []
+            chosen, self._chosen = self._chosen, None
+        if chosen is not None:
+            pipeline = replace(pipeline, policy=chosen[0], waking=chosen[1])
+        return pipeline, told
+
+    def _of_loop(self, control: Control) -> str:
+        if control.paused is not None or control.budget:
+            raise InputError("camera_id", "none", "the camera to pause, or whose budget it is")
+        loop, words = self._loop, []
+        if control.cameras is not None and control.target_error_mm is not None:
+            raise InputError("target_error_mm", "it with cameras", "one of them")
+        if control.cameras is not None:
+            loop = replace(loop, num_selected=control.cameras, target_error_m=None)
+            words.append(f"{counted(control.cameras, 'camera')} per slot")
+        if control.target_error_mm is not None:
+            loop = replace(loop, target_error_m=control.target_error_mm / 1000)
+            words.append(f"target error {control.target_error_mm:g} mm")
+        if control.quality_weight is not None:
+            loop = replace(loop, quality_weight=control.quality_weight)
+            words.append(f"quality weight {control.quality_weight:g}")
+        if not words:
+            return ""
+        loop = loop.for_rig(len(self._live.rig))
+        chosen = make_policy(self._live, loop)
+        if chosen[1] is None and control.cameras is not None:
+            found = f"it with the policy {loop.policy_name}, which has no number of cameras"
+            raise InputError("cameras", found, "another policy in the site file")
+        self._budget(dict(self._own), loop)
+        self._loop, self._chosen = loop, chosen
+        return ", ".join(words)
+
+    def _of_camera(self, control: Control) -> str:
+        name, words = control.camera_id, []
+        if name not in self._live.rig.camera_ids:
+            raise InputError("camera_id", name, f"one of {', '.join(self._live.rig.camera_ids)}")
+        if {control.cameras, control.target_error_mm, control.quality_weight} != {None}:
+            raise InputError("camera_id", "it with a setting of the site", "one of them at a time")
+        if control.budget:
+            own = self._own | {name: parse_budget(control.budget, datetime.now().astimezone())}
+            self._budget(own, self._loop)
+            self._own = own
+            words.append(f"budget {control.budget}")
+        if control.paused is not None:
+            self._paused = self._paused | {name} if control.paused else self._paused - {name}
+            words.append("paused" if control.paused else "resumed")
+        return f"{name}: {', '.join(words)}" if words else ""
+
+    def _budget(self, own: dict[str, Budget], loop: LoopSettings) -> None:
+        """Have the ledger go on with the budgets of a loop, but for those given to cameras."""
+        share = shares(loop, len(self._live.rig)).tolist()
+        usual = self._live.budgets(share, datetime.now().astimezone())
+        names = self._live.rig.camera_ids
+        budgets = [own.get(name, budget) for name, budget in zip(names, usual, strict=True)]
+        self._ledger.change(budgets, loop.num_selected or 0.0)

@@ -1,0 +1,78 @@
+"""A person moves a slider in a browser, and the edge of a real site wakes other cameras."""
+
+from __future__ import annotations
+
+import runpy
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+from tests.view.browser import Page, browser, browser_path
+from tests.waiting import eventually
+
+from e3pose.settings.live import live_site
+from e3pose.settings.site_file import load_site
+from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.edge_program import Edge
+from e3pose.site.example import write_recorded
+from e3pose.view.program import View, open_view
+
+pytestmark = [
+    pytest.mark.live,
+    pytest.mark.skipif(browser_path() is None, reason="found no chromium, .ci/run installs one"),
+]
+LIVE = Path(__file__).parents[2] / "examples" / "06_live.py"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Edge, View, Page]]:
+    """An edge with three cameras, its view, and a browser."""
+    folder = tmp_path_factory.mktemp("site")
+    recording = simulate(SceneSettings(people=2, seconds=4, fps=12.5, cameras=3), seed=1)
+    site_file = write_recorded(folder / "site", recording)
+    with ExitStack() as stack:
+        edge: Edge = runpy.run_path(str(LIVE))["run"](site_file, stack)
+        view = stack.enter_context(open_view(live_site(load_site(site_file)), "127.0.0.1:0"))
+        page = stack.enter_context(browser(tmp_path_factory.mktemp("browser")))
+        assert eventually(lambda: edge.status().slot > 5, 240)
+        yield edge, view, page
+
+
+def paused(edge: Edge) -> list[bool]:
+    return [camera.paused for camera in edge.status().cameras]
+
+
+def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
+    site: tuple[Edge, View, Page],
+) -> None:
+    edge, view, page = site
+    page.open(f"{view.url}#token={view.tokens.write}")
+    assert page.shows("state", "live") and page.shows("cameras-out", "2")
+    assert edge.status().num_selected == 2
+    page.run(
+        "(() => { const slider = document.getElementById('cameras'); slider.value = 1;"
+        " slider.dispatchEvent(new Event('input')); slider.dispatchEvent(new Event('change'));"
+        " })()"
+    )
+    assert page.shows("said", "1 camera per slot")
+    assert eventually(lambda: edge.status().num_selected == 1)
+    # The slots that were decided before pass first.
+    assert eventually(lambda: page.run("shown.selected.size") == 1)
+    page.run("[...document.querySelectorAll('#table button')][1].click()")
+    assert eventually(lambda: paused(edge) == [False, True, False])
+    assert page.shows("table", "paused")
+    page.run("[...document.querySelectorAll('#table button')][1].click()")
+    assert eventually(lambda: paused(edge) == [False, False, False])
+    assert page.messages == []
+
+
+def test_who_may_only_read_sees_no_controls(site: tuple[Edge, View, Page]) -> None:
+    _, view, page = site
+    page.run("sessionStorage.clear()")
+    page.open(view.url)
+    assert page.shows("state", "live")
+    assert page.run("document.getElementById('control').hidden")
+    assert not page.run("document.querySelectorAll('#table button').length")
+    status = "fetch('/api/control/loop', { method: 'POST', body: '{}' }).then((a) => a.status)"
+    assert page.run(status) == 401

@@ -1,0 +1,150 @@
+"""Control of an edge: what operators ask for is used from the next slot, or refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+from tests.rigs import looking
+from tests.site.tables import write_site
+
+from e3pose.calibration import save_rig
+from e3pose.clock import ManualClock
+from e3pose.edge.consumers import Consumers
+from e3pose.edge.server import EdgeServer
+from e3pose.errors import InputError
+from e3pose.pipeline import Pipeline
+from e3pose.select.policies.information import Information
+from e3pose.settings.live import live_site
+from e3pose.site.control import SiteControls
+from e3pose.site.edge_program import make_edge
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.memory import Hub
+from e3pose.wire.messages import Control, Controlled
+
+RIG = looking((4, 0), (0, 4), (-4, 0), (0, -4))
+
+
+@contextmanager
+def edge(folder: Path, more: str = "") -> Iterator[tuple[EdgeServer, Hub]]:
+    """Yield an edge that was made and not started, and the air around it."""
+    site = write_site(folder, more)
+    save_rig(RIG, folder / "rig.toml")
+    live, hub = live_site(site), Hub()
+    with ExitStack() as stack:
+        pipeline = live.pipeline()
+        made = make_edge(live, pipeline, hub.join(), ManualClock(10**18), lambda _: None, stack)
+        made.consumers.listen(made.transport, "lab")
+        yield made, hub
+
+
+def controls(made: EdgeServer) -> SiteControls:
+    assert isinstance(made.consumers.controls, SiteControls)
+    return made.consumers.controls
+
+
+def next_pipeline(consumers: Consumers, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
+    """Return the parts of the slot after, and what was told, without a learner."""
+    assert consumers.controls is not None and consumers.ledger is not None
+    pipeline, told = consumers.controls.applied(pipeline)
+    return consumers.ledger.reckoned(pipeline)[0], told
+
+
+def policy(pipeline: Pipeline) -> Information:
+    assert isinstance(pipeline.policy, Information)
+    return pipeline.policy
+
+
+def test_number_of_cameras_and_its_budget_change_with_the_next_slot(tmp_path: Path) -> None:
+    with edge(tmp_path) as (made, hub):
+        before, _ = next_pipeline(made.consumers, made.pipeline)
+        assert policy(before).num_selected == 2 and before.budget.tolist() == [0.7] * 4
+        answer = hub.join().ask("e3pose/lab/control", encode(Control(cameras=3)), 1.0)
+        assert answer is not None
+        assert decode(answer, Controlled, "edge") == Controlled(said="3 cameras per slot")
+        after, told = next_pipeline(made.consumers, before)
+        assert policy(after).num_selected == 3 and told == ["3 cameras per slot"]
+        assert after.budget.tolist() == [0.95] * 4
+        assert next_pipeline(made.consumers, after) == (after, [])
+
+
+def test_target_replaces_the_number_and_the_other_way_round(tmp_path: Path) -> None:
+    with edge(tmp_path) as (made, _):
+        asked = controls(made)
+        asked.take(Control(target_error_mm=40, quality_weight=3))
+        pipeline, told = next_pipeline(made.consumers, made.pipeline)
+        assert policy(pipeline).target_error_m == 0.04 and policy(pipeline).quality_weight == 3
+        assert told == ["target error 40 mm, quality weight 3"]
+        asked.take(Control(cameras=1.5))
+        pipeline, _ = next_pipeline(made.consumers, pipeline)
+        found = policy(pipeline)
+        assert (found.target_error_m, found.num_selected, found.quality_weight) == (None, 1.5, 3)
+
+
+def test_paused_camera_is_left_out_until_it_is_resumed(tmp_path: Path) -> None:
+    with edge(tmp_path) as (made, _):
+        assert controls(made).take(Control(camera_id="c1", paused=True)) == "c1: paused"
+        assert made.inbox.troubles()[1] == "paused" and not made.inbox.online()[1]
+        status = made.status().cameras
+        assert [camera.paused for camera in status] == [False, True, False, False]
+        controls(made).take(Control(camera_id="c1", paused=False))
+        assert made.inbox.troubles()[1] == "never connected"
+
+
+def test_budget_of_a_camera_is_its_own_and_stays(tmp_path: Path) -> None:
+    with edge(tmp_path, '[[camera]]\nid = "c2"\nbudget = "90%"\n') as (made, _):
+        controls(made).take(Control(camera_id="c1", budget="30%"))
+        pipeline, told = next_pipeline(made.consumers, made.pipeline)
+        assert pipeline.budget.round(3).tolist() == [0.7, 0.3, 0.9, 0.7]
+        assert told == ["c1: budget 30%"]
+        controls(made).take(Control(cameras=1))
+        pipeline, _ = next_pipeline(made.consumers, pipeline)
+        assert pipeline.budget.round(3).tolist() == [0.45, 0.3, 0.9, 0.45]
+
+
+@pytest.mark.parametrize(
+    ("control", "told"),
+    [
+        (Control(), "control: found nothing to change"),
+        (Control(cameras=9), "cameras: found 9 a slot"),
+        (Control(cameras=0), "cameras: found 0 a slot"),
+        (Control(cameras=2, target_error_mm=40), "target_error_mm: found it with cameras"),
+        (Control(target_error_mm=5000), "target_error: found 5000 mm"),
+        (Control(camera_id="c9", paused=True), "camera_id: found c9, expected one of c0"),
+        (Control(camera_id="c1", cameras=2), "camera_id: found it with a setting of the site"),
+        (Control(camera_id="c1", budget="much"), "budget: found 'much'"),
+        (Control(paused=True), "camera_id: found none"),
+    ],
+)
+def test_what_cannot_be_had_is_refused_and_changes_nothing(
+    tmp_path: Path, control: Control, told: str
+) -> None:
+    with edge(tmp_path) as (made, hub):
+        with pytest.raises(InputError, match=told):
+            controls(made).take(control)
+        answer = hub.join().ask("e3pose/lab/control", encode(control), 1.0)
+        assert answer is not None and told in decode(answer, Controlled, "edge").problem
+        assert controls(made).applied(made.pipeline) == (made.pipeline, [])
+        assert not controls(made).paused
+
+
+def test_policy_without_a_number_cannot_be_given_one(tmp_path: Path) -> None:
+    with edge(tmp_path, '[loop]\npolicy = "all"\n') as (made, _):
+        with pytest.raises(InputError, match="which has no number of cameras"):
+            controls(made).take(Control(cameras=2))
+        assert made.status().num_selected is None
+
+
+def test_garbage_is_answered_with_its_problem(tmp_path: Path) -> None:
+    with edge(tmp_path) as (_, hub):
+        answer = hub.join().ask("e3pose/lab/control", b"garbage", 1.0)
+        assert answer is not None and decode(answer, Controlled, "edge").problem
+
+
+def test_status_tells_what_the_policy_is_to_do(tmp_path: Path) -> None:
+    with edge(tmp_path) as (made, _):
+        status = made.status()
+        assert (status.num_selected, status.target_error_mm) == (2, None)
+        assert status.quality_weight == 10 and status.cameras[0].budget == pytest.approx(0.7)
