@@ -1,7 +1,6 @@
 """Read the weights of the attention-LSTM from the ONNX file that holds them.
 
-The network is run by own kernels (`kernels.network`), so nothing is needed of ONNX but what its
-files hold: protocol buffers of a few kinds. Fields have the numbers of `onnx.proto`, version 3.
+The network is run by own kernels (`kernels.network`); of ONNX only the file format is needed.
 """
 
 from __future__ import annotations
@@ -17,21 +16,12 @@ from e3pose.predict.kernels.network import Weights
 from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
 
 Floats32 = NDArray[np.float32]
-Field = tuple[int, int | bytes]
 
 ATTENTION = 48  # outputs of the attentions
 LEAST, MOST_HIDDEN, MOST_EXPERTS = 2, 4096, 1000
 LOOK_HIDDEN, EXPERT, GATE = 2, 15, 17  # of the weights, those that tell the sizes of all
 CONSTANT = (1,)  # the shape of those that the exporter writes between the weights
 CONSTANTS = (NUM_COMMON, 0.01, 10, 1, 1, 1, 0.5, 0.002)
-VARINT, DOUBLE, BYTES, SINGLE = 0, 1, 2, 5  # wire types of protocol buffers
-# Field numbers.
-MODEL_GRAPH, MODEL_PROPERTY = 7, 14
-GRAPH_NODE, GRAPH_WEIGHT, GRAPH_INPUT, GRAPH_OUTPUT = 1, 5, 11, 12
-NODE_ATTRIBUTE, ATTRIBUTE_GRAPH, VALUE_NAME = 5, 6, 1
-TENSOR_SHAPE, TENSOR_TYPE, TENSOR_CONTENT = 1, 2, 9
-PROPERTY_KEY, PROPERTY_VALUE = 1, 2
-TYPES: dict[int, np.dtype[Any]] = {1: np.dtype("<f4"), 10: np.dtype("<f2")}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,24 +45,34 @@ def read_file(content: bytes) -> WeightsFile:
     """Return what an ONNX file holds.
 
     Raises:
-        ValueError: for content that is no such file; also UnicodeDecodeError, which is one.
+        ValueError: for content that is no such file.
     """
-    properties: dict[str, str] = {}
-    graph = b""
-    for number, value in _fields(content):
-        if number == MODEL_GRAPH:
-            graph = _bytes(value)
-        elif number == MODEL_PROPERTY:
-            pair = dict(_fields(_bytes(value)))
-            key, text = (_bytes(pair.get(n, b"")) for n in (PROPERTY_KEY, PROPERTY_VALUE))
-            properties[key.decode()] = text.decode()
-    names: dict[int, list[str]] = {GRAPH_INPUT: [], GRAPH_OUTPUT: []}
-    for number, value in _fields(graph):
-        if number in names:
-            names[number].append(_bytes(dict(_fields(_bytes(value)))[VALUE_NAME]).decode())
+    import onnx
+
+    try:
+        model = onnx.load_model_from_string(content)
+    except Exception as error:  # protobuf raises kinds of its own
+        raise ValueError(str(error)) from error
+    graph = model.graph
     return WeightsFile(
-        properties, tuple(names[GRAPH_INPUT]), tuple(names[GRAPH_OUTPUT]), tuple(_tensors(graph))
+        {item.key: item.value for item in model.metadata_props},
+        tuple(one.name for one in graph.input),
+        tuple(one.name for one in graph.output),
+        tuple(tensors_of(graph)),
     )
+
+
+def tensors_of(graph: Any) -> Iterator[Floats32]:
+    """Yield the floating-point weights of an `onnx.GraphProto`, then those of the graphs in it."""
+    from onnx import AttributeProto, TensorProto, numpy_helper
+
+    for tensor in graph.initializer:
+        if tensor.data_type in (TensorProto.FLOAT, TensorProto.FLOAT16):
+            yield np.atleast_1d(numpy_helper.to_array(tensor)).astype(np.float32)
+    for node in graph.node:
+        for attribute in node.attribute:
+            if attribute.type == AttributeProto.GRAPH:
+                yield from tensors_of(attribute.g)
 
 
 def network_weights(file: WeightsFile) -> Weights:
@@ -130,58 +130,3 @@ def _shapes(slots: int, hidden: int, experts: int) -> list[tuple[int, ...]]:
         (2 * H, H), (H,), (H, 4 * C), (4 * C,),
         (2 * H, A), (A, C), (C,), (6 * C, 3 * C),
     ]  # fmt: skip
-
-
-def _tensors(graph: bytes) -> Iterator[Floats32]:
-    """Yield the weights of a graph, then those of the graphs in its nodes."""
-    for number, value in _fields(graph):
-        if number == GRAPH_WEIGHT:
-            shape = [int(v) for n, v in _fields(_bytes(value)) if n == TENSOR_SHAPE]
-            rest = dict(_fields(_bytes(value)))
-            form = TYPES.get(int(rest.get(TENSOR_TYPE, 0)))
-            if form is not None:
-                numbers: NDArray[Any] = np.frombuffer(_bytes(rest[TENSOR_CONTENT]), form)
-                yield numbers.reshape(shape or CONSTANT).astype(np.float32)
-    for number, value in _fields(graph):
-        if number == GRAPH_NODE:
-            for kind, attribute in _fields(_bytes(value)):
-                if kind == NODE_ATTRIBUTE:
-                    inner = dict(_fields(_bytes(attribute))).get(ATTRIBUTE_GRAPH)
-                    if inner is not None:
-                        yield from _tensors(_bytes(inner))
-
-
-def _fields(content: bytes) -> Iterator[Field]:
-    """Yield the numbers and values of the fields of a protocol buffer."""
-    at = 0
-    while at < len(content):
-        tag, at = _varint(content, at)
-        kind = tag & 7
-        if kind == VARINT:
-            value, at = _varint(content, at)
-            yield tag >> 3, value
-            continue
-        size = {DOUBLE: 8, SINGLE: 4}.get(kind, -1)
-        if kind == BYTES:
-            size, at = _varint(content, at)
-        if size < 0 or at + size > len(content):
-            raise ValueError("no protocol buffer")
-        yield tag >> 3, content[at : at + size]
-        at += size
-
-
-def _varint(content: bytes, at: int) -> tuple[int, int]:
-    value, shift = 0, 0
-    while at < len(content) and shift < 64:
-        byte = content[at]
-        value |= (byte & 127) << shift
-        at, shift = at + 1, shift + 7
-        if byte < 128:
-            return value, at
-    raise ValueError("no protocol buffer")
-
-
-def _bytes(value: int | bytes) -> bytes:
-    if isinstance(value, int):
-        raise ValueError("no protocol buffer")
-    return value

@@ -15,12 +15,12 @@ import numpy as np
 import onnx
 import torch
 from numpy.typing import NDArray
-from onnx import numpy_helper
 
 from e3pose.errors import InputError
 from e3pose.learn.train.export import export
 from e3pose.learn.train.network import AttentionLstm, NetworkSettings
 from e3pose.predict.normalise import NUM_CONTEXT, NUM_FEATURES
+from e3pose.predict.weights_file import tensors_of
 
 Floats = NDArray[np.float32]
 
@@ -43,7 +43,7 @@ def network_of(content: bytes, where: str) -> tuple[AttentionLstm, list[float]]:
         properties = {item.key: item.value for item in model.metadata_props}
         factors = [float(factor) for factor in json.loads(properties["error_factor"])]
         network = AttentionLstm(_settings(model, properties)).eval()
-        targets = _weights(model.graph)
+        targets = list(tensors_of(model.graph))
         names = list(network.state_dict())
         flat = _flat(network, names)
         if len(flat) >= DIGIT**2:
@@ -80,20 +80,6 @@ def _settings(model: Any, properties: dict[str, str]) -> NetworkSettings:
     return NetworkSettings(history_slots=int(properties["history_slots"]), hidden=int(hidden))
 
 
-def _weights(graph: Any) -> list[Floats]:
-    """Return all weights of a graph and of the graphs in it, in order."""
-    found = [
-        numpy_helper.to_array(tensor).astype(np.float32)
-        for tensor in graph.initializer
-        if tensor.data_type in (onnx.TensorProto.FLOAT, onnx.TensorProto.FLOAT16)
-    ]
-    for node in graph.node:
-        for attribute in node.attribute:
-            if attribute.type == onnx.AttributeProto.GRAPH:
-                found += _weights(attribute.g)
-    return found
-
-
 def _flat(network: AttentionLstm, names: list[str]) -> Floats:
     state = network.state_dict()
     return np.concatenate([state[name].numpy().ravel() for name in names])
@@ -111,7 +97,7 @@ def _load(network: AttentionLstm, names: list[str], values: NDArray[Any]) -> Non
 
 def _exported(network: AttentionLstm, names: list[str], values: NDArray[Any]) -> list[Floats]:
     _load(network, names, values)
-    return _weights(onnx.load_model_from_string(export(network, [1.0])).graph)
+    return list(tensors_of(onnx.load_model_from_string(export(network, [1.0])).graph))
 
 
 def _same(network: AttentionLstm, factors: list[float], content: bytes) -> bool:
