@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
+from e3pose.estimate.per_slot.fusion import MATCHERS
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses3D
 from reference import ReferenceFuser
@@ -226,10 +227,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=2.0, help="of timing for each workload")
     parser.add_argument("--paper", action="store_true", help="the paper's DLT, not refined")
     parser.add_argument("--reject-outliers", action="store_true")
+    parser.add_argument("--matcher", choices=MATCHERS, default="rays")
     options = parser.parse_args()
     settings = FusionSettings(
         refine_steps=0 if options.paper else FusionSettings().refine_steps,
         reject_outliers=options.reject_outliers,
+        matcher=options.matcher,
     )
     rows: dict[str, dict[str, float]] = {}
     print(f"matching and triangulation, one thread, {settings}")
@@ -245,7 +248,7 @@ def main() -> None:
             f"{row['reference_ms']:12.2f}  {row['speedup']:5.0f}  {row['recall']:6.3f}  "
             f"{row['precision']:7.3f}  {row['mpjpe_mm']:8.1f}"
             + (f"  {row['price']:.2f} times the row above" if "price" in row else "")
-            + (_missed(title, row) if options.shared else "")
+            + (_missed(title, row) if options.shared and options.matcher == "rays" else "")
         )
     print(f"load of the machine: {os.getloadavg()[0]:.1f}; other work shows in the p99")
     if options.json:

@@ -1,6 +1,10 @@
-"""How far apart rays of one person may pass: what `--pipeline paper` finds, by `--match-distance`.
+"""How far apart two views of one person may be: what `--pipeline paper` finds, by its threshold.
 
-python benchmarks/match_distance.py --plot docs/images/match-distance.svg
+    python benchmarks/match_distance.py --plot docs/images/match-distance.svg
+    python benchmarks/match_distance.py --matcher epipolar
+
+The matcher `rays` has `--match-distance`, in metres between rays; the paper's, `epipolar`, has
+`--epipolar-px`, in pixels from epipolar lines.
 
 Simulated scenes: rings of cameras, and an operating room, whose wide lenses are close to people who
 stand around a table; each with the noise of OpenPose, and of a detector that errs twice as far.
@@ -16,7 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-DISTANCES_M = (0.05, 0.075, 0.10, 0.125, 0.15, 0.175, 0.20, 0.25)
+DISTANCES = {
+    "rays": (0.05, 0.075, 0.10, 0.125, 0.15, 0.175, 0.20, 0.25),
+    "epipolar": (5.0, 7.5, 10.0, 15.0, 20.0, 30.0, 45.0, 60.0),
+}
 SEEDS = (701, 702, 703, 704)
 SECONDS, FPS = 10.0, 12.5
 FOUND_M = 0.2  # of a person, as a mean over the joints
@@ -47,7 +54,9 @@ def recordings(scene: str, noise: float, seeds: Sequence[int]) -> list[Any]:
     return [simulate(settings, seed) for seed in seeds]
 
 
-def figures(recording: Any, distance_m: float, cameras: int | None, seed: int) -> list[float]:
+def figures(
+    recording: Any, matcher: str, distance: float, cameras: int | None, seed: int
+) -> list[float]:
     """Return the `FIGURES`: shares found and right within `FOUND_M` in percent, and mm."""
     from e3pose.evaluate.metrics import candidates, first_matches, mpjpe_mm
     from e3pose.evaluate.replay import ReplaySettings, replay
@@ -58,7 +67,9 @@ def figures(recording: Any, distance_m: float, cameras: int | None, seed: int) -
             ReplaySettings(
                 pipeline="paper", policy="all" if cameras is None else "round-robin",
                 num_selected=cameras or 1, warmup_slots=0, phase=seed,
-                match_distance_m=distance_m,
+                matcher=matcher,
+                match_distance_m=distance if matcher == "rays" else None,
+                epipolar_px=distance if matcher == "epipolar" else None,
             ),
         )
     )  # fmt: skip
@@ -71,7 +82,9 @@ def figures(recording: Any, distance_m: float, cameras: int | None, seed: int) -
     return [100 * recall, 100 * precision, 100 * harmonic, mpjpe_mm(found) or np.nan]
 
 
-def measure(seeds: Sequence[int]) -> dict[tuple[str, float, int | None], NDArray[np.float64]]:
+def measure(
+    matcher: str, seeds: Sequence[int]
+) -> dict[tuple[str, float, int | None], NDArray[np.float64]]:
     """Return `(num_seeds, num_distances, num_figures)` of each scene, noise and camera count."""
     found = {}
     for scene in (*RING, ROOM):
@@ -80,7 +93,7 @@ def measure(seeds: Sequence[int]) -> dict[tuple[str, float, int | None], NDArray
             for cameras in (None, 3):
                 found[scene, noise, cameras] = np.array(
                     [
-                        [figures(r, d, cameras, s % 100) for d in DISTANCES_M]
+                        [figures(r, matcher, d, cameras, s % 100) for d in DISTANCES[matcher]]
                         for r, s in zip(made, seeds, strict=True)
                     ]
                 )
@@ -95,7 +108,9 @@ def tell(title: str, values: NDArray[np.float64]) -> None:
     print(f"| {title} | {' | '.join(cells)} |", flush=True)
 
 
-def draw(path: Path, found: dict[tuple[str, float, int | None], NDArray[np.float64]]) -> None:
+def draw(
+    path: Path, matcher: str, found: dict[tuple[str, float, int | None], NDArray[np.float64]]
+) -> None:
     """Draw recall, precision and MPJPE against the distance, scenes of one kind together."""
     from e3pose.evaluate.drawing import COLOURS, MARKERS, legend_above, picture
 
@@ -108,13 +123,14 @@ def draw(path: Path, found: dict[tuple[str, float, int | None], NDArray[np.float
             label = f"{ROOM if room else 'rings'}, noise x {noise:g}"
             for axes, column in zip(panels, (0, 1, 3), strict=True):
                 axes.plot(
-                    1000 * np.array(DISTANCES_M), means[:, column], label=label,
+                    np.array(DISTANCES[matcher]) * (1000 if matcher == "rays" else 1),
+                    means[:, column], label=label,
                     color=COLOURS[number], marker=MARKERS[number],
                 )  # fmt: skip
         titles = ("recall at 200 mm, %", "precision at 200 mm, %", "MPJPE, mm")
         for axes, title in zip(panels, titles, strict=True):
             axes.set_title(title)
-            axes.set_xlabel("match distance, mm")
+            axes.set_xlabel("match distance, " + ("mm" if matcher == "rays" else "px"))
         legend_above(figure, 4)
 
 
@@ -122,16 +138,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--seeds", type=int, nargs="+", default=SEEDS)
     parser.add_argument("--plot", type=Path)
+    parser.add_argument("--matcher", choices=list(DISTANCES), default="rays")
     options = parser.parse_args()
-    print(f"| scene, noise, cameras | {' | '.join(f'{1000 * d:g} mm' for d in DISTANCES_M)} |")
-    print("|---" * (len(DISTANCES_M) + 1) + "|")
-    found = measure(options.seeds)
+    rays = options.matcher == "rays"
+    names = [f"{1000 * d:g} mm" if rays else f"{d:g} px" for d in DISTANCES[options.matcher]]
+    print(f"| scene, noise, cameras | {' | '.join(names)} |")
+    print("|---" * (len(names) + 1) + "|")
+    found = measure(options.matcher, options.seeds)
     tell("mean", np.mean(list(found.values()), axis=0))
     harmonic = np.mean([values[:, :, 2] for values in found.values()], axis=0)
     spread = harmonic.std(axis=0, ddof=1) / np.sqrt(len(harmonic)) if len(harmonic) > 1 else None
     print("F1 of the mean, %:", np.round(harmonic.mean(axis=0), 2), "standard error:", spread)
     if options.plot is not None:
-        draw(options.plot, found)
+        draw(options.plot, options.matcher, found)
 
 
 if __name__ == "__main__":

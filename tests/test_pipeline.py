@@ -98,6 +98,26 @@ def test_all_cameras_warm_up_then_exactly_c_detect() -> None:
     assert counts == [5] * 4 + [2] * 16
 
 
+def test_as_published_the_first_decision_is_for_slot_m_plus_tau() -> None:
+    records = run(make(as_published=True), [scene(slot) for slot in range(20)])
+    assert [int(r.selected.sum()) for r in records] == [5] * 6 + [2] * 14
+    assert not any(r.deficit.any() for r in records[:4])  # the warm-up is not charged
+    np.testing.assert_allclose(records[4].deficit, records[4].next_selection)
+
+
+def test_as_published_the_queue_alone_is_charged_whatever_cameras_cost() -> None:
+    prices = {}
+    for as_published in (False, True):
+        policy = Recorder([])
+        costs = np.array([2.0, 1.0, 1.0, 1.0, 1.0])
+        pipeline = make(policy=policy, cost_j=costs, as_published=as_published)
+        run(pipeline, [scene(slot) for slot in range(12)])
+        (prices[as_published], deficit) = (policy.seen[-1].price, policy.seen[-1].deficit)
+        assert deficit[:2].min() > 0
+    np.testing.assert_array_equal(prices[True], deficit)
+    assert prices[False][0] > deficit[0] and prices[False][1] < deficit[1]
+
+
 def test_a_decision_is_used_lead_slots_later() -> None:
     records = run(make(), [scene(slot) for slot in range(20)])
     for earlier, later in zip(records, records[2:], strict=False):

@@ -53,6 +53,8 @@ class Pipeline:
         steering: the predictor that steers the estimator, as far as it states its errors; None
             leaves the estimator alone.
         own_boxes: whether the policy asks what cameras foresee from the boxes of their own views.
+        as_published: charge the queue alone, eq. (9), whatever cameras cost, and decide first in
+            slot M, for slot M + tau, as Algorithm 1 does.
         waking: makes the policy for another number of cameras a slot; None where it has none.
         clock: seconds, for stage times only.
     """
@@ -72,6 +74,7 @@ class Pipeline:
     foresees: bool = False
     steering: Predictor | None = None
     own_boxes: bool = True
+    as_published: bool = False
     waking: Callable[[float], Policy] | None = None
 
     def with_predictor(self, predictor: Predictor) -> Pipeline:
@@ -163,7 +166,8 @@ def step(
     if pipeline.foresees:
         foresight = _foresight(pipeline, state, ordered)
         situation = replace(situation, foresight=foresight)
-    if situation.slot < pipeline.warmup_slots:
+    deciding = slot if pipeline.as_published else situation.slot
+    if deciding < pipeline.warmup_slots:
         decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
     else:
         decision = pipeline.policy.select(situation)
@@ -217,7 +221,7 @@ def _situation(
     """Gather what a policy may know about the slot that is decided now."""
     target = state.slot + pipeline.lead_slots
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
-    cost_j = np.ones(len(online)) if pipeline.cost_j is None else pipeline.cost_j
+    cost_j = None if pipeline.as_published else pipeline.cost_j
     return Situation(
         slot=target,
         interval_s=pipeline.interval_s,
@@ -230,7 +234,7 @@ def _situation(
         visibility=visibility,
         deficit=state.deficit,
         budget=pipeline.budget,
-        price=price(state.deficit, cost_j),
+        price=state.deficit if cost_j is None else price(state.deficit, cost_j),
     )
 
 

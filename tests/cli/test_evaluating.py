@@ -40,7 +40,8 @@ def test_comparison_in_parallel_processes(
     ]
     for row in rows:
         asked = 4 if row["policy"] == "all" else row["cameras"]
-        expected = (10 * 4 + 20 * asked) / NUM_SLOTS  # ten slots of all cameras come first
+        # In slot 10 the first decision is made, for slot 11.
+        expected = (11 * 4 + 19 * asked) / NUM_SLOTS
         assert row["selection"]["mean_cameras"]["mean"] == pytest.approx(expected)
         assert row["metrics"]["mpjpe_mm"]["mean"] < 0.1
         assert row["metrics"]["ap"]["25"]["mean"] == pytest.approx(100)
@@ -51,6 +52,26 @@ def test_comparison_in_parallel_processes(
     output = capsys.readouterr().out
     assert "round-robin" in output
     assert "MPJPE" in output
+
+
+def test_weights_and_budgets_are_compared_in_every_combination(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    figures = tmp_path / "figures.json"
+    code = run(
+        "evaluate", str(folder), "--policies", "all,e3pose-mv", "--cameras", "2", "-V", "0,0.5",
+        "-E", "0.6,1", "--seeds", "1", "--jobs", "1", "--json", str(figures),
+    )  # fmt: skip
+    assert code == 0
+    found = [
+        (row["policy"], row["quality_weight"], row["budget"])
+        for row in json.loads(figures.read_text())["rows"]
+    ]
+    balances = [(0, 0.6), (0.5, 0.6), (0, 1), (0.5, 1)]
+    # Once: neither means anything to a policy without a budget.
+    assert found == [("all", 0, 0.6), *[("e3pose-mv", *balance) for balance in balances]]
+    told = capsys.readouterr().out
+    assert " V " in told and " E " in told
 
 
 def test_leads_are_drawn(folder: Path, tmp_path: Path) -> None:
@@ -71,6 +92,10 @@ def test_leads_are_drawn(folder: Path, tmp_path: Path) -> None:
         (["--cameras", "2,x"], "--cameras"),
         (["--cameras", "2,9"], "cameras"),
         (["--cameras", "0"], "cameras"),
+        (["-V", "1,much"], "--quality-weight: found 'much'"),
+        (["-V", "nan"], "--quality-weight: found 'nan'"),
+        (["-V", "-1"], "quality-weight: found -1"),
+        (["-E", "0.6,2", "--policies", "e3pose"], "budget: found 2"),
         (["--leads", "1,x"], "--leads"),
         (["--leads", "0"], "lead"),
         (["--plot", "leads.png"], "--plot"),

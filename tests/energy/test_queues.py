@@ -270,3 +270,16 @@ def test_cost_is_what_an_active_slot_adds() -> None:
     np.testing.assert_allclose(
         active_cost_j(profiles, "power-saving", 0.04), [6.25 * 0.04, 5.55 * 0.04]
     )
+
+
+def test_an_idle_camera_that_sends_draws_the_power_of_its_wifi() -> None:
+    profile = load_profile("xavier-nx")
+    silent = savings([0.4, 0.4], profile)
+    sending = savings([0.4, 0.4], profile, sending=[0.0, 0.5])
+    radio_w = 0.5 * (profile.watts("active", "wifi") - profile.watts("power-saving", "wifi"))
+    assert radio_w > 0
+    np.testing.assert_allclose(sending.camera_watts - silent.camera_watts, [0, radio_w])
+    lost = silent.camera_percent - sending.camera_percent
+    np.testing.assert_allclose(lost, [0, 100 * radio_w / profile.paper_watts("active")])
+    assert sending.group_percent["cpu_gpu"] == silent.group_percent["cpu_gpu"]
+    assert sending.group_percent["wifi"] < silent.group_percent["wifi"]

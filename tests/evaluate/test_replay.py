@@ -152,7 +152,9 @@ def test_views_that_disagree_match_up_to_the_distance(
     distance_m: float | None, people: int
 ) -> None:
     source = two_views_that_disagree(27.0)  # 0.12 m at 4 m, 0.13 m with the prior of matching
-    settings = replace(SETTINGS, pipeline="paper", policy="all", match_distance_m=distance_m)
+    settings = replace(
+        SETTINGS, pipeline="paper", policy="all", matcher="rays", match_distance_m=distance_m
+    )
     assert len(next(replay(source, settings)).poses) == people
 
 
@@ -178,7 +180,40 @@ def test_match_distance_is_the_papers_and_a_small_length(
     pipeline: str, distance_m: float, told: str
 ) -> None:
     with pytest.raises(InputError, match=told):
-        replay(RECORDING, replace(SETTINGS, pipeline=pipeline, match_distance_m=distance_m))
+        settings = replace(SETTINGS, pipeline=pipeline, match_distance_m=distance_m)
+        replay(RECORDING, replace(settings, matcher="rays" if pipeline == "paper" else None))
+
+
+@pytest.mark.parametrize(("epipolar_px", "people"), [(10.0, 0), (None, 1), (20.0, 1)])
+def test_the_paper_matches_by_pixels_from_epipolar_lines(
+    epipolar_px: float | None, people: int
+) -> None:
+    source = two_views_that_disagree(18.0)
+    settings = replace(SETTINGS, pipeline="paper", policy="all", epipolar_px=epipolar_px)
+    assert len(next(replay(source, settings)).poses) == people
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"pipeline": "memory", "matcher": "rays"}, "matcher: found it with the pipeline memory"),
+        ({"epipolar_px": 20.0}, "epipolar_px: found it with the pipeline default"),
+        ({"pipeline": "paper", "matcher": "best"}, "matcher: found 'best', expected rays or"),
+        ({"pipeline": "paper", "epipolar_px": 0.0}, "epipolar_px: found 0 px"),
+        ({"pipeline": "paper", "epipolar_px": float("nan")}, "epipolar_px: found nan px"),
+        (
+            {"pipeline": "paper", "match_distance_m": 0.1},
+            "match_distance: found it with the matcher epipolar, expected the matcher rays",
+        ),
+        (
+            {"pipeline": "paper", "matcher": "rays", "epipolar_px": 20.0},
+            "epipolar_px: found it with the matcher rays, expected the matcher epipolar",
+        ),
+    ],
+)
+def test_each_matcher_has_its_own_threshold(changes: dict[str, Any], told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        replay(RECORDING, replace(SETTINGS, **changes))
 
 
 def test_python_and_the_command_line_run_the_same_system_by_default() -> None:

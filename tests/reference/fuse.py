@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.reference.match import match
+from tests.reference.match import match, match_epipolar
 from tests.reference.triangulate import refine, reprojection_error, triangulate
 
 from e3pose.estimate.per_slot.fuse import Fused, Fuser
@@ -43,13 +43,20 @@ class ReferenceFuser(Fuser):
         keypoints = np.where(seen[..., None], keypoints, np.nan)
         scores = np.where(seen, np.minimum(scores, 1.0), 0.0)
         settings = self.settings
-        groups = match(
-            self._rays(keypoints, cameras),
-            self.rig.centers_m[cameras],
-            scores,
-            cameras,
-            settings.max_distance_m,
-            settings.cap_m,
+        epipolar = settings.matcher == "epipolar"
+        groups = (
+            match_epipolar(
+                keypoints, scores, cameras, self.rig.projections, settings.max_epipolar_px
+            )
+            if epipolar
+            else match(
+                self._rays(keypoints, cameras),
+                self.rig.centers_m[cameras],
+                scores,
+                cameras,
+                settings.max_distance_m,
+                settings.cap_m,
+            )
         )
         fused: list[Fused] = []
         for group in groups:
@@ -61,7 +68,9 @@ class ReferenceFuser(Fuser):
                 keypoints[poses], scores[poses], self.rig.projections[cameras[poses]]
             )
             enough = min(settings.min_joints, self.num_joints)
-            if np.isfinite(joints[:, 0]).sum() < enough or any(
+            if np.isfinite(joints[:, 0]).sum() < enough:
+                continue
+            if not epipolar and any(
                 _mean_distance(joints, other[0]) < settings.duplicate_m for other in fused
             ):
                 continue

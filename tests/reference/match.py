@@ -139,3 +139,71 @@ def _home(
 
 def _links(sums: Floats, weights: Floats, cap_m: float) -> Floats:
     return np.asarray((sums + PRIOR_JOINTS * cap_m) / (weights + PRIOR_JOINTS))
+
+
+def match_epipolar(
+    keypoints_px: Floats,
+    scores: Floats,
+    cameras: NDArray[np.int64],
+    projections: Floats,
+    max_distance_px: float,
+) -> list[list[int]]:
+    """Group poses by person as Tanke and Gall (2019) do, camera by camera.
+
+    Args:
+        keypoints_px: `(num_poses, num_joints, 2)` undistorted pixels; anything where not seen.
+        scores: `(num_poses, num_joints)` in [0, 1]; 0 where not seen.
+        cameras: `(num_poses,)` camera index of each pose, in rising order.
+        projections: `(num_cameras, 3, 4)`.
+        max_distance_px: the most that a pose may cost the candidate it is assigned to.
+
+    Returns:
+        Groups of pose indices, strongest (sum of all scores) first.
+    """
+    candidates: list[list[int]] = []
+    for camera in np.unique(cameras):
+        poses = np.flatnonzero(cameras == camera).tolist()
+        costs = np.full((len(candidates), len(poses)), np.inf)
+        for row, members in enumerate(candidates):
+            for column, pose in enumerate(poses):
+                apart = [
+                    _epipolar_px(keypoints_px[[m, pose]], scores[[m, pose]], projections[pair])
+                    for m in members
+                    for pair in [[cameras[m], camera]]
+                ]
+                known = [distance for distance in apart if np.isfinite(distance)]
+                costs[row, column] = np.mean(known) if known else np.inf
+        left = set(poses)
+        while costs.size and costs.min() < max_distance_px:
+            row, column = divmod(int(np.argmin(costs)), len(poses))
+            candidates[row].append(poses[column])
+            left.remove(poses[column])
+            costs[row], costs[:, column] = np.inf, np.inf
+        candidates += [[pose] for pose in sorted(left)]
+    strength = scores.sum(axis=-1)
+    order = sorted(
+        range(len(candidates)), key=lambda i: (-_units(strength[candidates[i]]), candidates[i][0])
+    )
+    return [candidates[label] for label in order]
+
+
+def _epipolar_px(keypoints_px: Floats, scores: Floats, projections: Floats) -> float:
+    """Return the mean distance of two poses from each other's epipolar lines; infinite if none.
+
+    An epipolar line is found without a fundamental matrix: as the image of two points on a ray.
+    """
+    shared = (scores > 0).all(axis=0)
+    if not shared.any():
+        return np.inf
+    total = 0.0
+    for own, other in ((0, 1), (1, 0)):
+        P, Q = projections[own], projections[other]
+        center = np.append(-np.linalg.solve(P[:, :3], P[:, 3]), 1.0)
+        pixels = np.concatenate([keypoints_px[own], np.ones((len(scores[0]), 1))], axis=-1)
+        rays = np.linalg.solve(P[:, :3], pixels.T).T
+        far = np.concatenate([rays, np.zeros((len(rays), 1))], axis=-1)
+        lines = np.cross(Q @ center, far @ Q.T)
+        points = np.concatenate([keypoints_px[other], np.ones((len(rays), 1))], axis=-1)
+        distance = np.abs((lines * points).sum(axis=-1)) / np.hypot(lines[:, 0], lines[:, 1])
+        total += float(distance[shared].mean()) / 2
+    return total

@@ -15,6 +15,7 @@ from e3pose.cli.options import (
     Whole,
     as_typed,
     check_outputs,
+    numbers_of,
     options_of,
     warn,
 )
@@ -64,7 +65,8 @@ def evaluate(
         Cameras per slot C, comma-separated; a mean such as 1.15 is allowed. Default: 2, and 3 with
         --pipeline paper.
     leads
-        Comma-separated values of --lead.
+        Comma-separated values of --lead. -V and -E also take several values each, of which every
+        combination is compared.
     seeds
         Repetitions per policy.
     jobs
@@ -96,7 +98,8 @@ def evaluate(
     check_outputs(recording, {"--json": json_file, "--plot": plot})
     source = bad_day.thinned(load_placed(recording))
     names = _names(_usual(loop) if policies is None else policies)
-    counts = [None] if cameras is None else _numbers("--cameras", cameras)
+    counts = [None] if cameras is None else [*numbers_of("--cameras", cameras, "1.15,2")]
+    loops = _balances(loop)
     ahead = [] if leads is None else _counts("--leads", leads)
     with as_typed({**options_of(LoopOptions, EnergyOptions, more=("cameras",)), **POLICIES}):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
@@ -105,8 +108,9 @@ def evaluate(
             each
             for name in names
             for count in (counts if policy_row(name).asks_count else counts[:1])
+            for one in (loops if policy_row(name).budgeted else loops[:1])
             for each in tasks(
-                replace(loop.settings(None, count).for_rig(len(source.rig), plan), bad_day=day),
+                replace(one.settings(None, count).for_rig(len(source.rig), plan), bad_day=day),
                 [name],
                 seeds,
                 ahead,
@@ -146,13 +150,16 @@ def _usual(loop: LoopOptions) -> str:
     return "all,round-robin,e3pose,information"
 
 
-def _numbers(option: str, text: str) -> list[float | None]:
-    from e3pose.quantities import number
-
-    wanted = "comma-separated numbers, such as 1.15,2"
-    with as_typed({"": option}):
-        parts = [number(part.strip(), wanted) for part in text.split(",")]
-    return [int(part) if part == int(part) else part for part in dict.fromkeys(parts)]
+def _balances(loop: LoopOptions) -> list[LoopOptions]:
+    """Return the options for every combination of the values of -E and -V."""
+    budgets, weights = (
+        [None] if text is None else [f"{value:g}" for value in numbers_of(option, text, such_as)]
+        for option, text, such_as in (
+            ("--budget", loop.budget, "0.6,0.8"),
+            ("--quality-weight", loop.quality_weight, "1,10"),
+        )
+    )
+    return [replace(loop, budget=e, quality_weight=v) for e in budgets for v in weights]
 
 
 def _counts(option: str, text: str) -> list[int]:

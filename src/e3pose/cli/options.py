@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -95,11 +96,13 @@ class LoopOptions:
     target_error: str | None = None
     """Wake as few cameras as keep the expected joint error below this: 40mm, 4cm. Replaces
     --cameras; policy `information` only."""
-    budget: Annotated[float | None, Parameter(alias="-E")] = None
-    """Energy budget E: share of slots a camera may be active, C/N to 1. Default: C/N + 0.2."""
-    quality_weight: Annotated[float | None, Parameter(alias="-V")] = None
-    """Quality weight V: larger favours informative views, smaller favours even energy use.
-    Default: set by the policy (1; `information`: 10)."""
+    budget: Annotated[str | None, Parameter(alias="-E")] = None
+    """Energy budget E: share of slots a camera may be active, C/N to 1. Default: C/N + 0.2.
+    `evaluate` also takes several, comma-separated."""
+    quality_weight: Annotated[str | None, Parameter(alias="-V")] = None
+    """Quality weight V: larger favours clear or informative views, smaller favours even energy use.
+    Of the paper's policies in camera slots: what a typical difference of occlusion between two
+    cameras is worth. Default: set by the policy. `evaluate` also takes several, comma-separated."""
     lead: Whole = LOOP.lead_slots
     """Lead tau: slots between a decision and the slot it is for."""
     warmup: Whole = LOOP.warmup_slots
@@ -115,9 +118,15 @@ class LoopOptions:
     noise: str | None = None
     """Keypoint noise model: a detector name, or a file from `e3pose calibrate noise`. Default:
     the model of the recording's detector."""
+    matcher: str | None = None
+    """How the pipeline `paper` finds the views of one person: `epipolar` (the paper's own,
+    default) or `rays`."""
     match_distance: str | None = None
     """Maximum mean distance between the rays of two views of one person: 100mm, 0.1m. Default:
-    150mm. Pipeline `paper` only."""
+    150mm. Matcher `rays` only."""
+    epipolar_px: float | None = None
+    """Maximum mean distance from epipolar lines between two views of one person, in pixels.
+    Default: 30. Matcher `epipolar` only."""
     reject_outliers: bool = LOOP.reject_outliers
     """Reject views that disagree with the others."""
     occlusion_limit: float = LOOP.occlusion_limit
@@ -132,10 +141,37 @@ class LoopOptions:
             InputError: naming the option.
         """
         given = {item.name: getattr(self, item.name) for item in fields(self)}
-        table = {**given, "policy": policy, "cameras": cameras}
+        numbers = {name: _one(name, given[name]) for name in ("budget", "quality_weight")}
+        table = {**given, **numbers, "policy": policy, "cameras": cameras}
         written = {key: value for key, value in table.items() if value is not None}
         with as_typed(options_of(LoopOptions, more=("cameras", "policy"))):
             return read_table(ReplaySettings, written)
+
+
+def numbers_of(option: str, text: str, such_as: str) -> list[float]:
+    """Return the numbers in a comma-separated list; raise `InputError` naming the option."""
+    found = []
+    for part in text.split(","):
+        try:
+            value = float(part)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            wanted = f"comma-separated numbers, such as {such_as}"
+            raise InputError(option, repr(part.strip()[:40]), wanted)
+        found.append(int(value) if value == int(value) else value)
+    return list(dict.fromkeys(found))
+
+
+def _one(name: str, text: str | None) -> float | None:
+    """Return the one number of an option of which `evaluate` takes several."""
+    if text is None:
+        return None
+    option = f"--{name.replace('_', '-')}"
+    found = numbers_of(option, text, "0.8")
+    if len(found) > 1:
+        raise InputError(option, f"{len(found)} numbers", "one; e3pose evaluate compares several")
+    return found[0]
 
 
 @Parameter(name="*")

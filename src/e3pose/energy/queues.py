@@ -15,6 +15,7 @@ from e3pose.errors import InputError
 Floats = NDArray[np.float64]
 
 DEFAULT_BATTERY_WH = 50.0
+RADIO = "wifi"  # the group of components that sends
 
 
 def advance_deficit(deficit: Floats, budget: Floats, selected: NDArray[np.bool_]) -> Floats:
@@ -152,6 +153,7 @@ def savings(
     profile: DeviceProfile | Sequence[DeviceProfile],
     idle_mode: Mode = "power-saving",
     battery_wh: ArrayLike = DEFAULT_BATTERY_WH,
+    sending: ArrayLike = 0.0,
 ) -> Savings:
     """Compute what is saved by cameras that are active in a share of the slots only.
 
@@ -160,6 +162,8 @@ def savings(
         profile: what the cameras draw, one for all or one for each.
         idle_mode: what a camera does that is not selected.
         battery_wh: capacity of the cameras' batteries in watt-hours, one for all or one for each.
+        sending: share of the slots in which a camera is idle but its WiFi sends, [0, 1 - duty],
+            one for all or one for each.
 
     Raises:
         InputError: without a camera, with a duty outside [0, 1] or a battery of no capacity.
@@ -173,12 +177,16 @@ def savings(
             raise InputError(f"battery capacity: found {capacity:g} Wh, expected more than 0")
     profiles = [profile] * len(shares) if isinstance(profile, DeviceProfile) else list(profile)
     rest = 1 - shares
+    radio_w = [each.watts("active", RADIO) - each.watts(idle_mode, RADIO) for each in profiles]
+    sent_w = np.asarray(np.asarray(sending, dtype=np.float64) * radio_w)
+    active = np.array([each.watts("active") for each in profiles])
     camera_percent = rest * [
         _percent(each.paper_watts("active"), each.paper_watts(idle_mode)) for each in profiles
-    ]
-    device_percent = rest * [
-        _percent(each.watts("active"), each.watts(idle_mode)) for each in profiles
-    ]
+    ] - 100 * sent_w / [each.paper_watts("active") for each in profiles]
+    device_percent = (
+        rest * [_percent(each.watts("active"), each.watts(idle_mode)) for each in profiles]
+        - 100 * sent_w / active
+    )
     groups = {
         group: float(
             np.mean(
@@ -187,13 +195,16 @@ def savings(
                     _percent(each.watts("active", group), each.watts(idle_mode, group))
                     for each in profiles
                 ]
+                - 100
+                * sent_w
+                / [each.watts("active", group) for each in profiles]
+                * (group == RADIO)
             )
         )
         for group in GROUPS
         if all(each.watts("active", group) > 0 for each in profiles)
     }
-    active = np.array([each.watts("active") for each in profiles])
-    watts = shares * active + rest * [each.watts(idle_mode) for each in profiles]
+    watts = shares * active + rest * [each.watts(idle_mode) for each in profiles] + sent_w
     return Savings(
         paper_percent=float(camera_percent.mean()),
         device_percent=float(device_percent.mean()),

@@ -102,34 +102,37 @@ def _interrupts_ignored() -> Iterator[None]:
 
 
 def rows(summaries: Sequence[Summary]) -> list[dict[str, Any]]:
-    """Gather summaries into one row per policy, camera count or target error, and lead.
+    """Gather summaries into one row per policy, camera count or target error, V, E and lead.
 
     Returns:
-        Rows of `policy`, `cameras` and `target_mm`, at most one of which is a number, `lead`,
-        `seeds` and every figure of the summaries as `{"mean": , "sd": }`: the sample standard
-        deviation over seeds, 0 for one seed. A figure that only some seeds have also tells the
-        `count` of those.
+        Rows of `policy`, `cameras` and `target_mm`, at most one of which is a number,
+        `quality_weight` and `budget`, null where nobody said, `lead`, `seeds` and every figure of
+        the summaries as `{"mean": , "sd": }`: the sample standard deviation over seeds, 0 for one
+        seed. A figure that only some seeds have also tells the `count` of those.
     """
-    groups: dict[tuple[str, Any, Any, int], list[Mapping[str, Any]]] = {}
+    groups: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
     for summary in summaries:
         asked, target = summary.settings, summary.settings.target_error_m
         asks_count = row_of(asked).asks_count
         count = asked.num_selected if target is None and asks_count else None
         target_mm = None if target is None else 1000 * target
-        key = (summary.policy, count, target_mm, asked.lead_slots)
+        weight, budget = asked.quality_weight, asked.budget
+        key = (summary.policy, count, target_mm, weight, budget, asked.lead_slots)
         groups.setdefault(key, []).append(as_json(summary))
     return [
         {
             "policy": policy,
             "cameras": count,
             "target_mm": target_mm,
+            "quality_weight": weight,
+            "budget": budget if isinstance(budget, int | float) else None,
             "lead": lead,
             "seeds": len(group),
             **_averaged(
                 [{k: v for k, v in s.items() if k not in (*ASKED, "policy")} for s in group]
             ),
         }
-        for (policy, count, target_mm, lead), group in groups.items()
+        for (policy, count, target_mm, weight, budget, lead), group in groups.items()
     ]
 
 

@@ -27,14 +27,22 @@ def energy_figures(
     profile: DeviceProfile | Sequence[DeviceProfile],
     idle_mode: Mode,
     battery_wh: float | Sequence[float],
+    sends_boxes: bool = False,
 ) -> Energy | None:
-    """Return the figures of `docs/explanation/energy.md`; None without a slot."""
+    """Return the figures of `docs/explanation/energy.md`; None without a slot.
+
+    With `sends_boxes` every idle camera sends in each slot that is decided for: its WiFi draws what
+    it does in an active slot.
+    """
     if not records:
         return None
-    duty = np.stack([record.selected for record in records]).mean(axis=0)
+    selected = np.stack([record.selected for record in records])
+    duty = selected.mean(axis=0)
+    decided = selected.any(axis=1, keepdims=True) & ~selected
+    sending = decided.mean(axis=0) if sends_boxes else np.zeros(len(duty))
     profiles = [profile] * len(duty) if isinstance(profile, DeviceProfile) else list(profile)
     batteries_wh = np.broadcast_to(np.asarray(battery_wh, dtype=np.float64), duty.shape)
-    saved = savings(duty, profiles, idle_mode, batteries_wh)
+    saved = savings(duty, profiles, idle_mode, batteries_wh, sending)
     seconds = len(records) * recording.interval_s
     return Energy(
         profile=", ".join(dict.fromkeys(each.name for each in profiles)),
@@ -59,17 +67,24 @@ def energy_figures(
         },
         battery_wh=float(batteries_wh.mean()),
         battery_hours_always_active=saved.battery_active_h,
-        devices={name: _on_device(float(duty.mean()), name) for name in PAPER_SAVINGS},
+        devices={
+            name: _on_device(float(duty.mean()), float(sending.mean()), name)
+            for name in PAPER_SAVINGS
+        },
     )
 
 
-def _on_device(duty: float, name: str) -> DeviceSaving:
+def _on_device(duty: float, sending: float, name: str) -> DeviceSaving:
     """Return what cameras of one kind that are active in a share `duty` of the slots save.
+
+    In a share `sending` of the slots they are idle but send.
 
     `times_paper` is against the paper's 3 of 5 cameras, both by the same profile.
     """
     profile = load_profile(name)
     modes: tuple[Mode, Mode] = ("power-saving", "aggressive-power-saving")
-    saving, aggressive = (savings([duty], profile, mode).paper_percent for mode in modes)
+    saving, aggressive = (
+        savings([duty], profile, mode, sending=sending).paper_percent for mode in modes
+    )
     paper = savings([PAPER_DUTY], profile).paper_percent
     return DeviceSaving(saving, aggressive, saving / paper, aggressive / paper)

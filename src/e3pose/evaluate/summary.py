@@ -26,6 +26,7 @@ from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
 from e3pose.model.noises import detector_of
 from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 from e3pose.recording import Recording
+from e3pose.settings.parts import row_of
 
 if TYPE_CHECKING:
     from e3pose.evaluate.replay import ReplaySettings
@@ -66,7 +67,9 @@ def summarise(
         expected=expected_figures(recording, records),
         selection=_selection(recording, records),
         deficits=_deficits(recording, records),
-        energy=energy_figures(recording, records, profile, idle_mode, battery_wh),
+        energy=energy_figures(
+            recording, records, profile, idle_mode, battery_wh, row_of(settings).sends_boxes
+        ),
         stage_ms=_stage_ms(records),
         noise=_noise(recording, settings, records),
     )

@@ -74,6 +74,9 @@ def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None 
         "policy": [str(row["policy"]) for row in rows],
         "C": [_asked(row) for row in rows],
     }
+    for heading, name in (("V", "quality_weight"), ("E", "budget")):
+        if len({row.get(name) for row in rows}) > 1:
+            keys[heading] = ["-" if row.get(name) is None else f"{row[name]:g}" for row in rows]
     leads = len({row["lead"] for row in rows}) > 1
     if leads:
         keys["lead"] = [str(row["lead"]) for row in rows]

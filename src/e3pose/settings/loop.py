@@ -70,8 +70,12 @@ class LoopSettings:
             foresees the people for the policy and, where it states its errors, steers the
             estimator with a memory. By default the policy's own does the one and
             `parts.STEERING` the other.
+        matcher: how the pipeline `paper` finds the views of one person: `epipolar`, the paper's
+            own and its default, or `rays`.
         match_distance_m: mean distance of rays up to which two views show one person, for the
-            pipeline `paper` alone; that of `FusionSettings` by default.
+            matcher `rays` alone; that of `FusionSettings` by default.
+        epipolar_px: mean distance from epipolar lines up to which two views show one person, for
+            the matcher `epipolar` alone; that of `FusionSettings` by default.
         reject_outliers: drop views that disagree with the others.
         seed: of random choices.
         phase: offset of turns and ties.
@@ -98,6 +102,8 @@ class LoopSettings:
     warmup_slots: int = entry(10, key="warmup")
     predictor: str | Predictor | None = entry(None, read=read_name)
     match_distance_m: float | None = entry(None, key="match_distance", read=length_m)
+    matcher: str | None = entry(None, read=read_name)
+    epipolar_px: float | None = None
     reject_outliers: bool = False
     seed: int = 0
     phase: int = 0

@@ -14,7 +14,7 @@ from e3pose.energy.queues import check_budget
 from e3pose.errors import InputError
 from e3pose.estimate import EstimatorSettings, make_estimator
 from e3pose.estimate.base import Estimator
-from e3pose.estimate.per_slot.fusion import FusionSettings
+from e3pose.estimate.per_slot.fusion import MATCHERS, MAX_EPIPOLAR_PX, FusionSettings, Matcher
 from e3pose.geometry.camera import Rig
 from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
@@ -26,6 +26,7 @@ from e3pose.settings.loop import LoopSettings, pipeline_row
 
 STEERING = "attention-lstm"  # steers the estimator with a memory unless told otherwise
 STEERING_SLOTS = 10  # of history, which the network of `STEERING` looks back on
+PAPER_MATCHER: Matcher = "epipolar"
 PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
 
 
@@ -85,6 +86,7 @@ def make_pipeline(
         cost_j=None if settings.cost_j is None else np.array(settings.cost_j),
         clock=clock,
         lead_slots=settings.lead_slots,
+        as_published=pipeline_row(settings.pipeline)[0] == "paper",
         warmup_slots=settings.warmup_slots,
         holds=row.holds,
         foresees=row.foresees or settings.foresees,
@@ -170,18 +172,39 @@ def _predictors(
 
 def _fusion(settings: LoopSettings) -> FusionSettings:
     """Return how the pipeline `paper` matches and places; raise `InputError` for another's."""
+    matcher = settings.matcher or PAPER_MATCHER
+    asked = {
+        "matcher": settings.matcher,
+        "match_distance": settings.match_distance_m,
+        "epipolar_px": settings.epipolar_px,
+    }
+    paper = pipeline_row(settings.pipeline)[0] == "paper"
+    for thing, value in asked.items():
+        if value is not None and not paper:
+            raise InputError(
+                thing,
+                f"it with the pipeline {settings.pipeline}, which matches views to people it "
+                "follows",
+                "the pipeline paper",
+            )
+    if matcher not in MATCHERS:
+        raise InputError("matcher", repr(matcher)[:60], " or ".join(MATCHERS))
+    for thing, wanted in (("match_distance", "rays"), ("epipolar_px", "epipolar")):
+        if asked[thing] is not None and matcher != wanted:
+            raise InputError(thing, f"it with the matcher {matcher}", f"the matcher {wanted}")
     usual = FusionSettings(
-        refine_steps=PAPER_REFINE_STEPS, reject_outliers=settings.reject_outliers
+        refine_steps=PAPER_REFINE_STEPS,
+        reject_outliers=settings.reject_outliers,
+        matcher=matcher,
     )
+    if settings.epipolar_px is not None:
+        if not 0 < settings.epipolar_px <= MAX_EPIPOLAR_PX:
+            found = f"{settings.epipolar_px:g} px"
+            raise InputError("epipolar_px", found, f"more than 0 and at most {MAX_EPIPOLAR_PX:g}")
+        return replace(usual, max_epipolar_px=settings.epipolar_px)
     distance_m = settings.match_distance_m
     if distance_m is None:
         return usual
-    if pipeline_row(settings.pipeline)[0] != "paper":
-        raise InputError(
-            "match_distance",
-            f"it with the pipeline {settings.pipeline}, which matches views to people it follows",
-            "the pipeline paper",
-        )
     if not 0 < distance_m < usual.cap_m:  # from the cap on, everybody is the same person
         raise InputError(
             "match_distance",

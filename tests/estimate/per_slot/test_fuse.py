@@ -256,9 +256,12 @@ def test_wrong_views_get_one_line_naming_the_camera() -> None:
         ("duplicate_m", -0.1),
         ("min_joints", 0),
         ("refine_steps", -1),
+        ("matcher", "hungarian"),
+        ("max_epipolar_px", 0.0),
+        ("max_epipolar_px", float("nan")),
     ],
 )
-def test_wrong_settings_are_named(name: str, value: float) -> None:
+def test_wrong_settings_are_named(name: str, value: float | str) -> None:
     with pytest.raises(InputError, match=name):
         FusionSettings(**{name: value})  # type: ignore[arg-type]
 

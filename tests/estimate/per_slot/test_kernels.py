@@ -19,6 +19,7 @@ from e3pose import kernel as compiling
 from e3pose.estimate.per_slot import slot
 from e3pose.estimate.per_slot import triangulate as place
 from e3pose.estimate.per_slot.fuse import Fuser, Fusion, FusionSettings
+from e3pose.estimate.per_slot.fusion import MATCHERS
 from e3pose.estimate.per_slot.nullspace import null_vector
 from e3pose.geometry.camera import Camera, Rig
 
@@ -99,7 +100,9 @@ def test_kernels_equal_the_reference_on_random_rigs(kind: str) -> None:
         rig = random_rig(rng, distorted=kind == "with any lenses")
         num_joints = int(rng.choice([5, 14, 17, 25]))
         options = FusionSettings(
-            refine_steps=int(rng.integers(0, 4)), reject_outliers=bool(rng.random() < 0.5)
+            refine_steps=int(rng.integers(0, 4)),
+            reject_outliers=bool(rng.random() < 0.5),
+            matcher=MATCHERS[seed % 2],
         )
         arrays = random_slot(rng, rig, num_joints)
         fast = Fuser(rig, num_joints, options).fuse_arrays(*arrays)

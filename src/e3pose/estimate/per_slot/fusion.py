@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ Integers = NDArray[np.int64]
 # joints_m, scores, members, reprojection_error_px
 Fused = tuple[Floats, Floats, Integers, Floats]
 
+Matcher = Literal["rays", "epipolar"]
+MATCHERS: tuple[Matcher, ...] = ("rays", "epipolar")
+MAX_EPIPOLAR_PX = 1000.0
 OUTLIER_STEPS = 4  # reweighting converges more slowly than plain least squares
 
 
@@ -26,15 +30,21 @@ class FusionSettings:
     Attributes:
         max_distance_m: mean distance between rays up to which poses are one person. Detector noise
             of 5 to 10 px at 5 m and 1000 px focal length is 3 to 5 cm between rays; of wild
-            detections several times that. Chosen on simulated scenes, `docs/paper-comparison.md`.
+            detections several times that. Chosen on simulated scenes,
+            `docs/research/paper-comparison.md`.
         cap_m: the most that one joint may count in that mean. People who pass each other are
             seldom closer, so a larger distance carries no more information than this.
         duplicate_m: a pose nearer than this to a stronger one, as a mean over their joints, is
             the same person again: half the breadth of shoulders, no two bodies come closer.
+            The matcher `epipolar` leaves such a pose as it is, as the paper does.
         min_joints: a person with fewer joints in 3D is a coincidence of scraps.
         refine_steps: Gauss-Newton steps on the reprojection error after the DLT; 0 gives exactly
             the paper's DLT.
         reject_outliers: let views that disagree about a joint lose their weight.
+        matcher: `rays` merges the closest groups first, by distances in the world; `epipolar` is
+            the paper's greedy matching by distances from epipolar lines.
+        max_epipolar_px: mean distance from epipolar lines up to which the matcher `epipolar` takes
+            poses for one person. Chosen on simulated scenes, `docs/research/paper-comparison.md`.
 
     Raises:
         InputError: naming the setting that is out of range.
@@ -46,6 +56,8 @@ class FusionSettings:
     min_joints: int = 3
     refine_steps: int = 1
     reject_outliers: bool = False
+    matcher: Matcher = "rays"
+    max_epipolar_px: float = 30.0
 
     def __post_init__(self) -> None:
         for name in ("max_distance_m", "cap_m", "duplicate_m"):
@@ -53,6 +65,13 @@ class FusionSettings:
             lowest_ok = value >= 0 if name == "duplicate_m" else value > 0
             if not (math.isfinite(value) and lowest_ok):
                 raise InputError(f"fusion: {name}: found {value}, expected metres above 0")
+        if self.matcher not in MATCHERS:
+            raise InputError("matcher", repr(self.matcher)[:60], " or ".join(MATCHERS))
+        if not 0 < self.max_epipolar_px <= MAX_EPIPOLAR_PX:
+            found = f"{self.max_epipolar_px:g} px"
+            raise InputError(
+                "max_epipolar_px", found, f"more than 0 and at most {MAX_EPIPOLAR_PX:g}"
+            )
         if self.min_joints < 1:
             raise InputError(f"fusion: min_joints: found {self.min_joints}, expected 1 or more")
         if not 0 <= self.refine_steps <= 50:

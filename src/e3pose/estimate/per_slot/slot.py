@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.per_slot.dissolve import dissolve_groups, weigh_groups
+from e3pose.estimate.per_slot.epipolar import fundamental_matrices, match_epipolar
 from e3pose.estimate.per_slot.fusion import Fused, FusionSettings
 from e3pose.estimate.per_slot.group import group_poses
 from e3pose.estimate.per_slot.pairs import PLANES, gather, measure_pairs
@@ -83,6 +84,7 @@ class SlotKernel:
             np.ascontiguousarray(rig.centers_m),
             np.ascontiguousarray(rig.projections),
             *make_lenses(rig),
+            np.ascontiguousarray(fundamental_matrices(rig)),
         )
         self._call: Any = fuse_slot
         self._settings = (
@@ -92,6 +94,8 @@ class SlotKernel:
             min(settings.min_joints, num_joints),
             settings.steps,
             settings.reject_outliers,
+            settings.matcher == "epipolar",
+            settings.max_epipolar_px,
         )
         self._memory = make_memory(len(rig), num_joints, 8 * len(rig))
 
@@ -122,12 +126,15 @@ def fuse_slot(
     lens_models: Integers,
     lens_numbers: Floats,
     lens_tables: Floats,
+    fundamentals: Floats,
     max_distance_m: float,
     cap_m: float,
     duplicate_m: float,
     min_joints: int,
     steps: int,
     reject_outliers: bool,
+    epipolar: bool,
+    max_epipolar_px: float,
     memory: Memory,
 ) -> int:
     """Match and triangulate one slot into the last four arrays of `memory`; return the people."""
@@ -141,8 +148,24 @@ def fuse_slot(
         memory.lanes,
         memory.pixels,
     )
-    num_poses = _match(scores, counts, ray_matrices, centers_m, max_distance_m, cap_m, memory)
     cameras, rows = memory.integers[CAMERA], memory.integers[ROW]
+    num_poses = gather(
+        scores,
+        counts,
+        ray_matrices,
+        centers_m,
+        memory.pixels,
+        memory.scores,
+        memory.precisions,
+        cameras,
+        rows,
+        memory.tiles,
+        memory.tile_centers,
+    )
+    if epipolar:
+        _match_epipolar(num_poses, fundamentals, max_epipolar_px, memory)
+    else:
+        _match_rays(num_poses, max_distance_m, cap_m, memory)
     people = 0
     while True:
         group = _take_strongest(num_poses, memory)
@@ -165,7 +188,7 @@ def fuse_slot(
                 reject_outliers,
                 joints_m,
             )
-        if _is_duplicate(memory.joints_m, people, duplicate_m):
+        if not epipolar and _is_duplicate(memory.joints_m, people, duplicate_m):
             continue
         score_person(
             group,
@@ -186,37 +209,32 @@ def fuse_slot(
 
 
 @kernel
-def _match(
-    scores: Floats,
-    counts: Integers,
-    ray_matrices: Floats,
-    centers_m: Floats,
-    max_distance_m: float,
-    cap_m: float,
-    memory: Memory,
-) -> int:
-    """Group the poses of `memory.pixels` by person: their labels, group sizes and strengths.
-
-    Returns the number of poses, over all cameras.
-    """
-    cameras, labels = memory.integers[CAMERA], memory.integers[LABEL]
-    nearest, sizes = memory.integers[NEAREST], memory.integers[SIZE]
-    num_poses = gather(
-        scores,
-        counts,
-        ray_matrices,
-        centers_m,
+def _match_epipolar(
+    num_poses: int, fundamentals: Floats, max_epipolar_px: float, memory: Memory
+) -> None:
+    """Group poses by person as the paper does: their labels, group sizes and strengths."""
+    labels = memory.integers[LABEL]
+    match_epipolar(
+        num_poses,
+        memory.integers[CAMERA],
         memory.pixels,
         memory.scores,
-        memory.precisions,
-        cameras,
-        memory.integers[ROW],
-        memory.tiles,
-        memory.tile_centers,
+        fundamentals,
+        max_epipolar_px,
+        labels,
+        memory.sums,
     )
+    weigh_groups(num_poses, labels, memory.scores, memory.integers[SIZE], memory.strength)
+
+
+@kernel
+def _match_rays(num_poses: int, max_distance_m: float, cap_m: float, memory: Memory) -> None:
+    """Group poses by person, the closest first: their labels, group sizes and strengths."""
+    cameras, labels = memory.integers[CAMERA], memory.integers[LABEL]
+    nearest, sizes = memory.integers[NEAREST], memory.integers[SIZE]
     measure_pairs(
         num_poses,
-        scores.shape[2],
+        memory.scores.shape[1],
         cameras,
         memory.tiles,
         memory.tile_centers,
@@ -253,7 +271,6 @@ def _match(
         memory.distance,
         memory.weights[0],
     )
-    return num_poses
 
 
 @kernel

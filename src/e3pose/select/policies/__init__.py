@@ -63,6 +63,7 @@ class PolicyRow:
             a lower frame rate rather than failed estimates.
         foresees: whether it needs to know what each camera is expected to tell.
         own_boxes: whether it asks what cameras foresee from the boxes of their own views.
+        sends_boxes: whether every camera sends boxes for every decision, which costs it WiFi.
         aims: whether it can choose the number of cameras by the error that it expects.
         about: one line for `--help` and tables.
     """
@@ -76,6 +77,7 @@ class PolicyRow:
     holds: bool = False
     foresees: bool = False
     own_boxes: bool = False
+    sends_boxes: bool = False
     aims: bool = False
 
     @classmethod
@@ -112,6 +114,7 @@ POLICIES: dict[str, PolicyRow] = {
         counts=False,
         holds=True,
         own_boxes=True,
+        sends_boxes=True,
     ),
     "e3pose-mv": PolicyRow(
         lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase),

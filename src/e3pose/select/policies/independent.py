@@ -21,12 +21,15 @@ class Independent:
     `refresh_s` seconds looks again, since the boxes it carries on have become meaningless.
 
     Attributes:
-        occlusion_limit: eq. (4) above which a camera sleeps; the paper does not state its own.
+        occlusion_limit: eq. (4) above which a camera sleeps.
         refresh_s: the longest a camera trusts its motion vectors.
+
+    The paper states neither; both are those that find most on simulated scenes with no more than
+    three of five cameras awake on average, as in the paper's other rows.
     """
 
     occlusion_limit: float = 0.1
-    refresh_s: float = 0.5
+    refresh_s: float = 0.25
 
     def select(self, situation: Situation) -> Selection:
         """See `Policy.select`."""

@@ -1,0 +1,111 @@
+"""The paper's matcher on people whose epipolar lines are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.reference.fuse import ReferenceFuser
+
+from e3pose.estimate.per_slot.epipolar import fundamental_matrices
+from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.rigs import ring_rig
+from e3pose.model.pose import Poses2D
+
+Floats = NDArray[np.float64]
+
+FUSERS = (Fuser, ReferenceFuser)
+EPIPOLAR = FusionSettings(refine_steps=0, matcher="epipolar", max_epipolar_px=20.0)
+BODY = np.random.default_rng(3).uniform((-0.25, -0.25, 0.1), (0.25, 0.25, 1.7), (17, 3))
+
+
+def rig(num_cameras: int = 4) -> Rig:
+    return ring_rig(num_cameras, 4.0, 2.0, (1000, 800), np.random.default_rng(0))
+
+
+def seen(cameras: Rig, people: Floats) -> dict[int, Poses2D]:
+    return {
+        index: Poses2D(camera.project(people), np.full(people.shape[:2], 0.9))
+        for index, camera in enumerate(cameras.cameras)
+    }
+
+
+def shifted(view: Poses2D, by_px: tuple[float, float]) -> Poses2D:
+    return Poses2D(view.keypoints_px + np.array(by_px), view.scores)
+
+
+def test_points_lie_on_the_epipolar_lines_of_what_they_show() -> None:
+    cameras = rig()
+    matrices = fundamental_matrices(cameras)
+    pixels = np.stack([camera.project(BODY) for camera in cameras.cameras])
+    pixels = np.concatenate([pixels, np.ones((4, 17, 1))], axis=-1)
+    for first in range(4):
+        for second in range(4):
+            if first == second:
+                assert not matrices[first, second].any()
+                continue
+            lines = pixels[first] @ matrices[first, second].T
+            distance = (lines * pixels[second]).sum(axis=-1) / np.hypot(lines[:, 0], lines[:, 1])
+            assert np.abs(distance).max() < 1e-6
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_people_are_found_where_they_are(make: type[Fuser]) -> None:
+    cameras, people = rig(), np.stack([BODY, BODY + [1.0, 0.3, 0.0], BODY - [0.2, 1.1, 0.0]])
+    fusion = make(cameras, 17, EPIPOLAR).fuse(seen(cameras, people))
+    assert len(fusion.poses) == 3
+    assert (np.sort(fusion.members, axis=0) == np.arange(3)[:, None]).all()
+    assert (fusion.members == fusion.members[:, :1]).all()
+    apart = fusion.poses.joints_m[:, None] - people[None]
+    assert np.linalg.norm(apart, axis=-1).mean(axis=-1).min(axis=0).max() < 1e-6
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_distance_is_in_pixels_and_the_mean_of_both_directions(make: type[Fuser]) -> None:
+    cameras = rig(2)
+    views = seen(cameras, BODY[None])
+    views[1] = shifted(views[1], (3.0, 25.0))
+    matrices = fundamental_matrices(cameras)
+    pixels = [np.append(views[i].keypoints_px[0], np.ones((17, 1)), axis=-1) for i in (0, 1)]
+    apart = []
+    for own, other in ((0, 1), (1, 0)):
+        lines = pixels[own] @ matrices[own, other].T
+        along = np.abs((lines * pixels[other]).sum(axis=-1))
+        apart.append((along / np.hypot(lines[:, 0], lines[:, 1])).mean())
+    expected = float(np.mean(apart))
+    assert 5 < expected < 40
+    for factor, people in ((0.99, 0), (1.01, 1)):
+        settings = FusionSettings(
+            refine_steps=0, matcher="epipolar", max_epipolar_px=factor * expected
+        )
+        assert len(make(cameras, 17, settings).fuse(views).poses) == people
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_cameras_are_taken_in_order_and_the_closest_pose_first(make: type[Fuser]) -> None:
+    cameras = rig(3)
+    views = seen(cameras, BODY[None])
+    near, far = shifted(views[1], (0.0, 4.0)), shifted(views[1], (0.0, 12.0))
+    views[1] = Poses2D(np.concatenate([far.keypoints_px, near.keypoints_px]), np.full((2, 17), 0.9))
+    fusion = make(cameras, 17, EPIPOLAR).fuse(views)
+    assert fusion.members.tolist() == [[0, 1, 0]]
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_pose_beyond_the_threshold_begins_a_candidate_that_later_views_join(
+    make: type[Fuser],
+) -> None:
+    cameras = rig(4)
+    first, second = seen(cameras, BODY[None]), seen(cameras, BODY[None] + [0.0, 0.0, 0.8])
+    fusion = make(cameras, 17, EPIPOLAR).fuse({0: first[0], 1: second[1], 2: second[2]})
+    assert fusion.members.tolist() == [[-1, 0, 0, -1]]
+
+
+def test_poses_without_a_shared_joint_are_not_joined() -> None:
+    cameras = rig(2)
+    views = seen(cameras, BODY[None])
+    scores = np.full((2, 1, 17), 0.9)
+    scores[0, :, :9] = scores[1, :, 9:] = 0.0
+    some = {i: Poses2D(views[i].keypoints_px, scores[i]) for i in (0, 1)}
+    assert len(Fuser(cameras, 17, EPIPOLAR).fuse(some).poses) == 0
