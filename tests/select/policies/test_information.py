@@ -153,6 +153,17 @@ def test_the_fewest_cameras_that_meet_the_target() -> None:
     assert Information(3, target_error_m=0.001).select(situation(seen)).sum() == 5
 
 
+def test_slots_take_turns_between_two_numbers_for_a_target_between() -> None:
+    seen = foresight([300.0] * 5, sigma_m=0.05)
+    errors = [float(seen.expected_error_m((np.arange(5) < count)[None])[0]) for count in (2, 1)]
+    target_m = 0.3 * errors[0] + 0.7 * errors[1]
+    policy = Information(3, target_error_m=target_m)
+    counts = [policy.select(situation(seen, slot=slot)).sum() for slot in range(200)]
+    assert set(counts) == {1, 2}
+    expected = np.mean([errors[0] if count == 2 else errors[1] for count in counts])
+    assert expected == pytest.approx(target_m, rel=0.01)
+
+
 def test_cameras_that_no_longer_help_stay_asleep_when_the_target_is_beyond_reach() -> None:
     seen = foresight([900, 800, 0.1, 0.1, 0.1])
     assert chosen(Information(3, target_error_m=0.001).select(situation(seen))) == [0, 1]

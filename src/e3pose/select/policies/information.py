@@ -44,8 +44,8 @@ class Information:
     Attributes:
         num_selected: cameras a slot; a mean if it is no whole number.
         quality_weight: the paper's V; larger prefers information to even batteries.
-        target_error_m: wake the fewest cameras whose expected error meets this, in place of
-            `num_selected`.
+        target_error_m: wake the fewest cameras whose expected error meets this as a mean over the
+            slots, in place of `num_selected`.
         phase: which camera wins a tie.
     """
 
@@ -94,7 +94,11 @@ class Information:
         return np.asarray(np.round(value / step))
 
     def _fewest(self, situation: Situation, foresight: Foresight, target_m: float) -> Selection:
-        """Return the fewest cameras that are expected to meet the target, or that still help."""
+        """Return the fewest cameras that are expected to meet the target, or that still help.
+
+        Errors with whole numbers of cameras lie on both sides of the target; slots take turns
+        between the two numbers, so that the mean over the slots meets it.
+        """
         affordable = situation.deficit <= max(1.0, BURST_S / situation.interval_s)
         allowed = situation.online & affordable
         everyone = self._best(situation, foresight, allowed, int(allowed.sum()))
@@ -103,11 +107,16 @@ class Information:
         stale = situation.unseen_slots[allowed].min(initial=10**9) * situation.interval_s
         least = 1 if stale >= LOOK_AGAIN_S or not foresight.confirmed.all() else 0
         least = max(least, 2 if foresight.entrants.weights.sum() > UNMET_PEOPLE else 0)
+        fewer, error_of_fewer_m = everyone, np.nan
         for count in range(least, int(allowed.sum())):
             selection = self._best(situation, foresight, allowed, count)
             error_m = foresight.expected_error_m(selection[None])[0]
             if np.isnan(error_m) or error_m <= enough_m:
+                share = (error_of_fewer_m - enough_m) / (error_of_fewer_m - error_m)
+                if count > least and count_at(situation.slot, count - 1 + share) < count:
+                    return fewer
                 return selection
+            fewer, error_of_fewer_m = selection, error_m
         return everyone
 
 
