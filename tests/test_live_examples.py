@@ -21,6 +21,7 @@ from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.settings.site_file import (
     CameraTable,
     LinkTable,
+    RecordTable,
     SiteTable,
     StoreTable,
     ViewTable,
@@ -55,13 +56,14 @@ def test_example_camera_is_of_the_example_site() -> None:
 
 
 @pytest.mark.parametrize(
-    "table", [SiteTable, LinkTable, StoreTable, ViewTable, CameraTable, NodeTable]
+    "table", [SiteTable, LinkTable, StoreTable, RecordTable, ViewTable, CameraTable, NodeTable]
 )
 def test_page_explains_every_key_and_its_default(table: Any) -> None:
     (text,) = re.findall(rf"<!-- {table.__name__} -->\n(.*?)\n\n", TEXT, re.S)
     rows = dict(re.findall(r"^\| `(\w+)` \|\s*([^|]*?)\s*\|", text, re.M))
     fields = {item.key: (item, defaults(table).get(item.field)) for item in entries(table)}
-    tables = {"link", "store", "view", "loop", "energy", "camera"} if table is SiteTable else set()
+    parts = {"link", "store", "record", "view", "loop", "energy", "camera"}
+    tables = parts if table is SiteTable else set()
     assert set(rows) == set(fields) - tables - {"format", "version"}
     for name, told in rows.items():
         item, default = fields[name]

@@ -33,6 +33,7 @@ from e3pose.cli.predicting import evaluate_predictor
 from e3pose.cli.querying import query
 from e3pose.cli.recording import record
 from e3pose.cli.replaying import replay
+from e3pose.cli.reporting import report
 from e3pose.cli.routing import router
 from e3pose.cli.running import camera, edge, up
 from e3pose.cli.simulating import simulate
@@ -66,7 +67,18 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "Start here": ("demo", "init", "up"),
     "Recordings": ("detect", "import", "simulate", "info", "sync", "replay", "export"),
     "Calibrate": ("calibrate",),
-    "Live site": ("keys", "check", "record", "edge", "camera", "router", "top", "view", "query"),
+    "Live site": (
+        "keys",
+        "check",
+        "record",
+        "edge",
+        "camera",
+        "router",
+        "top",
+        "view",
+        "query",
+        "report",
+    ),
     "Evaluate": ("evaluate", "evaluate-predictor"),
     "Learn": ("train", "learn"),
     "Maintenance": ("models", "power"),
@@ -80,6 +92,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "info": info,
     "replay": replay,
     "query": query,
+    "report": report,
     "export": export,
     "power": power,
     "evaluate": evaluate,

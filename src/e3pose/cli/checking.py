@@ -82,7 +82,8 @@ def _site(table: SiteTable, quick: bool) -> list[Finding]:
     sources = list(check_sources(table, rig))
     found += [*examine.check_link_of(table, rig), *examine.check_places(table), *sources]
     usable = all(finding.level != "problem" for finding in sources)
-    selected = len(rig) if placed is None else placed.loop.num_selected or len(rig)
+    loop = table.loop if placed is None else placed.loop
+    selected = min(loop.num_selected or len(rig), len(rig))
     if usable and not quick:
         found += _looks(table, rig, selected)
     return [*found, examine.check_clock()]

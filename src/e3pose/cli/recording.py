@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from e3pose.settings.site_file import SiteTable
 
 LOOK_S = 1.0
+MOST_RESTARTS = 3  # of a camera, before it is told why it ends
 
 
 def record(
@@ -61,7 +62,7 @@ def record(
     from e3pose.site.check_sources import require_sources
     from e3pose.site.edge_program import edge_link, join_as_edge
     from e3pose.site.looks import measure_looks, with_time_for_all
-    from e3pose.site.up import Program, camera_command, run_site
+    from e3pose.site.up import Program, camera_command, last_line, run_site
 
     check_free(dest)
     table = load_site(site)
@@ -86,6 +87,9 @@ def record(
             if time.monotonic() - told_s > LOOK_S:
                 told_s = time.monotonic()
                 console.print(_progress(server), highlight=False, soft_wrap=True)
+            for program in programs:
+                if program.restarts >= MOST_RESTARTS:
+                    raise InputError(f"{program.name}: {last_line(program.log)}")
             return not server.running()
 
         with suppress(KeyboardInterrupt):

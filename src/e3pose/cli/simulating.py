@@ -6,10 +6,16 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
 from e3pose.errors import InputError
 from e3pose.plural import counted
+
+if TYPE_CHECKING:
+    from e3pose.recording import Recording
 
 RESOLUTION = re.compile(r"(\d{1,6})[xX](\d{1,6})")
 
@@ -29,6 +35,7 @@ def simulate(
     calibration: Path | None = None,
     seed: Whole = 0,
     exact: bool = False,
+    videos: Annotated[bool, Parameter(negative="")] = False,
     overwrite: bool = False,
 ) -> None:
     """Simulate a recording: walking people, calibrated cameras, realistic detections, exact truth.
@@ -66,6 +73,9 @@ def simulate(
         Random seed.
     exact
         Perfect detections: every joint inside the image, without noise.
+    videos
+        Also write a film per camera into the recording's `videos` folder: the detections drawn as
+        coloured joints, which the detector `drawn` reads back. At most three people.
     overwrite
         Replace DEST.
     """
@@ -75,6 +85,10 @@ def simulate(
     from e3pose.simulate import simulate as run
 
     check_free(dest, overwrite)
+    if videos:
+        from e3pose.simulate.films import check_people
+
+        check_people(people)
     rig = None
     if calibration is not None:
         from e3pose.calibration import load_rig
@@ -96,12 +110,30 @@ def simulate(
     with _bar("simulate") as progress:
         recording = run(settings, seed, progress)
     save_recording(recording, dest, overwrite)
+    if videos:
+        _write_films(recording, dest)
     poses = sum(len(series.scores) for series in recording.views)
     print(
         f"Wrote {dest}: {recording.name}: {counted(len(recording.rig), 'camera')}, "
         f"{counted(recording.num_slots, 'slot')} at "
         f"{recording.fps:g} fps, {counted(poses, 'detected pose')}"
     )
+
+
+def _write_films(recording: Recording, dest: Path) -> None:
+    from dataclasses import replace
+
+    from e3pose.recording import save_recording
+    from e3pose.report.overlay import write_movie
+    from e3pose.simulate.films import frames
+
+    names = {camera_id: f"{camera_id}.mp4" for camera_id in recording.rig.camera_ids}
+    save_recording(replace(recording, videos=names), dest, overwrite=True)
+    (dest / "videos").mkdir()
+    with _bar("films") as progress:
+        for index, name in enumerate(names.values()):
+            write_movie(dest / "videos" / name, frames(recording, index), recording.fps)
+            progress((index + 1) / len(names))
 
 
 def _size(resolution: str) -> tuple[int, int]:

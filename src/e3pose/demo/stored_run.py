@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.demo.live import Heard
-from e3pose.model.pose import Poses2D, Poses3D
+from e3pose.model.pose import Poses2D
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
 from e3pose.store import Store
+from e3pose.store.records import slot_records
 
 Floats = NDArray[np.float64]
 
@@ -68,30 +68,7 @@ def stored_records(
     rows = [row for row in asked.rows("slots", run=run) if row["slot"] < num_slots]
     first_round = [row for row in rows if row["time_ns"] < end_ns]
     rows = first_round if len(first_round) >= num_slots // 2 else rows
-    return [_record(row, found, interval_s) for row in rows], [row["time_ns"] for row in rows]
-
-
-def _record(row: Mapping[str, Any], found: Any, interval_s: float) -> SlotRecord:
-    here = found.slots == row["slot"]
-    sigma_m = found.sigma_m[here].astype(np.float64)
-    return SlotRecord(
-        slot=row["slot"],
-        time_s=row["slot"] * interval_s,
-        selected=_flags(row["selected"]),
-        arrived=_flags(row["arrived"]),
-        poses=Poses3D(found.joints_m[here].astype(np.float64), found.scores[here].astype(float)),
-        track_ids=found.track_ids[here],
-        occlusion=np.asarray(row["occlusion"], dtype=np.float64),
-        deficit=np.asarray(row["deficit"], dtype=np.float64),
-        next_selection=_flags(row["next_selection"]),
-        covariance_m2=sigma_m[..., None, None] ** 2 * np.eye(3),
-        measured=found.measured[here],
-        stage_s={"step": row["took_s"]},
-    )
-
-
-def _flags(text: str) -> NDArray[np.bool_]:
-    return np.array([char == "1" for char in text])
+    return slot_records(rows, found, interval_s), [row["time_ns"] for row in rows]
 
 
 def heard_views(

@@ -39,6 +39,12 @@ def _yolo(model: Path | None, provider: str, threads: int | None) -> Detector:
     return YoloPose(load_network(_weights(NAME, model), provider, threads))
 
 
+def _drawn(model: Path | None, provider: str, threads: int | None) -> Detector:
+    from e3pose.detectors.drawn import Drawn
+
+    return Drawn()
+
+
 def _rtmlib(model: Path | None, provider: str, threads: int | None) -> Detector:
     from e3pose.detectors.rtmlib_adapter import make_rtmlib
 
@@ -54,6 +60,7 @@ DETECTORS: dict[str, Factory] = {
     "trt-pose": partial(_openpose, "trt-pose"),
     "yolo-pose": _yolo,
     "rtmlib": _rtmlib,
+    "drawn": _drawn,
 }
 
 # What each outputs, known before its weights are there.
@@ -63,6 +70,7 @@ SKELETONS: dict[str, Skeleton] = {
     "trt-pose": COCO18,
     "yolo-pose": COCO17,
     "rtmlib": COCO17,
+    "drawn": COCO17,
 }
 
 

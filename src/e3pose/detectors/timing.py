@@ -71,8 +71,8 @@ class LookTimes:
 def time_looks(lookers: Sequence[Looker], seconds: float = MEASURE_S) -> LookTimes:
     """Measure how long looks take, each in a process of its own.
 
-    Images of nothing but noise stand in for frames: what a network computes does not depend on
-    what it sees.
+    Images of nothing but grey noise stand in for frames: what a network computes does not depend
+    on what it sees.
 
     Args:
         lookers: who looks.
@@ -134,7 +134,8 @@ def _answer(pipe: Connection, timeout_s: float) -> float:
 def _look(pipe: Connection, looker: Looker) -> None:
     """Load a network, then look for as long as told, until the pipe ends."""
     width, height = looker.image_size
-    image = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+    grey = np.random.default_rng(0).integers(0, 256, (height, width, 1), dtype=np.uint8)
+    image = np.repeat(grey, 3, axis=2)
     try:
         detector = make_detector(looker.detector, looker.model, looker.provider, looker.threads)
         begun_s = time.perf_counter()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -18,6 +18,8 @@ from e3pose.wire.topics import of_site
 from e3pose.wire.transport import Transport
 
 if TYPE_CHECKING:
+    from e3pose.edge.gather import Arrival
+    from e3pose.edge.recorder import Recorder
     from e3pose.store.writer import WriterStatus
 
 
@@ -82,6 +84,7 @@ class Consumers:
         learner: improves the predictor.
         ledger: reckons what cameras spend and may spend.
         controls: what operators ask for.
+        recorder: keeps what cameras saw, as recordings.
         on_beat: called with every heartbeat, on a thread of the transport.
     """
 
@@ -89,6 +92,7 @@ class Consumers:
     learner: Learner | None = None
     ledger: EnergyLedger | None = None
     controls: Controls | None = None
+    recorder: Recorder | None = None
     on_beat: Callable[[Heartbeat], None] = lambda beat: None
 
     def paused(self) -> frozenset[str]:
@@ -106,6 +110,11 @@ class Consumers:
         if self.ledger is not None:
             self.ledger.take(beat)
         self.on_beat(beat)
+
+    def saw(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
+        """Hand on the views of a slot, by camera."""
+        if self.recorder is not None:
+            self.recorder.keep(slot, time_ns, arrivals)
 
     def keep(self, record: SlotRecord, time_ns: int) -> None:
         """Hand on a slot that was computed."""

@@ -309,6 +309,7 @@ class EdgeServer:
         self.counts.ordered += wanted
         self.counts.missed += wanted & ~record.arrived
         self.counts.looked(record.selected)
+        self.consumers.saw(slot, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
         took_ns += self.publisher.tell_again(busy=self.load.level > 0)
         self._improve(times, record)

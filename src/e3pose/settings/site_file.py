@@ -17,7 +17,7 @@ from e3pose.family import is_own
 from e3pose.files.bounded import read_toml
 from e3pose.files.table import entry, read_table
 from e3pose.geometry.camera import Rig, check_camera_id
-from e3pose.quantities import age_s, size_bytes
+from e3pose.quantities import age_s, duration_s, size_bytes
 from e3pose.settings.energy import EnergySettings, IdleMode
 from e3pose.settings.limits import check_camera, check_source, check_within, near
 from e3pose.settings.loop import LoopSettings
@@ -88,6 +88,21 @@ class ViewTable:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordTable:
+    """`[record]`: where the views of cameras with `record` are kept, as recordings.
+
+    Attributes:
+        path: folder of the recordings.
+        max_bytes: the most to keep, such as `10GB`; the oldest recordings go first.
+        part_s: length of one recording, such as `10min`.
+    """
+
+    path: str = "recordings"
+    max_bytes: int | None = entry(None, key="max_size", read=size_bytes)
+    part_s: float | None = entry(None, key="part", read=duration_s)
+
+
+@dataclass(frozen=True, slots=True)
 class CameraTable:
     """`[[camera]]`: one camera of the site, and for `e3pose up` what it sees.
 
@@ -103,6 +118,7 @@ class CameraTable:
         battery_wh: capacity; without it the camera is on mains.
         meter: how `e3pose up` lets it measure its power, `auto` or `model`, which is the default.
         budget: what it may spend, such as `4W` or `until 18:00`; by default that of the site.
+        record: what of it is kept as a recording; by default nothing.
     """
 
     id: str = entry(write='"cam1"')
@@ -116,6 +132,7 @@ class CameraTable:
     battery_wh: float | None = None
     meter: Literal["auto", "model"] | None = None
     budget: str | None = None
+    record: Literal["keypoints"] | None = None
 
     def __post_init__(self) -> None:
         try:
@@ -150,6 +167,7 @@ class SiteTable:
         link: see `LinkTable`.
         store: see `StoreTable`.
         view: see `ViewTable`.
+        record: see `RecordTable`.
         loop: how the loop runs.
         energy: what the cameras draw and have.
         camera: the cameras; those of the calibration that are not named here have the defaults.
@@ -176,6 +194,7 @@ class SiteTable:
     link: LinkTable = LinkTable()
     store: StoreTable | None = None
     view: ViewTable = ViewTable()
+    record: RecordTable = RecordTable()
     loop: LoopSettings = LoopSettings()
     energy: EnergySettings = EnergySettings()
     camera: tuple[CameraTable, ...] = ()

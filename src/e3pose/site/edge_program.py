@@ -14,6 +14,7 @@ from e3pose.clock import Clock, WallClock
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.news import News
+from e3pose.edge.recorder import MAX_BYTES, PART_S, Recorder, RecorderSettings
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
 from e3pose.errors import InputError
@@ -25,7 +26,7 @@ from e3pose.pipeline import Pipeline
 from e3pose.predict.base import Predictor
 from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
-from e3pose.settings.live import LiveSite, live_site
+from e3pose.settings.live import LiveSite, live_site, noise_of
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import noise_warning
 from e3pose.settings.site_file import SiteTable, load_site
@@ -273,7 +274,8 @@ def make_edge(
         smooth_delay_s=site.smooth_delay_ms / 1e3,
     )
     controls = SiteControls(live, ledger)
-    consumers = Consumers(sink, learner, ledger, controls)
+    recorder = open_recorder(live, news, stack)
+    consumers = Consumers(sink, learner, ledger, controls, recorder)
     return EdgeServer(pipeline, transport, settings, clock, state_file, news, consumers)
 
 
@@ -306,6 +308,34 @@ def open_store(live: LiveSite, started_ns: int, news: News, stack: ExitStack) ->
         stack.enter_context(hold(file, site.name))  # other sites may share it
     keeping = WriterSettings(retention=Retention(site.store.keep_s, site.store.max_bytes))
     return stack.enter_context(StoreWriter(place, run, keeping, tell=news.note))
+
+
+def open_recorder(live: LiveSite, news: News, stack: ExitStack) -> Recorder | None:
+    """Return what keeps the views of a site as recordings; None if nobody asked.
+
+    Args:
+        live: the site.
+        news: told what keeps it from recording.
+        stack: closes it.
+    """
+    cameras = [camera.record is not None for camera in live.cameras.values()]
+    if not any(cameras):
+        return None
+    site, table = live.site, live.site.record
+    settings = RecorderSettings(
+        folder=site.near(table.path),
+        site=site.name,
+        cameras=cameras,
+        fps=site.fps,
+        pace=site.pace,
+        skeleton=live.skeleton.name,
+        detector=noise_of(live.cameras),
+        part_s=table.part_s or PART_S,
+        max_bytes=table.max_bytes or MAX_BYTES,
+    )
+    recorder = Recorder(settings, live.rig, news.tell)
+    stack.callback(recorder.close)
+    return recorder
 
 
 @dataclass(slots=True, eq=False)

@@ -142,7 +142,7 @@ def run_site(
                 if code is None:
                     continue
                 if code == 2:
-                    raise InputError(f"{program.name}: {_last_line(program.log)}")
+                    raise InputError(f"{program.name}: {last_line(program.log)}")
                 if program._due_s == 0.0:
                     program._due_s = time.monotonic() + RESTART_S
                     tell(f"{program.name} exited with code {code}; restarting in {RESTART_S:g} s")
@@ -172,6 +172,7 @@ def end(programs: Sequence[Program]) -> None:
             program.let_go()
 
 
-def _last_line(log: Path) -> str:
+def last_line(log: Path) -> str:
+    """Return the last line that a program wrote."""
     lines = log.read_text(errors="replace").strip().splitlines()
     return lines[-1][:500].removeprefix("e3pose: ") if lines else "exited without output"

@@ -1,0 +1,198 @@
+"""Keep the keypoints that arrive, as recordings of some minutes each, within a bounded space."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+
+from e3pose.edge.gather import Arrival
+from e3pose.errors import InputError
+from e3pose.files.private import make_folder
+from e3pose.geometry.camera import Rig
+from e3pose.plural import counted
+from e3pose.recording.writer import PARTIAL, RecordingWriter, finish_interrupted
+
+PART_S = 600.0
+MAX_BYTES = 10**10
+WRITE_S = 0.5
+QUEUE_SLOTS = 2000
+RETRY_S = 10.0  # after a disk that was full
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderSettings:
+    """What is recorded, and how much of it is kept.
+
+    Attributes:
+        folder: of the recordings.
+        site: its name, for the description.
+        cameras: `(num_cameras,)` whether the views of each are kept.
+        fps: slots a second of the scene.
+        pace: seconds of the scene that pass in a second.
+        skeleton: name of the skeleton.
+        detector: whose noise the keypoints have.
+        part_s: length of one recording.
+        max_bytes: of all recordings in the folder; the oldest go first.
+    """
+
+    folder: Path
+    site: str
+    cameras: Sequence[bool]
+    fps: float
+    pace: float
+    skeleton: str
+    detector: str
+    part_s: float = PART_S
+    max_bytes: int = MAX_BYTES
+
+
+class Recorder:
+    """Writes on a thread of its own; `keep` returns at once."""
+
+    def __init__(
+        self, settings: RecorderSettings, rig: Rig, tell: Callable[[str, str], None]
+    ) -> None:
+        """Finish what an earlier run left, and start the thread.
+
+        Args:
+            settings: what to keep.
+            rig: the cameras.
+            tell: called with the kind of an event and a line, from the recorder's thread.
+
+        Raises:
+            InputError: when the folder cannot be made.
+        """
+        self.settings, self.rig, self._tell = settings, rig, tell
+        try:
+            make_folder(settings.folder)
+            finish_interrupted(settings.folder)
+        except OSError as error:
+            raise InputError(f"record: {settings.folder}: {error.strerror}") from None
+        self.dropped = 0
+        self._slots: deque[tuple[int, int, Mapping[int, Arrival]]] = deque()
+        self._stop = threading.Event()
+        self._writer: RecordingWriter | None = None
+        self._first = (0, 0)  # slot and time of the recording's first
+        self._trouble = ""
+        self._retry = 0
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._thread.start()
+
+    def keep(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
+        """Take in the views of a slot.
+
+        Args:
+            slot: which.
+            time_ns: its middle, since 1970.
+            arrivals: by camera.
+        """
+        if len(self._slots) >= QUEUE_SLOTS:
+            self.dropped += 1
+            return
+        self._slots.append((slot, time_ns, arrivals))
+
+    @property
+    def waiting(self) -> int:
+        """Slots that were taken in and not yet written."""
+        return len(self._slots)
+
+    def close(self) -> None:
+        """Write what was taken in and finish the recording."""
+        self._stop.set()
+        self._thread.join(timeout=10.0)
+
+    def _work(self) -> None:
+        stopping = False
+        while not stopping:
+            stopping = self._stop.wait(WRITE_S)
+            try:
+                if self._retry > 0 and not stopping:
+                    self._retry -= 1
+                    self._slots.clear()  # there is no room for it
+                    continue
+                self._write()
+                if self._trouble:
+                    self._tell("record-recovered", "recording again")
+                self._trouble = ""
+            except (OSError, InputError) as error:
+                self._fail(error)
+        if self._writer is not None:
+            try:
+                self._writer.finish()
+            except OSError as error:
+                self._fail(error)
+
+    def _write(self) -> None:
+        while self._slots:
+            slot, time_ns, arrivals = self._slots.popleft()
+            self._write_slot(slot, time_ns, arrivals)
+        if self._writer is not None:
+            self._writer.flush()
+        self._trim()
+
+    def _write_slot(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
+        settings, writer = self.settings, self._writer
+        if writer is not None and slot - self._first[0] >= settings.part_s * settings.fps:
+            writer.finish()
+            writer = self._writer = None
+        if writer is None:
+            self._first = slot, time_ns
+            writer = self._writer = self._begin(time_ns)
+        for index, arrival in arrivals.items():
+            if settings.cameras[index]:
+                time_s = (arrival.captured_ns - self._first[1]) / 1e9 * settings.pace
+                writer.add(self.rig.camera_ids[index], slot - self._first[0], time_s, arrival.poses)
+
+    def _begin(self, time_ns: int) -> RecordingWriter:
+        settings = self.settings
+        when = datetime.fromtimestamp(time_ns / 1e9, timezone.utc)
+        name = when.strftime("%Y%m%dT%H%M%SZ")
+        dest, number = settings.folder / name, 1
+        while dest.exists() or dest.with_name(dest.name + PARTIAL).exists():
+            dest, number = settings.folder / f"{name}-{number}", number + 1
+        return RecordingWriter(
+            dest, self.rig, settings.fps, settings.skeleton, settings.detector,
+            f"Recorded live at the site {settings.site} from {when:%Y-%m-%d %H:%M:%S} UTC. "
+            "Views of cameras that were not selected are missing.",
+        )  # fmt: skip
+
+    def _trim(self) -> None:
+        """Delete the oldest recordings beyond the space they may take."""
+        parts = recordings_in(self.settings.folder)
+        sizes = {part: _size(part) for part in parts}
+        left = sum(sizes.values()) + (self._writer.num_bytes if self._writer else 0)
+        for part in parts:
+            if left <= self.settings.max_bytes:
+                return
+            shutil.rmtree(part, ignore_errors=True)
+            left -= sizes[part]
+        if left > self.settings.max_bytes and self._writer is not None:
+            self._writer.finish()  # it alone is larger: begin another, so that it can go
+            self._writer = None
+
+    def _fail(self, error: Exception) -> None:
+        reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
+        if not self._trouble:
+            self._tell("record-trouble", f"not recording: {reason.lower()}")
+        self._trouble = reason
+        self._retry = round(RETRY_S / WRITE_S)
+        if self.dropped:
+            self._tell("record-trouble", f"{counted(self.dropped, 'slot')} not recorded")
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """Return the finished recordings of a folder, oldest first."""
+    return sorted(
+        part
+        for part in folder.iterdir()
+        if (part / "recording.toml").is_file() and not part.name.endswith(PARTIAL)
+    )
+
+
+def _size(folder: Path) -> int:
+    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())

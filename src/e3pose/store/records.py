@@ -1,0 +1,56 @@
+"""Read slots back as the records that the loop left, for reports and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.model.pose import Poses3D
+from e3pose.model.slot_record import SlotRecord
+from e3pose.store.answers import StoredPoses
+
+
+def slot_records(
+    rows: Sequence[Mapping[str, Any]],
+    poses: StoredPoses,
+    interval_s: float,
+    first_slot: int = 0,
+) -> list[SlotRecord]:
+    """Return one record per row.
+
+    Args:
+        rows: of the table `slots` of one run, as `Store.rows` gives them.
+        poses: of the same run and time.
+        interval_s: seconds a slot.
+        first_slot: the slot that becomes 0.
+    """
+    return [_record(row, poses, interval_s, first_slot) for row in rows]
+
+
+def _record(
+    row: Mapping[str, Any], poses: StoredPoses, interval_s: float, first_slot: int
+) -> SlotRecord:
+    low, high = np.searchsorted(poses.slots, [row["slot"], row["slot"] + 1])
+    here, slot = slice(low, high), row["slot"] - first_slot
+    sigma_m = poses.sigma_m[here].astype(np.float64)
+    return SlotRecord(
+        slot=slot,
+        time_s=slot * interval_s,
+        selected=_flags(row["selected"]),
+        arrived=_flags(row["arrived"]),
+        poses=Poses3D(poses.joints_m[here].astype(np.float64), poses.scores[here].astype(float)),
+        track_ids=poses.track_ids[here],
+        occlusion=np.asarray(row["occlusion"], dtype=np.float64),
+        deficit=np.asarray(row["deficit"], dtype=np.float64),
+        next_selection=_flags(row["next_selection"]),
+        covariance_m2=sigma_m[..., None, None] ** 2 * np.eye(3),
+        measured=poses.measured[here],
+        stage_s={"step": row["took_s"]},
+    )
+
+
+def _flags(text: str) -> NDArray[np.bool_]:
+    return np.array([char == "1" for char in text])

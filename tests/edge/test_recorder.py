@@ -1,0 +1,96 @@
+"""Views that arrive at an edge become recordings of bounded length and size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.rigs import looking
+from tests.waiting import eventually
+
+from e3pose.edge.gather import Arrival
+from e3pose.edge.recorder import Recorder, RecorderSettings, recordings_in
+from e3pose.model.pose import Poses2D
+from e3pose.recording import load_recording
+from e3pose.recording.writer import PARTIAL
+
+RIG = looking((4, 0), (0, 4), (-4, 0))
+BEGIN_NS = 1_800_000_000 * 10**9
+FPS = 20.0
+
+
+def settings(folder: Path) -> RecorderSettings:
+    return RecorderSettings(folder, "lab", (True, True, False), FPS, 1.0, "coco17", "openpose")
+
+
+def record(asked: RecorderSettings, slots: Sequence[int]) -> list[str]:
+    """Let three cameras see a person in some slots; return what was told."""
+    told: list[str] = []
+    recorder = Recorder(asked, RIG, lambda kind, line: told.append(f"{kind}: {line}"))
+    poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
+    for slot in slots:
+        time_ns = BEGIN_NS + round(slot * 1e9 / FPS)
+        recorder.keep(slot, time_ns, {i: Arrival(poses, time_ns + 10**6, 0) for i in range(3)})
+    recorder.close()
+    return told
+
+
+def test_views_of_the_cameras_asked_for_are_a_recording(tmp_path: Path) -> None:
+    assert record(settings(tmp_path / "recordings"), [100, 101, 103]) == []
+    (part,) = recordings_in(tmp_path / "recordings")
+    assert part.name == "20270115T080005Z"
+    recording = load_recording(part)
+    assert recording.num_slots == 4 and recording.detector == "openpose"
+    assert [series.slots.tolist() for series in recording.views] == [[0, 1, 3], [0, 1, 3], []]
+    assert recording.views[0].times_s == pytest.approx([0.001, 0.051, 0.151])
+    assert "site lab from 2027-01-15 08:00:05 UTC" in recording.source
+
+
+def test_parts_follow_each_other(tmp_path: Path) -> None:
+    record(replace(settings(tmp_path), part_s=1.0), range(50))
+    parts = recordings_in(tmp_path)
+    assert [load_recording(part).num_slots for part in parts] == [20, 20, 10]
+
+
+def test_oldest_parts_make_room(tmp_path: Path) -> None:
+    record(replace(settings(tmp_path), part_s=1.0), range(20))
+    size = sum(file.stat().st_size for file in tmp_path.rglob("*") if file.is_file())
+    asked = replace(settings(tmp_path), part_s=1.0, max_bytes=round(2.5 * size))
+    told: list[str] = []
+    recorder = Recorder(asked, RIG, lambda kind, line: told.append(line))
+    poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
+    for slot in range(100, 200):
+        time_ns = BEGIN_NS + round(slot * 1e9 / FPS)
+        recorder.keep(slot, time_ns, {0: Arrival(poses, time_ns, 0), 1: Arrival(poses, time_ns, 0)})
+        if slot % 20 == 19:
+            assert eventually(lambda: not recorder.waiting)
+    recorder.close()
+    parts = [part.name for part in recordings_in(tmp_path)]
+    assert 1 <= len(parts) <= 3 and "20270115T080000Z" not in parts and told == []
+    assert sum(f.stat().st_size for f in tmp_path.rglob("*") if f.is_file()) <= 3 * size
+
+
+def test_what_a_kill_cut_off_is_finished_by_the_next_run(tmp_path: Path) -> None:
+    record(settings(tmp_path), range(5))
+    (part,) = recordings_in(tmp_path)
+    part.rename(part.with_name(part.name + PARTIAL))
+    assert recordings_in(tmp_path) == []
+    record(settings(tmp_path), [])
+    assert load_recording(part).num_slots == 5
+
+
+def test_folder_that_cannot_be_written_is_told_once(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    told: list[str] = []
+    recorder = Recorder(settings(folder), RIG, lambda kind, line: told.append(f"{kind}: {line}"))
+    folder.rmdir()
+    folder.write_text("in the way")
+    poses = Poses2D.empty(17)
+    recorder.keep(0, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
+    assert eventually(lambda: told)
+    recorder.keep(1, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
+    recorder.close()
+    assert [line.partition(":")[0] for line in told] == ["record-trouble"]
