@@ -36,9 +36,9 @@ HEAVY = {
 # The rooms, innermost first: each may import those before it.
 LAYERS: list[str] = []
 for rooms in (
-    "errors plural clock quantities family kernel files model geometry predict energy estimate",
-    "smooth select pipeline calibration recording detectors wire settings store exports simulate",
-    "camera evaluate calibrate learn edge site report view demo cli __main__",
+    "errors plural clock quantities family kernel workers files model geometry predict energy",
+    "estimate smooth select pipeline calibration recording detectors wire settings store exports",
+    "simulate camera evaluate calibrate learn edge site report view demo cli __main__",
 ):
     LAYERS += rooms.split()
 # The pure part: numpy, scipy and the standard library only.

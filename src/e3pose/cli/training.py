@@ -100,7 +100,7 @@ def train(
     """
     import math
 
-    from e3pose.learn.train.parallel import Workers
+    from e3pose.workers import Workers
 
     _check(
         ("hold-out", hold_out, 0.0, 0.9),

@@ -18,11 +18,11 @@ from e3pose.learn.train.estimates import (
     follow,
 )
 from e3pose.learn.train.lessons import LessonSettings, Target, free_stretches, lessons
-from e3pose.learn.train.parallel import Workers
 from e3pose.learn.train.windows import Clip, Corruption, Sampler
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
+from e3pose.workers import Workers
 
 Floats = NDArray[np.float64]
 REFERENCE = EstimateSettings()

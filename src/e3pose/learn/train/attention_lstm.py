@@ -20,9 +20,9 @@ from e3pose.learn.train.card import model_card
 from e3pose.learn.train.experts import start_experts
 from e3pose.learn.train.export import export, halved
 from e3pose.learn.train.network import AttentionLstm, NetworkSettings
-from e3pose.learn.train.parallel import Workers
 from e3pose.learn.train.validation import Exam, error_curves, examine, make_exams, score
 from e3pose.learn.train.windows import Clip, Corruption, Sampler, Windows
+from e3pose.workers import Workers
 
 CHECKPOINT = "checkpoint.pt"
 WARMUP = 0.03  # share of the training in which the learning rate rises

@@ -21,13 +21,13 @@ from e3pose.estimate import EstimatorSettings, make_estimator
 from e3pose.estimate.per_slot.fuse import Fuser, FusionSettings
 from e3pose.estimate.per_slot.track import GATE_M
 from e3pose.geometry.camera import Rig
-from e3pose.learn.train.parallel import Workers
 from e3pose.learn.train.smooth import smooth
 from e3pose.learn.train.windows import Clip
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.normalise import common_columns, to_common
 from e3pose.recording import Recording
+from e3pose.workers import Workers
 
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]

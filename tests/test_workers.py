@@ -10,7 +10,7 @@ import pytest
 from tests.waiting import settled
 
 from e3pose.errors import InputError
-from e3pose.learn.train.parallel import ROUND, Workers
+from e3pose.workers import ROUND, Workers
 
 
 def draw(shift: float, seed: int) -> tuple[float, int]:
