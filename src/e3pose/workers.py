@@ -31,6 +31,7 @@ class Workers:
         jobs: processes; 1 works here, -1 uses every processor core.
         dask: the address of a Dask scheduler such as `tcp://host:8786`, or `local` for a cluster
             of its own on this machine; plain processes if None.
+        option: what the address is called on the command line, for errors.
 
     Raises:
         InputError: for a number of processes that cannot be.
@@ -38,6 +39,7 @@ class Workers:
 
     jobs: int = 1
     dask: str | None = None
+    option: str = "--dask"
 
     def __post_init__(self) -> None:
         if self.jobs != -1 and not 1 <= self.jobs <= MAX_JOBS:
@@ -75,6 +77,30 @@ class Workers:
                 yield from last.result() if last else ()
             yield from made.result() if made else ()
 
+    def as_ready(
+        self, function: Callable[[Shared, Task], Result], shared: Shared, tasks: Sequence[Task]
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield the place of a task with its result, of every task, whichever is ready first.
+
+        Args:
+            function: of a module, so that another process finds it.
+            shared: what all tasks need.
+            tasks: work whose results are small: they wait in memory until they are taken.
+
+        Raises:
+            InputError: when the Dask scheduler does not answer.
+        """
+        if self.dask is None and (self.jobs == 1 or len(tasks) < 2):
+            for place, task in enumerate(tasks):
+                yield place, function(shared, task)
+            return
+        from joblib import Parallel, delayed
+
+        with self._backend(shared):
+            yield from Parallel(batch_size=1, return_as="generator_unordered")(
+                delayed(_placed)(function, shared, place, task) for place, task in enumerate(tasks)
+            )
+
     @contextmanager
     def _backend(self, shared: Any) -> Iterator[None]:
         from joblib import parallel_config
@@ -84,12 +110,19 @@ class Workers:
             with parallel_config(backend="loky", n_jobs=self.jobs, inner_max_num_threads=1):
                 yield
             return
-        with _client(self.dask, self.jobs), parallel_config("dask", scatter=[shared]):
+        client = _client(self.dask, self.jobs, self.option)
+        with client, parallel_config("dask", scatter=[shared]):
             yield
 
 
+def _placed(
+    function: Callable[[Shared, Task], Result], shared: Shared, place: int, task: Task
+) -> tuple[int, Result]:
+    return place, function(shared, task)
+
+
 @contextmanager
-def _client(address: str, jobs: int) -> Iterator[Any]:
+def _client(address: str, jobs: int, option: str) -> Iterator[Any]:
     """Connect to a Dask scheduler, or start one with workers on this machine."""
     from distributed import Client, LocalCluster
 
@@ -107,7 +140,7 @@ def _client(address: str, jobs: int) -> Iterator[Any]:
     except (OSError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(
-            f"--dask: found {address[:100]!r} ({reason}), expected {LOCAL} or the address of a "
+            f"{option}: found {address[:100]!r} ({reason}), expected {LOCAL} or the address of a "
             "Dask scheduler such as tcp://host:8786"
         ) from None
     with client:
