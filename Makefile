@@ -8,7 +8,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-fast check docs lint bench soak attack test-all clean
+.PHONY: help demo test test-fast check docs lint reproduce-quick bench soak attack test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -55,6 +55,10 @@ lint: $(VENV)/.dev  ## fix formatting and simple lint findings
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+# Items whose recordings are not there are skipped, and the report says why.
+reproduce-quick: $(VENV)/.all  ## redo the paper's tables and figures with few seeds; fails outside their margins
+	$(BIN)/e3pose reproduce reproduced --quick $(if $(E3POSE_SHARED),--data $(E3POSE_SHARED)/data)
+
 bench: $(VENV)/.all  ## run the speed benchmarks
 	$(BIN)/python benchmarks/bench_fuse.py
 	$(BIN)/python benchmarks/bench_filter.py
@@ -76,4 +80,4 @@ test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13
 	$(BIN)/nox
 
 clean:  ## remove everything these targets created
-	rm -rf $(VENV) .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output site
+	rm -rf $(VENV) .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site

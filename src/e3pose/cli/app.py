@@ -34,6 +34,7 @@ from e3pose.cli.querying import query
 from e3pose.cli.recording import record
 from e3pose.cli.replaying import replay
 from e3pose.cli.reporting import report
+from e3pose.cli.reproducing import reproduce
 from e3pose.cli.routing import router
 from e3pose.cli.running import camera, edge, up
 from e3pose.cli.simulating import simulate
@@ -79,7 +80,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "query",
         "report",
     ),
-    "Evaluate": ("evaluate", "evaluate-predictor"),
+    "Evaluate": ("evaluate", "evaluate-predictor", "reproduce"),
     "Learn": ("train", "learn"),
     "Maintenance": ("models", "power"),
 }
@@ -97,6 +98,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "power": power,
     "evaluate": evaluate,
     "evaluate-predictor": evaluate_predictor,
+    "reproduce": reproduce,
     "calibrate": calibrate_app,
     "sync": sync,
     "models": models_app,
@@ -156,7 +158,7 @@ EXTRAS = {
     "rerun": "rerun",
     "plotly": "report",
     "matplotlib": "report",
-    "distributed": "train",
+    "distributed": "cluster",
     "torch": "train",
 }
 

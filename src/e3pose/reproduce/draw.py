@@ -1,0 +1,102 @@
+"""Panels as SVG files, all in the look of the project's other pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from e3pose.evaluate.drawing import COLOURS, INK, MARKERS, PALE, picture
+from e3pose.reproduce.records import Basis, Line, Panel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+WIDTH_IN, HEIGHT_IN = 4.7, 3.3  # small enough to be read on a phone
+STYLES: dict[Basis, str] = {"paper": ":", "measured": "-", "modelled": "--", "simulated": "-."}
+HATCHES: dict[Basis, str] = {"paper": "///", "measured": "", "modelled": "...", "simulated": "xx"}
+ROOM = 0.8  # of the space between two groups of bars
+
+
+def draw(panel: Panel, path: Path) -> None:
+    """Draw a panel into an .svg file."""
+    with picture(path, WIDTH_IN, HEIGHT_IN) as figure:
+        axes = figure.subplots()
+        bases = {line.basis for line in panel.lines}
+        one = len(bases) == 1
+        axes.set_title(f"{panel.title} ({next(iter(bases))})" if one else panel.title)
+        axes.set_xlabel(panel.x_title)
+        axes.set_ylabel(panel.y_title)
+        if panel.kind in ("bars", "stacked"):
+            _bars(axes, panel, one)
+        elif panel.kind == "steps":
+            _steps(axes, panel)
+            return
+        else:
+            _lines(axes, panel, one)
+        handles, labels = axes.get_legend_handles_labels()
+        for other in figure.axes[1:]:
+            more = other.get_legend_handles_labels()
+            handles, labels = handles + more[0], labels + more[1]
+        if len(labels) > 1 or not one:
+            figure.legend(handles, labels, loc="outside lower center", ncols=2)
+
+
+def _label(line: Line, one: bool) -> str:
+    return line.name if one or line.basis in line.name else f"{line.name} ({line.basis})"
+
+
+def _lines(axes: Axes, panel: Panel, one: bool) -> None:
+    right = axes.twinx() if panel.y_second else None
+    if right is not None:
+        right.set_ylabel(panel.y_second)
+        right.grid(visible=False)
+        right.spines["right"].set_visible(True)
+    for number, line in enumerate(panel.lines):
+        place = right if line.second and right is not None else axes
+        x = [float(value) for value in line.x]
+        colour = PALE if line.basis == "paper" else COLOURS[number % len(COLOURS)]
+        place.plot(
+            x, line.y, STYLES[line.basis], color=colour, label=_label(line, one),
+            marker=MARKERS[number % len(MARKERS)],
+        )  # fmt: skip
+        if line.low:
+            place.fill_between(x, line.low, line.high, color=colour, alpha=0.15, linewidth=0)
+    values = {float(x) for line in panel.lines for x in line.x}
+    if len(values) < 8 and all(value == int(value) for value in values) and not panel.logarithmic:
+        axes.set_xticks(sorted(values))
+    if panel.logarithmic:
+        axes.set_xscale("log")
+
+
+def _bars(axes: Axes, panel: Panel, one: bool) -> None:
+    names = list(dict.fromkeys(str(name) for line in panel.lines for name in line.x))
+    places = np.arange(len(names), dtype=np.float64)
+    stacked = panel.kind == "stacked"
+    width = ROOM if stacked else ROOM / len(panel.lines)
+    bottom = np.zeros(len(names))
+    for number, line in enumerate(panel.lines):
+        values = dict(zip((str(x) for x in line.x), line.y, strict=True))
+        heights = np.array([values.get(name, 0.0 if stacked else np.nan) for name in names])
+        shift = 0.0 if stacked else width * (number - (len(panel.lines) - 1) / 2)
+        axes.bar(
+            places + shift, heights, width, bottom if stacked else 0.0,
+            color=PALE if line.basis == "paper" else COLOURS[number % len(COLOURS)],
+            hatch=HATCHES[line.basis], edgecolor="white", linewidth=0.5, label=_label(line, one),
+        )  # fmt: skip
+        if line.low:
+            spread = np.abs(np.array([line.low, line.high]) - np.array(line.y))
+            axes.errorbar(places + shift, heights, spread, fmt="none", ecolor=INK, capsize=2)
+        bottom = bottom + np.nan_to_num(heights) * stacked
+    long = max((len(name) for name in names), default=0) * len(names) > 50
+    axes.set_xticks(places, names, rotation=30 if long else 0, ha="right" if long else "center")
+    axes.grid(visible=False, axis="x")
+
+
+def _steps(axes: Axes, panel: Panel) -> None:
+    """Draw which of the rows hold when: a mark for each slot, a row for each line."""
+    for line in panel.lines:
+        axes.plot([float(x) for x in line.x], line.y, "|", color=COLOURS[0], markersize=5)
+    axes.set_yticks(range(len(panel.lines)), [line.name for line in panel.lines])
+    axes.invert_yaxis()

@@ -1,0 +1,47 @@
+"""What an item is: pieces of work, and the section of the report that is made of their results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from e3pose.reproduce.records import Section
+from e3pose.reproduce.work import AnyPiece, Made
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How much is done.
+
+    Attributes:
+        quick: as little as shows that everything works, in minutes.
+        data: names of the data sets that are there.
+    """
+
+    quick: bool = False
+    data: tuple[str, ...] = ()
+
+    def of(self, full: int, quick: int) -> int:
+        """Return how many of something: seeds, slots, seconds."""
+        return quick if self.quick else full
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A table or figure of the paper.
+
+    Attributes:
+        key: of its files.
+        title: of its section.
+        label: of the table or figure in the paper's source; empty for what the paper has not.
+        pieces: what is to be computed.
+        section: what is shown.
+        needs: names of data sets, `sources.SHELF` and `sources.PANOPTIC`.
+    """
+
+    key: str
+    title: str
+    label: str
+    pieces: Callable[[Scale], Sequence[AnyPiece]]
+    section: Callable[[Scale, Made], Section]
+    needs: tuple[str, ...] = ()

@@ -1,0 +1,88 @@
+"""The recordings that the paper's evaluation needs, as far as a user has them."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from e3pose.errors import InputError
+from e3pose.recording import Recording, load_recording
+from e3pose.recording.datasets.panoptic import import_panoptic
+from e3pose.recording.datasets.shelf import import_shelf
+
+SHELF, PANOPTIC = "shelf", "panoptic"
+SHELF_FILE = "shelf.npz"
+FRAGMENT_FILE = "160906_band1.npz"
+MOTION_FILE = "171026_pose3_train.npz"
+WHERE = {
+    SHELF: "Shelf with OpenPose detections: DATA/shelf, a recording or shelf.npz, see "
+    "docs/reference/import-formats.md",
+    PANOPTIC: "fragments of CMU Panoptic (domedb.perception.cs.cmu.edu): DATA/panoptic with "
+    f"{FRAGMENT_FILE} and {MOTION_FILE}",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sources:
+    """What there is to work on.
+
+    Attributes:
+        shelf: the Shelf sequence with detections and labels; None if it was not found.
+        panoptic: three people on Panoptic's five cameras, truth alone.
+        motion: one person's real motion on the same cameras, truth alone.
+        stamp: a digest of the files.
+    """
+
+    shelf: Recording | None = None
+    panoptic: Recording | None = None
+    motion: Recording | None = None
+    stamp: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Which data sets there are."""
+        there = {SHELF: self.shelf, PANOPTIC: self.panoptic and self.motion}
+        return tuple(name for name, value in there.items() if value is not None)
+
+
+def load_sources(folder: Path | None) -> Sources:
+    """Load what a folder has.
+
+    Args:
+        folder: holds `shelf` and `panoptic`, either or both; nothing is looked for if None.
+
+    Raises:
+        InputError: when the folder does not exist, or a file in it is broken.
+    """
+    if folder is None:
+        return Sources()
+    if not folder.is_dir():
+        raise InputError("data", str(folder), "a folder with shelf and panoptic in it")
+    digest = hashlib.sha256()
+    for path in _files(folder):
+        digest.update(path.read_bytes())
+    fragment, motion = (folder / PANOPTIC / name for name in (FRAGMENT_FILE, MOTION_FILE))
+    both = fragment.exists() and motion.exists()
+    return Sources(
+        shelf=_shelf(folder / SHELF),
+        panoptic=import_panoptic(fragment) if both else None,
+        motion=_motion(motion, fragment) if both else None,
+        stamp=digest.hexdigest()[:16],
+    )
+
+
+def _shelf(folder: Path) -> Recording | None:
+    if (folder / SHELF_FILE).exists():
+        return import_shelf(folder / SHELF_FILE)
+    return load_recording(folder) if (folder / "recording.toml").exists() else None
+
+
+def _motion(path: Path, fragment: Path) -> Recording:
+    return import_panoptic(path, calibration=fragment)
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    for name in (SHELF, PANOPTIC):
+        yield from sorted(path for path in (folder / name).glob("*") if path.is_file())

@@ -1,0 +1,89 @@
+"""The report: every item in it, escaped, with its figures and tables as files."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from e3pose.reproduce.items import ITEMS, Item, Scale
+from e3pose.reproduce.job import reproduce
+from e3pose.reproduce.page import shown
+from e3pose.reproduce.records import Headline, Line, Panel, Section, Spread, Table
+from e3pose.reproduce.sources import Sources
+from e3pose.reproduce.work import Made
+from e3pose.workers import Workers
+
+NAN = float("nan")
+ONE = Line("one", "measured", (1, 2), (3, NAN), (2, 2), (4, 4))
+
+
+def section(scale: Scale, made: Made) -> Section:
+    names = ("a", "b")
+    return Section(
+        paper="<b>97.1</b>",
+        ours="ours",
+        why="",
+        how="how",
+        tables=(
+            Table("table", "T", ("row", "PCP"), (("x", Spread(95.04, 0.5, 3)), ("y", None))),
+        ),
+        panels=(
+            Panel("lines", "L", "x", "y", (ONE,)),
+            Panel("bars", "B", "", "W", (
+                Line("paper", "paper", names, (1, 2)), Line("here", "modelled", names, (2, 3)),
+            ), kind="bars"),
+            Panel("stack", "S", "", "W", (Line("cpu", "modelled", names, (1, 2)),), kind="stacked"),
+            Panel("steps", "R", "slot", "", (ONE,), kind="steps"),
+        ),
+        headlines=(Headline("PCP", 95.0, 94.0, 96.0), Headline("error", 50.0, 10.0, 20.0)),
+    )  # fmt: skip
+
+
+HERE = Item("here", "An item", "table:x", lambda scale: [], section)
+AWAY = Item("away", "On Shelf", "", lambda scale: [], section, needs=("shelf",))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("reproduced")
+    outcome = reproduce(made, Sources(), Workers(1), items=(HERE, AWAY))
+    assert [h.name for h in outcome.wrong] == ["error"]
+    assert [title for title, _ in outcome.skipped] == ["On Shelf"]
+    return made
+
+
+def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert "&lt;b&gt;97.1" in page and "<b>97.1" not in page
+    assert "Skipped: no data; expected Shelf" in page
+    assert "Outside their margin: error" in page
+    assert "http" not in page.replace("http-equiv", "").lower().split("</style>")[0]
+
+
+def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
+    for name in ("lines", "bars", "stack", "steps"):
+        assert (folder / "figures" / f"{name}.svg").read_text().startswith("<?xml")
+    assert "(modelled)" in (folder / "figures" / "bars.svg").read_text()
+    rows = list(csv.reader((folder / "figures" / "bars.csv").read_text().splitlines()))
+    assert rows[1:3] == [["paper", "paper", "a", "1", "", ""], ["paper", "paper", "b", "2", "", ""]]
+
+
+def test_a_table_keeps_its_spread(folder: Path) -> None:
+    rows = list(csv.reader((folder / "tables" / "table.csv").read_text().splitlines()))
+    assert rows == [["row", "PCP", "PCP, standard deviation"], ["x", "95.04", "0.5"], ["y", "", ""]]
+
+
+@pytest.mark.parametrize(
+    ("cell", "text"),
+    [(1.25, "1.2"), (NAN, "–"), (None, "–"), ("a", "a"), (Spread(1, 0.5, 2), "1.0 ± 0.5"),
+     (Spread(1, 0, 1), "1.0")],
+)  # fmt: skip
+def test_cells(cell: str | float | Spread | None, text: str) -> None:
+    assert shown(cell, 1) == text
+
+
+def test_items_have_names_of_their_own() -> None:
+    assert len({item.key for item in ITEMS}) == len(ITEMS)
+    assert all(set(item.needs) <= {"shelf", "panoptic"} for item in ITEMS)
