@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from tests.ports import free_port
 
+from e3pose.reproduce import work
 from e3pose.reproduce.replays import Asked, over_seeds
 from e3pose.reproduce.sources import Sources
 from e3pose.reproduce.work import Made, Piece, Results, once, run
@@ -91,6 +92,15 @@ def test_work_that_is_timed_stays_in_this_process(tmp_path: Path) -> None:
     found = {piece.settings.number: result for piece, result in run(results, mixed, Workers(2))}
     assert found[7].process == os.getpid()
     assert os.getpid() not in {found[number].process for number in range(3)}
+
+
+def test_results_depend_on_what_computes_and_not_on_what_shows() -> None:
+    assert work._counts(("reproduce", "simulated.py"))
+    assert work._counts(("pipeline.py",))
+    assert work._counts(("predict", "weights", "attention-lstm.onnx"))
+    assert not work._counts(("reproduce", "page.py"))
+    assert not work._counts(("reproduce", "items", "shelf_table.py"))
+    assert not work._counts(("cli", "reproducing.py"))
 
 
 @pytest.fixture

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from e3pose.learn.train.attention_lstm import TrainSettings
     from e3pose.learn.train.lessons import LessonSettings
     from e3pose.learn.train.network import AttentionLstm
-    from e3pose.learn.train.parallel import Workers
     from e3pose.learn.train.windows import Clip
     from e3pose.recording import Recording
+    from e3pose.workers import Workers
 
 SHIPPED_NAME = "shipped"
 

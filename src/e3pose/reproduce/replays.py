@@ -80,6 +80,7 @@ class Run:
         highest: the longest virtual queue of any camera, in slots.
         queue: the sum of the queues, the mean of all slots.
         switches: how often a person's number changed.
+        idle: by camera, how many slots each of its times without work lasted.
     """
 
     pcp: dict[str, float]
@@ -92,6 +93,7 @@ class Run:
     highest: float
     queue: float
     switches: int | None
+    idle: tuple[tuple[int, ...], ...]
 
     @property
     def average(self) -> float:
@@ -189,7 +191,14 @@ def summed_up(recording: Recording, asked: Asked, records: Sequence[SlotRecord])
         highest=float(deficit.max()),
         queue=float(deficit.sum(axis=1).mean()),
         switches=figures.id_switches,
+        idle=tuple(idle_runs(used) for used in selected.T),
     )
+
+
+def idle_runs(used: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Return the lengths of the runs of slots in which one camera was not selected."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], used, [True]]).astype(np.int8)))
+    return tuple(int(length) for length in edges[1::2] - edges[::2])
 
 
 def recording_of(sources: Sources, asked: Asked) -> Recording:

@@ -16,23 +16,27 @@ from e3pose.simulate.settings import DetectorSettings
 
 Floats = NDArray[np.float64]
 
+HIPS = [11, 12]  # of COCO-17
+# The same joint of the other side; the nose has an eye for it.
+OTHER_SIDE = (1, 2, 1, 4, 3, 6, 5, 8, 7, 10, 9, 12, 11, 14, 13, 16, 15)
 PEOPLE = 4
 PLACE_M = 1.1  # of each person from the middle; the dome is 5 m wide
 APART_SLOTS = 1200  # between the parts of the sequence that the people take
 
 
 def with_detections(recording: Recording, seed: int) -> Recording:
-    """Return a recording of known people with simulated detections, all joints known.
+    """Return a recording of known people with simulated detections.
 
     Args:
-        recording: its truth is in Panoptic-19; joints that are missing there are not seen.
+        recording: its truth is in Panoptic-19. Joints that it lacks are put where they were beside
+            the hips in the nearest slot, or where those of the other side are; they hide and are
+            detected, and are not scored.
         seed: of the detectors' errors.
     """
     truth = recording.truth
     assert truth is not None, "Panoptic has a truth"
-    joints_m, _ = convert(
-        truth.joints_m, truth.annotated.astype(np.float64), truth.skeleton, COCO17
-    )
+    found_m, _ = convert(truth.joints_m, truth.annotated.astype(np.float64), truth.skeleton, COCO17)
+    joints_m = completed(found_m)
     _, area_m = watched_area(recording.rig)
     scene = Scene("Panoptic Studio", truth.joints_m.shape[1], area_m, Habits())
     seeds = np.random.SeedSequence(seed).spawn(len(recording.rig))
@@ -51,6 +55,27 @@ def with_detections(recording: Recording, seed: int) -> Recording:
         detector="simulated",
         source=f"{recording.source} 2D keypoints are simulated, seed {seed}.",
     )
+
+
+def completed(joints_m: Floats) -> Floats:
+    """Return joints without gaps, for people of whom both hips are known.
+
+    Args:
+        joints_m: `(num_slots, num_persons, 17, 3)` metres, COCO-17, NaN where unknown; in slots in
+            which a hip is unknown a person stays away.
+    """
+    hips = joints_m[:, :, HIPS].mean(axis=2, keepdims=True)
+    beside = joints_m - hips
+    slots = np.arange(len(joints_m))
+    for person in range(joints_m.shape[1]):
+        for joint in (*range(len(COCO17)), *range(len(COCO17))):  # twice: sides fill each other
+            known = np.flatnonzero(np.isfinite(beside[:, person, joint]).all(axis=-1))
+            if len(known) == 0:
+                beside[:, person, joint] = beside[:, person, OTHER_SIDE[joint]]
+                continue
+            nearest = known[np.abs(slots[:, None] - known).argmin(axis=1)]
+            beside[:, person, joint] = beside[nearest, person, joint]
+    return np.asarray(hips + beside)
 
 
 def gathered(motion: Recording, first: int, num_slots: int, people: int = PEOPLE) -> Recording:

@@ -18,9 +18,9 @@ from e3pose.workers import Workers
 
 FORMAT = "e3pose-reproduced"
 VERSION = 1
-# Rooms that a result does not depend on: they show it, or are themselves stamped function by
-# function.
-SHOWING = ("cli", "demo", "report", "reproduce", "site", "exports", "store")
+# What no result depends on: what only shows it.
+SHOWING = ("cli", "demo", "report", "site", "exports", "store", "view")
+SHOWING_HERE = ("__init__.py", "draw.py", "job.py", "page.py", "records.py")
 CODE = (".py", ".toml", ".onnx")
 
 Asked = TypeVar("Asked")
@@ -107,7 +107,8 @@ class Results:
         return msgspec.json.decode(encoded, type=_result_type(piece))
 
     def _stamp(self, piece: AnyPiece) -> str:
-        return f"{code_stamp()}-{_module_stamp(piece.function.__module__)}-{self.sources.stamp}"
+        module = piece.function.__module__
+        return f"{code_stamp()}-{module}.{piece.function.__name__}-{self.sources.stamp}"
 
 
 class Made:
@@ -176,12 +177,13 @@ def code_stamp() -> str:
     package = Path(e3pose.__file__).parent
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*")):
-        if path.suffix in CODE and path.relative_to(package).parts[0] not in SHOWING:
+        if path.suffix in CODE and _counts(path.relative_to(package).parts):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-@cache
-def _module_stamp(module: str) -> str:
-    path = Path(e3pose.__file__).parent.joinpath(*module.split(".")[1:]).with_suffix(".py")
-    return hashlib.sha256(path.read_bytes() if path.exists() else module.encode()).hexdigest()[:16]
+def _counts(parts: tuple[str, ...]) -> bool:
+    """Return whether results depend on a file of the package; items only choose and show."""
+    if parts[0] == "reproduce":
+        return parts[1] not in ("items", *SHOWING_HERE)
+    return parts[0] not in SHOWING

@@ -1,11 +1,25 @@
 """The items, in the order of the report."""
 
-from e3pose.reproduce.items import best_subsets, occlusion_error, shelf_table
+from e3pose.reproduce.items import (
+    best_subsets,
+    device_power,
+    occlusion_error,
+    occlusion_prediction,
+    panoptic_table,
+    shelf_table,
+    site_power,
+    trade_offs,
+)
 from e3pose.reproduce.items.base import Item as Item
 from e3pose.reproduce.items.base import Scale as Scale
 
 ITEMS: tuple[Item, ...] = (
+    device_power.ITEM,
     best_subsets.ITEM,
     occlusion_error.ITEM,
     shelf_table.ITEM,
+    panoptic_table.ITEM,
+    site_power.ITEM,
+    occlusion_prediction.ITEM,
+    trade_offs.ITEM,
 )
