@@ -7,8 +7,8 @@ from math import pi, sin
 
 import numpy as np
 
-from depletion import BatteryCamera, deplete
 from e3pose.energy.profiles import load_profile
+from e3pose.reproduce.depletion import BatteryCamera, deplete
 
 PROFILES = {name: load_profile(name) for name in ("xavier-nx", "tx2", "generic")}
 

@@ -1,191 +1,22 @@
 """Frame rate against network and server delay, for the designs of the paper's timeline figure.
 
-    python benchmarks/bench_timeline.py --plot timeline.svg
-
-Ours is the real thing: an edge and cameras in one process, whose messages are delayed. The others
-are emulated: with central control by 2D boxes every frame waits for a round trip and the server's
-decision; with distributed control cameras decide alone. Detection takes a fixed
-time in all of them, and so do the 2D motion vectors that both others need.
+python benchmarks/bench_timeline.py --plot timeline.svg
 """
 
 from __future__ import annotations
 
 import argparse
-import heapq
-import threading
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from pathlib import Path
 
-from e3pose.camera.live import CameraNode, NodeSettings
-from e3pose.camera.live_source import RecordedSource
-from e3pose.clock import WallClock
-from e3pose.edge.server import EdgeServer
 from e3pose.evaluate.drawing import check_svg
-from e3pose.model.pose import Poses2D
-from e3pose.predict.base import Floats, Prediction, Predictor
-from e3pose.recording import Recording
-from e3pose.settings.edge import EdgeSettings
-from e3pose.settings.loop import ReplaySettings
-from e3pose.settings.parts import make_pipeline
+from e3pose.reproduce.timeline import FPS, central_2d, distributed, ours
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
-from e3pose.wire.memory import Hub, MemoryTransport
-
-FPS = 25.0
-DETECT_S, VECTORS_S = 0.020, 0.002
-
-
-class Delays:
-    """Calls things later, in order."""
-
-    def __init__(self) -> None:
-        self._due: list[tuple[float, int, Callable[[], None]]] = []
-        self._change, self._count, self._closed = threading.Condition(), 0, False
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def call(self, after_s: float, what: Callable[[], None]) -> None:
-        with self._change:
-            self._count += 1
-            heapq.heappush(self._due, (time.monotonic() + after_s, self._count, what))
-            self._change.notify()
-
-    def close(self) -> None:
-        with self._change:
-            self._closed = True
-            self._change.notify()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while True:
-            with self._change:
-                now = time.monotonic()
-                if self._closed:
-                    return
-                if not self._due or self._due[0][0] > now:
-                    self._change.wait(self._due[0][0] - now if self._due else None)
-                    continue
-                _, _, what = heapq.heappop(self._due)
-            what()
-
-
-class SlowTransport(MemoryTransport):
-    """A transport whose messages take half a round trip."""
-
-    delays: Delays
-    half_s: float = 0.0
-
-    def publish(self, topic: str, payload: bytes) -> None:
-        send = super().publish
-        self.delays.call(self.half_s, lambda: send(topic, payload))
-
-    def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
-        time.sleep(self.half_s)
-        answer = super().ask(topic, payload, timeout_s)
-        time.sleep(self.half_s)
-        return answer
-
-
-class SlowDetector:
-    """Takes its time, and returns what the recording says."""
-
-    def detect(self, image: Poses2D) -> Poses2D:
-        time.sleep(DETECT_S)
-        return image
-
-
-@dataclass(frozen=True)
-class SlowPredictor:
-    """Stands for a server that takes its time."""
-
-    predictor: Predictor
-    server_s: float
-
-    def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
-        time.sleep(self.server_s)
-        return self.predictor.predict(history_m, interval_s, lead_slots)
-
-
-def ours(recording: Recording, round_trip_s: float, server_s: float, seconds: float) -> float:
-    """Return the views that a camera has in time in a second when all are always selected."""
-    hub, delays, clock = Hub(), Delays(), WallClock()
-
-    def join() -> SlowTransport:
-        made = SlowTransport(hub)
-        made.delays, made.half_s = delays, round_trip_s / 2
-        hub.members.append(made)
-        return made
-
-    settings = ReplaySettings(pipeline="paper", policy="all", predictor="zero-velocity")
-    pipeline = make_pipeline(recording, settings)
-    pipeline = replace(pipeline, predictor=SlowPredictor(pipeline.predictor, server_s))
-    edge = EdgeServer(
-        pipeline,
-        join(),
-        EdgeSettings(
-            "lab",
-            recording.skeleton.joints,
-            deadline_s=2 * round_trip_s + 0.3,
-            idle_modes=["power-saving"] * len(recording.rig),
-        ),
-        clock,
-    )
-    nodes = [
-        CameraNode(
-            NodeSettings("lab", camera_id, recording.skeleton.joints),
-            RecordedSource(recording, camera_id, clock),
-            SlowDetector(),
-            join(),
-            clock,
-        )
-        for camera_id in recording.rig.camera_ids
-    ]
-    for node in nodes:
-        node.start()
-    edge.start()
-    while edge.counts.slots < 2 * FPS:  # until the lead has settled
-        time.sleep(0.05)
-    begun, views = time.monotonic(), edge.counts.views
-    time.sleep(seconds)
-    rate = (edge.counts.views - views) / (time.monotonic() - begun) / len(nodes)
-    for node in nodes:
-        node.stop()
-    edge.stop()
-    delays.close()
-    return rate
-
-
-def central_2d(round_trip_s: float, server_s: float, seconds: float) -> float:
-    """Return the frames a second of cameras that wait for the decision of every frame."""
-    delays, frames = Delays(), 0
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        begun, decided = time.monotonic(), threading.Event()
-        time.sleep(VECTORS_S)
-        delays.call(round_trip_s + server_s, decided.set)
-        decided.wait()
-        time.sleep(DETECT_S)
-        frames += 1
-        time.sleep(max(0.0, 1 / FPS - (time.monotonic() - begun)))
-    delays.close()
-    return frames / seconds
-
-
-def distributed(seconds: float) -> float:
-    """Return the frames a second of cameras that decide alone."""
-    frames, end = 0, time.monotonic() + seconds
-    while time.monotonic() < end:
-        begun = time.monotonic()
-        time.sleep(VECTORS_S + DETECT_S)
-        frames += 1
-        time.sleep(max(0.0, 1 / FPS - (time.monotonic() - begun)))
-    return frames / seconds
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--seconds", type=float, default=4.0)
     parser.add_argument("--round-trips-ms", type=float, nargs="+", default=[0, 20, 50, 100, 200])
     parser.add_argument("--servers-ms", type=float, nargs="+", default=[5])

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from depletion import BatteryCamera, deplete
 from e3pose.energy.budgets import (
     FOREVER_S,
     Budget,
@@ -22,6 +21,7 @@ from e3pose.energy.budgets import (
 )
 from e3pose.energy.queues import advance_deficit
 from e3pose.errors import InputError
+from e3pose.reproduce.depletion import BatteryCamera, deplete
 
 HOME = timezone(timedelta(hours=1))
 NOW = datetime(2026, 11, 21, 14, 30, tzinfo=HOME)
