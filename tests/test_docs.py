@@ -85,7 +85,9 @@ def test_every_verb_is_in_a_page() -> None:
         assert re.search(rf"`(?:e3pose )?{verb}[` ]|^ *e3pose {verb} ", everything, re.M), verb
 
 
-@pytest.mark.parametrize("verb", ["edge", "camera", "router", "up", "top", "view", "check"])
+@pytest.mark.parametrize(
+    "verb", ["edge", "camera", "router", "up", "top", "view", "stream", "check"]
+)
 def test_every_option_of_a_live_program_says_what_it_is_for(verb: str) -> None:
     for argument in app[verb].assemble_argument_collection(parse_docstring=True):
         if argument.show:

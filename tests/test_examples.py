@@ -6,11 +6,15 @@ import re
 import runpy
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from tests.waiting import eventually
 
+from e3pose.model.skeleton import COCO17
 from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.connect import LiveSlot
 from e3pose.site.example import write_recorded
 from e3pose.store import Store
 
@@ -70,3 +74,25 @@ def test_examples_watch_a_site_and_ask_its_store(
     output = capsys.readouterr().out
     assert re.match(r"slots \d+ to \d+, \d tracks\n(track \d+: nose at \d\.\d\d m\n)+", output)
     assert (tmp_path / "slot.png").stat().st_size > 5000
+
+
+def test_ros_example_draws_the_limbs_that_are_known() -> None:
+    """With stand-ins for the messages of ROS, which is not on the package index."""
+    skeletons = runpy.run_path(str(EXAMPLES / "09_ros2_node.py"))["skeletons"]
+
+    def marker() -> SimpleNamespace:
+        return SimpleNamespace(
+            pose=SimpleNamespace(orientation=SimpleNamespace(w=0.0)), scale=SimpleNamespace(x=0.0),
+            color=SimpleNamespace(g=0.0, a=0.0), lifetime=SimpleNamespace(sec=0, nanosec=0),
+        )  # fmt: skip
+
+    made = type("Marker", (), {"LINE_LIST": 5, "ADD": 0, "__new__": lambda cls: marker()})
+    joints_m = np.tile(np.arange(17.0)[:, None], (1, 1, 3)).astype(np.float32)
+    joints_m[0, 9] = np.nan
+    ids, seen = np.array([7]), np.ones((1, 17), dtype=bool)
+    sigma_m = np.full((1, 17), 0.01, dtype=np.float32)
+    slot = LiveSlot(3, 0, COCO17.joints, ids, joints_m, sigma_m, seen, (), (), 0)
+    (found,) = skeletons(slot, "header", SimpleNamespace(Marker=made, Point=SimpleNamespace))
+    assert (found.id, found.type, found.header) == (7, 5, "header")
+    shown = [limb for limb in COCO17.limbs if 9 not in limb]
+    assert [int(point.x) for point in found.points] == [end for limb in shown for end in limb]

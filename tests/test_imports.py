@@ -38,9 +38,8 @@ LAYERS: list[str] = []
 for rooms in (
     "errors plural clock quantities family kernel workers files model geometry predict energy",
     "estimate smooth select pipeline calibration recording detectors wire settings store exports",
-    "errors plural clock quantities family kernel workers files model geometry predict energy",
-    "estimate smooth select pipeline calibration recording detectors wire settings store exports",
-    "simulate camera evaluate calibrate learn edge site report view demo reproduce cli __main__",
+    "simulate camera evaluate calibrate learn edge site report streams view demo reproduce",
+    "cli __main__",
 ):
     LAYERS += rooms.split()
 # The pure part: numpy, scipy and the standard library only.

@@ -25,6 +25,7 @@ from e3pose.settings.site_file import (
     SiteTable,
     StoreTable,
     ViewTable,
+    ZoneTable,
     load_site,
 )
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
@@ -56,13 +57,14 @@ def test_example_camera_is_of_the_example_site() -> None:
 
 
 @pytest.mark.parametrize(
-    "table", [SiteTable, LinkTable, StoreTable, RecordTable, ViewTable, CameraTable, NodeTable]
+    "table",
+    [SiteTable, LinkTable, StoreTable, RecordTable, ViewTable, ZoneTable, CameraTable, NodeTable],
 )
 def test_page_explains_every_key_and_its_default(table: Any) -> None:
     (text,) = re.findall(rf"<!-- {table.__name__} -->\n(.*?)\n\n", TEXT, re.S)
     rows = dict(re.findall(r"^\| `(\w+)` \|\s*([^|]*?)\s*\|", text, re.M))
     fields = {item.key: (item, defaults(table).get(item.field)) for item in entries(table)}
-    parts = {"link", "store", "record", "view", "loop", "energy", "camera"}
+    parts = {"link", "store", "record", "view", "loop", "energy", "zone", "camera"}
     tables = parts if table is SiteTable else set()
     assert set(rows) == set(fields) - tables - {"format", "version"}
     for name, told in rows.items():

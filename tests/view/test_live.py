@@ -16,6 +16,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
 
+from e3pose.settings.site_file import ZoneTable
+from e3pose.site.zones import Zones
 from e3pose.view.feed import MAX_FOLLOWERS, MAX_WAITING, Feed, TooMany
 from e3pose.view.shapes import event_of_status
 from e3pose.wire.codec import encode
@@ -125,3 +127,21 @@ def test_an_event_is_encoded_once_for_all() -> None:
     for thread in threads:
         thread.join()
     assert len(set(encoded)) == 1 and event.json is event.json
+
+
+def test_zone_events_and_counts_are_told() -> None:
+    async def follow() -> list[dict[str, Any]]:
+        zone = ZoneTable("door", ((0.0, -1.0), (2.0, -1.0), (2.0, 5.0), (0.0, 5.0)))
+        feed, hub = Feed("lab", zones=Zones((zone,))), Hub()
+        feed.listen(hub.join())
+        feed.attach(asyncio.get_running_loop())
+        async with feed.follow() as queue:
+            hub.join().publish("e3pose/lab/poses", encode(poses(3)))
+            await asyncio.sleep(0)
+            return [json.loads(queue.get_nowait().json) for _ in range(queue.qsize())]
+
+    slot, event = asyncio.run(follow())
+    assert slot["zones"] == {"door": 1}
+    assert (event["type"], event["event"], event["zone"], event["track"]) == (
+        "zone", "enter", "door", 11,
+    )  # fmt: skip

@@ -39,6 +39,7 @@ from e3pose.cli.routing import router
 from e3pose.cli.running import camera, edge, up
 from e3pose.cli.simulating import simulate
 from e3pose.cli.starting import init
+from e3pose.cli.streaming import stream
 from e3pose.cli.synchronising import sync
 from e3pose.cli.training import train
 from e3pose.cli.viewing import view
@@ -77,6 +78,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "router",
         "top",
         "view",
+        "stream",
         "query",
         "report",
     ),
@@ -110,6 +112,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "keys": keys_app,
     "top": top,
     "view": view,
+    "stream": stream,
     "check": check,
     "train": train,
     "learn": learn_app,
@@ -150,6 +153,10 @@ EXTRAS = {
     "cryptography": "edge",
     "zenoh": "edge",
     "ezc3d": "export",
+    "pythonosc": "osc",
+    "pylsl": "lsl",
+    "foxglove": "foxglove",
+    "paho": "mqtt",
     "fastapi": "view",
     "starlette": "view",
     "uvicorn": "view",

@@ -25,6 +25,7 @@ from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
 
 MAX_BYTES = 2**20
+MAX_CORNERS = 100
 SITE_FILE = "site.toml"
 T = TypeVar("T")
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -103,6 +104,33 @@ class RecordTable:
 
 
 @dataclass(frozen=True, slots=True)
+class ZoneTable:
+    """`[[zone]]`: a part of the floor, of which it is told who enters, stays and leaves.
+
+    Attributes:
+        name: letters, digits, `-`, `_`, `.`.
+        corners: x and y of its corners in metres, in order around it.
+        dwell_s: how long somebody stays before that is told.
+    """
+
+    name: str = entry(write='"door"')
+    corners: tuple[tuple[float, float], ...] = entry(write="[[0, 0], [1, 0], [1, 2]]")
+    dwell_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        try:
+            check_camera_id(self.name)
+        except InputError as error:
+            raise error.at(thing="name") from None
+        if not 3 <= len(self.corners) <= MAX_CORNERS:
+            raise InputError("corners", f"{len(self.corners)}", f"3 to {MAX_CORNERS}")
+        for x, y in self.corners:
+            check_within("corners", x, -1e4, 1e4)
+            check_within("corners", y, -1e4, 1e4)
+        check_within("dwell_s", self.dwell_s, 0, 1e6)
+
+
+@dataclass(frozen=True, slots=True)
 class CameraTable:
     """`[[camera]]`: one camera of the site, and for `e3pose up` what it sees.
 
@@ -170,6 +198,7 @@ class SiteTable:
         record: see `RecordTable`.
         loop: how the loop runs.
         energy: what the cameras draw and have.
+        zone: parts of the floor that are watched.
         camera: the cameras; those of the calibration that are not named here have the defaults.
         path: of the file, to which all others are relative.
 
@@ -197,6 +226,7 @@ class SiteTable:
     record: RecordTable = RecordTable()
     loop: LoopSettings = LoopSettings()
     energy: EnergySettings = EnergySettings()
+    zone: tuple[ZoneTable, ...] = ()
     camera: tuple[CameraTable, ...] = ()
     path: Path = field(default=Path(SITE_FILE), metadata={"key": ""})
 
@@ -223,6 +253,10 @@ class SiteTable:
             split_endpoint(self.link.endpoint)
         except InputError as error:
             raise error.under("link") from None
+        names = [zone.name for zone in self.zone]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"zone {name}", "twice", "once")
         ids = [camera.id for camera in self.camera]
         for camera_id in ids:
             if ids.count(camera_id) > 1:

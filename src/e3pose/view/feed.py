@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
-from e3pose.view.shapes import Encoded, event_of_slot, event_of_status
+from e3pose.site.zones import Zones, advance
+from e3pose.view.shapes import Encoded, event_of_slot, event_of_status, event_of_zone
 from e3pose.wire.messages import Poses, Status
 from e3pose.wire.transport import Transport
 
@@ -29,13 +30,13 @@ class Feed:
         site: its name.
         slot: the newest; None before the first.
         status: likewise.
-        listeners: called with every slot, on a thread of the transport; they must be quick.
+        zones: who is in which.
     """
 
     site: str
     slot: LiveSlot | None = None
     status: Status | None = None
-    listeners: list[Callable[[LiveSlot], None]] = field(default_factory=list)
+    zones: Zones = field(default_factory=lambda: Zones(()))
     _queues: set[asyncio.Queue[Encoded]] = field(default_factory=set)
     _loop: asyncio.AbstractEventLoop | None = None
 
@@ -70,7 +71,7 @@ class Feed:
         if self.status is not None:
             queue.put_nowait(event_of_status(self.status))
         if self.slot is not None:
-            queue.put_nowait(event_of_slot(self.slot))
+            queue.put_nowait(event_of_slot(self.slot, self.zones.counts()))
         self._queues.add(queue)
         try:
             yield queue
@@ -79,10 +80,11 @@ class Feed:
 
     def _take_poses(self, poses: Poses) -> None:
         self.slot = live_slot(poses)
-        for listener in list(self.listeners):
-            listener(self.slot)
+        self.zones, events = advance(self.zones, self.slot)
         if self._queues:
-            self._hand_on(event_of_slot(self.slot))
+            self._hand_on(event_of_slot(self.slot, self.zones.counts()))
+            for event in events:
+                self._hand_on(event_of_zone(event))
 
     def _take_status(self, status: Status) -> None:
         self.status = status

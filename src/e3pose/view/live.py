@@ -20,7 +20,7 @@ FULL_CODE = 1013  # of a WebSocket: try again later
 EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
         "content": {"text/event-stream": {"schema": {"type": "string"}}},
-        "description": "events `slot` and `status` with JSON data",
+        "description": "events `slot`, `status` and `zone` with JSON data",
     },
     503: {"description": FULL},
 }

@@ -17,6 +17,7 @@ from e3pose.errors import InputError
 from e3pose.settings.live import LiveSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST, viewer_link
+from e3pose.site.zones import Zones
 from e3pose.store import Store
 from e3pose.view.app import Site, make_app
 from e3pose.view.door import Rules
@@ -188,7 +189,7 @@ def open_view(
     listening = _listen(address)
     address = replace(address, port=listening.getsockname()[1])
     rules = Rules(tokens, address.hosts, is_loopback(address.host), address.certificate is not None)
-    feed = Feed(site.name)
+    feed = Feed(site.name, zones=Zones(site.zone))
     view = View(address, rules, feed)
     with ExitStack() as stack:
         stack.callback(listening.close)

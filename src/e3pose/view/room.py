@@ -32,4 +32,5 @@ def describe(live: LiveSite) -> dict[str, Any]:
         "low": millimetres(low),
         "high": millimetres(high),
         "floor": 0,
+        "zones": [{"name": z.name, "corners": z.corners} for z in live.site.zone],
     }

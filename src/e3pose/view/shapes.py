@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from e3pose.site.connect import LiveSlot
+from e3pose.site.zones import ZoneEvent
 from e3pose.wire.messages import Status
 
 DECIMALS_M = 4  # a tenth of a millimetre
@@ -72,7 +73,7 @@ class Encoded:
         body: what JSON and msgpack hold alike.
     """
 
-    kind: Literal["slot", "status"]
+    kind: Literal["slot", "status", "zone"]
     body: dict[str, Any]
 
     @cached_property
@@ -91,8 +92,8 @@ class Encoded:
         return b"event: " + self.kind.encode() + b"\ndata: " + self.json + b"\n\n"
 
 
-def event_of_slot(slot: LiveSlot) -> Encoded:
-    """Return the event of a slot that was published."""
+def event_of_slot(slot: LiveSlot, zones: Mapping[str, int]) -> Encoded:
+    """Return the event of a slot that was published, with the people in each zone."""
     body = {
         "slot": slot.slot,
         "time_ns": slot.time_ns,
@@ -101,6 +102,7 @@ def event_of_slot(slot: LiveSlot) -> Encoded:
         "selected": slot.selected,
         "arrived": slot.arrived,
         "people": people(slot.track_ids, slot.joints_m, slot.sigma_m, slot.measured),
+        "zones": dict(zones),
     }
     return Encoded("slot", body)
 
@@ -108,6 +110,11 @@ def event_of_slot(slot: LiveSlot) -> Encoded:
 def event_of_status(status: Status) -> Encoded:
     """Return the event of a status."""
     return Encoded("status", status_body(status))
+
+
+def event_of_zone(event: ZoneEvent) -> Encoded:
+    """Return the event that somebody entered, stayed in or left a zone."""
+    return Encoded("zone", {"event" if k == "kind" else k: v for k, v in asdict(event).items()})
 
 
 def status_body(status: Status) -> dict[str, Any]:

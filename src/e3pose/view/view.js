@@ -33,7 +33,6 @@ async function ask(path, body) {
 let room = null, scene = null, status = null, shown = null, mode = "live", cameAt = 0;
 const history30 = []; // slots of the last half minute, oldest first: { t, selected, arrived }
 const trails = new Map(); // track to [[t, x, y], ...] in millimetres
-const zoneCounts = {};
 const colourOf = (track) => COLOURS[((track % COLOURS.length) + COLOURS.length) % COLOURS.length];
 
 // A slot of the live stream or of the store as what the scene draws.
@@ -185,6 +184,7 @@ function showState() {
   const late = (performance.now() - cameAt) / 1000, pill = byId("state");
   const word = mode === "past" ? "past" : socket && socket.readyState === 1 ? (late < QUIET_S ? "live" : "no slots") : "no connection";
   pill.textContent = word;
+  if (mode === "live") notice(status ? "" : "Waiting for the edge: it does not run, or is getting ready, which takes minutes the first time.");
   pill.className = `pill ${{ past: "past", live: "live" }[word] || "off"}`;
 }
 
@@ -208,6 +208,7 @@ function follow() {
       showStatus();
     } else if (event.type === "slot") {
       cameAt = performance.now();
+      for (const zone of room.zones) zone.count = event.zones[zone.name] ?? 0;
       if (mode === "live") show(prepared(event, event.selected, event.arrived));
     }
     listeners.forEach((listener) => listener(event));

@@ -1,0 +1,73 @@
+"""`e3pose stream`: what a running site publishes, for other programs."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from e3pose.cli.options import warn
+from e3pose.errors import InputError
+from e3pose.quantities import check_seconds
+
+
+def stream(
+    site: Path,
+    target: Annotated[list[str], Parameter(consume_multiple=True)],
+    /,
+    *,
+    keys: Path | None = None,
+    for_s: Annotated[float | None, Parameter(name="--for")] = None,
+) -> None:
+    """Stream the poses and zone events of a running site to other programs.
+
+    Example: `e3pose stream site.toml osc://127.0.0.1:9000 mcap:today.mcap`
+
+    Streams are not encrypted and ask nobody for a password. Slots that a program does not take in
+    time are lost. Ctrl-C stops.
+
+    Parameters
+    ----------
+    site
+        Site file, or the folder that contains site.toml.
+    target
+        osc://HOST:PORT, lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT.
+    keys
+        Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
+    for_s
+        Stop after this many seconds.
+    """
+    import time
+
+    check_seconds("--for", for_s)
+    from e3pose.settings.live import live_site
+    from e3pose.settings.site_file import load_site
+    from e3pose.site.connect import Connection
+    from e3pose.site.follow import viewer_link
+    from e3pose.site.run import run_until_stopped
+    from e3pose.site.zones import Zones
+    from e3pose.streams import Source, open_stream
+    from e3pose.streams.send import Sender
+    from e3pose.wire.network import open_network
+
+    if not target:
+        raise InputError("TARGET", "none", "one at least, such as osc://127.0.0.1:9000")
+    table = load_site(site)
+    source = Source(table.name, live_site(table).skeleton, table.fps)
+    link = viewer_link(table, keys)
+    with ExitStack() as stack:
+        streams = []
+        for one in target:
+            streams.append(open_stream(one, source))
+            stack.callback(streams[-1].close)
+        connection = stack.enter_context(Connection(table.name, open_network(link)))
+        sender = stack.enter_context(Sender(connection, streams, Zones(table.zone), warn))
+        print(f"Streaming site {table.name} to {', '.join(target)}", flush=True)
+        end_s = None if for_s is None else time.monotonic() + for_s
+        run_until_stopped(lambda: sender.running() and (end_s is None or time.monotonic() < end_s))
+        if sender.failure is not None:
+            raise sender.failure
+    print(f"Sent {sender.sent} slots, {connection.dropped} lost", file=sys.stderr)

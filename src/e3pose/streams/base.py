@@ -1,0 +1,57 @@
+"""What every stream is: slots and zone events go in, one by one, and out in other words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from e3pose.errors import InputError
+from e3pose.model.skeleton import Skeleton
+from e3pose.site.connect import LiveSlot
+from e3pose.site.zones import ZoneEvent
+from e3pose.wire.access import split_endpoint
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What a stream is of.
+
+    Attributes:
+        site: name of the site.
+        skeleton: of the joints.
+        fps: slots a second.
+    """
+
+    site: str
+    skeleton: Skeleton
+    fps: float
+
+
+class Stream(Protocol):
+    """Send slots and zone events. What cannot be sent now is lost; nothing waits."""
+
+    def slot(self, slot: LiveSlot) -> None:
+        """Send the people of a slot."""
+        ...
+
+    def zone(self, event: ZoneEvent) -> None:
+        """Send that somebody entered, stayed in or left a zone."""
+        ...
+
+    def close(self) -> None:
+        """End; a file is complete then."""
+        ...
+
+
+def host_port(place: str, usual_port: int) -> tuple[str, int]:
+    """Return host and port of `HOST[:PORT]`.
+
+    Raises:
+        InputError: for anything else.
+    """
+    words = place if ":" in place.rpartition("]")[2] else f"{place}:{usual_port}"
+    try:
+        _, host, port = split_endpoint(f"tcp/{words}")
+    except InputError:
+        raise InputError("target", repr(place[:80]), f"HOST:PORT, 127.0.0.1:{usual_port}") from None
+    return host.strip("[]"), port

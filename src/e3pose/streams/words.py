@@ -1,0 +1,37 @@
+"""Slots and zone events as JSON, for streams that carry text."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from e3pose.site.connect import LiveSlot
+from e3pose.site.zones import ZoneEvent
+
+DECIMALS = 4
+
+
+def slot_words(slot: LiveSlot) -> dict[str, Any]:
+    """Return a slot as JSON can hold it: joints by name, metres; those that are known."""
+    people = []
+    for track, joints_m in zip(slot.track_ids.tolist(), slot.joints_m, strict=True):
+        places = joints_m.astype(np.float64).round(DECIMALS)
+        known = {
+            name: place.tolist()
+            for name, place in zip(slot.joints, places, strict=True)
+            if np.isfinite(place).all()
+        }
+        people.append({"track": track, "joints": known})
+    return {
+        "slot": slot.slot,
+        "time_ns": slot.time_ns,
+        "selected": list(slot.selected),
+        "people": people,
+    }
+
+
+def zone_words(event: ZoneEvent) -> dict[str, Any]:
+    """Return a zone event as JSON can hold it."""
+    return {"event" if key == "kind" else key: value for key, value in asdict(event).items()}
