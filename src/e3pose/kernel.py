@@ -24,7 +24,9 @@ SOURCES = (
     _PACKAGE / "model" / "pose.py",
     _PACKAGE / "kernel.py",
 )
-FILTER_CONSTANTS = ("bias", "blindness", "learned_noise", "learned_shift", "motion", "state")
+FILTER_CONSTANTS = (
+    "bias", "blindness", "doors", "learned_noise", "learned_shift", "motion", "state", "tree"
+)  # fmt: skip
 # The filter's kernels call the others, but not the other way round.
 _FILTER = _PACKAGE / "estimate" / "filter"
 FILTER_SOURCES = (

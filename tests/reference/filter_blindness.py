@@ -6,9 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.blindness import (
+    CELL_M,
     LOOKS,
     MOST_LOOKS,
-    around,
+    NUM_CELLS,
+    PLAIN,
+    PRIOR_LOOKS,
 )
 
 Floats = NDArray[np.float64]
@@ -36,3 +39,38 @@ def learn(sights: Floats, places_m: Floats, looks: Floats, shown: Floats, corner
     kept = np.minimum(MOST_LOOKS / np.maximum(sights[where][..., LOOKS], 1e-12), 1.0)
     sights[where] = sights[where] * kept[..., None]
     return sights
+
+
+def chance(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+    """Return `(num_views, num_places)` in (0, 1): how likely a look shows somebody who is there.
+
+    Args:
+        sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks, and those which showed somebody.
+        cameras: `(num_views,)`.
+        places_m: `(num_places, 2)` on the floor.
+        corner: `corner_m` of the rig.
+    """
+    cells, weights = around(places_m - corner)
+    near = sights[cameras[:, None, None], cells[..., 0], cells[..., 1]]
+    looks, shown = np.moveaxis((near * weights[..., None]).sum(axis=-2), -1, 0)
+    return np.asarray((shown + PRIOR_LOOKS * PLAIN) / (looks + PRIOR_LOOKS))
+
+
+def proof(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+    """Return `(num_views, num_places)` in [0, 1]: the share of a miss in plain sight.
+
+    Arguments are those of `chance`.
+    """
+    missing = 1 - chance(sights, cameras, places_m, corner)
+    blind = np.log(np.maximum(missing, 1 - PLAIN)) / np.log(1 - PLAIN)
+    return np.asarray(np.minimum(blind, 1.0))
+
+
+def around(offset_m: Floats) -> tuple[Ints, Floats]:
+    """Return the four cells `(num_places, 4, 2)` nearest to each place, and their weights."""
+    position = np.clip(offset_m / CELL_M - 0.5, 0.0, NUM_CELLS - 1.001)
+    low = np.floor(position).astype(np.int64)
+    part = position - low
+    corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+    weights = np.where(corners, part[:, None], 1 - part[:, None]).prod(axis=-1)
+    return low[:, None] + corners, weights

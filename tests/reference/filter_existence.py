@@ -58,7 +58,9 @@ def attend(
     expected = _inside(predicted, cameras, model)
     share = min(1.0, dt / FASTEST_S)
     places_m = predicted.state[:, model.tree.levels[0][0], :2]
-    proof = np.where(hits, 1.0, blindness.proof(belief.sights, cameras, places_m, model.corner_m))
+    proof = np.where(
+        hits, 1.0, filter_blindness.proof(belief.sights, cameras, places_m, model.corner_m)
+    )
     existence, seen_by = belief.existence, belief.seen_by.copy()
     last_seen_s = belief.last_seen_s + dt
     forgotten = 1 - np.exp(-dt / DELIVERED_LASTS_S)

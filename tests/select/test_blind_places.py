@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter import Belief, Model, outlook
 from e3pose.estimate.filter import blindness as blind
+from e3pose.estimate.filter.kernels.blindness import chance
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.pose import Poses2D
@@ -71,5 +72,5 @@ def test_a_camera_that_never_showed_the_person_is_expected_to_show_nobody_there(
     assert shows[2] < 0.35
     assert np.delete(shows, 2).min() > 0.8
     # Nobody was ever where the person is said to be in an hour.
-    far = blind.chance(belief.sights, np.arange(5), np.array([[14.0, 14.0]]), model.corner_m)
+    far = [chance(sights, np.array([14.0, 14.0]), model.corner_m) for sights in belief.sights]
     np.testing.assert_allclose(far, blind.PLAIN)

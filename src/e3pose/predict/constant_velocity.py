@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.predict.base import Prediction
-from e3pose.predict.newest import newest_known
 
 Floats = NDArray[np.float64]
 
@@ -23,13 +22,8 @@ class ConstantVelocity:
 
     def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """See `Predictor.predict`."""
-        newest = history_m[-1]
-        before = history_m[-2] if len(history_m) > 1 else np.full_like(newest, np.nan)
-        motion = newest - before
-        measured = np.isfinite(motion).all(axis=-1)[..., None]
-        count = np.maximum(measured.sum(axis=1, keepdims=True), 1)
-        mean_motion = np.where(measured, motion, 0.0).sum(axis=1, keepdims=True) / count
-        motion = np.where(measured, motion, mean_motion)
-        position, age = newest_known(history_m)
-        ahead = np.arange(1, lead_slots + 1)[:, None, None, None]
-        return Prediction.of_unknown_error(position + (ahead + age[..., None]) * motion)
+        from e3pose.predict.kernels.velocity import go_on
+
+        joints_m = np.empty((lead_slots, *history_m.shape[1:]))
+        go_on(np.ascontiguousarray(history_m, dtype=np.float64), joints_m)
+        return Prediction.of_unknown_error(joints_m)

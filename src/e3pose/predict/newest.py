@@ -18,8 +18,8 @@ def newest_known(history_m: Floats) -> tuple[Floats, Floats]:
         `(num_tracks, num_joints, 3)` metres, NaN where the history never shows the joint, and
         `(num_tracks, num_joints)` slots since, 0 in the newest slot and where never shown.
     """
-    present = np.asarray(np.isfinite(history_m).all(axis=-1))[::-1]
-    age = np.argmax(present, axis=0)
-    position = np.take_along_axis(history_m[::-1], age[None, ..., None], axis=0)[0]
-    known: NDArray[np.bool_] = np.asarray(present.any(axis=0))
-    return np.where(known[..., None], position, np.nan), age.astype(np.float64)
+    from e3pose.predict.kernels.velocity import find_newest
+
+    position, age = np.empty(history_m.shape[1:]), np.empty(history_m.shape[1:3])
+    find_newest(np.ascontiguousarray(history_m, dtype=np.float64), position, age)
+    return position, age

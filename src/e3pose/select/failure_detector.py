@@ -133,7 +133,9 @@ def _is_useless(silence: Silence, interval_s: float) -> Flags:
 def _answered(silence: Silence, who: Flags, interval_s: float) -> Silence:
     """Return what is known after an answer: the misses before it were bad luck, few as they are."""
     kept = 1 - 1 / MEMORY_ORDERS
-    unlucky = np.minimum(silence.missed, patience(silence.loss, interval_s))
+    unlucky = silence.missed
+    if unlucky.any():
+        unlucky = np.minimum(unlucky, patience(silence.loss, interval_s))
     loss = (1 - (1 - silence.loss) * kept**unlucky) * kept
     return replace(
         silence,

@@ -11,6 +11,7 @@ from tests.reference import filter_blindness
 
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter import blindness as blind
+from e3pose.estimate.filter.kernels.blindness import proof
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
@@ -37,7 +38,10 @@ def taught(looks: float, shown: float, times: int = 1) -> Floats:
 
 
 def at(sights: Floats, place_m: Floats = PLACE) -> Floats:
-    return blind.proof(sights, EVERYBODY, place_m, CORNER)[:, 0]
+    proofs = filter_blindness.proof(sights, EVERYBODY, place_m, CORNER)[:, 0]
+    compiled = [proof(each, place_m[0], CORNER) for each in sights]
+    np.testing.assert_allclose(compiled, proofs, atol=1e-12)
+    return proofs
 
 
 def test_unknown_places_are_in_plain_sight() -> None:

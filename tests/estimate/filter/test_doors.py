@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tests.estimate.filter.room import ALL, MODEL, run, see, standing, turn
 
 from e3pose.estimate.filter import Belief, doors
+from e3pose.estimate.filter.kernels.shown import hazard_hz
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.model.pose import Poses2D
 
@@ -44,7 +45,7 @@ def visited() -> Belief:
 
 
 def hazard_at(belief: Belief, place: tuple[float, float]) -> float:
-    return float(doors.hazard_hz(belief.doors, np.array([place]), MODEL.corner_m)[0])
+    return hazard_hz(belief.doors, np.array(place), MODEL.corner_m)
 
 
 def looks_until_hidden(belief: Belief, place: tuple[float, float]) -> int:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from e3pose.geometry.camera import Rig
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 FASTEST_S = 1 / 25  # above this rate a view says less, since successive ones say the same
 CELL_M = 0.75  # people's own size, and the reach of a door
@@ -41,38 +40,3 @@ def corner_m(rig: Rig) -> Floats:
 def nothing_known(rig: Rig) -> Floats:
     """Return `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` counts before the first slot."""
     return np.zeros((len(rig), NUM_CELLS, NUM_CELLS, 2))
-
-
-def chance(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
-    """Return `(num_views, num_places)` in (0, 1): how likely a look shows somebody who is there.
-
-    Args:
-        sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks, and those which showed somebody.
-        cameras: `(num_views,)`.
-        places_m: `(num_places, 2)` on the floor.
-        corner: `corner_m` of the rig.
-    """
-    cells, weights = around(places_m - corner)
-    near = sights[cameras[:, None, None], cells[..., 0], cells[..., 1]]
-    looks, shown = np.moveaxis((near * weights[..., None]).sum(axis=-2), -1, 0)
-    return np.asarray((shown + PRIOR_LOOKS * PLAIN) / (looks + PRIOR_LOOKS))
-
-
-def proof(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
-    """Return `(num_views, num_places)` in [0, 1]: the share of a miss in plain sight.
-
-    Arguments are those of `chance`.
-    """
-    missing = 1 - chance(sights, cameras, places_m, corner)
-    blind = np.log(np.maximum(missing, 1 - PLAIN)) / np.log(1 - PLAIN)
-    return np.asarray(np.minimum(blind, 1.0))
-
-
-def around(offset_m: Floats) -> tuple[Ints, Floats]:
-    """Return the four cells `(num_places, 4, 2)` nearest to each place, and their weights."""
-    position = np.clip(offset_m / CELL_M - 0.5, 0.0, NUM_CELLS - 1.001)
-    low = np.floor(position).astype(np.int64)
-    part = position - low
-    corners = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
-    weights = np.where(corners, part[:, None], 1 - part[:, None]).prod(axis=-1)
-    return low[:, None] + corners, weights

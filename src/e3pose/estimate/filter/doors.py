@@ -17,8 +17,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter import blindness
-from e3pose.estimate.filter.blindness import PLAIN, around
 from e3pose.estimate.filter.state import APART_M, Belief, Model
 from e3pose.estimate.filter.tree import TRUNK
 
@@ -30,36 +28,8 @@ FOLLOWED, PASSED = 0, 1  # of the last axis: seconds, and people who came or lef
 PRIOR_S, PRIOR_HZ = 1.0, 0.03  # what is thought of a place, and the seconds that this counts for
 MOST_UNSEEN_S = 1.0  # how far back the way of somebody unseen is taken
 MOST_S = 30.0  # per place that are remembered: doors get locked
+MOST_LEFT_ODDS = 1.0  # who has more likely left than not is followed, but not shown
 SETTLED_S = 4.0  # of people followed before who appears has come: at first everybody appears
-
-
-def hazard_hz(doors: Floats, places_m: Floats, corner: Floats) -> Floats:
-    """Return `(num_places,)` how many of the people at places leave in a second.
-
-    Args:
-        doors: `(NUM_CELLS, NUM_CELLS, 2)` seconds followed, and people who came or left.
-        places_m: `(num_places, 2)` on the floor.
-        corner: where the first cell begins, `blindness.corner_m`.
-    """
-    cells, weights = around(places_m - corner)
-    near = (doors[cells[..., 0], cells[..., 1]] * weights[..., None]).sum(axis=-2)
-    return np.asarray((near[:, PASSED] + PRIOR_HZ * PRIOR_S) / (near[:, FOLLOWED] + PRIOR_S))
-
-
-def left_odds(belief: Belief, model: Model) -> Floats:
-    """Return `(num_tracks,)`: the odds that each person has left since a view last showed them."""
-    odds = np.zeros(len(belief))
-    unseen_s = belief.last_seen_s.min(axis=1, initial=np.inf)
-    lost = np.flatnonzero(unseen_s > 0)
-    if len(lost) == 0:
-        return odds
-    places_m = belief.state[lost, model.tree.levels[0][0], :2]
-    cameras = np.arange(len(model.rig))
-    proof = blindness.proof(belief.sights, cameras, places_m, model.corner_m)
-    misses = (belief.missed[lost] * proof.T).sum(axis=1)  # as many as these in plain sight
-    hazard = hazard_hz(belief.doors, measured_m(belief, lost, model), model.corner_m)
-    odds[lost] = hazard * unseen_s[lost] * (1 - PLAIN) ** -misses
-    return odds
 
 
 def measured_m(belief: Belief, rows: Ints | Flags, model: Model) -> Floats:
@@ -81,24 +51,21 @@ def learn(before: Belief, belief: Belief, model: Model) -> Floats:
         belief: of this slot, with the counts of the slot before.
         model: the rig.
     """
+    from e3pose.estimate.filter.kernels.shown import count_doors
+
     doors: Floats = belief.doors
     root = model.tree.levels[0][0]
     places_m = belief.state[(belief.last_seen_s == 0).any(axis=1) & belief.confirmed, root, :2]
-    told = np.zeros((len(places_m), 2))
-    told[:, FOLLOWED] = np.nan_to_num(belief.time_s - before.time_s)  # 0 in the first slot
+    followed_s = np.full(len(places_m), np.nan_to_num(belief.time_s - before.time_s))
     known, shown = before.track_ids[before.confirmed], belief.track_ids[belief.confirmed]
     if not np.array_equal(known, shown):
         passed_m = _passed_m(before, belief, model)
         places_m = np.concatenate([places_m, passed_m])
-        told = np.concatenate([told, np.tile([0.0, 1.0], (len(passed_m), 1))])
+        followed_s = np.concatenate([followed_s, np.full(len(passed_m), np.nan)])
     if len(places_m) == 0:
         return doors
-    cells, weights = around(places_m - model.corner_m)
-    where = (cells[..., 0], cells[..., 1])
     doors = doors.copy()
-    np.add.at(doors, where, weights[..., None] * told[:, None])
-    kept = np.minimum(MOST_S / np.maximum(doors[where][..., FOLLOWED], 1e-12), 1.0)
-    doors[where] = doors[where] * kept[..., None]
+    count_doors(np.ascontiguousarray(places_m), followed_s, model.corner_m, doors)
     return doors
 
 

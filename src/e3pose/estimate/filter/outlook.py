@@ -16,10 +16,13 @@ Floats = NDArray[np.float64]
 
 def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
     """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen."""
+    from e3pose.estimate.filter.kernels.shown import chances
+
     joints_m = places(model.tree, belief.state, ahead_s)[..., :3]
     drift, lasts_s = model.alone
     places_m = joints_m[:, model.tree.levels[0][0], :2]
-    chance = blindness.chance(belief.sights, np.arange(len(model.rig)), places_m, model.corner_m)
+    chance = np.empty((len(belief), len(model.rig)))
+    chances(belief.sights, np.ascontiguousarray(places_m), model.corner_m, chance)
     unexplained, times_s = _newest(belief.leftovers, len(model.rig))
     return Outlook(
         track_ids=belief.track_ids,
@@ -30,7 +33,7 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         velocity_lasts_s=lasts_s,
         remembers=True,
         delivered=belief.delivered,
-        shows=np.minimum(chance.T / blindness.PLAIN, 1.0),
+        shows=np.minimum(chance / blindness.PLAIN, 1.0),
         last_seen_s=belief.last_seen_s,
         needed=needed(belief, ahead_s),
         sigma_px=learned_noise.knots_px(model, belief.noise).min(axis=-1),

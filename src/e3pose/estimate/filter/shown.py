@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.estimate.filter import doors
 from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
-
-SHOWN_SPREAD_M = 0.2  # whose every joint is less certain is followed, but not shown
-MOST_LEFT_ODDS = 1.0  # who has more likely left than not is followed, but not shown
-ALONE_S, WALK_MPS = 1.2, 0.3  # and so is who walks, led for so long by one camera alone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,10 +32,22 @@ class Estimate:
 
 def shown(belief: Belief, model: Model) -> Flags:
     """Return `(num_tracks,)`: who is shown; the others are followed, to be found again."""
-    trace = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
-    certain = np.sqrt(trace.min(axis=-1)) < SHOWN_SPREAD_M
-    there = doors.left_odds(belief, model) < MOST_LEFT_ODDS
-    return np.asarray(belief.confirmed & certain & there & ~_led_alone(belief))
+    from e3pose.estimate.filter.kernels.shown import who_is_shown
+
+    flags = np.empty(len(belief), dtype=bool)
+    who_is_shown(
+        int(model.tree.order[0]),
+        model.corner_m,
+        belief.state,
+        belief.covariance,
+        belief.confirmed,
+        belief.last_seen_s,
+        belief.missed,
+        belief.sights,
+        belief.doors,
+        flags,
+    )
+    return flags
 
 
 def needed(belief: Belief, ahead_s: float) -> Flags:
@@ -54,20 +61,14 @@ def needed(belief: Belief, ahead_s: float) -> Flags:
         belief: about everybody.
         ahead_s: seconds after the belief's slot, if nothing is seen until then.
     """
+    from e3pose.estimate.filter.kernels.shown import led_alone
+
     leading = belief.last_seen_s <= belief.last_seen_s.min(axis=1, keepdims=True, initial=np.inf)
-    led = _led_alone(belief, ahead_s)[:, None] & ~leading
+    alone = [
+        led_alone(*track, ahead_s) for track in zip(belief.state, belief.last_seen_s, strict=True)
+    ]
+    led = np.array(alone, dtype=bool)[:, None] & ~leading
     return np.where(belief.confirmed[:, None], led, ~belief.seen_by)
-
-
-def _led_alone(belief: Belief, ahead_s: float = 0.0) -> Flags:
-    """Return `(num_tracks,)`: who walks and has long been seen by one camera alone, or by none.
-
-    The depth along the rays of one camera follows from the lengths of bones and from the velocity
-    of before, and is surer than it should be: who turns meanwhile is soon half a metre off.
-    """
-    second_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf) + ahead_s
-    speed_mps = np.linalg.norm(belief.state[..., 3:].mean(axis=1), axis=-1)
-    return np.asarray((second_s > ALONE_S) & (speed_mps > WALK_MPS))
 
 
 def estimate_of(belief: Belief, model: Model) -> Estimate:

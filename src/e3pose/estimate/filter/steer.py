@@ -7,10 +7,11 @@ that knows how people move foresees a part of that, and says which by the errors
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
-from e3pose.estimate.filter.motion import fading, places
+from e3pose.estimate.filter.motion import fading
 from e3pose.estimate.filter.state import Belief, Floats, Ints, Model
 from e3pose.estimate.filter.tree import Tree
 
@@ -47,21 +48,24 @@ def steer(
     shares = np.ones_like(belief.drift_share)
     if ahead_s <= 0 or not np.isfinite(joints_m).any():
         return replace(belief, drift_share=shares)
-    reach_s = (tree.lasts_s * (1 - np.exp(-ahead_s / tree.lasts_s)))[:, None]
-    expected_m = places(tree, belief.state[rows], ahead_s)[..., :3]
-    apart = GAIN * (joints_m - expected_m)
-    turned = np.zeros_like(apart)
-    for level in tree.levels:
-        parents = tree.parents[level]
-        root = parents[0] < 0
-        above, turn = (0.0, 0.0) if root else (apart[:, parents], turned[:, parents])
-        wanted, reach = apart[:, level], reach_s[level]
-        known = np.isfinite(wanted).all(axis=-1, keepdims=True)
-        turned[:, level] = np.where(known, turn + (wanted - above) / reach, 0.0)
-        apart[:, level] = np.where(known, wanted, above - reach * turn)
+    from e3pose.estimate.filter.kernels.motion import steer_all
+
     state = belief.state.copy()
-    state[rows, :, 3:] += turned
-    shares[rows] = np.where(np.isfinite(joints_m).all(axis=-1), drift_share, 1.0)
+    left = np.empty(joints_m.shape[:2])
+    left[:] = drift_share
+    steer_all(
+        float(ahead_s),
+        GAIN,
+        tree.order,
+        tree.parents,
+        tree.lasts_s,
+        tree.swing_per_s2,
+        rows,
+        np.ascontiguousarray(joints_m),
+        left,
+        state,
+        shares,
+    )
     return replace(belief, state=state, drift_share=shares)
 
 
@@ -77,8 +81,14 @@ def unforeseen(model: Model, error_m: Floats, interval_s: float) -> Floats:
             where unknown, as then the share is.
         interval_s: seconds a slot.
     """
+    grown = SQUARES * (error_m[1] ** 2 - error_m[0] ** 2)
+    share = LEAST_SHARE + grown / (3 * _left_open(model, interval_s))
+    return np.asarray(np.minimum(np.maximum(share, LEAST_SHARE), MOST_SHARE))
+
+
+@lru_cache(maxsize=8)
+def _left_open(model: Model, interval_s: float) -> Floats:
+    """Return `(num_joints,)` m2 along an axis that the motion leaves open in the second slot."""
     drift, lasts_s = model.alone
     first, second = (fading(drift, lasts_s, slots * interval_s)[1][..., 0, 0] for slots in (1, 2))
-    grown = SQUARES * (error_m[1] ** 2 - error_m[0] ** 2)
-    share = LEAST_SHARE + grown / (3 * (second - first))
-    return np.asarray(np.clip(share, LEAST_SHARE, MOST_SHARE))
+    return np.asarray(second - first)

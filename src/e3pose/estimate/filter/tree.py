@@ -68,6 +68,7 @@ class Tree:
     Attributes:
         parents: `(num_joints,)` index of each joint's parent, -1 at the root.
         levels: joints by their distance from the root, the root first.
+        order: `(num_joints,)` the same in a row, each joint after its parent.
         drift_m2ps4: `(num_joints,)` variance of a joint's acceleration beside its parent.
         lasts_s: `(num_joints,)` life of its velocity beside its parent.
         swing_per_s2: `(num_joints,)` how strongly it swings below its parent.
@@ -75,6 +76,7 @@ class Tree:
 
     parents: Ints
     levels: tuple[Ints, ...]
+    order: Ints
     drift_m2ps4: Floats
     lasts_s: Floats
     swing_per_s2: Floats
@@ -96,4 +98,12 @@ def grow(skeleton: Skeleton) -> Tree:
         depth[joint] = depth[parents[joint]] + 1
     levels = tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
     habits = np.array([TRUNK if n == root else own[n][1] for n in names])
-    return Tree(np.array(parents, dtype=np.int64), levels, habits[:, 0] ** 2, *habits[:, 1:].T)
+    lasts_s, swing_per_s2 = np.ascontiguousarray(habits[:, 1:].T)
+    return Tree(
+        np.array(parents, dtype=np.int64),
+        levels,
+        np.concatenate(levels),
+        habits[:, 0] ** 2,
+        lasts_s,
+        swing_per_s2,
+    )

@@ -29,17 +29,23 @@ LAST = NUM_CELLS - 1.001
 
 
 @kernel
-def proof(sights: Floats, place_m: Floats, corner_m: Floats) -> float:
-    """Return what a miss of one camera at a place proves, as a share of one in plain sight."""
-    column, right = _cell(place_m[0] - corner_m[0])
-    row, up = _cell(place_m[1] - corner_m[1])
+def chance(sights: Floats, place_m: Floats, corner_m: Floats) -> float:
+    """Return how likely a look of one camera shows somebody at a place, in (0, 1)."""
+    column, right = cell(place_m[0] - corner_m[0])
+    row, up = cell(place_m[1] - corner_m[1])
     looks, shown = PRIOR_LOOKS, PRIOR_LOOKS * PLAIN
     for a in range(2):
         for b in range(2):
             weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
             looks += weight * sights[column + a, row + b, LOOKS]
             shown += weight * sights[column + a, row + b, SHOWN]
-    missing = 1.0 - shown / looks
+    return shown / looks
+
+
+@kernel
+def proof(sights: Floats, place_m: Floats, corner_m: Floats) -> float:
+    """Return what a miss of one camera at a place proves, as a share of one in plain sight."""
+    missing = 1.0 - chance(sights, place_m, corner_m)
     if missing <= 1.0 - PLAIN:
         return 1.0
     return math.log(missing) / math.log(1.0 - PLAIN)
@@ -86,8 +92,8 @@ def learn_sights(
 
 @kernel
 def _add(sights: Floats, place_m: Floats, corner_m: Floats, looks: float, shown: float) -> None:
-    column, right = _cell(place_m[0] - corner_m[0])
-    row, up = _cell(place_m[1] - corner_m[1])
+    column, right = cell(place_m[0] - corner_m[0])
+    row, up = cell(place_m[1] - corner_m[1])
     for a in range(2):
         for b in range(2):
             weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
@@ -98,8 +104,8 @@ def _add(sights: Floats, place_m: Floats, corner_m: Floats, looks: float, shown:
 @kernel
 def _forget(sights: Floats, place_m: Floats, corner_m: Floats) -> None:
     """Scale what is beyond `MOST_LOOKS` down to it."""
-    column, _ = _cell(place_m[0] - corner_m[0])
-    row, _ = _cell(place_m[1] - corner_m[1])
+    column, _ = cell(place_m[0] - corner_m[0])
+    row, _ = cell(place_m[1] - corner_m[1])
     for a in range(2):
         for b in range(2):
             looks = sights[column + a, row + b, LOOKS]
@@ -109,7 +115,7 @@ def _forget(sights: Floats, place_m: Floats, corner_m: Floats) -> None:
 
 
 @kernel
-def _cell(offset_m: float) -> tuple[int, float]:
+def cell(offset_m: float) -> tuple[int, float]:
     """Return the lower of the two nearest cells along an axis, and the weight of the upper one."""
     position = offset_m / CELL_M - 0.5
     position = 0.0 if not position > 0.0 else LAST if position > LAST else position

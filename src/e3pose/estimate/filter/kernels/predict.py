@@ -7,9 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.filter.kernels.motion import move
 from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks
 from e3pose.estimate.filter.kernels.tree import backward, decompose, forward
-from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S, SHORTEST_S, WALKS_MPS
+from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S
 from e3pose.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -54,9 +55,7 @@ def _advance(
     moved, spread, with_parent = passes.moved, passes.own, passes.across
     before, factors = passes.prior_own, passes.prior_across
     gains, lean = passes.room[0], passes.room[1]
-    root = site.order[0]
-    walks = math.sqrt(state[root, 3] ** 2 + state[root, 4] ** 2) / WALKS_MPS
-    walks = walks * walks if walks < 1.0 else 1.0
+    move(dt, site.order, site.parents, site.lasts_s, site.swing_per_s2, state, moved)
     for place in range(len(site.order)):
         joint = site.order[place]
         parent = site.parents[joint]
@@ -64,9 +63,6 @@ def _advance(
         fade = math.exp(-dt / tau)
         reach = tau * (1.0 - fade)
         if parent < 0:
-            for a in range(3):
-                moved[joint, a] = state[joint, a] + reach * state[joint, a + 3]
-                moved[joint, a + 3] = fade * state[joint, a + 3]
             for entry in range(36):
                 lean[entry] = covariance[joint, entry]
                 with_parent[joint, entry] = 0.0
@@ -76,16 +72,6 @@ def _advance(
                 spread[joint, entry] = lean[entry]
             _from_left(spread[joint], reach, fade)
         else:
-            most = 1.0 / max(dt, SHORTEST_S) ** 2
-            swing = min(site.swing_per_s2[joint], most)
-            for a in range(3):
-                beside = state[joint, a] - state[parent, a]
-                speed = state[joint, a + 3] - state[parent, a + 3]
-                push = -walks * swing * beside if a < 2 else 0.0
-                moved[joint, a] = (
-                    moved[parent, a] + beside + reach * speed + tau * (dt - reach) * push
-                )
-                moved[joint, a + 3] = moved[parent, a + 3] + fade * speed + reach * push
             for a in range(6):
                 for b in range(6):
                     gains[6 * a + b] = shared[joint, 6 * b + a]

@@ -1,0 +1,168 @@
+"""Who is shown (`filter.shown`), and where people come and go (`filter.doors`): the loops."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.blindness import PLAIN
+from e3pose.estimate.filter.doors import (
+    FOLLOWED,
+    MOST_LEFT_ODDS,
+    MOST_S,
+    MOST_UNSEEN_S,
+    PASSED,
+    PRIOR_HZ,
+    PRIOR_S,
+)
+from e3pose.estimate.filter.kernels.blindness import cell, chance, proof
+from e3pose.estimate.filter.tree import TRUNK
+from e3pose.kernel import kernel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+TRUNK_LASTS_S = TRUNK.lasts_s
+ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
+SHOWN_SPREAD_M = 0.2  # nor who has no joint that is more certain
+
+
+@kernel
+def who_is_shown(
+    root: int,
+    corner_m: Floats,
+    state: Floats,
+    covariance: Floats,
+    confirmed: Flags,
+    last_seen_s: Floats,
+    missed: Floats,
+    sights: Floats,
+    doors: Floats,
+    shown: Flags,
+) -> None:
+    """Fill `shown` `(num_tracks,)`; other arguments are those of `Belief`."""
+    for track in range(len(shown)):
+        shown[track] = confirmed[track] and not led_alone(state[track], last_seen_s[track], 0.0)
+        if shown[track]:
+            least = np.inf
+            for joint in range(state.shape[1]):
+                block = covariance[track, joint]
+                least = min(least, block[0, 0] + block[1, 1] + block[2, 2])
+            shown[track] = math.sqrt(least) < SHOWN_SPREAD_M
+        if shown[track]:
+            odds = left_odds(
+                state[track, root], last_seen_s[track], missed[track], sights, doors, corner_m
+            )
+            shown[track] = odds < MOST_LEFT_ODDS
+
+
+@kernel
+def led_alone(state: Floats, last_seen_s: Floats, ahead_s: float) -> bool:
+    """Tell who walks and will by then have long been seen by one camera alone, or by none.
+
+    Args:
+        state: `(num_joints, 6)`.
+        last_seen_s: `(num_cameras,)`.
+        ahead_s: seconds without a look.
+    """
+    first_s, second_s = np.inf, np.inf
+    for camera in range(len(last_seen_s)):
+        second_s = min(second_s, max(first_s, last_seen_s[camera]))
+        first_s = min(first_s, last_seen_s[camera])
+    if not second_s + ahead_s > ALONE_S:
+        return False
+    squares = 0.0
+    for a in range(3, 6):
+        total = 0.0
+        for joint in range(len(state)):
+            total += state[joint, a]
+        squares += (total / len(state)) ** 2
+    return math.sqrt(squares) > WALK_MPS
+
+
+@kernel
+def left_odds(
+    root: Floats,
+    last_seen_s: Floats,
+    missed: Floats,
+    sights: Floats,
+    doors: Floats,
+    corner_m: Floats,
+) -> float:
+    """Return the odds that a person has left since a view last showed them (`filter.doors`).
+
+    Args:
+        root: `(6,)` state of the root of the body.
+        last_seen_s: `(num_cameras,)`.
+        missed: `(num_cameras,)`.
+        sights: as in `Belief`.
+        doors: as in `Belief`.
+        corner_m: of the cells of both.
+    """
+    unseen_s = np.inf
+    for camera in range(len(last_seen_s)):
+        unseen_s = min(unseen_s, last_seen_s[camera])
+    if not unseen_s > 0:
+        return 0.0
+    misses = 0.0  # as many as these in plain sight
+    for camera in range(len(missed)):
+        misses += missed[camera] * proof(sights[camera], root, corner_m)
+    way_s = TRUNK_LASTS_S * (math.exp(min(unseen_s, MOST_UNSEEN_S) / TRUNK_LASTS_S) - 1)
+    place_m = np.empty(2)
+    for axis in range(2):
+        place_m[axis] = root[axis] - way_s * root[axis + 3]
+    return float(hazard_hz(doors, place_m, corner_m) * unseen_s * (1 - PLAIN) ** -misses)
+
+
+@kernel
+def hazard_hz(doors: Floats, place_m: Floats, corner_m: Floats) -> float:
+    """Return how many of the people at a place `(2,)` leave in a second."""
+    column, right = cell(place_m[0] - corner_m[0])
+    row, up = cell(place_m[1] - corner_m[1])
+    followed, passed = PRIOR_S, PRIOR_HZ * PRIOR_S
+    for a in range(2):
+        for b in range(2):
+            weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
+            followed += weight * doors[column + a, row + b, FOLLOWED]
+            passed += weight * doors[column + a, row + b, PASSED]
+    return passed / followed
+
+
+@kernel
+def count_doors(places_m: Floats, followed_s: Floats, corner_m: Floats, doors: Floats) -> None:
+    """Add people to the `doors` of `Belief`, and forget what is beyond `MOST_S`.
+
+    Args:
+        places_m: `(num_places, 2)` on the floor.
+        followed_s: `(num_places,)` seconds that somebody was followed there; NaN for somebody who
+            came or left.
+        corner_m: of the cells.
+        doors: changed in place.
+    """
+    for adding in (True, False):
+        for index in range(len(places_m)):
+            column, right = cell(places_m[index, 0] - corner_m[0])
+            row, up = cell(places_m[index, 1] - corner_m[1])
+            for a in range(2):
+                for b in range(2):
+                    door = doors[column + a, row + b]
+                    weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
+                    if not adding:
+                        kept = min(MOST_S / max(door[FOLLOWED], 1e-12), 1.0)
+                        door[FOLLOWED] *= kept
+                        door[PASSED] *= kept
+                    elif math.isnan(followed_s[index]):
+                        door[PASSED] += weight
+                    else:
+                        door[FOLLOWED] += weight * followed_s[index]
+
+
+@kernel
+def chances(sights: Floats, places_m: Floats, corner_m: Floats, chance_of: Floats) -> None:
+    """Fill `chance_of` `(num_places, num_cameras)`: how likely a look shows somebody at a place."""
+    for place in range(len(places_m)):
+        for camera in range(len(sights)):
+            chance_of[place, camera] = chance(sights[camera], places_m[place], corner_m)

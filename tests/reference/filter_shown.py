@@ -1,0 +1,108 @@
+"""Who is shown, where people come and go, and steering, in plain numpy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from tests.reference.filter_blindness import around, proof
+from tests.reference.filter_motion import places
+
+from e3pose.estimate.filter.blindness import PLAIN
+from e3pose.estimate.filter.doors import (
+    FOLLOWED,
+    MOST_LEFT_ODDS,
+    MOST_S,
+    PASSED,
+    PRIOR_HZ,
+    PRIOR_S,
+    measured_m,
+)
+from e3pose.estimate.filter.kernels.shown import ALONE_S, SHOWN_SPREAD_M, WALK_MPS
+from e3pose.estimate.filter.state import Belief, Model
+from e3pose.estimate.filter.steer import GAIN
+from e3pose.estimate.filter.tree import Tree
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+def hazard_hz(doors: Floats, places_m: Floats, corner: Floats) -> Floats:
+    """See `kernels.shown.hazard_hz`."""
+    cells, weights = around(places_m - corner)
+    near = (doors[cells[..., 0], cells[..., 1]] * weights[..., None]).sum(axis=-2)
+    return np.asarray((near[:, PASSED] + PRIOR_HZ * PRIOR_S) / (near[:, FOLLOWED] + PRIOR_S))
+
+
+def left_odds(belief: Belief, model: Model) -> Floats:
+    """See `kernels.shown.left_odds`."""
+    odds = np.zeros(len(belief))
+    unseen_s = belief.last_seen_s.min(axis=1, initial=np.inf)
+    lost = np.flatnonzero(unseen_s > 0)
+    if len(lost) == 0:
+        return odds
+    places_m = belief.state[lost, model.tree.levels[0][0], :2]
+    cameras = np.arange(len(model.rig))
+    proofs = proof(belief.sights, cameras, places_m, model.corner_m)
+    misses = (belief.missed[lost] * proofs.T).sum(axis=1)  # as many as these in plain sight
+    hazard = hazard_hz(belief.doors, measured_m(belief, lost, model), model.corner_m)
+    odds[lost] = hazard * unseen_s[lost] * (1 - PLAIN) ** -misses
+    return odds
+
+
+def shown(belief: Belief, model: Model) -> Flags:
+    """See `e3pose.estimate.filter.shown.shown`."""
+    trace = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
+    certain = np.sqrt(trace.min(axis=-1)) < SHOWN_SPREAD_M
+    there = left_odds(belief, model) < MOST_LEFT_ODDS
+    return np.asarray(belief.confirmed & certain & there & ~led_alone(belief))
+
+
+def led_alone(belief: Belief, ahead_s: float = 0.0) -> Flags:
+    """See `kernels.shown.led_alone`."""
+    second_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf) + ahead_s
+    speed_mps = np.linalg.norm(belief.state[..., 3:].mean(axis=1), axis=-1)
+    return np.asarray((second_s > ALONE_S) & (speed_mps > WALK_MPS))
+
+
+def count_doors(doors: Floats, places_m: Floats, told: Floats, corner: Floats) -> Floats:
+    """See `kernels.shown.count_doors`; `told` `(num_places, 2)` is what each place adds."""
+    cells, weights = around(places_m - corner)
+    where = (cells[..., 0], cells[..., 1])
+    doors = doors.copy()
+    np.add.at(doors, where, weights[..., None] * told[:, None])
+    kept = np.minimum(MOST_S / np.maximum(doors[where][..., FOLLOWED], 1e-12), 1.0)
+    doors[where] = doors[where] * kept[..., None]
+    return doors
+
+
+def steer(
+    tree: Tree,
+    belief: Belief,
+    rows: Ints,
+    joints_m: Floats,
+    ahead_s: float,
+    drift_share: Floats | float = 1.0,
+) -> Belief:
+    """See `e3pose.estimate.filter.steer.steer`."""
+    shares = np.ones_like(belief.drift_share)
+    if ahead_s <= 0 or not np.isfinite(joints_m).any():
+        return replace(belief, drift_share=shares)
+    reach_s = (tree.lasts_s * (1 - np.exp(-ahead_s / tree.lasts_s)))[:, None]
+    expected_m = places(tree, belief.state[rows], ahead_s)[..., :3]
+    apart = GAIN * (joints_m - expected_m)
+    turned = np.zeros_like(apart)
+    for level in tree.levels:
+        parents = tree.parents[level]
+        root = parents[0] < 0
+        above, turn = (0.0, 0.0) if root else (apart[:, parents], turned[:, parents])
+        wanted, reach = apart[:, level], reach_s[level]
+        known = np.isfinite(wanted).all(axis=-1, keepdims=True)
+        turned[:, level] = np.where(known, turn + (wanted - above) / reach, 0.0)
+        apart[:, level] = np.where(known, wanted, above - reach * turn)
+    state = belief.state.copy()
+    state[rows, :, 3:] += turned
+    shares[rows] = np.where(np.isfinite(joints_m).all(axis=-1), drift_share, 1.0)
+    return replace(belief, state=state, drift_share=shares)
