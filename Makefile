@@ -63,6 +63,7 @@ bench: $(VENV)/.all  ## run the speed benchmarks
 	$(BIN)/python benchmarks/bench_fuse.py
 	$(BIN)/python benchmarks/bench_filter.py
 	$(BIN)/python benchmarks/bench_predict.py
+	$(BIN)/python benchmarks/bench_step.py
 	$(BIN)/python benchmarks/bench_choose.py
 	$(BIN)/python benchmarks/bench_import.py
 	$(BIN)/python benchmarks/bench_store.py

@@ -23,6 +23,7 @@ from live_site import Site, live_site, traffic
 
 JPEG_QUALITY = 75
 PAUSE_S = 0.036
+TARGET_CPU = 0.06  # of a core, at 5 cameras and 25 slots a second
 
 
 def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, float]:
@@ -47,6 +48,7 @@ def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, floa
             "latency_ms_p50": status.latency_ms[0],
             "latency_ms_p99": status.latency_ms[1],
             "edge_cpu_share": site.edge_cpu_share(),
+            **{f"cpu of {part}": share for part, share in site.cpu_by_part().items()},
             "orders": orders_told(site)[0] - orders,
             "orders_late": orders_told(site)[1] - late_orders,
             "views_late_or_lost": sum(c.late + c.lost for c in status.cameras),
@@ -141,6 +143,15 @@ def main() -> None:
             f"sites a core; beside it a bare loop of {figures['bare_loop_ms_p50']:.1f} ms has p99 "
             f"{figures['bare_loop_ms_p99']:.1f}, and wakes up to {figures['bare_wake_ms_p99']:.1f} "
             "late",
+            flush=True,
+        )
+        shares = {
+            n.removeprefix("cpu of "): v for n, v in figures.items() if n.startswith("cpu of")
+        }
+        total = figures["edge_cpu_share"]
+        print(
+            f"  of a core, {total:.1%} (target {TARGET_CPU:.0%} at 5 cameras): "
+            + ", ".join(f"{part} {share:.1%}" for part, share in shares.items()),
             flush=True,
         )
     sent = view_bytes(options.people)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import os
 import re
 import socket
 import tempfile
@@ -26,6 +27,14 @@ from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.network import open_network
 
 SETTLE_S = 4.0
+# Names of the edge's threads, and what they do.
+PARTS = {
+    "fusion": "step, encoding",
+    "sending": "sending",
+    "keeping": "status, checkpoint",
+    "store": "store",
+}
+RECEIVING, MAIN, TRANSPORT = "decoding", "rest", "transport"
 
 
 @dataclass
@@ -50,6 +59,7 @@ class Site:
     cpu_begin_s: float = 0.0
     begun_s: float = 0.0
     samples: list[Sample] = field(default_factory=list)
+    parts_begin_s: dict[str, float] = field(default_factory=dict)
 
     def edge(self) -> psutil.Process:
         assert self.programs[0].process is not None
@@ -61,11 +71,22 @@ class Site:
     def begin_count(self) -> None:
         times = self.edge().cpu_times()
         self.cpu_begin_s, self.begun_s = times.user + times.system, time.monotonic()
+        self.parts_begin_s = _cpu_by_part(self.edge().pid)
 
     def edge_cpu_share(self) -> float:
         times = self.edge().cpu_times()
         spent_s = times.user + times.system - self.cpu_begin_s
         return float(spent_s / (time.monotonic() - self.begun_s))
+
+    def cpu_by_part(self) -> dict[str, float]:
+        """Return the share of a core that each part of the edge took since `begin_count`.
+
+        Threads are known by their names: those of the network library have its own, and what is
+        called from it, decoding and taking in messages, those of the interpreter.
+        """
+        passed_s = time.monotonic() - self.begun_s
+        now = _cpu_by_part(self.edge().pid)
+        return {part: (now[part] - self.parts_begin_s[part]) / passed_s for part in now}
 
     def metric(self, name: str) -> float:
         """Return a metric of the edge, summed over the cameras if they have it each."""
@@ -85,6 +106,19 @@ class Site:
         )
         self.samples.append(made)
         return made
+
+
+def _cpu_by_part(pid: int) -> dict[str, float]:
+    """Return the seconds of CPU that the threads of an edge took so far, by what they do."""
+    tick_s = 1 / os.sysconf("SC_CLK_TCK")
+    spent_s = dict.fromkeys((*PARTS.values(), RECEIVING, MAIN, TRANSPORT), 0.0)
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        name, after = (task / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
+        python = name.startswith("python") or name.startswith("e3pose")
+        other = (MAIN if int(task.name) == pid else RECEIVING) if python else TRANSPORT
+        user, system = after.split()[11:13]
+        spent_s[PARTS.get(name, other)] += (int(user) + int(system)) * tick_s
+    return spent_s
 
 
 @contextmanager

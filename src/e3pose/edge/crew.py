@@ -6,6 +6,8 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+from e3pose.files.thread_name import show_thread_name
+
 
 class Crew:
     """Threads that work until they are told to stop."""
@@ -44,6 +46,7 @@ class Crew:
                 thread.join(timeout=timeout_s)
 
     def _guarded(self, body: Callable[[], Any]) -> None:
+        show_thread_name()
         try:
             body()
         except BaseException as error:  # the program must end with it, not go on half

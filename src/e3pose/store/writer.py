@@ -16,6 +16,7 @@ from pathlib import Path
 from types import TracebackType
 
 from e3pose.errors import InputError
+from e3pose.files.thread_name import show_thread_name
 from e3pose.pipeline import SlotRecord
 from e3pose.plural import counted
 from e3pose.store.database import (
@@ -235,6 +236,7 @@ class StoreWriter:
     # What follows runs in the writer's thread.
 
     def _work(self) -> None:
+        show_thread_name()
         stopping = False
         while not stopping:
             if len(self._items) < self.settings.commit_slots:
