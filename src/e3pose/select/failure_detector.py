@@ -84,12 +84,9 @@ def listen(
         arrived: `(num_cameras,)` whose view came in time.
         interval_s: seconds a slot.
     """
-    after = _answered(silence, arrived, interval_s)
-    after = replace(
-        after,
-        missed=np.where(arrived, 0, silence.missed + ordered),
-        useless=np.where(arrived, 0, silence.useless + ordered),
-    )
+    missed = np.where(arrived, 0, silence.missed + ordered)
+    useless = np.where(arrived, 0, silence.useless + ordered)
+    after = _answered(silence, arrived, interval_s, missed, useless)
     if not after.missed.any() and not after.useless.any():
         return after
     given_up = after.missed >= patience(after.loss, interval_s)
@@ -116,12 +113,9 @@ def forgive(silence: Silence, views_late: Flags, orders_late: Flags, interval_s:
         interval_s: seconds a slot.
     """
     alive = orders_late | (views_late & ~_is_useless(silence, interval_s))
-    after = _answered(silence, alive, interval_s)
-    return replace(
-        after,
-        missed=np.where(views_late | orders_late, 0, silence.missed),
-        useless=np.where(orders_late, 0, silence.useless),
-    )
+    missed = np.where(views_late | orders_late, 0, silence.missed)
+    useless = np.where(orders_late, 0, silence.useless)
+    return _answered(silence, alive, interval_s, missed, useless)
 
 
 def _is_useless(silence: Silence, interval_s: float) -> Flags:
@@ -130,15 +124,26 @@ def _is_useless(silence: Silence, interval_s: float) -> Flags:
     return np.asarray(silence.useless >= limit)
 
 
-def _answered(silence: Silence, who: Flags, interval_s: float) -> Silence:
-    """Return what is known after an answer: the misses before it were bad luck, few as they are."""
+def _answered(
+    silence: Silence, who: Flags, interval_s: float, missed: Counts, useless: Counts
+) -> Silence:
+    """Return what is known after an answer: the misses before it were bad luck, few as they are.
+
+    Args:
+        silence: what was known before.
+        who: `(num_cameras,)` whoever answered.
+        interval_s: seconds a slot.
+        missed: `(num_cameras,)` of now.
+        useless: `(num_cameras,)` of now.
+    """
     kept = 1 - 1 / MEMORY_ORDERS
     unlucky = silence.missed
     if unlucky.any():
         unlucky = np.minimum(unlucky, patience(silence.loss, interval_s))
     loss = (1 - (1 - silence.loss) * kept**unlucky) * kept
-    return replace(
-        silence,
+    return Silence(
+        missed=missed,
+        useless=useless,
         loss=np.where(who, loss, silence.loss),
         failures=np.where(who, 0, silence.failures),
         retry_slot=np.where(who, 0, silence.retry_slot),

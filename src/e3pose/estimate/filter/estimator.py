@@ -83,14 +83,9 @@ class Filtered:
             memory.identities, memory.belief, belief, estimate.track_ids, self.model
         )
         track_ids = identities.of(estimate.track_ids)
-        shown = np.isin(belief.track_ids, estimate.track_ids)
+        shown = np.searchsorted(belief.track_ids, estimate.track_ids)
         factor = spread_factor(belief)[shown]
-        history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
-        _, new, old = np.intersect1d(
-            estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
-        )
-        history[:-1, new] = memory.history_m[1:, old]
-        history[-1] = estimate.joints_m
+        history = _prolonged(memory, estimate)
         people = People(
             Poses3D(estimate.joints_m, _scores(estimate)),
             track_ids,
@@ -114,7 +109,7 @@ class Filtered:
             prediction.joints_m[STEER_SLOTS - 1],
             np.nan,
         )
-        rows = np.flatnonzero(np.isin(memory.belief.track_ids, memory.track_ids))
+        rows = np.searchsorted(memory.belief.track_ids, memory.track_ids)
         shares = unforeseen(self.model, prediction.error_m, interval_s)
         ahead_s = STEER_SLOTS * interval_s
         belief = steer(self.model.tree, memory.belief, rows, joints_m, ahead_s, shares)
@@ -146,6 +141,19 @@ class Filtered:
             drift_m2ps3=expected.drift_m2ps3 * factor**2,
             sigma_px=expected.sigma_px * factor,
         )
+
+
+def _prolonged(memory: Remembered, estimate: Estimate) -> NDArray[np.float64]:
+    """Return `Remembered.history_m` of the people of a slot."""
+    if np.array_equal(estimate.track_ids, memory.track_ids):
+        return np.concatenate([memory.history_m[1:], estimate.joints_m[None]])
+    history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
+    _, new, old = np.intersect1d(
+        estimate.track_ids, memory.track_ids, assume_unique=True, return_indices=True
+    )
+    history[:-1, new] = memory.history_m[1:, old]
+    history[-1] = estimate.joints_m
+    return history
 
 
 def _scores(estimate: Estimate) -> NDArray[np.float64]:

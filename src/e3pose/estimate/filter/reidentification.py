@@ -130,11 +130,11 @@ def identify(
         that were recognised in this slot, within `DECIDE_S` of being shown first.
     """
     present, departed = identities.present, identities.departed
-    gone = ~np.isin(present.tracks, belief.track_ids)
+    gone = ~_among(present.tracks, belief.track_ids)
     if gone.any():
         departed = _join(departed, _left(_take(present, gone), before, belief, model))
         present = _take(present, ~gone)
-    new = np.setdiff1d(shown, present.tracks, assume_unique=True)
+    new = shown[~_among(shown, present.tracks)]
     if len(new):
         present = _join(present, _shown(new, belief, model))
         present = _take(present, np.argsort(present.tracks))
@@ -266,6 +266,14 @@ def _kinds(model: Model) -> list[list[int]]:
         if frozenset((model.skeleton.joints[a], model.skeleton.joints[b])) in limbs:
             kinds.setdefault(tuple(sorted((names[a], names[b]))), []).append(bone)
     return list(kinds.values()) or [[]]
+
+
+def _among(tracks: Ints, others: Ints) -> Flags:
+    """Return which of the rising ids `(num_tracks,)` are among other rising ids."""
+    if len(others) == 0:
+        return np.zeros(len(tracks), dtype=bool)
+    row = np.minimum(np.searchsorted(others, tracks), len(others) - 1)
+    return np.asarray(others[row] == tracks)
 
 
 def _take(columns: Rows, rows: Ints | Flags) -> Rows:
