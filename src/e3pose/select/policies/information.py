@@ -71,14 +71,11 @@ class Information:
         candidates = np.flatnonzero(np.roll(allowed, -self.phase))
         candidates = (candidates + self.phase) % len(allowed)
         count = min(count, len(candidates))
-        watch = self.quality_weight * watch_nats(situation)
-        worth = watch - situation.price
+        worth = self.quality_weight * watch_nats(situation) - situation.price
         if comb(len(candidates), count) <= MOST_SUBSETS:
-            subsets = _subsets(len(candidates), count)
-            selections = np.zeros((len(subsets), len(allowed)), dtype=bool)
-            selections[:, candidates] = subsets
+            selections = _selections(len(allowed), tuple(candidates.tolist()), count)
             value = self.quality_weight * worth_nats(foresight, selections) + selections @ worth
-            return np.asarray(selections[int(np.argmax(self._rounded(value)))])
+            return np.array(selections[int(np.argmax(self._rounded(value)))])
         selection = np.zeros(len(allowed), dtype=bool)
         for _ in range(count):
             free = candidates[~selection[candidates]]
@@ -133,9 +130,10 @@ def watch_nats(situation: Situation) -> Floats:
 
 
 @lru_cache(maxsize=256)
-def _subsets(num_cameras: int, count: int) -> Flags:
-    chosen = list(combinations(range(num_cameras), count))
-    subsets = np.zeros((len(chosen), num_cameras), dtype=bool)
+def _selections(num_cameras: int, candidates: tuple[int, ...], count: int) -> Flags:
+    """Return all sets of `count` of the candidates, `(num_sets, num_cameras)`."""
+    chosen = list(combinations(candidates, count))
+    selections = np.zeros((len(chosen), num_cameras), dtype=bool)
     for row, each in enumerate(chosen):
-        subsets[row, list(each)] = True
-    return subsets
+        selections[row, list(each)] = True
+    return selections
