@@ -72,7 +72,11 @@ def in_process(root: Path) -> Costs:
     paths = (root / "src", ROOT / "benchmarks")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}
     done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, check=True, capture_output=True, text=True
+        [sys.executable, "-c", code],
+        env=environment,
+        check=True,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     costs: Costs = json.loads(done.stdout.splitlines()[-1])
     return costs
