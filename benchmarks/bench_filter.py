@@ -20,9 +20,12 @@ from numpy.typing import NDArray
 from bench_fuse import Workload, make_workload, workloads
 from e3pose.estimate.filter import Belief, Estimate, Model
 from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from reference import step
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 Slots = list[dict[int, Poses2D]]
@@ -72,7 +75,7 @@ def error_mm(found: list[Estimate], truth_m: Floats) -> float:
 
 
 def measure(bench: Workload, kernel: StepKernel, seconds: float) -> dict[str, float]:
-    model, slots = Model(bench.rig, COCO17), slots_of(bench)
+    model, slots = Model(bench.rig, COCO17, SIMULATED), slots_of(bench)
     found, _ = run(kernel, model, slots)
     times_s: list[float] = []
     end = time.perf_counter() + seconds
@@ -105,7 +108,7 @@ def main() -> None:
     options = parser.parse_args()
     start = time.perf_counter()
     kernel = StepKernel()
-    kernel.warm_up(Model(make_workload(2, 1, 1).rig, COCO17))
+    kernel.warm_up(Model(make_workload(2, 1, 1).rig, COCO17, SIMULATED))
     warm_s = time.perf_counter() - start
     print("the filter's whole step from Python, one thread")
     print("people: " + ("workloads of --shared" if options.shared else "made up"))

@@ -19,8 +19,11 @@ from e3pose.estimate.per_slot.track import Tracks, update_tracks
 from e3pose.evaluate.prediction.motion import body_joints
 from e3pose.learn.train.estimates import EstimateSettings, Followed, follow, views_of
 from e3pose.learn.train.smooth import smooth
+from e3pose.model.noises import load_noise
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +48,7 @@ def slot_by_slot(recording: Recording) -> list[Followed]:
 
 def with_memory(recording: Recording) -> list[Followed]:
     """Return everybody as the filter with a memory sees them from all cameras."""
-    estimator = Filtered(Model(recording.rig, recording.skeleton), StepKernel(), 2)
+    estimator = Filtered(Model(recording.rig, recording.skeleton, SIMULATED), StepKernel(), 2)
     memory = estimator.begin()
     seen: dict[int, list[tuple[int, Floats]]] = {}
     for slot in range(recording.num_slots):

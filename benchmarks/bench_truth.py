@@ -18,8 +18,11 @@ from scipy.optimize import linear_sum_assignment
 
 from e3pose.estimate.filter import Belief, Estimate, Model
 from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.noises import load_noise
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +105,7 @@ def spread_order(number: int) -> list[int]:
 
 def run(recording: Recording, cameras: int) -> Score:
     """Run the estimator over a recording, so many cameras a slot, taking turns."""
-    model = Model(recording.rig, recording.skeleton)
+    model = Model(recording.rig, recording.skeleton, SIMULATED)
     step, belief, score = StepKernel(), Belief.empty(model), Score()
     order = spread_order(len(recording.rig))
     for slot in range(recording.num_slots):

@@ -47,7 +47,7 @@ def figures(recording: Recording, cameras: int, seed: int, noise: str | None) ->
         phase=seed,
         noise=noise,
     )
-    unnamed = recording if noise else replace(recording, source="a detector that nobody knows")
+    unnamed = recording if noise else replace(recording, detector="one that nobody knows")
     records = list(replay(unnamed, settings))
     found, stated = accuracy(recording, records), expected_figures(recording, records)
     precision = 1.0 if found.precision_500mm is None else found.precision_500mm

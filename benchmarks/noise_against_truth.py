@@ -1,4 +1,7 @@
-"""Compare calibrated noise with the truth: known noise, and simulated scenes with all mistakes."""
+"""Compare calibrated noise with the truth: known noise, and simulated scenes with all mistakes.
+
+python benchmarks/noise_against_truth.py [--memory]
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from numpy.typing import NDArray
 
 from e3pose.evaluate.noise.calibrate import Calibrated, calibrate_noise
 from e3pose.evaluate.noise.residuals import MIN_SCORE
-from e3pose.evaluate.noise.statistics import EDGES, RAYLEIGH
+from e3pose.evaluate.noise.statistics import EDGES, RAYLEIGH, fit_memory
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording, ViewSeries
@@ -20,10 +23,11 @@ from e3pose.simulate.noise import GROSS_PX, correlated, normal_cdf
 Floats = NDArray[np.float64]
 
 KNOTS, SIGMA_PX = np.array([0.1, 0.4, 0.7, 1.0]), np.array([14.0, 9.0, 5.0, 2.5])
+MEMORIES = ((0.45, 0.45), (0.1, 0.2), (0.8, 0.1), (0.1, 0.8))  # lasting, quick
 SCENES = (("ring", 5, 1), ("crossing", 5, 2), ("pillar", 4, 3))
 
 
-def known_noise(cameras: int) -> Recording:
+def known_noise(cameras: int, memory: ErrorMemory) -> Recording:
     """Return three people of whom each keypoint has a random score, and the error of that score."""
     detector = DetectorSettings(perfect=True)
     settings = SceneSettings(people=3, seconds=12.0, cameras=cameras, detector=detector)
@@ -35,7 +39,7 @@ def known_noise(cameras: int) -> Recording:
         pixels, inside = camera.project(truth_m), camera.sees(truth_m)
         wander = correlated(rng, inside.shape, recording.interval_s, ((0.3, 0.1), (0.7, 1.0)))
         scores = np.where(inside, 0.12 + 0.86 * normal_cdf(wander), 0.0)
-        errors = correlated(rng, pixels.shape, recording.interval_s, ErrorMemory().parts)
+        errors = correlated(rng, pixels.shape, recording.interval_s, memory.parts)
         pixels = pixels + errors * np.interp(scores, KNOTS, SIGMA_PX)[..., None]
         pixels = np.where(inside[..., None], pixels, np.nan)
         there = [Poses2D(k[s.any(1)], s[s.any(1)]) for k, s in zip(pixels, scores, strict=True)]
@@ -73,10 +77,36 @@ def tell(title: str, calibrated: Calibrated, true_px: Floats) -> None:
     print("  corrected", *(f"{ratio:6.2f}" for ratio in calibrated.noise.sigma_px / true_px))
 
 
+def compare_memories() -> None:
+    """Print how long errors last: made, measured on residuals, and corrected for the reference."""
+    print("shares of the variance: new, quick, lasting")
+    for lasting, quick in MEMORIES:
+        memory = ErrorMemory(lasting_share=lasting, quick_share=quick)
+        detector = DetectorSettings(memory=memory)
+        scene = SceneSettings(scene="ring", seconds=20, cameras=5, detector=detector)
+        for what, recording in (
+            ("known noise", known_noise(5, memory)),
+            ("ring", simulate(scene, seed=701)),
+        ):
+            calibrated = calibrate_noise(recording)
+            measured = fit_memory(calibrated.measured.autocorrelation)
+            told = [
+                " ".join(f"{share:.2f}" for share, _ in each.parts)
+                for each in (memory, measured, calibrated.noise.memory)
+            ]
+            print(
+                f"{what:12} made {told[0]}   measured {told[1]}   corrected {told[2]}", flush=True
+            )
+
+
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--memory", action="store_true", help="compare how long errors last")
+    if parser.parse_args().memory:
+        compare_memories()
+        return
     for cameras in (3, 5, 8):
-        calibrated = calibrate_noise(known_noise(cameras))
+        calibrated = calibrate_noise(known_noise(cameras, ErrorMemory()))
         true_px = np.interp(calibrated.noise.scores, KNOTS, SIGMA_PX)
         tell(f"known noise, {cameras} cameras: by the true sigma", calibrated, true_px)
     for scene, cameras, seed in SCENES:

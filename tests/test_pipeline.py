@@ -17,11 +17,14 @@ from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.estimate.per_slot.estimator import PerSlot
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.predict import Prediction, make_predictor
 from e3pose.select.policies import POLICIES, PolicySettings, Selection, Situation
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +64,7 @@ def make(name: str = "e3pose", **changes: object) -> Pipeline:
         rig=RIG,
         num_joints=NUM_JOINTS,
         interval_s=0.04,
-        estimator=PerSlot(Fuser(RIG, NUM_JOINTS), NUM_JOINTS, 0.04, 4),
+        estimator=PerSlot(Fuser(RIG, NUM_JOINTS), NUM_JOINTS, 0.04, SIMULATED, 4),
         predictor=make_predictor("constant-velocity"),
         policy=POLICIES[name].make(PolicySettings(num_selected=2)),
         budget=np.full(NUM_CAMERAS, 0.6),
@@ -313,7 +316,7 @@ def run_shifting(
         foresees=True,
         steering=both if steers else None,
         lead_slots=lead_slots,
-        estimator=Filtered(Model(RIG, COCO17), StepKernel(), 5),
+        estimator=Filtered(Model(RIG, COCO17, SIMULATED), StepKernel(), 5),
     )
     return both, run(pipeline, [scene(slot) for slot in range(12)])
 

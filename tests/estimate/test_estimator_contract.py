@@ -12,10 +12,13 @@ from e3pose.estimate import ESTIMATORS, EstimatorSettings, People, make_estimato
 from e3pose.estimate.per_slot.fuse import FusionSettings
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording
 from e3pose.select.expected_information import foresee
 from e3pose.simulate import SceneSettings, simulate
+
+SIMULATED = load_noise("simulated")
 
 SCENE = simulate(SceneSettings(scene="ring", people=3, seconds=4, cameras=5), seed=3)
 
@@ -31,6 +34,7 @@ def run(
             recording.interval_s,
             5,
             FusionSettings(),
+            noise=SIMULATED,
         ),
     )
     memory, found = estimator.begin(), []
@@ -94,7 +98,9 @@ def test_a_replay_with_memory_counts_the_right_people() -> None:
 
 
 def test_unknown_estimator_is_refused() -> None:
-    settings = EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings())
+    settings = EstimatorSettings(
+        SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings(), noise=SIMULATED
+    )
     with pytest.raises(InputError, match="found 'oracle', expected one of paper, memory"):
         make_estimator("oracle", settings)
 
@@ -115,7 +121,7 @@ def test_every_joint_has_a_covariance_and_says_whether_it_was_measured(name: str
 def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str) -> None:
     estimator = make_estimator(
         name,
-        EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings()),
+        EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings(), noise=SIMULATED),
     )
     memory = estimator.begin()
     for slot in range(20):
@@ -145,7 +151,9 @@ def test_the_stated_uncertainty_is_honest(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_ids_left_out_are_given_to_nobody(name: str) -> None:
-    settings = EstimatorSettings(SCENE.rig, SCENE.skeleton, SCENE.interval_s, 5, FusionSettings())
+    settings = EstimatorSettings(
+        SCENE.rig, SCENE.skeleton, SCENE.interval_s, 5, FusionSettings(), noise=SIMULATED
+    )
     estimator = make_estimator(name, settings)
     found = []
     for count in (0, 100):

@@ -18,6 +18,7 @@ from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.per_slot.fuse import FusionSettings
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, replay
 from e3pose.evaluate.summary import accuracy
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline
 from e3pose.predict import Prediction
@@ -26,6 +27,8 @@ from e3pose.predict.constant_velocity import ConstantVelocity
 from e3pose.recording import Recording
 from e3pose.settings.parts import STEERING_SLOTS
 from e3pose.simulate import SceneSettings, simulate
+
+SIMULATED = load_noise("simulated")
 
 pytestmark = pytest.mark.slow
 
@@ -69,7 +72,9 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
     name: str, error_m: float
 ) -> None:
     recording = scene(*CASES[1])
-    settings = EstimatorSettings(recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings())
+    settings = EstimatorSettings(
+        recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings(), noise=SIMULATED
+    )
     estimator = make_estimator(name, settings)
     memory = estimator.begin()
     for slot in range(8):
@@ -95,7 +100,9 @@ def test_every_estimator_can_be_steered_and_keeps_whom_it_follows(
 
 def test_nobody_known_is_steered_to_nobody() -> None:
     recording = scene(*CASES[1])
-    settings = EstimatorSettings(recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings())
+    settings = EstimatorSettings(
+        recording.rig, recording.skeleton, INTERVAL_S, 5, FusionSettings(), noise=SIMULATED
+    )
     estimator = make_estimator("memory", settings)
     memory, people = estimator.estimate(estimator.begin(), {}, 0.0, lambda: 0.0)
     nothing = np.zeros((STEER_SLOTS, 0, 17, 3))

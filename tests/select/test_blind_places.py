@@ -12,9 +12,12 @@ from e3pose.estimate.filter import blindness as blind
 from e3pose.estimate.filter.kernels.blindness import chance
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.model.noise import ErrorMemory
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.select.blind_places import INFORMATION_RATIO, with_coverage
 from e3pose.simulate import SceneSettings, simulate
+
+SIMULATED = load_noise("simulated")
 
 W = INFORMATION_RATIO
 
@@ -61,7 +64,7 @@ def test_two_half_chances_are_worth_less_than_one_sure_view() -> None:
 
 def test_a_camera_that_never_showed_the_person_is_expected_to_show_nobody_there() -> None:
     recording = simulate(SceneSettings("crossing", people=1, seconds=6), seed=3)
-    model = Model(recording.rig, recording.skeleton)
+    model = Model(recording.rig, recording.skeleton, SIMULATED)
     kernel, belief = StepKernel(), Belief.empty(model)
     assert outlook(model, belief, 0.1).shows.shape == (0, 5)
     for slot in range(recording.num_slots):

@@ -78,7 +78,6 @@ def noise(
     with _bar() as (track, told):
         calibrated = calibrate_noise(
             source,
-            start=shipped.noise(),
             seconds=seconds,
             without_shifts=other_rigs,
             replayed=partial(track, total=min(source.num_slots, round(seconds * source.fps))),

@@ -7,7 +7,7 @@ from typing import Any
 from e3pose.estimate.base import Estimator as Estimator
 from e3pose.estimate.base import Outlook as Outlook
 from e3pose.estimate.base import People as People
-from e3pose.estimate.filter import OPENPOSE, Model, Noise, wait_s
+from e3pose.estimate.filter import Model, Noise, wait_s
 from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.per_slot.estimator import PerSlot
 from e3pose.estimate.per_slot.fuse import Fuser
@@ -27,7 +27,7 @@ class EstimatorSettings:
         interval_s: seconds a slot.
         history_slots: how much of the past the predictor is given.
         fusion: of the estimator without a memory.
-        noise: of the detector's keypoints, for the estimator with a memory.
+        noise: of the detector's keypoints.
         num_selected: cameras per slot, a mean if it is no whole number; how long the estimator
             with a memory waits for a second view of somebody new follows from it.
     """
@@ -37,13 +37,19 @@ class EstimatorSettings:
     interval_s: float
     history_slots: int
     fusion: FusionSettings
-    noise: Noise = OPENPOSE
+    noise: Noise
     num_selected: float = 1.0
 
 
 def _per_slot(settings: EstimatorSettings) -> PerSlot:
     fuser = Fuser(settings.rig, len(settings.skeleton), settings.fusion)
-    return PerSlot(fuser, len(settings.skeleton), settings.interval_s, settings.history_slots)
+    return PerSlot(
+        fuser,
+        len(settings.skeleton),
+        settings.interval_s,
+        settings.noise,
+        settings.history_slots,
+    )
 
 
 def _filtered(settings: EstimatorSettings) -> Filtered:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ Floats = NDArray[np.float64]
 # One keypoint that no other resembles has a standard error of 0.7 in the logarithm of sigma, but
 # the errors of joints and slots resemble each other: 100 stand for about ten of these.
 KNOWN_WEIGHT, ASSUMED_WEIGHT = 100.0, 20.0
+IMAGE_PX = 1032.0  # of the images that the limits of the estimators are stated in
 SHORTEST_S, LONGEST_S = 1e-3, 100.0  # of correlation times
 DIGITS, ROUNDING = 12, 1e-9  # of shares: decimal ones stay decimal
 
@@ -73,6 +74,11 @@ class ErrorMemory:
             (self.lasting_share, self.lasting_s),
         )
 
+    def correlation(self, apart_s: Floats) -> Floats:
+        """Return how errors correlate that are `apart_s` > 0 seconds apart, `(*batch)`."""
+        quick = self.quick_share * np.exp(-apart_s / self.quick_s)
+        return np.asarray(quick + self.lasting_share * np.exp(-apart_s / self.lasting_s))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
@@ -113,15 +119,11 @@ class Noise:
         object.__setattr__(self, "scores", scores)
         object.__setattr__(self, "sigma_px", sigma)
 
+    def in_images_of(self, image_px: float) -> Noise:
+        """Return the same noise in pixels of images of another size."""
+        sigma_px = self.sigma_px * (image_px / self.image_px)
+        return replace(self, sigma_px=sigma_px, image_px=image_px)
+
     def of(self, scores: Floats, scale: Floats | float = 1.0) -> Floats:
         """Return the sigma in pixels of keypoints with these scores, times `scale`."""
         return np.asarray(np.interp(scores, self.scores, self.sigma_px) * scale)
-
-
-# OpenPose: the residuals of its keypoints to a smoother over all views, without labels, in images
-# of 1032 x 776 pixels of people 3 to 6 m away.
-OPENPOSE = Noise(
-    np.array([0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95]),
-    np.array([14.0, 12.7, 12.0, 9.4, 8.2, 6.5, 4.7, 3.1, 2.3]),
-    image_px=1032,
-)

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter import Belief, Estimate, Model
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +58,7 @@ def ring(distortion: tuple[float, ...] = ()) -> Rig:
 RIG = ring()
 
 
-MODEL = Model(RIG, COCO17)
+MODEL = Model(RIG, COCO17, SIMULATED)
 
 
 ALL = tuple(range(NUM_CAMERAS))

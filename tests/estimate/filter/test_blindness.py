@@ -13,15 +13,18 @@ from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter import blindness as blind
 from e3pose.estimate.filter.kernels.blindness import proof
 from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
+SIMULATED = load_noise("simulated")
+
 Floats = NDArray[np.float64]
 
 RIG = simulate(SceneSettings("crossing", people=0, seconds=0.1), seed=3).rig
-MODEL = Model(RIG, COCO17)
+MODEL = Model(RIG, COCO17, SIMULATED)
 CORNER = blind.corner_m(RIG)
 EVERYBODY = np.arange(len(RIG))
 PLACE = np.array([[0.4, -0.3]])

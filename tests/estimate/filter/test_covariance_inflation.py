@@ -11,6 +11,7 @@ from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.covariance_inflation import ALONE, STEERED, spread_factor
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.model.noises import load_noise
 from e3pose.simulate import SceneSettings, simulate
 
 pytestmark = pytest.mark.slow
@@ -22,7 +23,7 @@ SECONDS, FPS = 12.0, 12.5
 
 def test_joints_that_a_predictor_steers_are_known_better() -> None:
     rig = simulate(SceneSettings("ring", people=1, seconds=0.2, cameras=4), seed=8)
-    nobody = Belief.empty(Model(rig.rig, rig.skeleton))
+    nobody = Belief.empty(Model(rig.rig, rig.skeleton, load_noise("simulated")))
     assert spread_factor(nobody).shape == (0, len(rig.skeleton))
     shares = np.array([[1.0, 0.4, 2.0]])
     factor = spread_factor(replace(nobody, drift_share=shares))

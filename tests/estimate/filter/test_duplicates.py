@@ -12,13 +12,16 @@ from tests.reference.filter_step import step
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.estimator import FilterStep
 from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 SPREAD = 1.5
 SCENE = simulate(SceneSettings("ring", people=1, seconds=4, cameras=4, fps=25), seed=3)
-MODEL = Model(SCENE.rig, SCENE.skeleton)
+MODEL = Model(SCENE.rig, SCENE.skeleton, SIMULATED)
 
 
 def people_shown(

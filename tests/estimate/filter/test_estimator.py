@@ -14,8 +14,11 @@ from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
 from e3pose.errors import InputError
 from e3pose.estimate.filter import Belief, Model, Noise
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
+
+SIMULATED = load_noise("simulated")
 
 
 def test_standing_person_is_recovered_from_one_camera_at_a_time() -> None:
@@ -51,7 +54,9 @@ def test_two_cameras_at_once_are_better_than_one() -> None:
 def test_distorted_cameras_see_the_same_person() -> None:
     rig = ring(distortion=(-0.2, 0.05, 0.001, -0.001))
     person = standing((0.5, 0.4))
-    _, estimates = run((see(person, turn(i), rig=rig) for i in range(30)), model=Model(rig, COCO17))
+    _, estimates = run(
+        (see(person, turn(i), rig=rig) for i in range(30)), model=Model(rig, COCO17, SIMULATED)
+    )
     assert error_m(estimates[-1], person)[0, 0] < 0.002
 
 

@@ -8,11 +8,14 @@ from tests.estimate.filter.room import step
 from tests.reference.filter_update import predict
 
 from e3pose.estimate.filter import Belief, Model, outlook, wait_s
+from e3pose.model.noises import load_noise
 from e3pose.select.expected_information import foresee
 from e3pose.simulate import SceneSettings, simulate
 
+SIMULATED = load_noise("simulated")
+
 SCENE = simulate(SceneSettings("ring", people=3, seconds=1, cameras=4), seed=8)
-MODEL = Model(SCENE.rig, SCENE.skeleton)
+MODEL = Model(SCENE.rig, SCENE.skeleton, SIMULATED)
 
 
 @pytest.mark.parametrize("ahead_s", [0.0, 0.04, 0.5])

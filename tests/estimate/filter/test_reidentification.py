@@ -26,14 +26,17 @@ from e3pose.estimate.filter.reidentification import (
     length_odds,
     place_odds,
 )
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.simulate import SceneSettings, simulate
 
+SIMULATED = load_noise("simulated")
+
 Floats = NDArray[np.float64]
 
 SCENE = SceneSettings("crossing", people=1, seconds=8, cameras=3)
-MODEL = Model(simulate(replace(SCENE, people=0, seconds=0.1), seed=5).rig, COCO17)
+MODEL = Model(simulate(replace(SCENE, people=0, seconds=0.1), seed=5).rig, COCO17, SIMULATED)
 TALL, SHORT = 1.12, 0.92  # times the same proportions
 
 

@@ -13,13 +13,16 @@ from tests.estimate.filter.room import step
 from e3pose.estimate.filter import Belief, Model, outlook
 from e3pose.estimate.filter.motion import fading, places
 from e3pose.estimate.filter.steer import GAIN, LEAST_SHARE, MOST_SHARE, SQUARES, steer, unforeseen
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.simulate import SceneSettings, simulate
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 
 SCENE = simulate(SceneSettings("ring", people=3, seconds=1, cameras=4), seed=8)
-MODEL = Model(SCENE.rig, SCENE.skeleton)
+MODEL = Model(SCENE.rig, SCENE.skeleton, SIMULATED)
 # Without swing: how far limbs swing depends on the speed of the root, which is steered, too.
 TREE = replace(MODEL.tree, swing_per_s2=np.zeros(len(MODEL.skeleton)))
 AHEAD_S = 0.08

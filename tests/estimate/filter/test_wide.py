@@ -13,8 +13,11 @@ from tests.reference.filter_existence import end, wide
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.kernels.existence import MOST_WIDE_M
 from e3pose.estimate.filter.kernels.step import StepKernel
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 
@@ -37,7 +40,7 @@ def test_nothing_is_said_of_a_width_that_is_not_known() -> None:
     joints_m = stretched(3.0)
     joints_m[:, 5] = np.nan
     assert not wide(joints_m, MODEL)[0]
-    no_girdles = Model(MODEL.rig, Skeleton("none", ("nose", "neck"), ()))
+    no_girdles = Model(MODEL.rig, Skeleton("none", ("nose", "neck"), ()), SIMULATED)
     assert not wide(np.zeros((1, 2, 3)), no_girdles)[0]
 
 

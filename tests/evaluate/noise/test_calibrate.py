@@ -74,6 +74,16 @@ def test_known_noise_is_recovered(cameras: int, tolerance: float) -> None:
     assert np.abs(off).mean() < tolerance / 2
     # Without the correction, small errors drown in those of the reference.
     assert calibrated.measured.sigma_px[-1] > 1.3 * true[-1]
+    memory, usual = calibrated.noise.memory, ErrorMemory()
+    assert memory.lasting_share == pytest.approx(usual.lasting_share, abs=0.1)
+    assert memory.quick_share == pytest.approx(usual.quick_share, abs=0.1)
+    # Nor do residuals show what is new in every slot: the reference follows it.
+    assert memory.new_share > fit_memory(calibrated.measured.autocorrelation).new_share
+
+
+def test_seconds_cut_a_recording_of_which_a_part_is_scored() -> None:
+    recording = replace(known_noise(), scored_slots=(100, 200))
+    assert calibrate_noise(recording, seconds=2.0).slots == 50
 
 
 def test_a_shifted_camera_is_named_and_can_be_taken_out() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import pytest
 
 from e3pose.errors import InputError
 from e3pose.files.bounded import parse_toml
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.noises import (
     DEFAULT,
     SHIPPED,
@@ -27,7 +28,7 @@ from e3pose.simulate.noise import MEDIAN_PX, SCORES
 
 GOOD: dict[str, Any] = {
     "format": "e3pose-noise",
-    "version": 1,
+    "version": 2,
     "detector": "mine",
     "basis": "measured",
     "source": "a test",
@@ -57,8 +58,7 @@ def test_file_survives_writing(tmp_path: Path) -> None:
         measured_px=[11.0, 4.0],
         gross_share=[0.1, 0.0],
         counts=[300, 400],
-        memory_s=[0.0, 2.5],
-        memory_share=[0.4, 0.6],
+        memory=ErrorMemory(lasting_share=0.3, quick_share=0.2),
         views={"cam 1.x": view},
     )
     (tmp_path / "a.toml").write_text(encode_noise(file))
@@ -72,7 +72,7 @@ def test_file_survives_writing(tmp_path: Path) -> None:
     ("change", "named"),
     [
         ({"format": "e3pose-recording"}, "format: found 'e3pose-recording'"),
-        ({"version": 2}, "version: found '2'"),
+        ({"version": 3}, "version: found '3', expected 1 or 2"),
         ({"version": True}, "version: found 'True'"),
         ({"basis": "guessed"}, "basis"),
         ({"surprise": 1}, "surprise"),
@@ -90,7 +90,13 @@ def test_file_survives_writing(tmp_path: Path) -> None:
         ({"sigma_px": [10.0, float("inf")]}, "sigma_px: found 'inf'"),
         ({"gross_share": [0.1, 1.5]}, "gross_share: found '1.5'"),
         ({"counts": [1]}, "counts: found '1 numbers'"),
-        ({"memory_s": [1.0]}, "memory_s and memory_share"),
+        ({"memory_s": [1.0]}, "unknown key 'memory_s'"),
+        ({"memory": {"lasting_share": 1.5}}, "memory.lasting_share: found 1.5"),
+        ({"memory": {"lasting_share": 0.6, "quick_share": 0.6}}, "memory.lasting_share + quick"),
+        ({"memory": {"quick_s": 0.0}}, "memory.quick_s: found 0.0"),
+        ({"memory": {"quick_s": 3.0}}, "memory.quick_s: found 3.0, expected less than lasting_s"),
+        ({"memory": {"lasting_s": float("nan")}}, "memory.lasting_s: found nan"),
+        ({"memory": {"slow": 1.0}}, "unknown key 'slow'"),
         ({"scores": [i / 200 for i in range(1, 150)]}, "scores: found '149 numbers'"),
     ],
 )
@@ -100,6 +106,17 @@ def test_what_is_wrong_is_named(change: dict[str, Any], named: str) -> None:
     assert str(caught.value).startswith("my.toml: ")
     assert named in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_version_1_is_read_with_the_usual_memory() -> None:
+    lists = {"memory_s": [0.0, 0.1, 2.5], "memory_share": [0.0, 0.4, 0.6]}
+    file = decode_noise({**GOOD, "version": 1, **lists}, "old.toml")
+    assert file.noise().memory == ErrorMemory()
+
+
+def test_memory_of_a_file_reaches_the_noise() -> None:
+    file = decode_noise({**GOOD, "memory": {"lasting_share": 0.2}}, "my.toml")
+    assert file.noise().memory == ErrorMemory(lasting_share=0.2)
 
 
 def test_missing_field_and_missing_file_are_named(tmp_path: Path) -> None:
@@ -147,5 +164,15 @@ def test_noise_of_simulated_people_is_the_simulators() -> None:
     np.testing.assert_allclose(noise.sigma_px, MEDIAN_PX / np.sqrt(2 * np.log(2)), rtol=0.03)
 
 
+def test_noise_that_nobody_measured_is_larger_than_openposes() -> None:
+    openpose, unknown = load_noise("openpose"), load_noise(DEFAULT)
+    np.testing.assert_allclose(unknown.sigma_px, 1.5 * openpose.sigma_px)
+    assert unknown.weight < openpose.weight  # and it is learned sooner
+    assert unknown.memory == openpose.memory
+
+
 def test_text_of_a_file_is_toml() -> None:
-    assert parse_toml(encode_noise(NoiseFile(**GOOD)), "x") == GOOD
+    assert parse_toml(encode_noise(NoiseFile(**GOOD)), "x") == {
+        **GOOD,
+        "memory": asdict(ErrorMemory()),
+    }

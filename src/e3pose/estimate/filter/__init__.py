@@ -13,5 +13,4 @@ from e3pose.estimate.filter.state import Belief as Belief
 from e3pose.estimate.filter.state import Leftovers as Leftovers
 from e3pose.estimate.filter.state import Model as Model
 from e3pose.estimate.filter.state import wait_s as wait_s
-from e3pose.model.noise import OPENPOSE as OPENPOSE
 from e3pose.model.noise import Noise as Noise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from e3pose.estimate.filter import blindness
 from e3pose.estimate.filter.motion import alone
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.geometry.camera import Rig
-from e3pose.model.noise import OPENPOSE, Noise
+from e3pose.model.noise import Noise
 from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS, Skeleton
 
 Floats = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Model:
 
     rig: Rig
     skeleton: Skeleton
-    noise: Noise = field(default=OPENPOSE)
+    noise: Noise
     wait_s: float = WAIT_S
 
     @cached_property

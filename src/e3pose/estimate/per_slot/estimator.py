@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from e3pose.estimate.base import Outlook, People
-from e3pose.estimate.filter import OPENPOSE
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.estimate.per_slot.track import Tracks, update_tracks
+from e3pose.model.noise import Noise
 from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Prediction
 
@@ -27,12 +27,14 @@ class PerSlot:
         fuser: matching and triangulation.
         num_joints: joints of the detectors' skeleton.
         interval_s: seconds a slot.
+        noise: of the detector's keypoints, for the outlook.
         history_slots: the length of the history, at least 2.
     """
 
     fuser: Fuser
     num_joints: int
     interval_s: float
+    noise: Noise
     history_slots: int = 10
 
     def begin(self) -> Tracks:
@@ -96,8 +98,8 @@ class PerSlot:
             shows=np.ones(shape),
             last_seen_s=np.full(shape, np.inf),
             needed=np.zeros(shape, dtype=bool),
-            sigma_px=OPENPOSE.sigma_px.min() * sizes / OPENPOSE.image_px,
-            memory=OPENPOSE.memory,
+            sigma_px=self.noise.sigma_px.min() * sizes / self.noise.image_px,
+            memory=self.noise.memory,
             unexplained=np.zeros(num_cameras, dtype=np.int64),
             unexplained_s=np.full(num_cameras, np.inf),
             wait_s=0.0,

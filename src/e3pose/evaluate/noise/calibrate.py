@@ -2,7 +2,7 @@
 
 all-camera replay -> tracks -> their detections -> leave one view out -> sigma by score
                                                         |                  |
-                                    made-up noise of that sigma, the same way: what comes back?
+                          made-up noise of that sigma and memory, the same way: what comes back?
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.evaluate.noise.residuals import MIN_SLOTS, Observed, assign_detections, leave_one_out
-from e3pose.evaluate.noise.statistics import Statistics, describe, falling
+from e3pose.evaluate.noise.statistics import Statistics, describe, falling, fit_memory
 from e3pose.evaluate.smoother import project_all, smooth
 from e3pose.geometry.camera import Rig
-from e3pose.model.noise import OPENPOSE, Noise
+from e3pose.model.noise import IMAGE_PX, ErrorMemory, Noise
+from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import Recording, ViewSeries
 from e3pose.simulate.noise import GROSS_MEMORY, GROSS_SIGMA_PX, correlated, normal_cdf
 
@@ -45,7 +46,7 @@ class Calibrated:
     """The noise of a detector as one recording shows it.
 
     Attributes:
-        noise: sigma by score, corrected for the error of the reference.
+        noise: sigma by score and memory, corrected for the error of the reference.
         measured: what the residuals themselves are like.
         shifts_px: `(num_cameras, 2)` what was taken out of every keypoint of a camera.
         people: tracks that were compared.
@@ -67,7 +68,6 @@ class Calibrated:
 def calibrate_noise(
     recording: Recording,
     *,
-    start: Noise = OPENPOSE,
     seconds: float = 120.0,
     without_shifts: bool = False,
     seed: int = 0,
@@ -78,7 +78,6 @@ def calibrate_noise(
 
     Args:
         recording: with three cameras or more; its truth is not looked at.
-        start: what is believed of the detector at first.
         seconds: how much of the recording is used, from its start.
         without_shifts: take out what shifts all keypoints of a camera alike, as wrong calibration
             does: it is of this rig and not of the detector.
@@ -99,7 +98,7 @@ def calibrate_noise(
     tracks, learned, learned_px = all_camera_tracks(recording, num_slots, replayed)
     people = list(assign_detections(recording, tracks, num_slots))
     image_px = float(max(max(camera.image_size) for camera in rig.cameras))
-    noise = _resized(start, image_px)
+    noise = load_noise(detector_of(recording)).in_images_of(image_px)
     scales = np.array([max(camera.image_size) for camera in rig.cameras]) / image_px
 
     def compared(what: str, whom: Sequence[Observed], belief: Noise) -> Statistics:
@@ -118,7 +117,8 @@ def calibrate_noise(
                 found[camera] = SHIFT_STEP * view.shift_px
             shifts += found
             people = [_shifted(each, found * scales[:, None]) for each in people]
-    corrected = noise
+    corrected = replace(noise, memory=fit_memory(measured.autocorrelation))
+    checks: list[Statistics] = []
     for number in range(ROUNDS):
         rng = np.random.default_rng([seed, number])
         made_up = [
@@ -128,7 +128,10 @@ def calibrate_noise(
         back = np.interp(measured.scores, again.scores, again.sigma_px)
         ratio = np.clip(back / corrected.of(measured.scores), *BELIEVABLE)
         sigma = falling(measured.sigma_px / ratio, measured.counts)
-        corrected = _noise(measured.scores, sigma, image_px)
+        corrected = replace(_noise(measured.scores, sigma, image_px), memory=corrected.memory)
+        checks.append(again)
+    memory = _corrected(corrected.memory, measured, checks)
+    corrected = replace(corrected, memory=memory)
     return Calibrated(corrected, measured, shifts, len(people), num_slots, learned, learned_px)
 
 
@@ -143,8 +146,8 @@ def all_camera_tracks(
     """
     from e3pose.evaluate.replay import ReplaySettings, replay
 
-    part = replace(recording, truth=None, num_slots=num_slots, views=_cut(recording, num_slots))
-    part = replace(part, scored_slots=None)
+    views = _cut(recording, num_slots)
+    part = replace(recording, truth=None, num_slots=num_slots, views=views, scored_slots=None)
     settings = ReplaySettings(
         pipeline="memory", policy="all", num_selected=len(recording.rig), predictor="zero-velocity"
     )
@@ -164,6 +167,24 @@ def all_camera_tracks(
     return [(np.array(slots[track]), np.stack(poses[track])) for track in long], learned, shifts_px
 
 
+def _corrected(
+    memory: ErrorMemory, measured: Statistics, checks: Sequence[Statistics]
+) -> ErrorMemory:
+    """Return the memory whose correlations would have come back as those that were measured.
+
+    Args:
+        memory: of the noise that was made up.
+        measured: of the residuals.
+        checks: of the noise that was made up, what came back.
+    """
+    found = measured.autocorrelation
+    lags = [lag for lag in found if all(lag in check.autocorrelation for check in checks)]
+    given = memory.correlation(np.array(lags))
+    back = [np.mean([check.autocorrelation[lag] for check in checks]) for lag in lags]
+    wanted = np.array([found[lag] for lag in lags]) + given - np.array(back)
+    return fit_memory(dict(zip(lags, wanted.tolist(), strict=True)))
+
+
 def _made_up(
     person: Observed,
     rig: Rig,
@@ -181,11 +202,11 @@ def _made_up(
         person.keypoints_px, sigma, rig.projections, person.joints_m, recording.interval_s
     )
     pixels = project_all(path, rig.projections)[0]
-    direction = correlated(rng, pixels.shape, recording.interval_s, measured.memory.parts)
+    direction = correlated(rng, pixels.shape, recording.interval_s, noise.memory.parts)
     wild = normal_cdf(
         correlated(rng, person.scores.shape, recording.interval_s, GROSS_MEMORY)
     ) < np.interp(person.scores, measured.scores, measured.gross_share)
-    spread = np.where(wild, GROSS_SIGMA_PX * noise.image_px / 1032, noise.of(person.scores))
+    spread = np.where(wild, GROSS_SIGMA_PX * noise.image_px / IMAGE_PX, noise.of(person.scores))
     errors = direction * (spread * scales[:, None])[..., None]
     return replace(person, keypoints_px=np.where(seen[..., None], pixels + errors, np.nan))
 
@@ -196,10 +217,6 @@ def _shifted(person: Observed, shifts_px: Floats) -> Observed:
 
 def _noise(scores: Floats, sigma_px: Floats, image_px: float) -> Noise:
     return Noise(scores, np.maximum(sigma_px, LEAST_SIGMA_PX * image_px / 1000), image_px)
-
-
-def _resized(noise: Noise, image_px: float) -> Noise:
-    return Noise(noise.scores, noise.sigma_px * image_px / noise.image_px, image_px)
 
 
 def _cut(recording: Recording, num_slots: int) -> tuple[ViewSeries, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from e3pose.evaluate.drawing import COLOURS, INK, PALE, legend_above, picture
 from e3pose.evaluate.noise.calibrate import Calibrated
 from e3pose.geometry.camera import Rig
+from e3pose.model.noise import ErrorMemory
 from e3pose.model.noises import NoiseFile, ViewFigures
 from e3pose.model.noises.file import FORMAT, VERSION
 from e3pose.plural import counted
@@ -48,8 +50,7 @@ def as_file(calibrated: Calibrated, rig: Rig, detector: str, source: str) -> Noi
         measured_px=_rounded(measured.sigma_px.tolist(), 3),
         gross_share=_rounded(measured.gross_share.tolist(), 5),
         counts=measured.counts.tolist(),
-        memory_s=[lasts_s for _, lasts_s in measured.memory.parts],
-        memory_share=_rounded((share for share, _ in measured.memory.parts), 3),
+        memory=_rounded_memory(calibrated.noise.memory),
         views={
             rig.camera_ids[camera]: ViewFigures(
                 view.keypoints,
@@ -94,7 +95,12 @@ def print_noise(
     _print(table, f"{file.detector}: errors by score, images of {file.image_px:g} px", console)
     lags = Table("seconds apart", *(f"{lag:.2f}" for lag in correlations))
     lags.add_row("correlation", *(f"{value:.2f}" for value in correlations.values()))
-    _print(lags, "errors of a joint in a view, later ones with earlier ones", console)
+    _print(lags, "errors of a joint in a view, later ones with earlier ones, measured", console)
+    parts = Table(
+        "errors", *(f"{lasts_s:g} s" if lasts_s else "new" for _, lasts_s in file.memory.parts)
+    )
+    parts.add_row("share, %", *(f"{100 * share:.0f}" for share, _ in file.memory.parts))
+    _print(parts, "how long errors last, shares of their variance, corrected", console)
     views = Table(
         "camera", "keypoints", "sigma, px", "bias of a joint, px", "shift, px", "gross, %", "live"
     )
@@ -173,6 +179,12 @@ def draw_noise(
 
 def _rounded(values: Iterable[float], digits: int) -> list[float]:
     return [round(value, digits) for value in values]
+
+
+def _rounded_memory(memory: ErrorMemory) -> ErrorMemory:
+    lasting = round(memory.lasting_share, 3)
+    quick = min(round(memory.quick_share, 3), round(1 - lasting, 3))
+    return replace(memory, lasting_share=lasting, quick_share=quick)
 
 
 def _pair(shift_px: NDArray[np.float64]) -> tuple[float, float]:

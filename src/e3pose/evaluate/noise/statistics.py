@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,7 +53,6 @@ class Statistics:
         sigma_px: `(num_bins,)` robust, not rising with the score.
         gross_share: `(num_bins,)` share of gross errors.
         autocorrelation: by lag in seconds, of the residuals in units of their sigma.
-        memory: what fits that, with the correlation times of the default.
         views: by camera index.
     """
 
@@ -61,7 +61,6 @@ class Statistics:
     sigma_px: Floats
     gross_share: Floats
     autocorrelation: dict[float, float]
-    memory: ErrorMemory
     views: dict[int, ViewNoise]
 
 
@@ -84,14 +83,12 @@ def describe(residuals: Residuals, interval_s: float, image_px: float) -> Statis
     median = np.array([np.median(length[bins == index]) for index in range(len(counts))])
     sigma = falling(median / RAYLEIGH, counts)
     expected = np.interp(residuals.scores, scores, sigma)
-    correlations = autocorrelation(residuals, expected, interval_s)
     return Statistics(
         scores,
         counts,
         sigma,
         np.bincount(bins, weights=gross) / counts,
-        correlations,
-        fit_memory(correlations),
+        autocorrelation(residuals, expected, interval_s),
         {
             camera: _view(residuals, residuals.cameras == camera, length, gross)
             for camera in np.unique(residuals.cameras).tolist()
@@ -138,7 +135,7 @@ def autocorrelation(
     return found
 
 
-def fit_memory(correlations: dict[float, float]) -> ErrorMemory:
+def fit_memory(correlations: Mapping[float, float]) -> ErrorMemory:
     """Return the memory that fits correlations by lag in seconds best, by least squares.
 
     The correlation times are those of the default: few recordings are long enough to tell them.

@@ -23,6 +23,7 @@ from e3pose.estimate.per_slot.track import GATE_M
 from e3pose.geometry.camera import Rig
 from e3pose.learn.train.smooth import smooth
 from e3pose.learn.train.windows import Clip
+from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.normalise import common_columns, to_common
@@ -151,6 +152,7 @@ def follow(
             interval_s=recording.interval_s,
             history_slots=2,
             fusion=SOME_VIEWS,
+            noise=load_noise(detector_of(recording)),
         ),
     )
     memory = estimator.begin()

@@ -10,15 +10,18 @@ import numpy as np
 
 from e3pose.errors import InputError
 from e3pose.files.table import read_table
-from e3pose.model.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT, OPENPOSE, Noise
+from e3pose.model.noise import ASSUMED_WEIGHT, IMAGE_PX, KNOWN_WEIGHT, ErrorMemory, Noise
 
 FORMAT = "e3pose-noise"
-VERSION = 1
+VERSION = 2
+# Version 1 listed the parts of the memory as they were measured, not corrected for errors of the
+# reference, which hide what is new in every slot. Nothing read them; nothing reads them now.
+UNCORRECTED = ("memory_s", "memory_share")
 MAX_KNOTS = 100
 MAX_VIEWS = 1000
 MAX_TEXT = 2000
 MAX_SIGMA_PX = 1e4
-IMAGE_PX = (16.0, 1e5)
+LEAST_IMAGE_PX, MOST_IMAGE_PX = 16.0, 1e5
 
 
 class ViewFigures(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -44,7 +47,7 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     Attributes:
         format: `e3pose-noise`.
-        version: 1.
+        version: 2.
         detector: whose keypoints these are.
         basis: `measured` on a recording, `assumed` where none was at hand, or `known` because
             somebody made the noise.
@@ -55,8 +58,7 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         measured_px: the same before it was corrected for errors of the reference.
         gross_share: share of errors beyond 40 pixels of 1032.
         counts: keypoints behind each of them.
-        memory_s: how long errors last.
-        memory_share: the share of their variance that lasts so long.
+        memory: how long errors last.
         views: by camera.
     """
 
@@ -71,15 +73,15 @@ class NoiseFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     measured_px: list[float] = []
     gross_share: list[float] = []
     counts: list[int] = []
-    memory_s: list[float] = []
-    memory_share: list[float] = []
+    memory: ErrorMemory = ErrorMemory()
     views: dict[str, ViewFigures] = {}
 
     def noise(self) -> Noise:
         """Return what the filter needs of it, in pixels of the images of its limits."""
         weight = ASSUMED_WEIGHT if self.basis == "assumed" else KNOWN_WEIGHT
-        sigma_px = np.array(self.sigma_px) * (OPENPOSE.image_px / self.image_px)
-        return Noise(np.array(self.scores), sigma_px, OPENPOSE.image_px, weight)
+        scores, sigma_px = np.array(self.scores), np.array(self.sigma_px)
+        noise = Noise(scores, sigma_px, self.image_px, weight, self.memory)
+        return noise.in_images_of(IMAGE_PX)
 
 
 def encode_noise(file: NoiseFile) -> str:
@@ -103,8 +105,12 @@ def decode_noise(table: Mapping[str, Any], where: str) -> NoiseFile:
     """
     if table.get("format") != FORMAT:
         raise _error(where, "format", table.get("format"), repr(FORMAT))
-    if table.get("version") != VERSION or isinstance(table.get("version"), bool):
-        raise _error(where, "version", table.get("version"), str(VERSION))
+    version = table.get("version")
+    if version not in (1, VERSION) or isinstance(version, bool):
+        raise _error(where, "version", version, f"1 or {VERSION}")
+    if version == 1:
+        table = {key: value for key, value in table.items() if key not in UNCORRECTED}
+        table["version"] = VERSION
     try:
         file = read_table(NoiseFile, table)
     except InputError as error:
@@ -117,9 +123,9 @@ def _check(file: NoiseFile, where: str) -> None:
     for field, text in (("detector", file.detector), ("source", file.source)):
         if not 1 <= len(text) <= MAX_TEXT or not text.isprintable():
             raise _error(where, field, text, f"1 to {MAX_TEXT} printable characters")
-    low, high = IMAGE_PX
-    if not low <= file.image_px <= high:
-        raise _error(where, "image_px", file.image_px, f"{low:g} to {high:g} pixels")
+    if not LEAST_IMAGE_PX <= file.image_px <= MOST_IMAGE_PX:
+        expected = f"{LEAST_IMAGE_PX:g} to {MOST_IMAGE_PX:g} pixels"
+        raise _error(where, "image_px", file.image_px, expected)
     knots = len(file.scores)
     if not 1 <= knots <= MAX_KNOTS:
         raise _error(where, "scores", f"{knots} numbers", f"1 to {MAX_KNOTS}")
@@ -138,9 +144,6 @@ def _check(file: NoiseFile, where: str) -> None:
         for value in values:
             if not least <= value <= most:
                 raise _error(where, field, value, f"{least:g} to {most:g}")
-    if len(file.memory_s) != len(file.memory_share) or len(file.memory_s) > MAX_KNOTS:
-        found = f"{len(file.memory_s)} and {len(file.memory_share)} numbers"
-        raise _error(where, "memory_s and memory_share", found, "as many of either")
     if len(file.views) > MAX_VIEWS:
         raise _error(where, "views", f"{len(file.views)} cameras", f"at most {MAX_VIEWS}")
 

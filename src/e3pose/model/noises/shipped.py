@@ -1,4 +1,4 @@
-"""The noise files that come with the package, one per detector, and those of users."""
+"""The noises that come with the package, one per detector, and those in files of users."""
 
 from __future__ import annotations
 
@@ -8,19 +8,14 @@ from typing import Protocol
 
 from e3pose.files.shipped import read_shipped
 from e3pose.model.noise import Noise
-from e3pose.model.noises.file import NoiseFile, decode_noise
+from e3pose.model.noises.file import FORMAT, VERSION, NoiseFile, decode_noise
 
 DEFAULT = "unknown"  # of a recording that does not say what detected it
-SHIPPED = (
-    "simulated",
-    "openpose-thin",
-    "movenet-multipose",
-    "yolo-pose",
-    "trt-pose",
-    "rtmlib",
-    "openpose",
-    DEFAULT,
-)
+FILES = ("simulated", "openpose-thin", "movenet-multipose", "openpose")
+# Detectors that no recording was at hand of: OpenPose's noise, larger to be on the safe side.
+ASSUMED = ("yolo-pose", "trt-pose", "rtmlib", DEFAULT)
+MODEL_OF_ASSUMED, LARGER = "openpose", 1.5
+SHIPPED = (*FILES, *ASSUMED)
 # Recordings of formats 1 and 2 name their detector in the source, in words: `Detected by NAME ...`,
 # or one of these, the longest first.
 WORDS = {
@@ -79,6 +74,25 @@ def load_noise(name_or_path: str | Path) -> Noise:
 
 def load_noise_file(name_or_path: str | Path) -> NoiseFile:
     """Load a noise file with all that it says; see `load_noise`."""
+    if str(name_or_path) in ASSUMED:
+        return _assumed(str(name_or_path))
     return decode_noise(
         *read_shipped(name_or_path, "e3pose.model.noises", SHIPPED, "noise", MAX_BYTES)
+    )
+
+
+def _assumed(detector: str) -> NoiseFile:
+    """Return the noise of a detector that was not measured."""
+    measured = load_noise_file(MODEL_OF_ASSUMED)
+    why = "nothing says which detector it is" if detector == DEFAULT else "not measured"
+    return NoiseFile(
+        format=FORMAT,
+        version=VERSION,
+        detector=detector,
+        basis="assumed",
+        source=f"{why}: {LARGER:g} times the noise of {MODEL_OF_ASSUMED}, to be on the safe side",
+        image_px=measured.image_px,
+        scores=measured.scores,
+        sigma_px=[LARGER * sigma for sigma in measured.sigma_px],
+        memory=measured.memory,
     )

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from tests.estimate.filter.room import ALL, BODY, MODEL, NUM_CAMERAS, error_m, run, see, standing
 
 from e3pose.estimate.filter.state import Model
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import BODY25, CMU31, COCO17, COCO18, PANOPTIC19, SHELF14, Skeleton
+
+SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 PERSON = standing((0.3, -0.2))
@@ -33,7 +36,7 @@ def exchanged(view: Poses2D, *limbs: tuple[list[int], list[int]]) -> Poses2D:
     [(COCO17, 6), (COCO18, 6), (BODY25, 9), (SHELF14, 6), (PANOPTIC19, 6), (CMU31, 12)],
 )
 def test_every_skeleton_has_its_sides(skeleton: Skeleton, pairs: int) -> None:
-    opposites, limbs = Model(MODEL.rig, skeleton).sides
+    opposites, limbs = Model(MODEL.rig, skeleton, SIMULATED).sides
     there = limbs > 0
     assert there.sum() == 2 * pairs
     np.testing.assert_array_equal(opposites[opposites], np.arange(len(skeleton)))
@@ -46,7 +49,9 @@ def test_every_skeleton_has_its_sides(skeleton: Skeleton, pairs: int) -> None:
 
 
 def test_skeleton_without_sides_has_none() -> None:
-    opposites, limbs = Model(MODEL.rig, Skeleton("stick", ("head", "foot"), ((0, 1),))).sides
+    opposites, limbs = Model(
+        MODEL.rig, Skeleton("stick", ("head", "foot"), ((0, 1),)), SIMULATED
+    ).sides
     assert opposites.tolist() == [0, 1] and limbs.tolist() == [0, 0]
 
 

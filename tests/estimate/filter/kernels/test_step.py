@@ -22,10 +22,13 @@ from e3pose.estimate.filter import Belief, Estimate, Model
 from e3pose.estimate.filter.kernels.step import StepKernel, step_slot
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
+
+SIMULATED = load_noise("simulated")
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +97,7 @@ def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 3) -> R
 
 
 RING = scene("ring")
-MODEL = Model(RING.rig, RING.skeleton)
+MODEL = Model(RING.rig, RING.skeleton, SIMULATED)
 
 
 def through_lenses(recording: Recording, slots: Slots) -> tuple[Model, Slots]:
@@ -110,7 +113,7 @@ def through_lenses(recording: Recording, slots: Slots) -> tuple[Model, Slots]:
         return Poses2D(cameras[index].project(places), view.scores)
 
     bent: Slots = [({c: moved(c, view) for c, view in views.items()}, t) for views, t in slots]
-    return Model(Rig(tuple(cameras)), recording.skeleton), bent
+    return Model(Rig(tuple(cameras)), recording.skeleton, SIMULATED), bent
 
 
 def spoilt(slots: Slots, rng: np.random.Generator) -> Iterator[Slot]:
@@ -144,13 +147,15 @@ def spoilt(slots: Slots, rng: np.random.Generator) -> Iterator[Slot]:
 )
 def test_equals_the_reference_over_a_whole_scene(name: str, cameras: int) -> None:
     recording = scene(name)
-    people, _ = follow(Model(recording.rig, recording.skeleton), seen(recording, cameras))
+    people, _ = follow(
+        Model(recording.rig, recording.skeleton, SIMULATED), seen(recording, cameras)
+    )
     assert people > recording.num_slots  # the comparison is of something
 
 
 def test_equals_the_reference_with_many_cameras() -> None:
     recording = scene("ring", people=8, cameras=12, seconds=2)
-    people, _ = follow(Model(recording.rig, recording.skeleton), seen(recording, 12))
+    people, _ = follow(Model(recording.rig, recording.skeleton, SIMULATED), seen(recording, 12))
     assert people > 2 * recording.num_slots
 
 
@@ -176,7 +181,9 @@ def test_equals_the_reference_on_a_real_recording(cameras: int) -> None:
     from e3pose.recording.datasets.shelf import import_shelf
 
     recording = import_shelf(Path(SHARED or "") / "data" / "shelf" / "shelf.npz")
-    people, _ = follow(Model(recording.rig, recording.skeleton), seen(recording, cameras))
+    people, _ = follow(
+        Model(recording.rig, recording.skeleton, SIMULATED), seen(recording, cameras)
+    )
     assert people > 2 * recording.num_slots
 
 
@@ -241,7 +248,7 @@ def test_views_of_read_only_and_strided_arrays_compile_nothing_new() -> None:
 
 def test_one_kernel_serves_several_models() -> None:
     other = scene("crossing", cameras=3)
-    models = (MODEL, Model(other.rig, other.skeleton))
+    models = (MODEL, Model(other.rig, other.skeleton, SIMULATED))
     slots = (seen(RING, 2), seen(other, 2))
     beliefs = [Belief.empty(model) for model in models]
     for number in range(40):
@@ -377,12 +384,12 @@ def test_equals_the_reference_with_other_skeletons(kind: str) -> None:
         ({c: Poses2D(v.keypoints_px[:, 5:], v.scores[:, 5:]) for c, v in views.items()}, time_s)
         for views, time_s in seen(RING, 2)
     ]
-    people, _ = follow(Model(RING.rig, skeleton), slots)
+    people, _ = follow(Model(RING.rig, skeleton, SIMULATED), slots)
     assert people > 50
 
 
 def test_single_camera_rig_never_starts_anybody() -> None:
     camera: Camera = RING.rig.cameras[0]
-    model = Model(Rig((camera,)), RING.skeleton)
+    model = Model(Rig((camera,)), RING.skeleton, SIMULATED)
     slots = [({c: v for c, v in views.items() if c == 0}, t) for views, t in seen(RING, 5)]
     assert follow(model, slots[:30]) == (0, 0)
