@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.bundle import Cameras
-from e3pose.calibrate.rotations import angles_between, exponential, similarity
+from e3pose.calibrate.rotations import angles_between, similarity
 from e3pose.calibration.world import assumed_rig
 from e3pose.geometry.camera import Rig
 from e3pose.recording.record import Recording, ViewSeries
@@ -43,7 +44,9 @@ def disturbed(rig: Rig, degrees: float, metres: float, seed: int) -> Rig:
     axes, aside = rng.normal(size=(2, len(rig), 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     aside /= np.linalg.norm(aside, axis=1, keepdims=True)
-    rotations = exponential(np.radians(degrees) * axes) @ Cameras.of(rig).rotations
+    rotations = (
+        Rotation.from_rotvec(np.radians(degrees) * axes).as_matrix() @ Cameras.of(rig).rotations
+    )
     centers = rig.centers_m + metres * aside
     translations = -np.einsum("cij,cj->ci", rotations, centers)
     return Cameras(rotations, translations, np.zeros(len(rig))).rig(rig)

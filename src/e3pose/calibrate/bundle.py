@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.least_squares import Linearised, Solution, solve
-from e3pose.calibrate.rotations import cross_matrices, exponential
+from e3pose.calibrate.rotations import cross_matrices
 from e3pose.geometry.camera import Camera, Rig
 
 Floats = NDArray[np.float64]
@@ -93,7 +94,7 @@ class Cameras:
     def moved(self, steps: Floats) -> Cameras:
         """Return them moved by `(num_cameras, 7)`."""
         return Cameras(
-            exponential(steps[:, :3]) @ self.rotations,
+            Rotation.from_rotvec(steps[:, :3]).as_matrix() @ self.rotations,
             self.translations + steps[:, 3:6],
             self.log_focal + steps[:, 6],
         )
@@ -241,7 +242,7 @@ def adjust_boards(
         state: tuple[Cameras, Floats], by_camera: Floats, by_block: Floats
     ) -> tuple[Cameras, Floats]:
         moved = np.array(state[1])
-        moved[:, :3, :3] = exponential(by_block[:, :3]) @ moved[:, :3, :3]
+        moved[:, :3, :3] = Rotation.from_rotvec(by_block[:, :3]).as_matrix() @ moved[:, :3, :3]
         moved[:, :3, 3] += by_block[:, 3:]
         return state[0].moved(by_camera), moved
 

@@ -1,4 +1,4 @@
-"""Stacks of rotations: exponential and logarithm, mean, and the similarity between point sets."""
+"""Stacks of rotations: the angles between them, their mean, and the similarity of point sets."""
 
 from __future__ import annotations
 
@@ -15,11 +15,6 @@ def cross_matrices(vectors: Floats) -> Floats:
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def exponential(vectors: Floats) -> Floats:
-    """Return `(n, 3, 3)` rotations of `(n, 3)` Rodrigues vectors (axis times angle, radians)."""
-    return np.asarray(Rotation.from_rotvec(vectors).as_matrix(), dtype=np.float64)
 
 
 def angles_between(first: Floats, second: Floats) -> Floats:

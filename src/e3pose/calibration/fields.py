@@ -101,35 +101,20 @@ def units_of(value: object, where: str) -> float:
 
 def rotation_matrix(rotation: Floats) -> Floats:
     """Return `(3, 3)` from a rotation matrix or a `(3,)` Rodrigues vector (axis times angle)."""
+    from scipy.spatial.transform import Rotation  # takes longer to import than all else here
+
     if rotation.shape == (3, 3):
         return rotation
     if np.abs(rotation).max() > MAX_ANGLE:
         return np.zeros((3, 3))  # refused as not orthonormal
-    angle = float(np.linalg.norm(rotation))
-    x, y, z = rotation
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    # np.sinc(x) is sin(pi x) / (pi x): smooth through angle zero
-    first = np.sinc(angle / np.pi)
-    second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.asarray(np.eye(3) + first * skew + second * (skew @ skew), dtype=np.float64)
+    return np.asarray(Rotation.from_rotvec(rotation).as_matrix(), dtype=np.float64)
 
 
 def rotation_vector(rotation: Floats) -> Floats:
     """Return the `(3,)` Rodrigues vector of a `(3, 3)` rotation, angle in [0, pi]."""
-    # The axis by the quaternion: well conditioned for every angle, pi included.
-    gram = np.empty((4, 4))
-    r = rotation
-    gram[0] = [r[0, 0] + r[1, 1] + r[2, 2], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]
-    gram[1, 1:] = [r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]]
-    gram[2, 2:] = [r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]]
-    gram[3, 3] = r[2, 2] - r[0, 0] - r[1, 1]
-    quaternion = np.linalg.eigh(gram, UPLO="U")[1][:, -1]
-    if quaternion[0] < 0:
-        quaternion = -quaternion
-    sine = float(np.linalg.norm(quaternion[1:]))
-    if sine == 0:
-        return np.zeros(3)
-    return np.asarray(quaternion[1:] * (2 * np.arctan2(sine, quaternion[0]) / sine))
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec(), dtype=np.float64)
 
 
 def make_camera(
