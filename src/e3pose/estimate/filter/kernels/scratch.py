@@ -219,92 +219,124 @@ class Memory(NamedTuple):
 def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int) -> Memory:
     """Allocate room for so many tracks, people in one view, and leftovers from earlier slots."""
     cameras, joints = len(model.rig), len(model.skeleton)
-    rows = cameras * num_people
     waiting = MAX_LEFTOVERS + num_waiting
-    pairs = MAX_LEFTOVERS * (MAX_LEFTOVERS - 1) // 2
-    most = max(num_tracks, num_people)
     return Memory(
-        Views(
-            arrived=np.zeros(cameras, bool),
-            counts=np.zeros(cameras, np.int64),
-            keypoints_px=np.zeros((cameras, num_people, joints, 2)),
-            scores=np.zeros((cameras, num_people, joints)),
-            starts=np.zeros(cameras, np.int64),
-            cameras=np.zeros(rows, np.int64),
-            free=np.zeros(rows, bool),
-            strength=np.zeros(rows),
-            ranks=np.zeros(rows, np.int64),
-            pixels=np.zeros((rows, joints, 2)),
-            weights=np.zeros((rows, joints)),
-            variances=np.zeros((rows, joints)),
-            lanes=np.zeros(6 * LANES),
-        ),
-        Tracks(
-            **{
-                name: np.zeros((num_tracks, *column.shape[1:]), column.dtype)
-                for name, column in Belief.empty(model).columns().items()
-            }
-        ),
-        Waiting(
-            times_s=np.zeros(waiting),
-            cameras=np.zeros(waiting, np.int64),
-            keypoints_px=np.zeros((waiting, joints, 2)),
-            scores=np.zeros((waiting, joints)),
-            strength=np.zeros(waiting),
-            order=np.zeros(waiting, np.int64),
-        ),
-        Matches(
-            assigned=np.zeros((cameras, num_tracks), np.int64),
-            fits=np.zeros((cameras, num_tracks)),
-            inside=np.zeros((cameras, num_tracks), bool),
-            places_m=np.zeros((num_tracks, 2)),
-            taught=np.zeros(num_tracks, bool),
-            exchanged=np.zeros((cameras, num_tracks), np.int64),
-        ),
-        Detectors(
-            noise_px=np.zeros(len(model.noise.scores)),
-            logs=np.zeros(cameras + 1),
-            scales=np.zeros(cameras),
-            fresh=np.zeros(cameras + 1),
-            steps=np.zeros(cameras + 1),
-            shifts_px=np.zeros((cameras, 2)),
-            residuals=np.zeros((cameras, 3)),
-        ),
-        Offers(
-            sight=np.zeros((4, joints)),
-            cost=np.zeros((num_tracks, num_people)),
-            vagueness=np.zeros((num_tracks, num_people)),
-            exchanged=np.zeros((num_tracks, num_people), np.int64),
-            offered=np.zeros((num_tracks, num_people)),
-            choosers=np.zeros(num_tracks, np.int64),
-            people=np.zeros(num_people, np.int64),
-            reals=np.zeros((3, most)),
-            integers=np.zeros((5, most), np.int64),
-            flags=np.zeros((2, most), bool),
-        ),
-        Passes(
-            prior_own=np.zeros((joints, 36)),
-            prior_across=np.zeros((joints, 36)),
-            own=np.zeros((joints, 36)),
-            across=np.zeros((joints, 36)),
-            room=np.zeros((3, 36)),
-            pull=np.zeros((joints, 6)),
-            moved=np.zeros((joints, 6)),
-            places=np.zeros((joints, 3)),
-            seen=np.zeros((joints, 9)),
-            measured=np.zeros(joints, bool),
-        ),
-        Pairs(
-            fits=np.zeros(pairs),
-            ends=np.zeros((pairs, 2), np.int64),
-            joints_m=np.zeros((pairs, joints, 3)),
-            taken=np.zeros(waiting, bool),
-            px=np.zeros((2, joints, 2)),
-            scores=np.zeros((2, joints)),
-            cameras=np.zeros(2, np.int64),
-            rows=np.arange(2),
-            small=np.zeros((4, 4, 4)),
-            middle=np.zeros(3),
-            sorted=np.zeros(joints),
-        ),
+        _views(cameras, num_people, joints),
+        _tracks(model, num_tracks),
+        _waiting(waiting, joints),
+        _matches(cameras, num_tracks),
+        _detectors(cameras, len(model.noise.scores)),
+        _offers(num_tracks, num_people, joints),
+        _passes(joints),
+        _pairs(waiting, joints),
+    )
+
+
+def _views(cameras: int, people: int, joints: int) -> Views:
+    rows = cameras * people
+    return Views(
+        arrived=np.zeros(cameras, bool),
+        counts=np.zeros(cameras, np.int64),
+        keypoints_px=np.zeros((cameras, people, joints, 2)),
+        scores=np.zeros((cameras, people, joints)),
+        starts=np.zeros(cameras, np.int64),
+        cameras=np.zeros(rows, np.int64),
+        free=np.zeros(rows, bool),
+        strength=np.zeros(rows),
+        ranks=np.zeros(rows, np.int64),
+        pixels=np.zeros((rows, joints, 2)),
+        weights=np.zeros((rows, joints)),
+        variances=np.zeros((rows, joints)),
+        lanes=np.zeros(6 * LANES),
+    )
+
+
+def _tracks(model: Model, tracks: int) -> Tracks:
+    return Tracks(
+        **{
+            name: np.zeros((tracks, *column.shape[1:]), column.dtype)
+            for name, column in Belief.empty(model).columns().items()
+        }
+    )
+
+
+def _waiting(waiting: int, joints: int) -> Waiting:
+    return Waiting(
+        times_s=np.zeros(waiting),
+        cameras=np.zeros(waiting, np.int64),
+        keypoints_px=np.zeros((waiting, joints, 2)),
+        scores=np.zeros((waiting, joints)),
+        strength=np.zeros(waiting),
+        order=np.zeros(waiting, np.int64),
+    )
+
+
+def _matches(cameras: int, tracks: int) -> Matches:
+    return Matches(
+        assigned=np.zeros((cameras, tracks), np.int64),
+        fits=np.zeros((cameras, tracks)),
+        inside=np.zeros((cameras, tracks), bool),
+        places_m=np.zeros((tracks, 2)),
+        taught=np.zeros(tracks, bool),
+        exchanged=np.zeros((cameras, tracks), np.int64),
+    )
+
+
+def _detectors(cameras: int, knots: int) -> Detectors:
+    return Detectors(
+        noise_px=np.zeros(knots),
+        logs=np.zeros(cameras + 1),
+        scales=np.zeros(cameras),
+        fresh=np.zeros(cameras + 1),
+        steps=np.zeros(cameras + 1),
+        shifts_px=np.zeros((cameras, 2)),
+        residuals=np.zeros((cameras, 3)),
+    )
+
+
+def _offers(tracks: int, people: int, joints: int) -> Offers:
+    most = max(tracks, people)
+    return Offers(
+        sight=np.zeros((4, joints)),
+        cost=np.zeros((tracks, people)),
+        vagueness=np.zeros((tracks, people)),
+        exchanged=np.zeros((tracks, people), np.int64),
+        offered=np.zeros((tracks, people)),
+        choosers=np.zeros(tracks, np.int64),
+        people=np.zeros(people, np.int64),
+        reals=np.zeros((3, most)),
+        integers=np.zeros((5, most), np.int64),
+        flags=np.zeros((2, most), bool),
+    )
+
+
+def _passes(joints: int) -> Passes:
+    return Passes(
+        prior_own=np.zeros((joints, 36)),
+        prior_across=np.zeros((joints, 36)),
+        own=np.zeros((joints, 36)),
+        across=np.zeros((joints, 36)),
+        room=np.zeros((3, 36)),
+        pull=np.zeros((joints, 6)),
+        moved=np.zeros((joints, 6)),
+        places=np.zeros((joints, 3)),
+        seen=np.zeros((joints, 9)),
+        measured=np.zeros(joints, bool),
+    )
+
+
+def _pairs(waiting: int, joints: int) -> Pairs:
+    pairs = MAX_LEFTOVERS * (MAX_LEFTOVERS - 1) // 2
+    return Pairs(
+        fits=np.zeros(pairs),
+        ends=np.zeros((pairs, 2), np.int64),
+        joints_m=np.zeros((pairs, joints, 3)),
+        taken=np.zeros(waiting, bool),
+        px=np.zeros((2, joints, 2)),
+        scores=np.zeros((2, joints)),
+        cameras=np.zeros(2, np.int64),
+        rows=np.arange(2),
+        small=np.zeros((4, 4, 4)),
+        middle=np.zeros(3),
+        sorted=np.zeros(joints),
     )

@@ -184,8 +184,8 @@ def step_slot(
     memory: Memory,
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
-    views, tracks, passes = memory.views, memory.tracks, memory.passes
-    predict(num_tracks, dt, site, tracks, passes)
+    views, tracks = memory.views, memory.tracks
+    predict(num_tracks, dt, site, tracks, memory.passes)
     for track in range(num_tracks):
         for axis in range(2):
             memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
@@ -208,34 +208,7 @@ def step_slot(
                 memory.offers,
             )
     turn_round(num_tracks, dt, site, views, memory.matches, tracks)
-    for track in range(num_tracks):
-        if num_views:
-            update(track, dt, site, views, memory.matches.assigned, tracks, passes)
-            compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
-        for camera in range(len(views.counts)):
-            person = memory.matches.assigned[camera, track]
-            if views.arrived[camera] and person >= 0:
-                learn_bias(
-                    views.starts[camera] + person,
-                    tracks.last_seen_s[track, camera] + dt,
-                    site.memory,
-                    tracks.state[track],
-                    tracks.covariance[track],
-                    site.projections[camera],
-                    views.pixels,
-                    views.weights,
-                    views.variances,
-                    tracks.bias_px[track, camera],
-                )
-        learn_bones(
-            tracks.state[track],
-            tracks.covariance[track],
-            tracks.unmeasured_s[track],
-            site.bones,
-            tracks.bones_m[track],
-            tracks.bone_counts[track],
-            passes.measured,
-        )
+    _revise(num_tracks, num_views, dt, site, memory)
     learn_noise(noise, memory.detectors)
     learn_shifts(shifts, site.sizes, memory.detectors)
     attend(
@@ -267,6 +240,40 @@ def step_slot(
     )
     num_tracks = end(num_tracks, site.girdles, tracks, memory.offers.flags[0])
     return num_tracks, num_waiting, next_id
+
+
+@kernel
+def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memory) -> None:
+    """Update every track with the views that show it, and learn noise, biases and bones by it."""
+    views, tracks, passes = memory.views, memory.tracks, memory.passes
+    for track in range(num_tracks):
+        if num_views:
+            update(track, dt, site, views, memory.matches.assigned, tracks, passes)
+            compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
+        for camera in range(len(views.counts)):
+            person = memory.matches.assigned[camera, track]
+            if views.arrived[camera] and person >= 0:
+                learn_bias(
+                    views.starts[camera] + person,
+                    tracks.last_seen_s[track, camera] + dt,
+                    site.memory,
+                    tracks.state[track],
+                    tracks.covariance[track],
+                    site.projections[camera],
+                    views.pixels,
+                    views.weights,
+                    views.variances,
+                    tracks.bias_px[track, camera],
+                )
+        learn_bones(
+            tracks.state[track],
+            tracks.covariance[track],
+            tracks.unmeasured_s[track],
+            site.bones,
+            tracks.bones_m[track],
+            tracks.bone_counts[track],
+            passes.measured,
+        )
 
 
 @kernel
