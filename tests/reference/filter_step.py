@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from tests.reference import filter_learned_noise
+from tests.reference import filter_bias, filter_learned_noise
 from tests.reference.filter_associate import associate
 from tests.reference.filter_births import give_birth
 from tests.reference.filter_existence import attend, end
@@ -117,7 +117,7 @@ def _sightings(
         sigma[view] = np.interp(all_scores[view], model.noise.scores, knots_px[camera])
     all_keypoints -= np.swapaxes(belief.bias_px[:, cameras], 0, 1)
     terms = bias.memory_terms(model.noise.memory)
-    look = np.sqrt(bias.inflation(belief.last_seen_s[:, cameras].T + dt, terms))[..., None]
+    look = np.sqrt(filter_bias.inflation(belief.last_seen_s[:, cameras].T + dt, terms))[..., None]
     return Sightings(model.rig.projections[cameras], all_keypoints, all_scores, sigma, look)
 
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.reference.expected_information import freshness
+from tests.reference.filter_bias import inflation
 from tests.rigs import looking
 
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter.bias import inflation, memory_terms
+from e3pose.estimate.filter.bias import memory_terms
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import project
 from e3pose.model.noise import ErrorMemory

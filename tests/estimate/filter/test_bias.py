@@ -47,7 +47,7 @@ def test_doubtful_people_and_wild_keypoints_teach_little() -> None:
 
 
 def test_looks_in_quick_succession_are_worth_less() -> None:
-    factors = bias.inflation(np.array([0.0, 1 / 60, 1 / 25, 0.2, 2.0, np.inf]), TERMS)
+    factors = filter_bias.inflation(np.array([0.0, 1 / 60, 1 / 25, 0.2, 2.0, np.inf]), TERMS)
     assert np.isfinite(factors).all()
     assert (np.diff(factors) <= 0).all()
     assert factors[-1] == pytest.approx(TERMS.fresh + TERMS.quick, rel=1e-3)
@@ -59,7 +59,7 @@ def test_inflation_is_that_of_a_noise_with_memory() -> None:
     keep = np.exp(-step_s / TERMS.quick_s)
     lags = np.arange(1, n)
     variance = (1 + 2 * ((1 - lags / n) * keep**lags).sum()) / n
-    inflated = (bias.inflation(np.array(step_s), TERMS) - TERMS.fresh) / TERMS.quick / n
+    inflated = (filter_bias.inflation(np.array(step_s), TERMS) - TERMS.fresh) / TERMS.quick / n
     assert inflated == pytest.approx(variance, rel=0.01)
 
 
@@ -70,10 +70,15 @@ def test_default_memory_gives_the_tuned_constants() -> None:
 def test_looks_far_apart_count_fully_where_nothing_lasts() -> None:
     for quick in (0.0, 0.5, 1.0):
         terms = bias.memory_terms(ErrorMemory(lasting_share=0.0, quick_share=quick))
-        assert bias.inflation(np.array(np.inf), terms) == pytest.approx(1.0)
+        assert filter_bias.inflation(np.array(np.inf), terms) == pytest.approx(1.0)
 
 
 def test_new_errors_in_every_slot_are_all_worth_the_same() -> None:
     terms = bias.memory_terms(ErrorMemory(lasting_share=0.0, quick_share=0.0))
-    np.testing.assert_allclose(bias.inflation(np.array([0.0, 0.04, 10.0]), terms), 1.0)
+    np.testing.assert_allclose(filter_bias.inflation(np.array([0.0, 0.04, 10.0]), terms), 1.0)
     assert terms.most == 0.0 and terms.removed == 0.0  # and no bias is learned
+
+
+def test_no_more_than_was_tuned_becomes_a_bias() -> None:
+    usual = bias.memory_terms(ErrorMemory(lasting_share=0.45, quick_share=0.1))
+    assert bias.memory_terms(ErrorMemory(lasting_share=0.9, quick_share=0.1)) == usual

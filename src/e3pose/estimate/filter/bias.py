@@ -10,16 +10,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from e3pose.model.noise import DIGITS, ErrorMemory
-
-Floats = NDArray[np.float64]
 
 LEARNED_S = 1.2  # how long it takes to learn a bias
 SHORTEST_S = 1e-3  # for looks of one time
 CLIP_SIGMAS = 3.0  # a wild keypoint teaches no more than one this far off
+MOST_LEARNED = 0.45  # of the first residual, as it was tuned
 REPEATED = 2 / 5  # of the quick part: joints and views average the rest of its repetition out
 LEFT = 8 / 45  # of the lasting part, once its learned bias is taken off: the mean over time
 REMOVED = 8 / 9  # of the lasting part, by a bias that was learned just before
@@ -28,8 +24,8 @@ REMOVED = 8 / 9  # of the lasting part, by a bias that was learned just before
 class MemoryTerms(NamedTuple):
     """What the filter derives from an `ErrorMemory`, for its kernels.
 
-    With l and q the lasting and the quick share of the variance and t the time since the view
-    looked before, the variance of a keypoint is multiplied in the update by
+    With l the lasting share of the variance, at most MOST_LEARNED, q the quick share and t the
+    time since the view looked before, the update multiplies the variance of a keypoint by
 
         f(t) = (1 - l - q) + (1 - REPEATED) q + LEFT l  +  REPEATED q coth(t / 2 quick_s)
              =                fresh                     +      quick   coth(t / 2 quick_s)
@@ -39,11 +35,13 @@ class MemoryTerms(NamedTuple):
     variance: that is what residuals are compared with where noise is learned.
 
     REPEATED, LEFT and REMOVED were tuned on simulated scenes with the default memory (fresh 0.45,
-    quick 0.18, removed 0.4); for other shares they are carried over.
+    quick 0.18, removed 0.4); for other shares they are carried over. Where more lasts than
+    MOST_LEARNED, the rest counts as new: a bias that learns it all states errors that are too
+    small (docs/experiments/2026-11-22-error-memory.md).
 
     Attributes:
         lasting_s: until a bias is down to 1/e.
-        most: of the first residual that may become a bias: the lasting share.
+        most: of the first residual that may become a bias: l.
         removed: share of a keypoint's variance that a bias learned just before takes off.
         fresh: share of the variance that every look has.
         quick: share of the variance that repeats itself.
@@ -60,7 +58,8 @@ class MemoryTerms(NamedTuple):
 
 def memory_terms(memory: ErrorMemory) -> MemoryTerms:
     """Return the filter's constants for a detector whose errors last so long."""
-    lasting, quick = memory.lasting_share, REPEATED * memory.quick_share
+    lasting = min(memory.lasting_share, MOST_LEARNED)
+    quick = REPEATED * memory.quick_share
     return MemoryTerms(
         lasting_s=float(memory.lasting_s),
         most=float(lasting),
@@ -69,9 +68,3 @@ def memory_terms(memory: ErrorMemory) -> MemoryTerms:
         quick=round(quick, DIGITS),
         quick_s=float(memory.quick_s),
     )
-
-
-def inflation(since_s: Floats, terms: MemoryTerms) -> Floats:
-    """Return the factor on a keypoint's variance, `(*batch)`, so long after the look before."""
-    times = np.clip(since_s, SHORTEST_S, terms.lasting_s)
-    return np.asarray(terms.fresh + terms.quick / np.tanh(times / (2 * terms.quick_s)))
