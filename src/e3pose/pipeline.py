@@ -9,7 +9,7 @@ replayed. Only the estimator and the deficit queues remember.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,7 @@ from e3pose.select.blind_places import with_coverage
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.motion_2d import Sight, look, own_occlusion
-from e3pose.select.occlusion import expected_views
+from e3pose.select.occlusion import Spread, expected_views
 from e3pose.select.policies.base import Policy, Selection, Situation
 
 Floats = NDArray[np.float64]
@@ -94,6 +94,7 @@ class SlotState:
         silence: which cameras do not answer.
         memory: what the estimator remembers.
         sights: what every camera remembers of its own views.
+        spread: of the occlusion over cameras, as far as it was foreseen.
         shown: the people of the slot before; None before the first.
     """
 
@@ -103,6 +104,7 @@ class SlotState:
     silence: Silence
     memory: Any
     sights: tuple[Sight, ...]
+    spread: Spread = field(default_factory=Spread)
     shown: People | None = None
 
 
@@ -157,10 +159,12 @@ def step(
     arrived = np.zeros(len(online), dtype=bool)
     arrived[list(views)] = True
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
-    state = replace(state, memory=memory, silence=silence)
+    occlusion, visibility = expected_views(pipeline.rig, predicted_m)
+    spread = state.spread.after(occlusion, pipeline.interval_s)
+    state = replace(state, memory=memory, silence=silence, spread=spread)
     sights = _look(pipeline, state.sights, views, slot)
     ordered = _in_flight(pipeline, state, online)
-    situation = _situation(pipeline, state, predicted_m, sights, online, ordered)
+    situation = _situation(pipeline, state, (occlusion, visibility), sights, online, ordered)
     times.append(clock())
 
     if pipeline.foresees:
@@ -193,7 +197,8 @@ def step(
         shifts_px=people.shifts_px,
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
-    return SlotState(slot + 1, selections, deficit, silence, memory, sights, shown), record
+    after = SlotState(slot + 1, selections, deficit, silence, memory, sights, spread, shown)
+    return after, record
 
 
 def _look_ahead(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, Floats]:
@@ -213,20 +218,21 @@ def _look_ahead(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any
 def _situation(
     pipeline: Pipeline,
     state: SlotState,
-    predicted_m: Floats,
+    views: tuple[Floats, Floats],
     sights: tuple[Sight, ...],
     online: Selection,
     ordered: NDArray[np.bool_],
 ) -> Situation:
     """Gather what a policy may know about the slot that is decided now."""
     target = state.slot + pipeline.lead_slots
-    occlusion, visibility = expected_views(pipeline.rig, predicted_m)
+    occlusion, visibility = views
     cost_j = None if pipeline.as_published else pipeline.cost_j
     return Situation(
         slot=target,
         interval_s=pipeline.interval_s,
         online=online & state.silence.answering(target),
         occlusion=occlusion,
+        spread=state.spread.mean,
         own_occlusion=own_occlusion(sights, target, pipeline.rig)
         if pipeline.own_boxes
         else np.full(len(online), np.nan),

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from e3pose.geometry.camera import Camera, Rig
-from e3pose.select.occlusion import box_iou, expected_views, occlusion, person_boxes
+from e3pose.select.occlusion import Spread, box_iou, expected_views, occlusion, person_boxes
 
 SIZE = (1000, 800)
 
@@ -93,3 +93,22 @@ def test_inside_the_image_counts_whole_pixels() -> None:
     pixels = np.array([[-0.5, 0], [999.5, 799.5], [999.6, 0], [np.nan, 0]])
     seen = np.isfinite(person_boxes(pixels[:, None], SIZE)).all(axis=-1)
     assert seen.tolist() == [True, True, False, False]
+
+
+def test_spread_is_the_usual_difference_between_cameras() -> None:
+    spread = Spread()
+    assert spread.mean == 0
+    spread = spread.after(np.array([0.0, 0.2]), 0.04).after(np.array([0.1, 0.5]), 0.04)
+    assert spread.mean == pytest.approx((0.1 + 0.2) / 2)
+    assert spread.after(np.zeros(2), 0.04) == spread  # nobody hides anybody: nothing is learned
+    assert spread.after(np.ones(1), 0.04) == spread  # of one camera neither
+
+
+def test_spread_follows_a_site_that_changes_within_minutes() -> None:
+    crowded, quiet = np.array([0.1, 0.5, 0.9]), np.array([0.01, 0.05, 0.09])
+    spread = Spread()
+    for _ in range(5000):
+        spread = spread.after(crowded, 0.1)
+    for _ in range(3000):  # five minutes
+        spread = spread.after(quiet, 0.1)
+    assert spread.mean == pytest.approx(float(quiet.std()), rel=0.1)

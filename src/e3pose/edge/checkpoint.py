@@ -25,7 +25,7 @@ from e3pose.pipeline import Pipeline, SlotState, initial_state
 from e3pose.recording.datasets.arrays import BROKEN, read_array
 from e3pose.select.failure_detector import RETRY_LIMIT_S
 
-VERSION = 6  # 1 lacks the run, 2 what links lose, 3 doors and noise, 4 shifts, 5 turned sides
+VERSION = 7  # 1 lacks the run, 2 what links lose, 3 doors and noise, 4 shifts, 5 sides, 6 V's unit
 MAX_BYTES = 64 * 2**20  # 28 cameras and 20 people take about one
 MAX_ARRAYS = 10_000
 MAX_S = 100 * 365.25 * 86400  # of slots

@@ -2,12 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from e3pose.geometry.camera import Rig
 
 Floats = NDArray[np.float64]
+
+SPREAD_MEMORY_S = 60.0  # a site's people come and go
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """How much the occlusion of a site's cameras differs in a slot: the unit of the paper's V.
+
+    IoU is small where there are many people or large rooms and large where they crowd, so that a
+    weight on it means something else at every site. Divided by this it does not.
+
+    Attributes:
+        mean: standard deviation of the occlusion over cameras, the mean over slots; 0 at first.
+        slots: over how many slots, those left out in which nobody hides anybody anywhere.
+    """
+
+    mean: float = 0.0
+    slots: int = 0
+
+    def after(self, occlusion: Floats, interval_s: float) -> Spread:
+        """Return the spread after a slot with `occlusion` `(num_cameras,)` of eq. (4)."""
+        if len(occlusion) < 2 or not occlusion.any():
+            return self
+        share = max(1 / (self.slots + 1), min(1.0, interval_s / SPREAD_MEMORY_S))
+        mean = self.mean + share * (float(occlusion.std()) - self.mean)
+        return Spread(mean, self.slots + 1)
 
 
 def person_boxes(keypoints_px: Floats, image_size: ArrayLike) -> Floats:

@@ -63,7 +63,8 @@ class LoopSettings:
         target_error_m: wake the fewest cameras whose expected error meets this instead.
         budget: the paper's E_n, the share of slots a camera may be active, one for all or one for
             each; C/N + 0.2 by default, and without a limit with a target.
-        quality_weight: the paper's V; the policy's own by default.
+        quality_weight: the paper's V, of its own policies in camera slots; the policy's own by
+            default.
         lead_slots: the paper's tau.
         warmup_slots: the paper's M, in which all cameras detect.
         predictor: a name of `PREDICTORS` or of one's own, a file of weights, or an object, which

@@ -208,3 +208,55 @@ def test_central_2d_drops_the_slots_that_pass_while_cameras_wait() -> None:
     online = np.ones(5, dtype=bool)
     counts = [int(policy.select(situation(slot, rng, online)).sum()) for slot in range(6)]
     assert counts == [2, 0, 0, 2, 0, 0]  # 0.1 s are three slots of 0.04 s
+
+
+@pytest.mark.parametrize("name", ["e3pose", "e3pose-mv", "central-2d"])
+def test_quality_weight_means_the_same_at_every_site(name: str) -> None:
+    """Where people hide each other a tenth as much, V weighs what it weighs elsewhere."""
+    rng = np.random.default_rng(4)
+    policy = POLICIES[name].make(PolicySettings(num_selected=2, quality_weight=1.5))
+    for slot in range(0, 200, 2):
+        here = situation(slot, rng, np.ones(6, dtype=bool))
+        here = replace(here, spread=float(here.occlusion.std()))
+        there = replace(
+            here,
+            occlusion=0.1 * here.occlusion,
+            own_occlusion=0.1 * here.own_occlusion,
+            spread=0.1 * here.spread,
+        )
+        np.testing.assert_array_equal(policy.select(here), policy.select(there))
+
+
+def test_one_spread_of_occlusion_is_worth_as_many_active_slots_as_the_weight() -> None:
+    here = situation(10, np.random.default_rng(0), np.ones(2, dtype=bool))
+    here = replace(here, occlusion=np.array([0.05, 0.02]), spread=0.03)
+    for queue, better in ((1.4, 1), (1.6, 0)):  # the clearer camera has run ahead by so much
+        asked = replace(here, price=np.array([0.0, queue]))
+        policy = POLICIES["e3pose"].make(PolicySettings(num_selected=1, quality_weight=1.5))
+        assert policy.select(asked)[better]
+
+
+def test_large_weights_come_near_the_least_occlusion_and_let_queues_grow() -> None:
+    """The O(1/V) gap and the O(V) queue of Lyapunov optimisation, with three of five cameras."""
+    rng = np.random.default_rng(0)
+    occlusions = rng.uniform(0, 0.2, 5) + rng.uniform(0, 0.1, (3000, 5))
+    gaps, queues = [], []
+    for weight in (0.3, 3.0, 30.0):
+        policy = POLICIES["e3pose"].make(PolicySettings(num_selected=3, quality_weight=weight))
+        deficit, duty, total, longest = np.zeros(5), np.zeros(5), 0.0, 0.0
+        here = situation(0, rng, np.ones(5, dtype=bool))
+        for slot, occlusion in enumerate(occlusions):
+            at = replace(
+                here, slot=slot, occlusion=occlusion, spread=0.06, deficit=deficit, price=deficit
+            )
+            selection = policy.select(at)
+            deficit = advance_deficit(deficit, np.full(5, 0.8), selection)
+            duty += selection / len(occlusions)
+            total += occlusion[selection].sum() / len(occlusions)
+            longest = max(longest, float(deficit.max()))
+        gaps.append(total)
+        queues.append(longest)
+        assert duty.max() < 0.8 + longest / len(occlusions)
+    assert gaps[0] > gaps[1] > gaps[2]
+    assert queues[0] < queues[1] < queues[2]
+    assert queues[2] < 10 * queues[1] + 1  # no faster than V

@@ -16,6 +16,8 @@ from e3pose.select.policies.independent import Independent
 from e3pose.select.policies.information import Information
 
 GROUP = "e3pose.policies"  # the entry points of other packages
+# Camera slots; simulated people and motion capture: docs/research/paper-comparison.md.
+OCCLUSION_WEIGHT = 1.0
 INFORMATION_WEIGHT = 10.0  # simulated: docs/explanation/camera-selection.md
 
 
@@ -25,7 +27,8 @@ class PolicySettings:
 
     Attributes:
         num_selected: the paper's C, cameras a slot; a mean if it is no whole number.
-        quality_weight: the paper's V; the policy's own by default.
+        quality_weight: the paper's V, of its own policies in camera slots; the policy's own by
+            default.
         target_error_m: of policies that aim: the expected error to keep with the fewest cameras.
         seed: of random choices.
         phase: offset of turns and ties.
@@ -43,7 +46,7 @@ class PolicySettings:
     round_trip_s: float = 0.05
     order: tuple[int, ...] = ()
 
-    def weight(self, usual: float = 1.0) -> float:
+    def weight(self, usual: float = OCCLUSION_WEIGHT) -> float:
         """Return the quality weight, or the `usual` one of a policy if none was asked for."""
         return usual if self.quality_weight is None else self.quality_weight
 

@@ -32,6 +32,8 @@ class Situation:
         budget: `(num_cameras,)` the paper's E_n: the share of slots a camera may be active.
         price: `(num_cameras,)` what waking a camera costs beside what it shows: the drift of the
             queues, the paper's q_n where all cameras cost the same energy (`energy.price`).
+        spread: how much `occlusion` usually differs between cameras here, the unit of V of the
+            paper's policies; 0 where nobody has hidden anybody yet.
         foresight: what each camera is expected to tell; None where nobody asked for it.
     """
 
@@ -45,6 +47,7 @@ class Situation:
     deficit: Floats
     budget: Floats
     price: Floats
+    spread: float = 0.0
     foresight: Foresight | None = None
 
 

@@ -1,4 +1,9 @@
-"""The paper's policy: least predicted occlusion, held to each camera's long-term energy budget."""
+"""The paper's policy: least predicted occlusion, held to each camera's long-term energy budget.
+
+The paper's V weighs IoU, whose size depends on the site, against a queue in slots of activity. Here
+it is in camera slots: how many active slots a usual difference of occlusion between two cameras is
+worth. At a site this is the paper's eq. (9), with its V = `quality_weight / Situation.spread`.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from e3pose.select.policies.base import Selection, Situation, count_at, lowest
+from e3pose.select.policies.base import Floats, Selection, Situation, count_at, lowest
 
 
 @dataclass(frozen=True, slots=True)
 class DriftPlusPenalty:
-    """Wake the `num_selected` cameras of smallest `V * IoU_n + q_n`, paper eq. (8).
+    """Wake the `num_selected` cameras of smallest `V * IoU_n + q_n`, paper eq. (9).
 
     Attributes:
         num_selected: the paper's C; a mean if it is no whole number.
-        quality_weight: the paper's V; larger prefers clear views to even batteries.
+        quality_weight: V in camera slots; larger prefers clear views to even batteries.
         phase: which camera wins a tie.
     """
 
@@ -25,7 +30,7 @@ class DriftPlusPenalty:
 
     def select(self, situation: Situation) -> Selection:
         """See `Policy.select`."""
-        price = self.quality_weight * situation.occlusion + situation.price
+        price = penalty(self.quality_weight, situation.occlusion, situation) + situation.price
         count = count_at(situation.slot, self.num_selected)
         return lowest(price, situation.online, count, self.phase)
 
@@ -50,6 +55,12 @@ class Central2D:
         if situation.slot % stride:
             return np.zeros(len(situation.online), dtype=bool)
         foreseen = np.nan_to_num(situation.own_occlusion, nan=0.0)
-        price = self.quality_weight * foreseen + situation.price
+        price = penalty(self.quality_weight, foreseen, situation) + situation.price
         count = count_at(situation.slot // stride, self.num_selected)
         return lowest(price, situation.online, count, self.phase)
+
+
+def penalty(quality_weight: float, occlusion: Floats, situation: Situation) -> Floats:
+    """Return `(num_cameras,)` what occlusion of eq. (4) costs, in slots of activity."""
+    scale = situation.spread or 1.0  # before anybody has hidden anybody there is nothing to weigh
+    return np.asarray(quality_weight / scale * occlusion)
