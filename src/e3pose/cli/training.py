@@ -40,6 +40,7 @@ def train(
     leads: Whole = 15,
     hidden: Whole = 96,
     dropout: float | None = None,
+    published: Annotated[bool, Parameter(negative="")] = False,
     steps: Whole = 12_000,
     minutes: float | None = None,
     batch: Whole = 128,
@@ -84,6 +85,9 @@ def train(
         Hidden size of the network.
     dropout
         Dropout rate. Default: 0.2, or that of --start.
+    published
+        Train the paper's network with its loss, eq. (6), on estimates from combinations of cameras
+        unless --target says otherwise. It states no errors, so it corrects no velocities.
     steps
         Maximum number of batches.
     minutes
@@ -128,8 +132,10 @@ def train(
     # More threads are no faster with a network so small, and a hundred times slower where other
     # programs run: they wait for each other by counting.
     torch.set_num_threads(1)
+    network = NetworkSettings(history_slots=history, hidden=hidden)
     settings = Settings(
-        network=NetworkSettings(history_slots=history, hidden=hidden),
+        network=network.as_published() if published else network,
+        loss="squared" if published else "relative",
         num_leads=leads,
         steps=steps,
         minutes=math.inf if minutes is None else minutes,
@@ -137,12 +143,14 @@ def train(
         seed=seed,
     )
     before: AttentionLstm | None = None
+    if start is not None and published:
+        raise InputError("--published", "it with --start", "one of them")
     if start is not None:
         before, settings = _gone_on_from(start, settings)
     if dropout is not None:
         settings = replace(settings, network=replace(settings.network, dropout=dropout))
     wanted = LessonSettings(
-        target=target,
+        target="estimates" if published and target == "auto" else target,
         include_scored=include_scored,
         estimates=EstimateSettings(combinations=combinations, seed=seed),
     )

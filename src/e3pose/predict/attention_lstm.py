@@ -50,6 +50,7 @@ class AttentionLstm:
         from e3pose.predict.kernels.tracks import Joints, place_tracks
 
         self.weights, self.curves, self.history_slots = _load(weights)
+        self.states_error = len(self.weights.couple) > 0  # the paper's own network does not
         self.num_joints = len(skeleton)
         columns = common_columns(skeleton)
         if not (columns >= 0).any():
@@ -102,6 +103,8 @@ class AttentionLstm:
             joints_m,
             error_m,
         )
+        if not self.states_error:
+            error_m[:] = np.nan
 
 
 def _load(path: Path) -> tuple[Weights, Curves, int]:

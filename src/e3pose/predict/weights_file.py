@@ -81,6 +81,8 @@ def network_weights(file: WeightsFile) -> Weights:
     Raises:
         ValueError: for another network than `e3pose.learn.train.export` writes.
     """
+    if is_published(file):
+        return _published(file)
     found = [tensor.shape for tensor in file.tensors]
     if len(found) <= GATE:
         raise ValueError(f"{len(found)} weights")
@@ -103,8 +105,65 @@ def network_weights(file: WeightsFile) -> Weights:
 
 def history_slots(file: WeightsFile) -> int:
     """Return the slots of history that the network takes; 0 where there is none."""
+    if is_published(file):
+        slots = file.properties.get("history_slots", "")
+        return int(slots) if slots.isdecimal() and len(slots) < 6 else 0
     expert = file.tensors[EXPERT].shape if len(file.tensors) > EXPERT else (0,)
     return int(expert[0] // (3 * NUM_COMMON))
+
+
+def is_published(file: WeightsFile) -> bool:
+    """Tell whether the network is the paper's own, which says places and no errors."""
+    return file.properties.get("states_error") == "no"
+
+
+def _published(file: WeightsFile) -> Weights:
+    """Return the weights of the paper's network, with nothing for the parts that it lacks.
+
+    It is given places alone: what the kernels feed it besides meets zeros.
+    """
+    found = [tensor.shape for tensor in file.tensors]
+    hidden = found[LOOK_HIDDEN + 2][0] if len(found) > LOOK_HIDDEN + 2 else 0
+    if not LEAST <= hidden <= MOST_HIDDEN or found != _published_shapes(hidden):
+        raise ValueError(f"{len(found)} weights of other shapes than the paper's network has")
+    C, A, H = NUM_COMMON, ATTENTION, hidden
+    slots = history_slots(file)
+    weights = [tensor for tensor in file.tensors[2:] if tensor.shape != CONSTANT]
+    look, look_bias, look_hidden, weigh, weigh_bias = weights[:5]
+    encoder, encoder_bias = _lstm(*weights[5:8])
+    key, key_bias, entry_context, entry_bias, query, energy, entry = weights[8:15]
+    decoder, decoder_bias = _lstm(*weights[15:18])
+    read, read_bias, regress, regress_bias = weights[18:]
+    look[3 * C :] = 0
+    encoder[3 * C : NUM_FEATURES + NUM_CONTEXT] = 0
+    entry[3 * C : 6 * C] = 0
+    parts = Weights(
+        look, look_bias, look_hidden, weigh, weigh_bias, encoder, encoder_bias, key, key_bias,
+        _none(NUM_CONTEXT + H, 2 * (slots - 1) * C), _none(2 * (slots - 1) * C),
+        _none(3 * C * slots, 6 * C), _none(6 * C), _none(NUM_CONTEXT + H, 1), _none(1),
+        0 * entry_context, entry_bias, _none(NUM_CONTEXT, A), _none(A), query, energy, entry,
+        decoder, decoder_bias, read, read_bias, regress, regress_bias,
+        _none(2 * H, A), _none(A, C), _none(C), _none(0, 3 * C),
+    )  # fmt: skip
+    return Weights(*(np.ascontiguousarray(part, dtype=np.float32) for part in parts))
+
+
+def _none(*shape: int) -> Floats32:
+    return np.zeros(shape, np.float32)
+
+
+def _published_shapes(hidden: int) -> list[tuple[int, ...]]:
+    """Return the shapes of the paper's network in the order of the exporter."""
+    C, A, H = NUM_COMMON, ATTENTION, hidden
+    return [
+        (NUM_FEATURES,), CONSTANT,
+        (NUM_FEATURES, A), (A,), (H, A), (A, C), (C,), CONSTANT,
+        (1, 4 * H, NUM_FEATURES + NUM_CONTEXT), (1, 4 * H, H), (1, 8 * H),
+        (H, A), (A,), CONSTANT, (NUM_CONTEXT, H), (H,),
+        (2 * H, A), (A, 1), (6 * C + H, H),
+        (1, 4 * H, H), (1, 4 * H, H), (1, 8 * H),
+        (2 * H, H), (H,), (H, 3 * C), (3 * C,), CONSTANT,
+    ]  # fmt: skip
 
 
 def _lstm(entry: Floats32, state: Floats32, bias: Floats32) -> tuple[Floats32, Floats32]:

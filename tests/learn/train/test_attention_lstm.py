@@ -87,6 +87,65 @@ def test_the_exported_graph_equals_torch_for_any_batch_and_lead(history_slots: i
             np.testing.assert_allclose(errors, wanted[1].numpy(), atol=1e-5, rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"context": True}, {"context": True, "moves": True},
+     {"context": True, "moves": True, "smooths": True}],
+)  # fmt: skip
+def test_networks_without_some_parts_are_exported_alike(changes: dict[str, bool]) -> None:
+    settings = replace(NetworkSettings(history_slots=5, hidden=12).as_published(), **changes)
+    torch.manual_seed(2)
+    network = AttentionLstm(settings).eval()
+    for parameter in network.parameters():
+        torch.nn.init.normal_(parameter, 0, 0.08)
+    rng = np.random.default_rng(0)
+    features = rng.normal(size=(5, 3, NUM_FEATURES)).astype(np.float32)
+    context = rng.normal(size=(3, NUM_CONTEXT)).astype(np.float32)
+    with torch.no_grad():
+        wanted = network(torch.from_numpy(features), torch.from_numpy(context), 4)[0].numpy()
+    content = export(network, [1.0])
+    session = ort.InferenceSession(content, providers=["CPUExecutionProvider"])
+    places, _ = session.run(
+        None, {"features": features, "context": context, "num_leads": np.array([4])}
+    )
+    np.testing.assert_allclose(
+        places.reshape(4, 3, 3, NUM_COMMON).swapaxes(-1, -2), wanted, atol=1e-5
+    )
+    again, _ = network_of(content, "there")
+    with torch.no_grad():
+        same = again.eval()(torch.from_numpy(features), torch.from_numpy(context), 4)[0]
+    np.testing.assert_allclose(same.numpy(), wanted, atol=1e-5)
+
+
+def test_the_papers_network_runs_as_torch_says_and_states_no_error(tmp_path: Path) -> None:
+    settings = replace(SETTINGS, network=SETTINGS.network.as_published(), loss="squared")
+    weights = train(TRAINING, VALIDATION, tmp_path, settings)
+    predictor = Predictor(COCO17, weights)
+    history = np.random.default_rng(3).normal(scale=0.4, size=(6, 2, 17, 3))
+    prediction = predictor.predict(history, 1 / 30, 5)
+    assert np.isfinite(prediction.joints_m).all()
+    assert np.isnan(prediction.error_m).all()
+    network, _ = network_of(weights.read_bytes(), str(weights))
+    rng = np.random.default_rng(0)
+    features = rng.normal(size=(6, 3, NUM_FEATURES)).astype(np.float32)
+    context = rng.normal(size=(3, NUM_CONTEXT)).astype(np.float32)
+    with torch.no_grad():
+        wanted = network.eval()(torch.from_numpy(features), torch.from_numpy(context), 5)[0]
+    places = np.empty((5, 3, 3 * NUM_COMMON), np.float32)
+    log_error = np.empty((5, 3, NUM_COMMON), np.float32)
+    predictor._network(predictor.weights, features, context, places, log_error)
+    np.testing.assert_allclose(
+        places.reshape(5, 3, 3, NUM_COMMON).swapaxes(-1, -2), wanted.numpy(), atol=1e-4
+    )
+    rows = log_of(tmp_path)
+    assert float(rows[-1]["loss"]) < float(rows[0]["loss"])
+
+
+def test_parts_of_the_decoder_that_moves_need_it() -> None:
+    with pytest.raises(InputError, match="network: found 10 experts"):
+        NetworkSettings(moves=False)
+
+
 def test_an_untrained_network_is_close_to_constant_velocity() -> None:
     network = AttentionLstm(NetworkSettings(history_slots=4, hidden=8)).eval()
     features = torch.randn(4, 2, NUM_FEATURES)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -50,6 +50,7 @@ class TrainSettings:
         seed: of weights and windows.
         expert_windows: per kind of history, from which experts are found before training.
         started_from: the weights that training goes on from, if any, for the card.
+        loss: `relative` to the best simple predictor, or `squared`, eq. (6) of the paper.
     """
 
     network: NetworkSettings = field(default_factory=NetworkSettings)
@@ -64,6 +65,7 @@ class TrainSettings:
     seed: int = 0
     expert_windows: int = 8_000
     started_from: str = "nothing"
+    loss: Literal["relative", "squared"] = "relative"
 
 
 class Training:
@@ -90,7 +92,8 @@ class Training:
     def start(self, sampler: Sampler) -> None:
         """Let the experts of an untrained network be what regressions find."""
         rng = np.random.default_rng([self.settings.seed, 1])
-        start_experts(self.network, sampler, rng, self.settings.expert_windows)
+        if self.settings.network.experts:
+            start_experts(self.network, sampler, rng, self.settings.expert_windows)
         self._begin_here()
 
     def take_up(self, network: AttentionLstm) -> None:
@@ -115,7 +118,7 @@ class Training:
         for group in self.optimizer.param_groups:
             group["lr"] = self.settings.learning_rate * rate
         self.network.train()
-        loss = batch_loss(self.network, windows)
+        loss = batch_loss(self.network, windows, self.settings.loss)
         self.optimizer.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
@@ -162,11 +165,12 @@ class Training:
         self.stale, self.step = int(stale), int(step)
 
 
-def batch_loss(network: AttentionLstm, windows: Windows) -> torch.Tensor:
-    """Return the mean error of a batch relative to that of the best simple predictor.
+def batch_loss(network: AttentionLstm, windows: Windows, kind: str = "relative") -> torch.Tensor:
+    """Return the loss of a batch: `relative`, or the `squared` error, eq. (6) of the paper.
 
-    So a millimetre counts as much in slow motion as a centimetre in fast. The expected error is
-    learned beside it, from the errors as they are.
+    The relative one is the mean error relative to that of the best simple predictor, so that a
+    millimetre counts as much in slow motion as a centimetre in fast. The expected error, where the
+    network states one, is learned beside it, from the errors as they are.
     """
     normal = windows.normal
     places, log_error = network(
@@ -174,11 +178,16 @@ def batch_loss(network: AttentionLstm, windows: Windows) -> torch.Tensor:
     )
     future = torch.from_numpy(windows.future_m.astype(np.float32))
     seen = torch.from_numpy(normal.seen.astype(np.float32))
-    usual = torch.from_numpy(windows.usual_m.astype(np.float32))
-    weight = 1 / (usual + FLOOR_M + LATE_SHARE * usual[-1:])
-    error = (places - future).norm(dim=-1)
+    apart = places - future
+    loss: torch.Tensor = (apart.square().sum(dim=-1) * seen).sum(dim=0).mean()
+    error = apart.norm(dim=-1)
+    if kind == "relative":
+        usual = torch.from_numpy(windows.usual_m.astype(np.float32))
+        weight = 1 / (usual + FLOOR_M + LATE_SHARE * usual[-1:])
+        loss = (error * seen * weight.unsqueeze(-1)).mean()
+    if not network.settings.moves:
+        return loss
     claim = log_error + error.detach() / log_error.exp()
-    loss: torch.Tensor = (error * seen * weight.unsqueeze(-1)).mean()
     return loss + ERROR_WEIGHT * (claim * seen).mean()
 
 
@@ -278,7 +287,12 @@ def _finish(
     weights = out / "attention-lstm.onnx"
     with atomic_file(weights) as temporary:
         temporary.write_bytes(
-            export(network, [1.0] * run.settings.num_leads, error_curves(marks), half=True)
+            export(
+                network,
+                [1.0] * run.settings.num_leads,
+                error_curves(marks) if network.settings.moves else None,
+                half=True,
+            )
         )
     with atomic_file(out / "model-card.md") as temporary:
         temporary.write_text(

@@ -15,7 +15,7 @@ import onnx
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
-from e3pose.learn.train.network import KEEP, NUM_AXES, AttentionLstm
+from e3pose.learn.train.network import KEEP, NUM_AXES, AttentionLstm, NetworkSettings
 from e3pose.predict.attention_lstm import FORMAT, FORMAT_VERSION
 from e3pose.predict.normalise import COMMON_JOINTS, NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
 
@@ -103,27 +103,17 @@ def export(
         name: value.detach().cpu().numpy().astype(np.float32)
         for name, value in network.state_dict().items()
     }
-    slots, hidden = network.settings.history_slots, network.settings.hidden
+    sizes = network.settings
+    slots = sizes.history_slots
     graph = _Graph(half=half)
-    state, memory = _encoder(graph, arrays, slots, hidden)
-    body = _decoder(arrays, memory, hidden, half)
+    state, memory = _encoder(graph, arrays, sizes)
+    body = _decoder(arrays, memory, sizes, half)
     trips = graph.add("Squeeze", "num_leads", graph.integers(0))
     keep_going = graph.constant(np.array([True]))
     results = graph.add_all("Loop", [trips, keep_going, *state], len(state) + 2, body=body)
     graph.nodes.append(helper.make_node("Squeeze", [results[-2], graph.integers(1)], ["places"]))
-    lead = graph.add(
-        "Range", graph.constant(np.float32(1)),
-        graph.add("Add", graph.add("Cast", trips, to=TensorProto.FLOAT),
-                  graph.constant(np.float32(1))),
-        graph.constant(np.float32(1)),
-    )  # fmt: skip
-    lead = graph.add("Unsqueeze", lead, graph.integers(1, 2))
-    usual = graph.add(
-        "Mul", graph.add("Mul", memory["speed"], lead), graph.constant(np.float32(0.5))
-    )
-    usual = graph.add("Log", graph.add("Add", usual, graph.constant(np.float32(0.002))))
     error = graph.add("Squeeze", results[-1], graph.integers(1))
-    graph.nodes.append(helper.make_node("Add", [error, usual], ["log_error"]))
+    _add_log_error(graph, error, trips, memory.get("speed"))
 
     def value(name: str, *shape: str | int) -> onnx.ValueInfoProto:
         return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
@@ -155,12 +145,30 @@ def export(
             "history_slots": str(slots),
             "settings": json.dumps(asdict(network.settings)),
             "joints": " ".join(COMMON_JOINTS),
+            "states_error": "yes" if network.settings.moves else "no",
             "error_factor": json.dumps([round(float(factor), 4) for factor in error_factor]),
             "error_curve": json.dumps(None if error_curve is None else _rising(error_curve)),
         },
     )
     onnx.checker.check_model(model, full_check=True)
     return bytes(model.SerializeToString())
+
+
+def _add_log_error(graph: _Graph, error: str, trips: str, speed: str | None) -> None:
+    """Add the last output: errors on the scale of the speed, or as they are without one."""
+    if speed is None:
+        graph.nodes.append(helper.make_node("Identity", [error], ["log_error"]))
+        return
+    lead = graph.add(
+        "Range", graph.constant(np.float32(1)),
+        graph.add("Add", graph.add("Cast", trips, to=TensorProto.FLOAT),
+                  graph.constant(np.float32(1))),
+        graph.constant(np.float32(1)),
+    )  # fmt: skip
+    lead = graph.add("Unsqueeze", lead, graph.integers(1, 2))
+    usual = graph.add("Mul", graph.add("Mul", speed, lead), graph.constant(np.float32(0.5)))
+    usual = graph.add("Log", graph.add("Add", usual, graph.constant(np.float32(0.002))))
+    graph.nodes.append(helper.make_node("Add", [error, usual], ["log_error"]))
 
 
 def halved(network: AttentionLstm) -> None:
@@ -178,18 +186,24 @@ def _rising(curve: NDArray[np.float64]) -> list[object]:
 
 
 def _encoder(
-    graph: _Graph, arrays: Mapping[str, NDArray[np.float32]], slots: int, hidden: int
+    graph: _Graph, arrays: Mapping[str, NDArray[np.float32]], sizes: NetworkSettings
 ) -> tuple[list[str], dict[str, str]]:
     """Add the encoder; return the decoder's first state and what it looks at in every step."""
-    context = graph.add("Unsqueeze", "context", graph.integers(0))
+    slots, hidden = sizes.history_slots, sizes.hidden
+    features = "features"
+    given = context = graph.add("Unsqueeze", "context", graph.integers(0))
+    if not sizes.context:
+        mask = (np.arange(NUM_FEATURES) < NUM_AXES).astype(np.float32)
+        features = graph.add("Mul", features, graph.constant(mask))
+        context = graph.add("Mul", context, graph.constant(np.float32(0)))
     from_input, from_hidden = np.split(arrays["input_attention.0.weight"], [NUM_FEATURES], axis=1)
     scores = graph.add(
         "Add",
-        graph.linear("features", from_input),
+        graph.linear(features, from_input),
         graph.constant(arrays["input_attention.0.bias"]),
     )
     scores_at = graph.add_all("Split", [scores, graph.integers(*[1] * slots)], slots, axis=0)
-    features_at = graph.add_all("Split", ["features", graph.integers(*[1] * slots)], slots, axis=0)
+    features_at = graph.add_all("Split", [features, graph.integers(*[1] * slots)], slots, axis=0)
     hidden_weight = graph.constant(from_hidden.T)
     out_weight = graph.constant(arrays["input_attention.2.weight"].T)
     out_bias = graph.constant(arrays["input_attention.2.bias"])
@@ -213,48 +227,68 @@ def _encoder(
     keys = graph.add(
         "Add", graph.linear(stacked, arrays["key.weight"]), graph.constant(arrays["query.bias"])
     )
-    log_speed = graph.add("Slice", context, graph.integers(0), graph.integers(1), graph.integers(2))
+    log_speed = graph.add("Slice", given, graph.integers(0), graph.integers(1), graph.integers(2))
     speed = graph.add("Mul", graph.add("Exp", log_speed), graph.constant(np.float32(0.01)))
-    place, motion = _start(graph, arrays, slots, features_at[-1], state, context, speed)
+    motions = graph.add(
+        "Slice", features, graph.integers(1, NUM_AXES), graph.integers(slots, 2 * NUM_AXES),
+        graph.integers(0, 2),
+    )  # fmt: skip
+    parts = [NUM_AXES, NUM_AXES, NUM_COMMON]
+    place, motion, _ = graph.add_all("Split", [features_at[-1], graph.integers(*parts)], 3, axis=-1)
+    start = (place, motion)
+    summary = graph.add("Concat", context, state, axis=-1)
+    if sizes.smooths:
+        start = _smoothed(graph, arrays, slots, start, motions, summary, speed)
+    if sizes.experts:
+        start = _with_experts(graph, arrays, slots, start, place, motions, summary, speed)
     entry_context = graph.linear(context, arrays["entry.weight"][:, -NUM_CONTEXT:])
     entry_context = graph.add("Add", entry_context, graph.constant(arrays["entry.bias"]))
-    doubt = graph.linear(context, arrays["doubt.weight"][:, -NUM_CONTEXT:])
-    doubt = graph.add("Add", doubt, graph.constant(arrays["doubt.bias"]))
-    memory = {
-        "encoded": stacked, "keys": keys, "speed": speed, "entry": entry_context, "doubt": doubt
-    }  # fmt: skip
-    return [state, cell, place, motion], memory
+    memory = {"encoded": stacked, "keys": keys, "entry": entry_context}
+    if sizes.moves:
+        doubt = graph.linear(context, arrays["doubt.weight"][:, -NUM_CONTEXT:])
+        doubt = graph.add("Add", doubt, graph.constant(arrays["doubt.bias"]))
+        memory |= {"speed": speed, "doubt": doubt}
+    return [state, cell, *start], memory
 
 
-def _start(
+def _smoothed(
     graph: _Graph,
     arrays: Mapping[str, NDArray[np.float32]],
     slots: int,
-    newest: str,
-    state: str,
-    context: str,
+    start: tuple[str, str],
+    motions: str,
+    summary: str,
     speed: str,
 ) -> tuple[str, str]:
-    """Add where the decoder starts: places and motions, smoothed, and what the experts find."""
-    summary = graph.add("Concat", context, state, axis=-1)
+    """Return places and motions smoothed over the history, with weights of the encoder's."""
     weights = graph.linear(summary, arrays["smoothing.weight"])
     weights = graph.add("Add", weights, graph.constant(arrays["smoothing.bias"]))
     weights = graph.add("Reshape", weights, graph.integers(-1, 2, slots - 1, NUM_COMMON))
     weights = graph.add("Transpose", weights, perm=[1, 2, 0, 3])
     weights = graph.add("Tile", weights, graph.integers(1, 1, 1, 3))
-    motions = graph.add(
-        "Slice", "features", graph.integers(1, NUM_AXES), graph.integers(slots, 2 * NUM_AXES),
-        graph.integers(0, 2),
-    )  # fmt: skip
     sums = graph.add("ReduceSum", graph.add("Mul", weights, motions), graph.integers(1), keepdims=0)
     change, offset = graph.add_all("Split", [sums, graph.integers(1, 1)], 2, axis=0)
-    parts = [NUM_AXES, NUM_AXES, NUM_COMMON]
-    place, motion, _ = graph.add_all("Split", [newest, graph.integers(*parts)], 3, axis=-1)
-    # The experts.
+    place, motion = start
+    return graph.add("Add", place, graph.add("Mul", speed, offset)), graph.add(
+        "Add", motion, change
+    )
+
+
+def _with_experts(
+    graph: _Graph,
+    arrays: Mapping[str, NDArray[np.float32]],
+    slots: int,
+    start: tuple[str, str],
+    newest: str,
+    motions: str,
+    summary: str,
+    speed: str,
+) -> tuple[str, str]:
+    """Return places and motions with what the experts find added."""
     read = graph.add("Mul", motions, graph.add("Mul", speed, graph.constant(np.float32(10))))
     read = graph.add("Transpose", read, perm=[1, 0, 2])
     read = graph.add("Reshape", read, graph.integers(0, (slots - 1) * NUM_AXES))
-    flat = graph.add("Squeeze", place, graph.integers(0))
+    flat = graph.add("Squeeze", newest, graph.integers(0))
     read = graph.add("Concat", flat, read, axis=-1)
     found = graph.linear(read, arrays["expert.weight"])
     found = graph.add("Add", found, graph.constant(arrays["expert.bias"]))
@@ -266,16 +300,18 @@ def _start(
     found = graph.add("ReduceSum", found, graph.integers(1), keepdims=0)
     found = graph.add("Unsqueeze", found, graph.integers(0))
     fix, push = graph.add_all("Split", [found, graph.integers(NUM_AXES, NUM_AXES)], 2, axis=-1)
-    place = graph.add("Add", graph.add("Add", place, graph.add("Mul", speed, offset)), fix)
-    motion = graph.add("Add", motion, change)
-    return place, graph.add("Add", motion, graph.add("Div", push, speed))
+    place, motion = start
+    return graph.add("Add", place, fix), graph.add("Add", motion, graph.add("Div", push, speed))
 
 
 def _decoder(
-    arrays: Mapping[str, NDArray[np.float32]], memory: Mapping[str, str], hidden: int, half: bool
+    arrays: Mapping[str, NDArray[np.float32]],
+    memory: Mapping[str, str],
+    sizes: NetworkSettings,
+    half: bool,
 ) -> onnx.GraphProto:
     """Return the decoder's step as the body of a Loop."""
-    graph = _Graph("step_", half)
+    graph, hidden = _Graph("step_", half), sizes.hidden
     state, cell, place, motion = "state", "cell", "place", "motion"
     query = graph.add("Concat", state, cell, axis=-1)
     query = graph.linear(query, arrays["query.weight"])
@@ -291,9 +327,52 @@ def _decoder(
     known = graph.add("Concat", state, attended, axis=-1)
     reading = graph.linear(known, arrays["reading.weight"])
     reading = graph.add("Add", reading, graph.constant(arrays["reading.bias"]))
+    reading = graph.add("Relu", reading)
+    if sizes.moves:
+        place, motion, error = _moved(graph, arrays, memory, (place, motion), where, known, reading)
+    else:
+        place = graph.linear(reading, arrays["regressor.weight"])
+        place = graph.add("Add", place, graph.constant(arrays["regressor.bias"]))
+        error = graph.add(
+            "Slice", place, graph.integers(0), graph.integers(NUM_COMMON), graph.integers(2)
+        )
+        error = graph.add("Mul", error, graph.constant(np.float32(0)))
+        motion = graph.add("Identity", motion)
+    places = graph.add("Identity", place)
+    going = graph.add("Identity", "going")
+
+    def value(name: str, size: int) -> onnx.ValueInfoProto:
+        return helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, "num_tracks", size])
+
+    widths = {"state": hidden, "cell": hidden, "place": NUM_AXES, "motion": NUM_AXES}
+    inputs = [
+        helper.make_tensor_value_info("lead", TensorProto.INT64, [1]),
+        helper.make_tensor_value_info("going", TensorProto.BOOL, [1]),
+        *(value(name, size) for name, size in widths.items()),
+    ]
+    outputs = [
+        helper.make_tensor_value_info(going, TensorProto.BOOL, [1]),
+        *(value(n, s) for n, s in zip((state, cell, place, motion), widths.values(), strict=True)),
+        value(places, NUM_AXES),
+        value(error, NUM_COMMON),
+    ]
+    return helper.make_graph(graph.nodes, "decoder_step", inputs, outputs, graph.weights)
+
+
+def _moved(
+    graph: _Graph,
+    arrays: Mapping[str, NDArray[np.float32]],
+    memory: Mapping[str, str],
+    start: tuple[str, str],
+    where: str,
+    known: str,
+    reading: str,
+) -> tuple[str, str, str]:
+    """Return places and motions one lead further, and how far off these places may be."""
+    place, motion = start
     bias = arrays["regressor.bias"].copy()
     bias[NUM_AXES:] += KEEP
-    result = graph.linear(graph.add("Relu", reading), arrays["regressor.weight"])
+    result = graph.linear(reading, arrays["regressor.weight"])
     result = graph.add("Add", result, graph.constant(bias))
     parts = graph.integers(NUM_AXES, NUM_COMMON)
     change, keep = graph.add_all("Split", [result, parts], 2, axis=-1)
@@ -304,23 +383,4 @@ def _decoder(
     change = graph.add("Add", change, graph.linear(where, arrays["coupling.weight"]))
     keep = graph.add("Tile", graph.add("Sigmoid", keep), graph.integers(1, 1, 3))
     motion = graph.add("Add", graph.add("Mul", motion, keep), change)
-    place = graph.add("Add", place, graph.add("Mul", memory["speed"], motion))
-    places = graph.add("Identity", place)
-    going = graph.add("Identity", "going")
-
-    def value(name: str, size: int) -> onnx.ValueInfoProto:
-        return helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, "num_tracks", size])
-
-    sizes = {"state": hidden, "cell": hidden, "place": NUM_AXES, "motion": NUM_AXES}
-    inputs = [
-        helper.make_tensor_value_info("lead", TensorProto.INT64, [1]),
-        helper.make_tensor_value_info("going", TensorProto.BOOL, [1]),
-        *(value(name, size) for name, size in sizes.items()),
-    ]
-    outputs = [
-        helper.make_tensor_value_info(going, TensorProto.BOOL, [1]),
-        *(value(n, s) for n, s in zip((state, cell, place, motion), sizes.values(), strict=True)),
-        value(places, NUM_AXES),
-        value(error, NUM_COMMON),
-    ]
-    return helper.make_graph(graph.nodes, "decoder_step", inputs, outputs, graph.weights)
+    return graph.add("Add", place, graph.add("Mul", memory["speed"], motion)), motion, error

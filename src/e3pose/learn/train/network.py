@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor, nn
 
+from e3pose.errors import InputError
 from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
 
 NUM_AXES = 3 * NUM_COMMON
@@ -21,13 +22,34 @@ class NetworkSettings:
         history_slots: the paper's M.
         hidden: width of the LSTMs.
         dropout: share of units dropped in training.
-        experts: linear estimators of the newest places and motions, one per kind of history.
+        experts: linear estimators of the newest places and motions, one per kind of history; 0
+            for none.
+        smooths: start from motions smoothed over the history.
+        moves: the decoder moves the joints on, in units of the person's speed, and states its
+            error; otherwise its regressor says where they are, as in the paper.
+        context: motions, gaps, speed, slot length and roughness are inputs too; otherwise places
+            alone, as in the paper.
+
+    Raises:
+        InputError: for experts or smoothing of a decoder that does not move joints.
     """
 
     history_slots: int = 10
     hidden: int = 96
     dropout: float = 0.2
     experts: int = 10
+    smooths: bool = True
+    moves: bool = True
+    context: bool = True
+
+    def __post_init__(self) -> None:
+        if not self.moves and (self.experts or self.smooths):
+            found = f"{self.experts} experts, smooths = {self.smooths}"
+            raise InputError("network", found, "none of both where the decoder moves nothing")
+
+    def as_published(self) -> NetworkSettings:
+        """Return the network of the paper in the same size: none of the parts added to it."""
+        return replace(self, experts=0, smooths=False, moves=False, context=False)
 
 
 class AttentionLstm(nn.Module):
@@ -47,27 +69,33 @@ class AttentionLstm(nn.Module):
             nn.Linear(NUM_FEATURES + hidden, 48), nn.Tanh(), nn.Linear(48, NUM_COMMON)
         )
         self.encoder = nn.LSTMCell(NUM_FEATURES + NUM_CONTEXT, hidden)
-        self.smoothing = nn.Linear(hidden + NUM_CONTEXT, 2 * NUM_COMMON * (slots - 1))
-        self.gate = nn.Linear(NUM_CONTEXT + hidden, settings.experts)
-        self.expert = nn.Linear(slots * NUM_AXES, settings.experts * 2 * NUM_AXES)
-        self.expert.requires_grad_(False)  # a regression finds them, see `experts`
+        if settings.smooths:
+            self.smoothing = nn.Linear(hidden + NUM_CONTEXT, 2 * NUM_COMMON * (slots - 1))
+        if settings.experts:
+            self.gate = nn.Linear(NUM_CONTEXT + hidden, settings.experts)
+            self.expert = nn.Linear(slots * NUM_AXES, settings.experts * 2 * NUM_AXES)
+            self.expert.requires_grad_(False)  # a regression finds them, see `experts`
         self.query = nn.Linear(2 * hidden, 48)
         self.key = nn.Linear(hidden, 48, bias=False)
         self.energy = nn.Linear(48, 1, bias=False)
         self.entry = nn.Linear(2 * NUM_AXES + hidden + NUM_CONTEXT, hidden)
         self.decoder = nn.LSTMCell(hidden, hidden)
         self.reading = nn.Linear(2 * hidden, hidden)
-        self.regressor = nn.Linear(hidden, NUM_AXES + NUM_COMMON)
-        self.doubt = nn.Linear(2 * hidden + NUM_CONTEXT, 48)
-        self.error = nn.Linear(48, NUM_COMMON)
-        self.coupling = nn.Linear(2 * NUM_AXES, NUM_AXES, bias=False)
+        self.regressor = nn.Linear(hidden, NUM_AXES + NUM_COMMON * settings.moves)
+        if settings.moves:
+            self.doubt = nn.Linear(2 * hidden + NUM_CONTEXT, 48)
+            self.error = nn.Linear(48, NUM_COMMON)
+            self.coupling = nn.Linear(2 * NUM_AXES, NUM_AXES, bias=False)
         self.dropout = nn.Dropout(settings.dropout)
-        for layer in (
-            self.smoothing, self.gate, self.expert, self.regressor, self.error, self.coupling
-        ):  # fmt: skip
-            nn.init.zeros_(layer.weight)
-            if layer.bias is not None:
-                nn.init.zeros_(layer.bias)
+        given = torch.ones(NUM_FEATURES)
+        given[NUM_AXES:] = float(settings.context)
+        self.register_buffer("given", given, persistent=False)
+        for name in ("smoothing", "gate", "expert", "regressor", "error", "coupling"):
+            layer = getattr(self, name, None)
+            if layer is not None:
+                nn.init.zeros_(layer.weight)
+                if layer.bias is not None:
+                    nn.init.zeros_(layer.bias)
 
     def forward(self, features: Tensor, context: Tensor, num_leads: int) -> tuple[Tensor, Tensor]:
         """Predict.
@@ -79,7 +107,8 @@ class AttentionLstm(nn.Module):
 
         Returns:
             Places `(num_leads, num_tracks, NUM_COMMON, 3)` in metres in the people's frames and
-            the logarithm of the expected error `(num_leads, num_tracks, NUM_COMMON)`.
+            the logarithm of the expected error `(num_leads, num_tracks, NUM_COMMON)`, which means
+            nothing where the decoder moves no joints.
         """
         state, memory = self.encode(features, context)
         places, errors = [], []
@@ -87,13 +116,15 @@ class AttentionLstm(nn.Module):
             state, place, error = self.decode(state, memory)
             places.append(place)
             errors.append(error)
-        shape = (num_leads, -1, 3, NUM_COMMON)
+        shape = (num_leads, features.shape[1], 3, NUM_COMMON)
         return torch.stack(places).reshape(shape).transpose(-1, -2), torch.stack(errors)
 
     def encode(
         self, features: Tensor, context: Tensor
     ) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
         """Return the decoder's first state, and what it looks at in every step."""
+        speed = 0.01 * torch.exp(context[:, :1])
+        features, context = features * self.given, context * float(self.settings.context)
         hidden = cell = features.new_zeros(features.shape[1], self.settings.hidden)
         seen = []
         for slot in range(self.settings.history_slots):
@@ -103,18 +134,22 @@ class AttentionLstm(nn.Module):
             hidden, cell = self.encoder(torch.cat([chosen, context], -1), (hidden, cell))
             seen.append(hidden)
         encoded = torch.stack(seen)
-        speed = 0.01 * torch.exp(context[:, :1])
         place = features[-1, :, :NUM_AXES]
         motions = features[1:, :, NUM_AXES : 2 * NUM_AXES]
+        motion = motions[-1]
         summary = torch.cat([context, self.dropout(hidden)], -1)
-        share = torch.softmax(self.gate(summary), -1)
-        found = self.expert(evidence(features, speed)).unflatten(-1, (-1, 2 * NUM_AXES))
-        found = (share.unsqueeze(-1) * found).sum(1)
-        weights = self.smoothing(summary)
-        weights = weights.reshape(-1, 2, self.settings.history_slots - 1, NUM_COMMON)
-        weights = weights.permute(1, 2, 0, 3).repeat(1, 1, 1, 3)
-        motion = motions[-1] + (weights[0] * motions).sum(0) + found[:, NUM_AXES:] / speed
-        place = place + speed * (weights[1] * motions).sum(0) + found[:, :NUM_AXES]
+        if self.settings.smooths:
+            weights = self.smoothing(summary)
+            weights = weights.reshape(-1, 2, self.settings.history_slots - 1, NUM_COMMON)
+            weights = weights.permute(1, 2, 0, 3).repeat(1, 1, 1, 3)
+            motion = motion + (weights[0] * motions).sum(0)
+            place = place + speed * (weights[1] * motions).sum(0)
+        if self.settings.experts:
+            share = torch.softmax(self.gate(summary), -1)
+            found = self.expert(evidence(features, speed)).unflatten(-1, (-1, 2 * NUM_AXES))
+            found = (share.unsqueeze(-1) * found).sum(1)
+            motion = motion + found[:, NUM_AXES:] / speed
+            place = place + found[:, :NUM_AXES]
         state = (hidden, cell, place, motion, torch.zeros_like(speed))
         return state, (encoded, self.key(encoded), context, speed)
 
@@ -130,6 +165,10 @@ class AttentionLstm(nn.Module):
         entry = torch.relu(self.entry(torch.cat([place, motion, attended, context], -1)))
         hidden, cell = self.decoder(self.dropout(entry), (hidden, cell))
         reading = torch.relu(self.reading(torch.cat([hidden, attended], -1)))
+        if not self.settings.moves:
+            place = self.regressor(self.dropout(reading))
+            unknown = place[:, :NUM_COMMON] * 0
+            return (hidden, cell, place, motion, lead + 1), place, unknown
         change, keep = self.regressor(self.dropout(reading)).split([NUM_AXES, NUM_COMMON], -1)
         change = change + self.coupling(torch.cat([place, motion], -1))
         motion = motion * torch.sigmoid(keep + KEEP).repeat(1, 3) + change

@@ -30,6 +30,9 @@ class Weights(NamedTuple):
 
     With `A` outputs of an attention, `H` the width of the LSTMs, `C` common joints, `M` slots of
     history and `E` experts.
+
+    A network as published, whose regressor says where joints are rather than how they move, has no
+    row in `couple`, places alone in `regress`, and zeros for the parts that it lacks.
     """
 
     look: Floats32  # (7 C, A) input attention, of features
@@ -58,12 +61,12 @@ class Weights(NamedTuple):
     decoder_bias: Floats32  # (4 H,)
     read: Floats32  # (2 H, H)
     read_bias: Floats32  # (H,)
-    regress: Floats32  # (H, 4 C)
-    regress_bias: Floats32  # (4 C,)
+    regress: Floats32  # (H, 4 C); as published (H, 3 C)
+    regress_bias: Floats32  # (4 C,); as published (3 C,)
     doubt: Floats32  # (2 H, A)
     error: Floats32  # (A, C)
     error_bias: Floats32  # (C,)
-    couple: Floats32  # (6 C, 3 C)
+    couple: Floats32  # (6 C, 3 C); as published (0, 3 C)
 
 
 @kernel
@@ -82,7 +85,8 @@ def run_network(
         context: `(num_tracks, 4)`.
         places: `(num_leads, num_tracks, 3 C)`, filled: metres in the people's frames, all x before
             all y before all z.
-        log_error: `(num_leads, num_tracks, C)`, filled: logarithm of the expected error.
+        log_error: `(num_leads, num_tracks, C)`, filled: logarithm of the expected error; of a
+            network as published it means nothing.
     """
     num_slots, num_tracks, _ = features.shape
     size, num_joints = len(weights.read_bias), len(weights.weigh_bias)
@@ -264,8 +268,14 @@ def _decode(
     reading = np.empty((num_tracks, size), np.float32)
     linear(both, weights.read, weights.read_bias, reading)
     rectify(reading)
-    result = np.empty((num_tracks, 4 * num_joints), np.float32)
+    result = np.empty((num_tracks, len(weights.regress_bias)), np.float32)
     linear(reading, weights.regress, weights.regress_bias, result)
+    if len(weights.couple) == 0:
+        error[:] = np.float32(0)
+        for track in range(num_tracks):
+            for j in range(axes):
+                moving[track, j] = result[track, j]
+        return
     add_product(both, weights.doubt, doubt)
     rectify(doubt)
     linear(doubt, weights.error, weights.error_bias, error)
