@@ -133,10 +133,14 @@ def test_a_kind_is_told_from_its_outputs(tmp_path: Path) -> None:
         identify(other)
 
 
-@pytest.mark.parametrize("name", ["movenet-multipose", "openpose-thin", "trt-pose", "yolo-pose"])
+@pytest.mark.parametrize(
+    "name", ["movenet-multipose", "openpose-thin", "trt-pose", "yolo-pose", "rtmo"]
+)
 def test_another_network_is_refused_by_name(tmp_path: Path, name: str) -> None:
     path = write_onnx(tmp_path / "c.onnx", (1, 3, 8, 8), np.zeros((1, 1000), np.float32))
-    with pytest.raises(InputError, match=rf"c\.onnx: (in|out)put: found .* expected .* for {name}"):
+    with pytest.raises(
+        InputError, match=rf"c\.onnx: (in|out)puts?: found .* expected .* for {name}"
+    ):
         make_detector(name, path)
 
 
@@ -290,3 +294,39 @@ def test_every_fetchable_network_has_a_detector() -> None:
     from e3pose.detectors.weights import MODELS
 
     assert set(MODELS) <= set(DETECTORS)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_rtmo_reads_boxes_and_keypoints(tmp_path: Path, swapped: bool) -> None:
+    truth = people_in((640, 480), 3)
+    # 640 x 480 fills the top 416 x 312 of 416 x 416.
+    points = np.zeros((1, 5, 17, 3), np.float32)
+    points[0, :3, :, :2] = (truth + 0.5) * 0.65
+    points[0, :3, :, 2] = 0.8
+    points[0, 0, 3, 2] = 0.2  # an ear nobody believes
+    boxes = np.zeros((1, 5, 5), np.float32)
+    boxes[0, :, 4] = 0.9, 0.8, 0.1, 0.05, 0.0  # nor the third person
+    outputs = (points, boxes) if swapped else (boxes, points)
+    path = write_onnx(tmp_path / "r.onnx", (1, 3, 416, 416), *outputs)
+    assert identify(path) == "rtmo"
+    poses = make_detector("rtmo", path, "cpu", 1).detect(IMAGE)
+    assert len(poses) == 2 and poses.scores[0, 3] == 0
+    seen = poses.scores > 0
+    assert seen.sum() == 33
+    assert np.abs(poses.keypoints_px - truth[:2])[seen].max() < 1e-3
+    np.testing.assert_allclose(poses.scores[seen], 0.8, atol=1e-6)
+
+
+def test_rtmo_without_people_finds_nobody(tmp_path: Path) -> None:
+    empty = (np.zeros((1, 0, 5), np.float32), np.zeros((1, 0, 17, 3), np.float32))
+    path = write_onnx(tmp_path / "r.onnx", (1, 3, 640, 640), *empty)
+    assert len(make_detector("rtmo", path, "cpu", 1).detect(IMAGE)) == 0
+
+
+def test_rtmo_of_another_skeleton_is_refused(tmp_path: Path) -> None:
+    outputs = (np.zeros((1, 2, 5), np.float32), np.zeros((1, 2, 26, 3), np.float32))
+    path = write_onnx(tmp_path / "r.onnx", (1, 3, 640, 640), *outputs)
+    with pytest.raises(
+        InputError, match=r"expected dets \[1, N, 5\] and keypoints \[1, N, 17, 3\]"
+    ):
+        make_detector("rtmo", path, "cpu", 1)

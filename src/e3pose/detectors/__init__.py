@@ -39,6 +39,13 @@ def _yolo(model: Path | None, provider: str, threads: int | None) -> Detector:
     return YoloPose(load_network(_weights(NAME, model), provider, threads))
 
 
+def _rtmo(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
+    from e3pose.detectors.inference import load_network
+    from e3pose.detectors.rtmo import Rtmo
+
+    return Rtmo(load_network(_weights(name, model), provider, threads))
+
+
 def _drawn(model: Path | None, provider: str, threads: int | None) -> Detector:
     from e3pose.detectors.drawn import Drawn
 
@@ -59,6 +66,9 @@ DETECTORS: dict[str, Factory] = {
     "openpose-thin": partial(_openpose, "openpose-thin"),
     "trt-pose": partial(_openpose, "trt-pose"),
     "yolo-pose": _yolo,
+    "rtmo": partial(_rtmo, "rtmo"),
+    "rtmo-m": partial(_rtmo, "rtmo-m"),
+    "rtmo-l": partial(_rtmo, "rtmo-l"),
     "rtmlib": _rtmlib,
     "drawn": _drawn,
 }
@@ -69,6 +79,9 @@ SKELETONS: dict[str, Skeleton] = {
     "openpose-thin": COCO18,
     "trt-pose": COCO18,
     "yolo-pose": COCO17,
+    "rtmo": COCO17,
+    "rtmo-m": COCO17,
+    "rtmo-l": COCO17,
     "rtmlib": COCO17,
     "drawn": COCO17,
 }
@@ -115,6 +128,7 @@ def identify(path: Path) -> str:
     from e3pose.detectors.inference import load_network
     from e3pose.detectors.movenet import MoveNet
     from e3pose.detectors.openpose import check_maps
+    from e3pose.detectors.rtmo import Rtmo
     from e3pose.detectors.topology import TOPOLOGIES
     from e3pose.detectors.yolo import YoloPose
 
@@ -124,6 +138,7 @@ def identify(path: Path) -> str:
     checks: dict[str, Callable[[], object]] = {
         "movenet-multipose": lambda: MoveNet(network),
         "yolo-pose": lambda: YoloPose(network),
+        "rtmo": lambda: Rtmo(network),
         **{name: partial(check_maps, network, row) for name, row in TOPOLOGIES.items()},
     }
     for name, check in checks.items():

@@ -90,4 +90,39 @@ YOLO_POSE = Model(
     source=None,
 )
 
-MODELS = {model.name: model for model in (MOVENET, OPENPOSE_THIN, TRT_POSE, YOLO_POSE)}
+# The files of one publisher, at a commit; sizes and checksums as documented for that commit.
+RTMO_M = Model(
+    name="rtmo-m",
+    title="RTMO-m 640x640 (COCO AP 72.6), any number of people",
+    licence="Apache-2.0",
+    source=FromUrl(
+        "https://huggingface.co/Xenova/RTMO-m/resolve/"
+        "3aba1280472b98ee2bf663482e27e243038d23fe/onnx/model.onnx"
+    ),
+    filename="rtmo_m.onnx",
+    size_bytes=89_291_929,
+    sha256="76d82c45e5c4810baf587ecf2638d15cbf7ed196afb2055e977382532021b59e",
+)
+RTMO_L = Model(
+    name="rtmo-l",
+    title="RTMO-l 640x640 (COCO AP 74.8), any number of people",
+    licence="Apache-2.0",
+    source=FromUrl(
+        "https://huggingface.co/Xenova/RTMO-l/resolve/"
+        "866da24c537be882180eb1bd278bc22cef85c6fd/onnx/model.onnx"
+    ),
+    filename="rtmo_l.onnx",
+    size_bytes=175_926_543,
+    sha256="293b4b10165b3862fc00b81a9473803838a22046115d54d80f8fdc24daa9a030",
+)
+RTMO = Model(
+    name="rtmo",
+    title="any RTMO .onnx (t, s, m, l) with outputs dets and keypoints",
+    licence="its own (OpenMMLab's: Apache-2.0)",
+    source=None,
+)
+
+MODELS = {
+    model.name: model
+    for model in (MOVENET, OPENPOSE_THIN, RTMO_M, RTMO_L, RTMO, TRT_POSE, YOLO_POSE)
+}

@@ -1,0 +1,84 @@
+"""RTMO, one-stage networks of several people, by the outputs `dets` and `keypoints` of MMDeploy.
+
+Lu et al., "RTMO: Towards High-Performance One-Stage Real-Time Multi-Person Pose Estimation", CVPR
+2024. The exported network suppresses overlapping boxes itself (`pose-detection_rtmo_onnxruntime`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from e3pose.detectors.base import Image, check_image, poses_in_image
+from e3pose.detectors.fit import letterbox
+from e3pose.detectors.inference import Network
+from e3pose.errors import InputError
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+
+NAME = "rtmo"
+SIDE = 640  # pixels, where the network leaves it free
+GREY = 114  # beyond the image, as in training
+MIN_PERSON_SCORE = 0.3  # of the publisher's example
+MIN_KEYPOINT_SCORE = 0.3
+DTYPES = {"float": np.float32, "float16": np.float16}
+
+
+class Rtmo:
+    """Float `(1, 3, height, width)` BGR of 0..255 in; `(1, N, 5)` and `(1, N, 17, 3)` out.
+
+    The first are boxes with a score, the second x, y and score of each joint; pixels of the input.
+
+    Raises:
+        InputError: when the network's input or outputs are others.
+    """
+
+    def __init__(self, network: Network) -> None:
+        self.skeleton = COCO17
+        self._network = network
+        shape = network.input_shape
+        if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in DTYPES:
+            raise InputError(
+                f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected float "
+                f"[1, 3, height, width] for {NAME}"
+            )
+        self._boxes, self._points = _places(network)
+
+    def detect(self, image: Image) -> Poses2D:
+        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
+        size = check_image(image)
+        height, width = self._network.input_shape[2:]
+        fit = letterbox(size, (width or SIDE, height or SIDE))
+        pixels = fit.apply(image, GREY)[..., ::-1].transpose(2, 0, 1)[None]
+        dtype = DTYPES[self._network.input_dtype]
+        outputs = self._network.run(np.ascontiguousarray(pixels, dtype=dtype))
+        boxes, points = outputs[self._boxes], outputs[self._points]
+        if boxes.ndim != 3 or points.shape != (1, boxes.shape[1], len(COCO17), 3):
+            raise _error(self._network, [boxes.shape, points.shape])
+        people = points[0][boxes[0, :, 4] > MIN_PERSON_SCORE].astype(np.float64)
+        # Measured from the outer edge of the first pixel.
+        keypoints = fit.to_image(people[..., :2] - 0.5)
+        return poses_in_image(keypoints, people[..., 2], size, MIN_KEYPOINT_SCORE)
+
+
+def _places(network: Network) -> tuple[int, int]:
+    """Return which output holds the boxes and which the keypoints."""
+    shapes = network.output_shapes
+    boxes = [i for i, shape in enumerate(shapes) if len(shape) == 3 and shape[2] in (5, None)]
+    points = [
+        i
+        for i, shape in enumerate(shapes)
+        if len(shape) == 4 and shape[2] in (len(COCO17), None) and shape[3] in (3, None)
+    ]
+    if len(shapes) != 2 or not boxes or not points:
+        raise _error(network, shapes)
+    return boxes[0], points[0]
+
+
+def _error(network: Network, found: Any) -> InputError:
+    shapes = [list(shape) for shape in found]
+    return InputError(
+        f"{network.path}: outputs: found {shapes}, expected dets [1, N, 5] and keypoints "
+        f"[1, N, {len(COCO17)}, 3] for {NAME}"
+    )
