@@ -192,13 +192,16 @@ def test_the_best_provider_is_taken_and_a_forced_one_must_be_there(tmp_path: Pat
     assert names("auto", "AzureExecutionProvider", cpu) == [cpu]
     assert names("auto", cpu, cuda) == [cuda, cpu]
     assert names("auto", cpu, cuda, tensorrt) == [tensorrt, cuda, cpu]
+    assert names("auto", cpu, "OpenVINOExecutionProvider") == ["OpenVINOExecutionProvider", cpu]
     assert names("cpu", cpu, cuda, tensorrt) == [cpu]
     assert names("tensorrt", cpu, cuda, tensorrt) == [tensorrt, cuda]
     options = choose_providers("tensorrt", [tensorrt], tmp_path)[0][1]
     assert isinstance(options, dict) and options["trt_engine_cache_path"] == str(tmp_path)
     with pytest.raises(InputError, match="cuda is not in this ONNX Runtime, which has cpu"):
         names("cuda", cpu)
-    with pytest.raises(InputError, match="found 'gpu', expected auto, tensorrt, cuda, cpu"):
+    with pytest.raises(
+        InputError, match="found 'gpu', expected auto, tensorrt, cuda, openvino, coreml, cpu"
+    ):
         names("gpu", cpu)
 
 

@@ -197,6 +197,7 @@ class FakeNetwork:
     """Hands out given maps and remembers what it was shown."""
 
     path = Path("fake.onnx")
+    provider = "cpu"
     input_dtype = "float"
 
     def __init__(

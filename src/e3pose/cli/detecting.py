@@ -28,7 +28,7 @@ def detect(
     calibration: Path | None = None,
     model: str = "openpose-thin",
     family: str | None = None,
-    provider: Literal["auto", "tensorrt", "cuda", "cpu"] = "auto",
+    provider: Literal["auto", "tensorrt", "cuda", "openvino", "coreml", "cpu"] = "auto",
     fps: float | None = None,
     every: Whole = 1,
     start: float = 0.0,

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
 
-from cyclopts import App
+from cyclopts import App, Parameter
+
+from e3pose.cli.options import Whole
+from e3pose.errors import InputError
 
 models_app = App(name="models", help="List, download and locate 2D pose networks.")
 
@@ -70,6 +75,68 @@ def path(name: str, /) -> None:
     from e3pose.detectors.weights import find_weights
 
     print(find_weights(name))
+
+
+@models_app.command
+def bench(
+    *names: str,
+    resolution: Annotated[list[str] | None, Parameter(negative="")] = None,
+    provider: str = "auto",
+    threads: Whole | None = None,
+    seconds: float = 3.0,
+) -> None:
+    """Measure networks on this machine: milliseconds and joules a look.
+
+    Example: `e3pose models bench openpose-thin --resolution 1280x720 --resolution 1920x1080`
+
+    Joules are those beyond an idling machine; where nothing measures power, the table says so.
+
+    Parameters
+    ----------
+    names
+        Names from `e3pose models list`, network files, or module:Name. Default: all that are
+        installed.
+    resolution
+        Size of the images, WIDTHxHEIGHT; repeatable. Default: 1280x720.
+    provider
+        Execution provider.
+    threads
+        CPU threads. Default: all cores.
+    seconds
+        How long to look, each time.
+    """
+    from e3pose.cli.simulating import size_of
+    from e3pose.detectors.weights import MODELS, is_installed
+    from e3pose.energy.meters.choose import choose_meter
+    from e3pose.energy.profiles import load_profile
+    from e3pose.evaluate.columns import fitted_tables, table_console
+    from e3pose.site.bench import measure
+
+    if not 0.1 <= seconds <= 600:
+        raise InputError(f"--seconds: found {seconds:g}, expected 0.1 to 600")
+    asked = list(names) or [name for name in MODELS if is_installed(name)]
+    if not asked:
+        raise InputError("NAME: no network is installed: e3pose models pull openpose-thin")
+    sizes = [size_of("--resolution", word) for word in resolution or ["1280x720"]]
+    meter = choose_meter(load_profile("generic"))
+    costs = [
+        measure(name, size, provider, threads, seconds, meter) for name in asked for size in sizes
+    ]
+    columns = {
+        "image": [f"{c.image_size[0]} x {c.image_size[1]}" for c in costs],
+        "ms a look": [f"{1000 * c.look_s:.1f}" for c in costs],
+        "looks/s": [f"{1 / c.look_s:.1f}" for c in costs],
+        "first, s": [f"{c.first_s:.2f}" for c in costs],
+        "J a look": ["-" if c.energy_j is None else f"{c.energy_j:.3g}" for c in costs],
+        "runs on": [c.provider or "-" for c in costs],
+    }
+    console = table_console(200)
+    for table in fitted_tables(
+        {"network": [Path(c.name).name for c in costs]}, columns, console.width
+    ):
+        console.print(table)
+    told = "measured: " if costs[0].energy_j is not None else "no joules: "
+    console.print(told + costs[0].how, highlight=False)
 
 
 @contextmanager

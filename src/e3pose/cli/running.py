@@ -116,7 +116,7 @@ def camera(
     model
         Network file.
     provider
-        Execution provider: auto, tensorrt, cuda, cpu.
+        Execution provider: auto, tensorrt, cuda, openvino, coreml, cpu.
     threads
         CPU threads of the network. Default: all cores.
     fps

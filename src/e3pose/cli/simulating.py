@@ -103,7 +103,9 @@ def simulate(
         cameras=cameras,
         radius_m=radius,
         height_m=height,
-        image_size=(1032, 776) if resolution is None else _size(resolution),
+        image_size=(1032, 776)
+        if resolution is None
+        else size_of("simulate: resolution", resolution),
         rig=rig,
         detector=DetectorSettings(perfect=exact),
     )
@@ -136,12 +138,12 @@ def _write_films(recording: Recording, dest: Path) -> None:
             progress((index + 1) / len(names))
 
 
-def _size(resolution: str) -> tuple[int, int]:
+def size_of(thing: str, resolution: str) -> tuple[int, int]:
+    """Read `(width, height)` as people write it; errors name the thing."""
     match = RESOLUTION.fullmatch(resolution.strip())
     if match is None:
         raise InputError(
-            f"simulate: resolution: found {resolution[:40]!r}, "
-            "expected WIDTHxHEIGHT such as 1032x776"
+            f"{thing}: found {resolution[:40]!r}, expected WIDTHxHEIGHT such as 1032x776"
         )
     return int(match[1]), int(match[2])
 

@@ -25,7 +25,7 @@ def init(
     /,
     *sources: Annotated[str, Parameter(name="SOURCE")],
     detector: str | None = None,
-    provider: Literal["auto", "tensorrt", "cuda", "cpu"] = "auto",
+    provider: Literal["auto", "tensorrt", "cuda", "openvino", "coreml", "cpu"] = "auto",
     threads: Whole | None = None,
     cameras: Whole | None = None,
     calibration: Path | None = None,

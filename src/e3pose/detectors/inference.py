@@ -16,6 +16,8 @@ from e3pose.errors import InputError
 PROVIDERS = {
     "tensorrt": "TensorrtExecutionProvider",
     "cuda": "CUDAExecutionProvider",
+    "openvino": "OpenVINOExecutionProvider",
+    "coreml": "CoreMLExecutionProvider",
     "cpu": "CPUExecutionProvider",
 }
 MAX_MODEL_BYTES = 2**31  # protobuf's own limit
@@ -28,6 +30,11 @@ class Network(Protocol):
     @property
     def path(self) -> Path:
         """The file, for messages."""
+        ...
+
+    @property
+    def provider(self) -> str:
+        """Where it runs: a key of `PROVIDERS`, or `opencv`."""
         ...
 
     @property
@@ -72,7 +79,7 @@ def choose_providers(
         have = [name for name, full in PROVIDERS.items() if full in available]
         raise InputError(
             f"provider: {provider} is not in this ONNX Runtime, which has {', '.join(have)}; "
-            "onnxruntime-gpu brings cuda and tensorrt"
+            "onnxruntime-gpu brings cuda and tensorrt, onnxruntime-openvino brings openvino"
         )
     options = {
         "trt_fp16_enable": True,
@@ -92,7 +99,7 @@ def load_network(path: Path, provider: str = "auto", threads: int | None = None)
 
     Args:
         path: the network.
-        provider: `auto`, `tensorrt`, `cuda` or `cpu`; a `.pb` runs on the CPU only.
+        provider: `auto` or a key of `PROVIDERS`; a `.pb` runs on the CPU only.
         threads: CPU threads; None lets the library use all cores.
 
     Raises:
@@ -127,6 +134,7 @@ def _check_file(path: Path) -> None:
 class _Onnx:
     path: Path
     session: Any
+    provider: str
     input_name: str
     input_shape: tuple[int | None, ...]
     input_dtype: str
@@ -171,6 +179,7 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
     return _Onnx(
         path,
         session,
+        next((n for n, full in PROVIDERS.items() if full == session.get_providers()[0]), ""),
         inputs[0].name,
         _shape(inputs[0].shape),
         inputs[0].type.removeprefix("tensor(").removesuffix(")"),
@@ -182,6 +191,7 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
 class _TensorFlow:
     path: Path
     net: Any
+    provider: str = "opencv"
     input_shape: tuple[int | None, ...] = (1, 3, None, None)
     input_dtype: str = "float"
     output_shapes: tuple[tuple[int | None, ...], ...] = ((None, None, None, None),)
