@@ -29,6 +29,8 @@ COMPILE_S = 240.0  # what a machine that never ran this may take
 COMMAND_S = 300.0
 CENTRE_M, LIVE_M = 0.25, 0.1  # in a room of eight metres, on a machine that does other things
 UP = "e3pose up room"
+CHECK = "e3pose check room"
+TRIES = 8  # it measures how quick the machine is, which may be busy
 
 
 def page_commands() -> list[str]:
@@ -65,16 +67,19 @@ def test_page_leads_from_four_sources_to_live_poses(folder: Path) -> None:
     before, after = commands[: commands.index(UP)], commands[commands.index(UP) + 1 :]
     said: dict[str, str] = {}
     for number, command in enumerate(before):
-        code, said[command] = run(command, folder)
-        missing = command == "e3pose check room" and command in before[number + 1 :]
+        missing = command == CHECK and command in before[number + 1 :]
+        for _ in range(1 if command != CHECK or missing else TRIES):
+            code, said[command] = run(command, folder)
+            if code == 0:
+                break
         assert code == (1 if missing else 0), f"{command}: {said[command]}"
         if command.startswith("e3pose init"):  # another site may run beside this test
             path = folder / "room" / "site.toml"
             endpoint = f"127.0.0.1:{free_port()}"
             path.write_text(re.sub(r"127\.0\.0\.1:\d+", endpoint, path.read_text()))
         if missing:
-            assert "Not ready: 1 problem" in said[command]
-    assert "Ready: 0 problems" in said["e3pose check room"]
+            assert "rig.toml is missing" in said[command] and "Not ready" in said[command]
+    assert "Ready: 0 problems" in said[CHECK]
     check = next(said[c] for c in before if c.startswith("e3pose calibrate check"))
     stated = re.search(r"expected error of a joint: (\d+) mm in the median", check)
     assert stated is not None and 5 <= int(stated[1]) <= 80, check
