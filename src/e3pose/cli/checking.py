@@ -96,11 +96,14 @@ def _settings(live: LiveSite) -> list[Finding]:
 
 
 def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:
+    from rich.console import Console
+
     from e3pose.site.check import Finding
     from e3pose.site.looks import check_looks, measure_looks
 
     try:
-        times = measure_looks(table, rig)
+        with Console(stderr=True).status("measuring the networks"):
+            times = measure_looks(table, rig)
     except InputError as error:
         return [Finding("problem", "network", str(error))]
     return [] if times is None else list(check_looks(table, times, selected))

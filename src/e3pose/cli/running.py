@@ -281,11 +281,14 @@ def up(
 
 def _check_looks(site: SiteTable, live: LiveSite) -> None:
     """Refuse settings with which this machine cannot keep up; warn of those that are tight."""
+    from rich.console import Console
+
     from e3pose.site.check_sources import require_sources
     from e3pose.site.looks import check_looks, hopeless, measure_looks
 
     require_sources(site, live.rig)  # told here, not in the log of a camera
-    times = measure_looks(site, live.rig, again=False)
+    with Console(stderr=True).status("measuring the networks"):
+        times = measure_looks(site, live.rig, again=False)
     if times is None:
         return
     selected = live.loop.num_selected or len(live.rig)
