@@ -56,7 +56,7 @@ lint: $(VENV)/.dev  ## fix formatting and simple lint findings
 	$(BIN)/ruff check --fix .
 
 # Items whose recordings are not there are skipped, and the report says why.
-reproduce-quick: $(VENV)/.all  ## redo the paper's tables and figures with few seeds; fails outside their margins
+reproduce-quick: $(VENV)/.dev  ## redo the paper's tables and figures with few seeds; fails outside their margins
 	$(BIN)/e3pose reproduce reproduced --quick $(if $(E3POSE_SHARED),--data $(E3POSE_SHARED)/data)
 
 bench: $(VENV)/.all  ## run the speed benchmarks

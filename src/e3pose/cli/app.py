@@ -166,6 +166,7 @@ EXTRAS = {
     "plotly": "report",
     "matplotlib": "report",
     "distributed": "cluster",
+    "motmetrics": "reproduce",
     "torch": "train",
 }
 

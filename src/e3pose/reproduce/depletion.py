@@ -16,6 +16,8 @@ from e3pose.select.policies.drift_plus_penalty import DriftPlusPenalty
 
 Floats = NDArray[np.float64]
 
+BudgetKind = Literal["equal", "each", "together"]
+
 RECKON_SLOTS = 60  # how often budgets follow the batteries
 
 
@@ -45,7 +47,7 @@ class Depletion:
         duty: `(num_cameras,)` share of the slots of its life in which it was active.
         full_h: hours for which as many cameras as asked for were active in every slot.
         occlusion: mean occlusion of the cameras selected, over `full_h`.
-        charge: `(num_reckonings, num_cameras)` share of the battery left, every minute.
+        charge: `(num_reckonings, num_cameras)` share of the battery left, every `RECKON_SLOTS`.
     """
 
     empty_h: Floats
@@ -58,7 +60,7 @@ class Depletion:
 def deplete(
     cameras: Sequence[BatteryCamera],
     num_selected: int,
-    budget: Literal["equal", "together"],
+    budget: BudgetKind,
     *,
     quality_weight: float = 1.0,
     hours: float = 24.0,
@@ -71,6 +73,7 @@ def deplete(
         cameras: of the site.
         num_selected: the paper's C.
         budget: `equal` gives every camera the paper's E_n = C/N and prices the queues in slots;
+            `each` gives it the paper's E_n by its battery, C times its share of all batteries;
             `together` has the batteries last equally long and prices them in joules.
         quality_weight: the paper's V.
         hours: at most.
@@ -86,6 +89,8 @@ def deplete(
     policy = DriftPlusPenalty(num_selected, quality_weight)
     battery_j, deficit = full_j.copy(), np.zeros(count)
     shares = np.full(count, num_selected / count)
+    if budget == "each":
+        shares = np.minimum(num_selected * full_j / full_j.sum(), 1.0)
     occlusion, online = rng.random(count), np.ones(count, dtype=bool)
     empty_h, active_slots, life = np.full(count, np.nan), np.zeros(count), np.zeros(count)
     seen, full_slots, charge = 0.0, 0, []

@@ -21,13 +21,17 @@ from e3pose.edge.server import EdgeServer
 from e3pose.model.pose import Poses2D
 from e3pose.predict.base import Floats, Prediction, Predictor
 from e3pose.recording import Recording
+from e3pose.reproduce.sources import Sources
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.loop import ReplaySettings
 from e3pose.settings.parts import make_pipeline
+from e3pose.simulate import SceneSettings, simulate
 from e3pose.wire.memory import Hub, MemoryTransport
 
 FPS = 25.0
+SCENE = SceneSettings("ring", people=2, seconds=4.0, fps=FPS, cameras=3)
 DETECT_S, VECTORS_S = 0.020, 0.002
+EVERY_CAMERA = ReplaySettings(pipeline="paper", policy="all", predictor="zero-velocity")
 
 
 class Delays:
@@ -107,8 +111,22 @@ class SlowPredictor:
         return self.predictor.predict(history_m, interval_s, lead_slots)
 
 
-def ours(recording: Recording, round_trip_s: float, server_s: float, seconds: float) -> float:
-    """Return the views that a camera has in time in a second when all are always selected."""
+def ours(
+    recording: Recording,
+    round_trip_s: float,
+    server_s: float,
+    seconds: float,
+    settings: ReplaySettings = EVERY_CAMERA,
+) -> float:
+    """Return the slots in a second of which the views of all selected cameras came in time.
+
+    Args:
+        recording: what the cameras play.
+        round_trip_s: delay of the network, there and back.
+        server_s: time that a prediction takes beyond its own.
+        seconds: how long to count, once the lead has settled.
+        settings: of the loop; by default all cameras are selected in every slot.
+    """
     hub, delays, clock = Hub(), Delays(), WallClock()
 
     def join() -> SlowTransport:
@@ -117,7 +135,6 @@ def ours(recording: Recording, round_trip_s: float, server_s: float, seconds: fl
         hub.members.append(made)
         return made
 
-    settings = ReplaySettings(pipeline="paper", policy="all", predictor="zero-velocity")
     pipeline = make_pipeline(recording, settings)
     pipeline = replace(pipeline, predictor=SlowPredictor(pipeline.predictor, server_s))
     edge = EdgeServer(
@@ -148,12 +165,17 @@ def ours(recording: Recording, round_trip_s: float, server_s: float, seconds: fl
         time.sleep(0.05)
     begun, views = time.monotonic(), edge.counts.views
     time.sleep(seconds)
-    rate = (edge.counts.views - views) / (time.monotonic() - begun) / len(nodes)
+    rate = (edge.counts.views - views) / (time.monotonic() - begun)
+    rate /= len(nodes) if settings.policy == "all" else _selected(settings, len(nodes))
     for node in nodes:
         node.stop()
     edge.stop()
     delays.close()
     return rate
+
+
+def _selected(settings: ReplaySettings, num_cameras: int) -> float:
+    return float(settings.for_rig(num_cameras).num_selected or num_cameras)
 
 
 def central_2d(round_trip_s: float, server_s: float, seconds: float) -> float:
@@ -181,3 +203,33 @@ def distributed(seconds: float) -> float:
         frames += 1
         time.sleep(max(0.0, 1 / FPS - (time.monotonic() - begun)))
     return frames / seconds
+
+
+@dataclass(frozen=True, slots=True)
+class RatesAsked:
+    """Delays of the network and the server in milliseconds, and seconds to count for."""
+
+    round_trip_ms: float
+    server_ms: float
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """Frames a second of the three designs."""
+
+    ours: float
+    central: float
+    distributed: float
+
+
+def rates(sources: Sources, asked: RatesAsked) -> Rates:
+    """Measure the three designs; ours has the paper's policy and the shipped predictor."""
+    recording = simulate(SCENE, 1)
+    trip_s, server_s = asked.round_trip_ms / 1e3, asked.server_ms / 1e3
+    settings = ReplaySettings(pipeline="paper", policy="e3pose", num_selected=2)
+    return Rates(
+        ours(recording, trip_s, server_s, asked.seconds, settings),
+        central_2d(trip_s, server_s, asked.seconds),
+        distributed(asked.seconds),
+    )

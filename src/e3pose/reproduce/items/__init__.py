@@ -1,8 +1,11 @@
 """The items, in the order of the report."""
 
 from e3pose.reproduce.items import (
+    batteries,
     best_subsets,
     device_power,
+    frame_rate,
+    frontier,
     occlusion_error,
     occlusion_prediction,
     panoptic_table,
@@ -22,4 +25,7 @@ ITEMS: tuple[Item, ...] = (
     site_power.ITEM,
     occlusion_prediction.ITEM,
     trade_offs.ITEM,
+    frame_rate.ITEM,
+    batteries.ITEM,
+    frontier.ITEM,
 )
