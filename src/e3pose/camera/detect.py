@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from e3pose.calibration.world import assumed_rig
+from e3pose.camera.image_folder import ImageFolder, Source, open_sources
 from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import SlotGrid, frames_in_slots
-from e3pose.camera.source import VideoSource, open_video
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
 from e3pose.errors import InputError
@@ -86,7 +86,9 @@ def detect_videos(
     continues an interrupted one. `dest` appears when everything is done.
 
     Args:
-        videos: files, paired with cameras by `pair_videos`; or `CAMERA=path` strings.
+        videos: files or folders of numbered images, paired with cameras by `pair_videos`; or
+            `CAMERA=path` strings. Folders need `settings.fps`, and the recording does not name
+            them.
         rig: calibrated cameras. Those without a video are not in the recording. None names cameras
             after their videos; their lenses are assumed and their places unknown then.
         detector: finds the people.
@@ -103,7 +105,7 @@ def detect_videos(
     settings = settings or DetectSettings()
     check_free(dest, settings.overwrite)
     paths = name_videos(videos) if rig is None else pair_videos(videos, rig)
-    sources = {camera_id: open_video(path) for camera_id, path in paths.items()}
+    sources = open_sources(paths, settings.fps)
     if rig is None:
         rig = assumed_rig({name: source.image_size for name, source in sources.items()})
     for camera_id in settings.offsets_s:
@@ -147,7 +149,7 @@ class _Run:
         grid: SlotGrid,
         settings: DetectSettings,
         detector: Detector,
-        sources: Mapping[str, VideoSource],
+        sources: Mapping[str, Source],
         progress: Progress,
     ) -> None:
         self.work, self.grid, self.detector, self.progress = work, grid, detector, progress
@@ -186,9 +188,7 @@ class _Run:
         self.before += self.expected[camera_id]
 
 
-def _expected(
-    settings: DetectSettings, sources: Mapping[str, VideoSource], grid: SlotGrid
-) -> list[int]:
+def _expected(settings: DetectSettings, sources: Mapping[str, Source], grid: SlotGrid) -> list[int]:
     """Return how many slots each camera's video reaches, as far as its header tells."""
     return [
         grid.last_slot((source.num_frames - 1) / source.rate, settings.offsets_s.get(camera_id, 0))
@@ -198,7 +198,7 @@ def _expected(
 
 
 def _check_any_slot(
-    settings: DetectSettings, sources: Mapping[str, VideoSource], grid: SlotGrid
+    settings: DetectSettings, sources: Mapping[str, Source], grid: SlotGrid
 ) -> None:
     if not any(_expected(settings, sources, grid)):
         raise InputError(
@@ -207,7 +207,7 @@ def _check_any_slot(
         )
 
 
-def _check_size(rig: Rig, camera_id: str, source: VideoSource) -> None:
+def _check_size(rig: Rig, camera_id: str, source: Source) -> None:
     expected = rig.cameras[rig.index(camera_id)].image_size
     found = source.image_size
     if found == expected:
@@ -225,7 +225,7 @@ def _check_size(rig: Rig, camera_id: str, source: VideoSource) -> None:
     )
 
 
-def _grid(settings: DetectSettings, sources: Mapping[str, VideoSource]) -> SlotGrid:
+def _grid(settings: DetectSettings, sources: Mapping[str, Source]) -> SlotGrid:
     fps = settings.fps
     if fps is None:
         rates = {camera_id: source.rate for camera_id, source in sources.items()}
@@ -239,7 +239,7 @@ def _grid(settings: DetectSettings, sources: Mapping[str, VideoSource]) -> SlotG
 def _identity(
     settings: DetectSettings,
     rig: Rig,
-    sources: Mapping[str, VideoSource],
+    sources: Mapping[str, Source],
     grid: SlotGrid,
     detector: Detector,
     detector_name: str,
@@ -269,7 +269,7 @@ def _recording(
     work: Unfinished,
     grid: SlotGrid,
     rig: Rig,
-    sources: Mapping[str, VideoSource],
+    sources: Mapping[str, Source],
     skeleton: Skeleton,
     detector_name: str,
     damages: Mapping[str, str],
@@ -280,7 +280,11 @@ def _recording(
     source = f"Detected by {detector_name or 'a detector'} in {files_seen}."
     for camera_id, damage in damages.items():
         source += f" {sources[camera_id].path.name}: {damage}." if damage else ""
-    files = {camera_id: str(video.path.resolve()) for camera_id, video in sources.items()}
+    files = {
+        camera_id: str(video.path.resolve())
+        for camera_id, video in sources.items()
+        if not isinstance(video, ImageFolder)
+    }
     return Recording(
         dest.name,
         rig,
@@ -303,7 +307,7 @@ def _series(path: Path, num_joints: int) -> ViewSeries:
 def _finish(
     recording: Recording,
     dest: Path,
-    sources: Mapping[str, VideoSource],
+    sources: Mapping[str, Source],
     settings: DetectSettings,
     identity: Mapping[str, str],
 ) -> None:
@@ -313,7 +317,7 @@ def _finish(
             save_recording(recording, folder)
             save_provenance(folder, identity, starts_s)
             return
-        names = {name: f"{name}{video.path.suffix.lower()}" for name, video in sources.items()}
+        names = {name: f"{name}{sources[name].path.suffix.lower()}" for name in recording.videos}
         save_recording(replace(recording, videos=names), folder)
         save_provenance(folder, identity, starts_s)
         (folder / "videos").mkdir()

@@ -56,7 +56,7 @@ def pair_videos(videos: Sequence[Path | str], rig: Rig) -> dict[str, Path]:
     rest: list[Path] = []
     for video in videos:
         camera_id, equals, path = str(video).partition("=")
-        if not equals or Path(video).is_file():
+        if not equals or Path(video).exists():
             rest.append(Path(video))
             continue
         rig.index(camera_id)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import floor
+from typing import Protocol, TypeVar
 
-from e3pose.camera.source import Frame
+import numpy as np
+from numpy.typing import NDArray
 
 TIE = 1e-6  # slots; a frame this close to the middle between two slots is in the middle
 
@@ -44,9 +46,26 @@ class SlotGrid:
         return max(-1, last if self.max_slots is None else min(last, self.max_slots - 1))
 
 
+class Picture(Protocol):
+    """A frame of a video, or an image of a folder."""
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since the first."""
+        ...
+
+    @property
+    def image(self) -> NDArray[np.uint8]:
+        """`(height, width, 3)` RGB."""
+        ...
+
+
+AnyFrame = TypeVar("AnyFrame", bound=Picture)
+
+
 def frames_in_slots(
-    frames: Iterable[Frame], grid: SlotGrid, offset_s: float, first_slot: int = 0
-) -> Iterator[tuple[int, float, Frame]]:
+    frames: Iterable[AnyFrame], grid: SlotGrid, offset_s: float, first_slot: int = 0
+) -> Iterator[tuple[int, float, AnyFrame]]:
     """Give every slot the frame nearest to its time, if one is at most half a slot away.
 
     Of two frames equally near, the earlier is taken. A slot without a frame is left out: the camera
@@ -61,7 +80,7 @@ def frames_in_slots(
     Yields:
         Slot, capture time in seconds after slot 0, and the frame.
     """
-    chosen: tuple[int, float, Frame] | None = None
+    chosen: tuple[int, float, AnyFrame] | None = None
     for frame in frames:
         position = grid.position(frame.time_s, offset_s)
         slot = floor(position + 0.5 - TIE)

@@ -43,14 +43,16 @@ def detect(
 
     Example: `e3pose detect cam1.mp4 cam2.mp4 walk --calibration rig.toml`
 
+    A folder of numbered images stands for a video: `e3pose detect shelf/Camera* found --fps 25`.
+
     Each slot takes the frame of each camera that is nearest in time, at most half a slot away. You
     can interrupt the command: DEST.partial keeps the work, and the same command resumes it.
 
     Parameters
     ----------
     paths
-        The videos, then the recording folder to create. A file name that contains a camera id
-        belongs to that camera; CAMERA=FILE assigns it explicitly.
+        The videos or image folders, then the recording folder to create. A name that contains a
+        camera id belongs to that camera; CAMERA=FILE assigns it explicitly.
     calibration
         Calibration file of the rig, in any supported format, or lenses only, from
         `e3pose calibrate intrinsics`. Without it, cameras are named after their videos, and
@@ -63,7 +65,7 @@ def detect(
     provider
         Execution provider of the network. `auto` takes the fastest available.
     fps
-        Slots per second. Default: the common frame rate of the videos.
+        Slots per second. Default: the common frame rate of the videos; image folders need it.
     every
         Keep every N-th slot only.
     start

@@ -27,27 +27,96 @@ def shelf(
     /,
     *,
     skeleton: Literal["coco17", "body25"] = "coco17",
+    frames: str | None = None,
+    detections: Path | None = None,
+    folder: Folders = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Import the Shelf sequence: OpenPose detections and annotated actors.
+    """Import the Shelf sequence: as published, or an .npz with OpenPose detections.
 
-    Example: `e3pose import shelf shelf.npz recordings/shelf`
+    Example: `e3pose import shelf Shelf recordings/shelf --detections found`
 
     Parameters
     ----------
     source
-        An .npz with K, R, t, image_size, det_coco17 (or det_body25), det_view, det_frame and gt3d.
+        The published folder (actorsGT.mat, Calibration/P0.txt, Camera0), or an .npz with K, R, t,
+        image_size, det_coco17 (or det_body25), det_view, det_frame and gt3d.
     dest
         Recording folder to create.
     skeleton
-        Skeleton of the detections to import.
+        Skeleton of the detections of an .npz.
+    frames
+        First and last frame of the published folder. Default: 300-600, which everybody scores.
+    detections
+        2D keypoints for the published folder: a recording by `e3pose detect` of its images, or a
+        folder of OpenPose JSON. Without it, the recording holds only the truth.
+    folder
+        CAMERA=FOLDER below DETECTIONS, if the names are ambiguous; repeatable.
     overwrite
         Replace the recording at DEST.
     """
+    from e3pose.recording.datasets.published import SHELF, import_published
     from e3pose.recording.datasets.shelf import import_shelf
 
     _check_free(dest, overwrite)
+    if source.suffix.lower() != ".npz":
+        recording = import_published(
+            source, SHELF, _range(frames), detections, _parse_folders(folder), _progress
+        )
+        _save(recording, dest, overwrite)
+        return
+    for option, value in (("--frames", frames), ("--detections", detections)):
+        if value is not None:
+            raise InputError(option, f"it with {source.name}", "the published folder of Shelf")
     _save(import_shelf(source, skeleton), dest, overwrite)
+
+
+@import_app.command
+def campus(
+    source: Path,
+    dest: Path,
+    /,
+    *,
+    frames: str | None = None,
+    detections: Path | None = None,
+    folder: Folders = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Import the Campus sequence as published.
+
+    Example: `e3pose import campus CampusSeq1 recordings/campus --detections found`
+
+    Parameters
+    ----------
+    source
+        The published folder (actorsGT.mat, Calibration/P0.txt, Camera0).
+    dest
+        Recording folder to create.
+    frames
+        First and last frame. Default: 350-750, of which 350 to 470 and 650 to 750 are scored.
+    detections
+        2D keypoints: a recording by `e3pose detect` of its images, or a folder of OpenPose JSON.
+        Without it, the recording holds only the truth.
+    folder
+        CAMERA=FOLDER below DETECTIONS, if the names are ambiguous; repeatable.
+    overwrite
+        Replace the recording at DEST.
+    """
+    from e3pose.recording.datasets.published import import_campus
+
+    _check_free(dest, overwrite)
+    recording = import_campus(source, _range(frames), detections, _parse_folders(folder), _progress)
+    _save(recording, dest, overwrite)
+
+
+def _range(text: str | None) -> tuple[int, int] | None:
+    """Read a range such as 300-600; raise `InputError` for anything else."""
+    if text is None:
+        return None
+    first, dash, last = text.partition("-")
+    if not (dash and first.strip().isdigit() and last.strip().isdigit()):
+        raise InputError("--frames", repr(text[:40]), "the first and last frame, such as 300-600")
+    return int(first), int(last)
 
 
 @import_app.command

@@ -7,10 +7,12 @@ from e3pose.recording.datasets.coco import import_coco
 from e3pose.recording.datasets.motion import import_cmu
 from e3pose.recording.datasets.openpose import import_openpose
 from e3pose.recording.datasets.panoptic import import_panoptic
+from e3pose.recording.datasets.published import import_campus
 from e3pose.recording.datasets.shelf import import_shelf
 
 IMPORTERS: dict[str, Callable[..., Recording]] = {
     "shelf": import_shelf,
+    "campus": import_campus,
     "panoptic": import_panoptic,
     "openpose": import_openpose,
     "coco": import_coco,

@@ -29,6 +29,7 @@ HD_NUMBER = re.compile(r"[0-9]{1,4}")
 PAPER_CAMERAS = ("3", "6", "12", "13", "23")
 MIN_CONFIDENCE = 0.1  # at or below it the published joints are guesses
 SOURCE = "CMU Panoptic Studio, Joo et al.; non-commercial research use only."
+WHERE = "http://domedb.perception.cs.cmu.edu"
 MAX_JOINTS = 20_000_000
 
 
@@ -173,11 +174,17 @@ def _load(
             if len(found) != 1:
                 raise InputError(
                     f"{source}: found {len(found)} files calibration_*.json, expected one, "
-                    "or --calibration FILE"
+                    f"or --calibration FILE; sequences are published at {WHERE}"
                 )
             calibration = found[0]
         rig = _rig(calibration, cameras)
-        return read_bodies(source / "hdPose3d_stage1_coco19", progress), rig
+        folder = source / "hdPose3d_stage1_coco19"
+        if not folder.is_dir():
+            raise InputError(
+                f"{folder}: missing: the 3D poses, unpacked from {folder.name}.tar of the "
+                f"sequence, published at {WHERE}"
+            )
+        return read_bodies(folder, progress), rig
     bodies = _bodies_from_arrays(source)
     return bodies, _rig(calibration or source, cameras)
 
