@@ -7,12 +7,11 @@ import warnings
 import numpy as np
 import pytest
 
-from e3pose.reproduce.identity_scores import Frame, hota
+from e3pose.reproduce.identity_scores import Frame, hota, idf1
 
 pytest.importorskip(
     "motmetrics", reason="motmetrics is not installed: pip install e3pose[reproduce]"
 )
-from e3pose.reproduce.identity_scores import idf1
 
 
 def frame(pairs: dict[int, int], similarity: float = 1.0) -> Frame:

@@ -44,6 +44,7 @@ class Asked:
             no policy can know.
         cost_j: energy of an active slot beyond that of an idle one, of each camera.
         target_mm: wake the fewest cameras whose expected error meets this instead of C.
+        matcher: of the pipeline `paper`; the paper's by default.
         seconds: length of what is simulated; 0 for all there is.
         fps: likewise.
     """
@@ -60,6 +61,7 @@ class Asked:
     sees_all: bool = False
     cost_j: tuple[float, ...] | None = None
     target_mm: float | None = None
+    matcher: str | None = None
     seconds: float = 0.0
     fps: float = 0.0
 
@@ -159,6 +161,7 @@ def records_of(recording: Recording, asked: Asked) -> list[SlotRecord]:
         seed=asked.seed,
         phase=asked.seed,
         predictor=asked.predictor,
+        matcher=asked.matcher,
         cost_j=asked.cost_j,
         target_error_m=None if asked.target_mm is None else asked.target_mm / 1000,
     )

@@ -17,6 +17,9 @@ from e3pose.evaluate.replay import selected_views
 from e3pose.model.skeleton import convert
 from e3pose.reproduce.replays import Asked, recording_of, seen_occlusion
 from e3pose.reproduce.sources import Sources
+from e3pose.settings.parts import PAPER_MATCHER, PAPER_REFINE_STEPS
+
+PAPER = FusionSettings(refine_steps=PAPER_REFINE_STEPS, matcher=PAPER_MATCHER)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +74,7 @@ def subset_figures(sources: Sources, asked: SubsetsAsked) -> SubsetFigures:
     recording = recording_of(sources, place)
     truth = recording.truth
     assert truth is not None, "labelled recordings only"
-    fuser = Fuser(recording.rig, len(recording.skeleton), FusionSettings(refine_steps=0))
+    fuser = Fuser(recording.rig, len(recording.skeleton), PAPER)
     count = len(recording.rig)
     subsets = [list(c) for size in range(1, count + 1) for c in combinations(range(count), size)]
     hidden = seen_occlusion(recording)

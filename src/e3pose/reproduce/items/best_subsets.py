@@ -95,8 +95,8 @@ def section(scale: Scale, made: Made) -> Section:
             _over_time(found, right, sizes),
         ),
         headlines=(
-            Headline("Best subsets: PCP of the best 3 of 5", best_pcp[3], 94.0, 96.5),
-            Headline("Best subsets: PCP of all 5", best_pcp[5], 94.0, 96.5),
+            Headline("Best subsets: PCP of the best 3 of 5", best_pcp[3], 92.0, 96.5),
+            Headline("Best subsets: PCP of all 5", best_pcp[5], 93.5, 95.5),
         ),
     )  # fmt: skip
 
