@@ -67,13 +67,13 @@ def motion_pieces(scale: Scale) -> list[Piece[SubsetsAsked, SubsetFigures]]:
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
     """Return what is to be computed."""
-    return [*shelf_pieces(scale), *motion_pieces(scale)]
+    return [*shelf_pieces(), *motion_pieces(scale)]
 
 
 def section(scale: Scale, made: Made) -> Section:
     """Return the relation for each data set and number of cameras."""
     sets: list[tuple[str, Basis, SubsetFigures]] = [
-        ("Shelf", "measured", joined([made(piece) for piece in shelf_pieces(scale)]))
+        ("Shelf", "measured", joined([made(piece) for piece in shelf_pieces()]))
     ]
     if motion_pieces(scale):
         found = joined([made(piece) for piece in motion_pieces(scale)])
