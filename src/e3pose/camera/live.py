@@ -23,6 +23,7 @@ from e3pose import __version__
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
+from e3pose.camera.pictures import Pictures
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.clock import Clock
 from e3pose.errors import InputError
@@ -80,6 +81,7 @@ class CameraNode:
         clock: Clock,
         meter: Callable[[CameraMode], dict[str, Any]] = lambda mode: {},
         tell: Callable[[str], None] = lambda line: None,
+        pictures: Pictures | None = None,
     ) -> None:
         """Make a camera; the detector must be loaded already.
 
@@ -91,7 +93,9 @@ class CameraNode:
             clock: its own.
             meter: the power fields of a heartbeat (`power_w`, `energy_j`, `measured`, ...).
             tell: called with what a person should know.
+            pictures: shows operators what it looks at; None allows nobody to see it.
         """
+        self.pictures = pictures
         self.settings, self.source, self.detector = settings, source, detector
         self.transport, self.clock, self._meter, self._tell = transport, clock, meter, tell
         self.session = random.SystemRandom().randrange(1, 2**53)
@@ -124,6 +128,9 @@ class CameraNode:
         self.transport.subscribe(topics.of_order(site, camera_id), self._receive)
         self.transport.watch(topics.of_site(site, "alive"), self._see_edge)
         self.transport.be_present(topics.of_camera(site, camera_id, "alive"))
+        if self.pictures is not None:
+            topic = topics.of_camera(site, camera_id, "picture")
+            self.transport.answer(topic, self.pictures.answer)
         for name, body in (
             ("capture", self._run_capture),
             ("detect", self._run_detect),
@@ -254,7 +261,9 @@ class CameraNode:
     def _run_detect(self) -> None:
         while (seen := self._frames.take()) is not None:
             begun_ns = self.clock.now_ns()
-            poses = self.detector.detect(seen.frame.look())
+            poses = self.detector.detect(image := seen.frame.look())
+            if self.pictures is not None:
+                self.pictures.offer(image, seen.slot)
             done_ns = self.clock.now_ns()
             self.counted.detected += 1
             keypoints, scores = _as_sent(poses)

@@ -84,6 +84,7 @@ def camera(
     profile: str | None = None,
     state: str | None = None,
     insecure: Annotated[bool | None, Parameter(negative="")] = None,
+    pictures: Annotated[bool | None, Parameter(negative="")] = None,
     json_logs: Annotated[bool, Parameter(negative="")] = False,
     end_with_parent: Child = False,
 ) -> None:
@@ -139,6 +140,8 @@ def camera(
         NAME.battery.json beside the camera file. Delete it after charging the battery.
     insecure
         Allow unencrypted tcp beyond this machine.
+    pictures
+        Let operators of the site see small pictures of what the camera looks at.
     json_logs
         Log as JSON, one object per line.
     end_with_parent
@@ -155,7 +158,7 @@ def camera(
         "detector": detector, "model": model, "provider": provider, "threads": threads,
         "fps": fps, "pace": pace, "begin_s": begin_s, "wake_s": wake_s,
         "battery_wh": battery_wh, "meter": meter, "profile": profile, "state": state,
-        "insecure": insecure,
+        "insecure": insecure, "pictures": pictures,
     }  # fmt: skip
     told = {key: value for key, value in given.items() if value is not None}
     if config is None:

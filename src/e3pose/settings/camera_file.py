@@ -46,6 +46,7 @@ class NodeTable:
         meter: how its power is measured.
         profile: power profile, for what is not measured.
         state: file that remembers the charge of a battery without a gauge; empty for none.
+        pictures: whether operators may see small pictures of what it looks at.
         path: of the file, to which all others are relative; None without one.
 
     Raises:
@@ -72,6 +73,7 @@ class NodeTable:
     meter: Literal["auto", "model"] = "auto"
     profile: str = "xavier-nx"
     state: str | None = None
+    pictures: bool = False
     path: Path | None = field(default=None, metadata={"key": ""})
 
     def __post_init__(self) -> None:

@@ -73,12 +73,15 @@ class ViewTable:
         hosts: names by which browsers reach it, beside `localhost` and that of the machine.
         tokens: file of the tokens, made where it is missing.
         insecure: whether plain http beyond this machine is allowed.
+        pictures: whether operators may see small pictures of what cameras look at; each camera must
+            allow it too, as those do that `e3pose up` runs.
     """
 
     listen: str = "127.0.0.1:8470"
     hosts: tuple[str, ...] = ()
     tokens: str = "view-tokens.toml"
     insecure: bool = False
+    pictures: bool = False
 
     def __post_init__(self) -> None:
         try:

@@ -12,6 +12,7 @@ from typing import Any
 from e3pose.camera.base import LiveDetector, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, make_source
+from e3pose.camera.pictures import Pictures
 from e3pose.clock import Clock, WallClock
 from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import RememberedCharge
@@ -222,7 +223,15 @@ def make_camera(
         detector=name,
         battery_wh=node.battery_wh,
     )
-    return CameraNode(settings, source, looks, transport, clock, meter, tell)
+    pictures = Pictures(node.camera, clock) if node.pictures else None
+
+    def metered(mode: Any) -> dict[str, Any]:
+        fields = meter(mode)
+        if pictures is not None:
+            pictures.watts = fields.get("power_w")
+        return fields
+
+    return CameraNode(settings, source, looks, transport, clock, metered, tell, pictures)
 
 
 def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:

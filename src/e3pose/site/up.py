@@ -58,6 +58,8 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
         # On one machine every camera would measure the same watts, those of all together.
         "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
     ]  # fmt: skip
+    if site.view.pictures:
+        command += ["--pictures"]
     if protocol == "tls":
         keys = site.near(site.link.keys or "keys") / "cameras" / camera_id
         command += ["--keys", str(keys)]

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from starlette.types import ASGIApp
 
 from e3pose import __version__
@@ -34,12 +34,14 @@ class Site:
         store: what is kept; None where nothing is.
         describe: what does not change.
         ask: sends a `Control` to the edge; None where that is not possible from here.
+        pictures: the route of pictures; None where they are off.
     """
 
     feed: Feed
     store: Store | None
     describe: Callable[[], dict[str, Any]]
     ask: Ask | None = None
+    pictures: APIRouter | None = None
 
 
 def make_app(site: Site, rules: Rules) -> ASGIApp:
@@ -65,5 +67,7 @@ def inner_app(site: Site) -> FastAPI:
     app.include_router(make_live(site.feed))
     if site.ask is not None:
         app.include_router(make_control(site.ask))
+    if site.pictures is not None:
+        app.include_router(site.pictures)
     app.include_router(make_api(site.feed, site.store, site.describe, site.ask is not None))
     return app

@@ -25,7 +25,7 @@ from e3pose.view.tokens import Scope, Tokens
 PROTOCOL = "e3pose"  # of WebSockets; a token may come as a second one, as browsers send no header
 TOKEN_PROTOCOL = "e3pose.token."
 OPEN_PATHS = ("/", "/view.js", "/scene.js", "/view.css", "/favicon.ico")  # hold nothing of the site
-WRITE_PREFIX = "/api/control"
+WRITE_PREFIX, PICTURE_PREFIX = "/api/control", "/api/pictures"
 READS_PER_S, READ_BURST = 50.0, 100.0
 WRITES_PER_S, WRITE_BURST = 5.0, 10.0
 GUESSES_PER_S, GUESS_BURST = 0.2, 10.0
@@ -111,7 +111,7 @@ class Rules:
         if scope is None:
             return None, Refusal(401, "a token is needed: `e3pose view` prints it", BEARER)
         writes = path.startswith(WRITE_PREFIX)
-        if writes and scope != "write":
+        if (writes or path.startswith(PICTURE_PREFIX)) and scope != "write":
             why = "the token for writing is needed: `e3pose view` prints it"
             return scope, Refusal(403 if token else 401, why, {} if token else BEARER)
         return scope, _late((self.writes if writes else self.reads).wait_s(client))

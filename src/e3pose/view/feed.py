@@ -16,6 +16,7 @@ from e3pose.wire.transport import Transport
 
 MAX_WAITING = 32  # messages that a slow follower has not taken yet
 MAX_FOLLOWERS = 64
+MAX_RECENT = 100
 
 
 class TooMany(Exception):
@@ -31,12 +32,14 @@ class Feed:
         slot: the newest; None before the first.
         status: likewise.
         zones: who is in which.
+        recent: the newest slots by number, for pictures, which come later.
     """
 
     site: str
     slot: LiveSlot | None = None
     status: Status | None = None
     zones: Zones = field(default_factory=lambda: Zones(()))
+    recent: dict[int, LiveSlot] = field(default_factory=dict)
     _queues: set[asyncio.Queue[Encoded]] = field(default_factory=set)
     _loop: asyncio.AbstractEventLoop | None = None
 
@@ -80,6 +83,9 @@ class Feed:
 
     def _take_poses(self, poses: Poses) -> None:
         self.slot = live_slot(poses)
+        self.recent[self.slot.slot] = self.slot
+        while len(self.recent) > MAX_RECENT:
+            self.recent.pop(next(iter(self.recent)), None)
         self.zones, events = advance(self.zones, self.slot)
         if self._queues:
             self._hand_on(event_of_slot(self.slot, self.zones.counts()))

@@ -20,13 +20,15 @@ from e3pose.site.follow import ANY_HOST, viewer_link
 from e3pose.site.zones import Zones
 from e3pose.store import Store
 from e3pose.view.app import Site, make_app
+from e3pose.view.control import Ask
 from e3pose.view.door import Rules
 from e3pose.view.feed import Feed
+from e3pose.view.pictures import make_pictures
 from e3pose.view.room import describe
 from e3pose.view.tokens import open_tokens
 from e3pose.wire.access import is_loopback, split_endpoint
 from e3pose.wire.network import open_network
-from e3pose.wire.topics import of_site
+from e3pose.wire.topics import of_camera, of_site
 from e3pose.wire.transport import Transport
 
 START_S = 20.0
@@ -205,10 +207,15 @@ def open_view(
         body = describe(live)
         store, topic = None if place is None else Store(place), of_site(site.name, "control")
 
-        def ask(payload: bytes) -> bytes | None:
-            return transport.ask(topic, payload, ASK_S)
+        def asking(topic: str) -> Ask:
+            return lambda payload: transport.ask(topic, payload, ASK_S)
 
-        made = Site(feed, store, lambda: body, ask if operates else None)
+        pictures = None
+        if site.view.pictures and operates:
+            names = {i: of_camera(site.name, i, "picture") for i in live.rig.camera_ids}
+            asks = {camera_id: asking(topic) for camera_id, topic in names.items()}
+            pictures = make_pictures(live.rig, feed, asks)
+        made = Site(feed, store, lambda: body, asking(topic) if operates else None, pictures)
         view._stack.push(stack.pop_all())
     view.serve(_server(make_app(made, rules), address), listening)
     return view

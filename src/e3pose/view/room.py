@@ -32,5 +32,6 @@ def describe(live: LiveSite) -> dict[str, Any]:
         "low": millimetres(low),
         "high": millimetres(high),
         "floor": 0,
+        "pictures": live.site.view.pictures,
         "zones": [{"name": z.name, "corners": z.corners} for z in live.site.zone],
     }

@@ -304,6 +304,13 @@ function controlCells(row, camera) {
     control(`/api/control/cameras/${encodeURIComponent(camera.camera_id)}`, { paused: !camera.paused });
   });
   row.insertCell().append(button);
+  if (room.pictures) {
+    const picture = document.createElement("button");
+    picture.type = "button";
+    picture.textContent = "Picture";
+    picture.addEventListener("click", () => (picture.blur(), look(camera.camera_id)));
+    row.insertCell().append(picture);
+  }
   const budget = document.createElement("input");
   budget.placeholder = camera.budget === null ? "budget" : percent(camera.budget);
   budget.title = "budget: 60%, 4W, 0.3J, until 18:00, for 8h";
@@ -332,6 +339,51 @@ function showSettings() {
   byId("weight").value = status.quality_weight ?? "";
 }
 
+// ---- the picture of a camera, asked for while it is shown: at most five a second
+
+let looking = "";
+
+function look(name) {
+  const already = looking !== "";
+  looking = name;
+  byId("picture").hidden = !name;
+  byId("picture-of").textContent = name;
+  byId("picture-said").textContent = "";
+  if (name && !already) nextPicture();
+}
+
+async function nextPicture() {
+  const name = looking;
+  if (!name) return;
+  try {
+    await drawPicture(await ask(`/api/pictures/${encodeURIComponent(name)}`), name);
+  } catch (error) {
+    if (name === looking) byId("picture-said").textContent = error.message;
+  }
+  setTimeout(nextPicture, document.hidden ? 1000 : 200);
+}
+
+async function drawPicture(found, name) {
+  const bytes = Uint8Array.from(atob(found.jpeg), (letter) => letter.charCodeAt(0));
+  const image = await createImageBitmap(new Blob([bytes], { type: "image/jpeg" }));
+  if (name !== looking) return;
+  const canvas = byId("frame"), pen = canvas.getContext("2d"), scale = image.width / found.size[0];
+  [canvas.width, canvas.height] = [image.width, image.height];
+  pen.drawImage(image, 0, 0);
+  pen.lineWidth = 2;
+  for (const { track, joints_px } of found.people) {
+    pen.strokeStyle = colourOf(track);
+    for (const [i, j] of room.limbs) {
+      if (joints_px[i][0] === null || joints_px[j][0] === null) continue;
+      pen.beginPath();
+      pen.moveTo(scale * joints_px[i][0], scale * joints_px[i][1]);
+      pen.lineTo(scale * joints_px[j][0], scale * joints_px[j][1]);
+      pen.stroke();
+    }
+  }
+  byId("picture-said").textContent = `slot ${found.slot}; ${found.count} pictures so far took about ${found.energy_j.toFixed(2)} J of the camera (modelled)`;
+}
+
 // ---- start
 
 function tick(now_ms) {
@@ -353,7 +405,7 @@ async function start() {
   document.title = `${room.site} · e3pose`;
   byId("site").textContent = room.site;
   const head = byId("table").tHead.insertRow();
-  const extra = mayControl() ? ["", ""] : [];
+  const extra = mayControl() ? ["", "", ...(room.pictures ? [""] : [])] : [];
   for (const name of [...COLUMNS.map(([name]) => name), ...extra]) {
     const cell = document.createElement("th");
     cell.append(name);
@@ -363,6 +415,7 @@ async function start() {
   scene = makeScene(byId("scene"), room, toDraw);
   for (const box of ["sure", "trails"]) byId(box).addEventListener("change", scene.touch);
   byId("live").addEventListener("click", goLive);
+  byId("picture-off").addEventListener("click", () => look(""));
   byId("play").addEventListener("click", () => ((playing = !playing), (byId("play").textContent = playing ? "❚❚" : "▶")));
   byId("scrub").addEventListener("input", () => {
     const share = byId("scrub").value / 1000;

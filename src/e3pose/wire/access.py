@@ -230,9 +230,10 @@ def _access(
         own, order = of_camera(site, camera_id, "**"), of_order(site, camera_id)
         _grant(rules, policies, subjects, f"camera-{camera_id}", common_name, {
             "speaks": ("ingress", SPEAK, [own]),
-            "listens": ("ingress", LISTEN, [order, alive]),
+            "listens": ("ingress", LISTEN, [order, alive, of_camera(site, camera_id, "picture")]),
             "hears": ("egress", HEAR, [order, alive]),
             "asks": ("egress", ["reply"], [own]),
+            "asked": ("egress", ["query"], [of_camera(site, camera_id, "picture")]),
         })  # fmt: skip
     shown = [of_site(site, what) for what in ("poses", "poses-delayed", "status", "alive")]
     for viewer, common_name in viewers.items():
@@ -240,7 +241,7 @@ def _access(
             "listens": ("ingress", LISTEN, shown),
             "hears": ("egress", HEAR, shown),
         })  # fmt: skip
-    control = [of_site(site, "control")]
+    control = [of_site(site, "control"), of_camera(site, ANY, "picture")]
     for operator, common_name in operators.items():
         _grant(rules, policies, subjects, f"operator-{operator}", common_name, {
             "listens": ("ingress", LISTEN, shown),

@@ -24,6 +24,7 @@ from e3pose.wire.messages import (
     Hello,
     Message,
     Order,
+    Picture,
     Poses,
     Status,
     View,
@@ -284,6 +285,14 @@ def _check_controlled(controlled: Controlled, where: str) -> None:
     _check_text(where, controlled.said, controlled.problem)
 
 
+def _check_picture(picture: Picture, where: str) -> None:
+    check_camera_id(picture.camera_id)
+    _check_whole(where, slot=picture.slot, count=picture.count)
+    width, height = picture.image_size
+    _check_numbers(where, 1, MAX_PIXEL, width=width, height=height)
+    _check_numbers(where, 0, MAX_FIGURE, energy_j=picture.energy_j)
+
+
 def _check_status(status: Status, where: str) -> None:
     _check_whole(
         where,
@@ -346,6 +355,7 @@ _CHECKS: dict[type[Any], Any] = {
     Poses: _check_poses,
     Control: _check_control,
     Controlled: _check_controlled,
+    Picture: _check_picture,
     Status: _check_status,
 }
 

@@ -323,6 +323,26 @@ class Controlled(msgspec.Struct, array_like=True, frozen=True, tag="controlled")
     problem: str = ""
 
 
+class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
+    """A camera's answer to an operator who asks for what it looks at.
+
+    Attributes:
+        camera_id: who.
+        slot: in which it detected in that image.
+        image_size: `(width, height)` in pixels of the image it looked at.
+        jpeg: of the image, made small.
+        count: pictures made since its program started.
+        energy_j: modelled energy of making them, all of them together.
+    """
+
+    camera_id: str
+    slot: int
+    image_size: tuple[int, int]
+    jpeg: bytes
+    count: int = 0
+    energy_j: float = 0.0
+
+
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     """How the site is; once a second. Replaced by a newer one.
 
@@ -371,5 +391,6 @@ Message = (
     | Poses
     | Control
     | Controlled
+    | Picture
     | Status
 )

@@ -2,6 +2,7 @@
 
 e3pose/SITE/camera/CAMERA/{hello,view,heartbeat,alive}   a camera writes, the edge reads
 e3pose/SITE/camera/CAMERA/clock                          a camera asks, the edge answers
+e3pose/SITE/camera/CAMERA/picture                        an operator asks, the camera answers
 e3pose/SITE/order/CAMERA                                 the edge writes, that camera reads
 e3pose/SITE/{poses,poses-delayed,status}                 the edge writes, viewers read
 e3pose/SITE/control                                      an operator asks, the edge answers
