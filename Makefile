@@ -70,6 +70,7 @@ bench: $(VENV)/.all  ## run the speed benchmarks
 	$(BIN)/python benchmarks/bench_batteries.py
 	$(BIN)/python benchmarks/bench_timeline.py
 	$(BIN)/python benchmarks/bench_live.py
+	$(BIN)/python benchmarks/bench_view.py
 
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 	$(BIN)/python benchmarks/soak.py --minutes 30

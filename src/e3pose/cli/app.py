@@ -158,6 +158,7 @@ EXTRAS = {
     "foxglove": "foxglove",
     "paho": "mqtt",
     "fastapi": "view",
+    "orjson": "view",
     "starlette": "view",
     "uvicorn": "view",
     "websockets": "view",

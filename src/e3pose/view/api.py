@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable
 from typing import Annotated, Any, Literal, TypeVar
 
-import msgspec
 import numpy as np
 from fastapi import APIRouter, HTTPException, Query, Request
 from fastapi.responses import Response
@@ -15,7 +14,15 @@ from e3pose.errors import InputError
 from e3pose.model.region import in_rectangle, middles_m
 from e3pose.store import Store, StoredPoses
 from e3pose.view.feed import Feed
-from e3pose.view.shapes import PosePage, Refused, RowPage, people, slots_of_rows, status_body
+from e3pose.view.shapes import (
+    PosePage,
+    Refused,
+    RowPage,
+    as_json,
+    people,
+    slots_of_rows,
+    status_body,
+)
 
 MAX_SLOTS, USUAL_SLOTS = 2000, 500  # in one answer
 MAX_ROWS, USUAL_ROWS = 5000, 1000
@@ -107,7 +114,9 @@ def make_api(
             )
         )
         more = len(found) > limit
-        return encoded({"rows": found[:limit], "cursor": str(offset + limit) if more else None})
+        # SQLAlchemy names columns by a text of its own kind.
+        named = [{str(key): value for key, value in row.items()} for row in found[:limit]]
+        return encoded({"rows": named, "cursor": str(offset + limit) if more else None})
 
     return api
 
@@ -175,7 +184,7 @@ def page_of(
 
 def encoded(body: dict[str, Any]) -> Response:
     """Return an answer as JSON, quickly; NaN is null."""
-    return Response(msgspec.json.encode(body), media_type="application/json")
+    return Response(as_json(body), media_type="application/json")
 
 
 def _needed(store: Store | None) -> Store:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
@@ -79,12 +80,12 @@ class Encoded:
     @cached_property
     def json(self) -> bytes:
         """As JSON."""
-        return msgspec.json.encode({"type": self.kind, **self.body})
+        return as_json({"type": self.kind, **self.body})
 
     @cached_property
     def msgpack(self) -> bytes:
         """As msgpack."""
-        return msgspec.msgpack.encode({"type": self.kind, **self.body})
+        return as_msgpack({"type": self.kind, **self.body})
 
     @cached_property
     def sse(self) -> bytes:
@@ -135,7 +136,7 @@ def people(
     sigma_m: NDArray[np.float32],
     measured: NDArray[np.bool_],
 ) -> list[dict[str, Any]]:
-    """Return people as `Person` describes them, with None for NaN.
+    """Return people as `Person` describes them, with arrays in place of lists.
 
     Args:
         track_ids: `(num_persons,)`.
@@ -143,23 +144,27 @@ def people(
         sigma_m: `(num_persons, num_joints)` metres; NaN where unknown.
         measured: `(num_persons, num_joints)`.
     """
+    places_m, errors_m = (m.astype(np.float64).round(DECIMALS_M) for m in (joints_m, sigma_m))
     columns = zip(
-        track_ids.tolist(), plain(joints_m), plain(sigma_m), measured.tolist(), strict=True
+        track_ids.tolist(), places_m, errors_m, np.ascontiguousarray(measured), strict=True
     )
     return [
-        {"track": track, "joints_m": places, "sigma_m": sigma, "measured": seen}
-        for track, places, sigma, seen in columns
+        {"track": track, "joints_m": places, "sigma_m": errors, "measured": seen}
+        for track, places, errors, seen in columns
     ]
 
 
-def plain(values: NDArray[np.float32]) -> list[Any]:
-    """Return metres as nested lists to a tenth of a millimetre, None for NaN."""
-    rounded = values.astype(np.float64).round(DECIMALS_M)
-    if np.isfinite(rounded).all():
-        return list(rounded.tolist())
-    masked = rounded.astype(object)
-    masked[~np.isfinite(rounded)] = None
-    return list(masked.tolist())
+def as_json(body: object) -> bytes:
+    """Return lists, dicts and arrays as JSON; NaN is null.
+
+    Arrays are written as they are: as lists they would take three times as long.
+    """
+    return orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY)
+
+
+def as_msgpack(body: object) -> bytes:
+    """Return lists, dicts and arrays as msgpack, which has NaN."""
+    return msgspec.msgpack.encode(body, enc_hook=lambda array: array.tolist())
 
 
 def slots_of_rows(
