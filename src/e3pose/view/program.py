@@ -35,6 +35,7 @@ START_S = 20.0
 END_S = 5.0
 ASK_S = 3.0  # for the edge to answer
 MAX_CONNECTIONS = 256
+PING_S = 60.0  # for a browser on a busy machine to answer a ping
 MAX_MESSAGE_BYTES = 4096  # of a WebSocket, to us
 
 
@@ -231,6 +232,7 @@ def _server(app: object, address: Address) -> uvicorn.Server:
             proxy_headers=False,  # anybody could say to be somebody else, whose rate is not used up
             ws="websockets-sansio",
             ws_max_size=MAX_MESSAGE_BYTES,
+            ws_ping_timeout=PING_S,
             limit_concurrency=MAX_CONNECTIONS,
             timeout_graceful_shutdown=1,
             ssl_certfile=None if address.certificate is None else str(address.certificate),

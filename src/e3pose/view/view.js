@@ -3,7 +3,7 @@
 "use strict";
 
 const NINETY = 2.5003; // radius of the ball that holds a joint in nine of ten cases, in sigmas of an axis
-const TRAIL_S = 4, STRIP_S = 30, WINDOW_S = 20, QUIET_S = 3;
+const TRAIL_S = 4, STRIP_S = 30, WINDOW_S = 20, QUIET_S = 3, MAX_WAITING = 1000;
 const MODES = { active: "active", "power-saving": "saving", "aggressive-power-saving": "sleeping" };
 
 // ---- the token: kept for this tab alone, and out of the address bar
@@ -196,6 +196,7 @@ function notice(text) {
 // ---- following
 
 let socket = null, pause_ms = 500;
+const waiting = []; // slots since the last frame: a browser that is slow draws the newest alone
 
 function follow() {
   const url = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`;
@@ -209,7 +210,8 @@ function follow() {
     } else if (event.type === "slot") {
       cameAt = performance.now();
       for (const zone of room.zones) zone.count = event.zones[zone.name] ?? 0;
-      if (mode === "live") show(prepared(event, event.selected, event.arrived));
+      if (mode === "live") waiting.push(prepared(event, event.selected, event.arrived));
+      if (waiting.length > MAX_WAITING) waiting.shift(); // a page that is hidden draws nothing
     }
     listeners.forEach((listener) => listener(event));
   };
@@ -387,6 +389,8 @@ async function drawPicture(found, name) {
 // ---- start
 
 function tick(now_ms) {
+  const come = waiting.splice(0);
+  if (mode === "live") come.forEach((slot, index) => (index === come.length - 1 ? show(slot) : remember(slot)));
   if (mode === "past") playPast(Math.min((now_ms - before_ms) / 1000, 0.5));
   before_ms = now_ms;
   scene.draw();
