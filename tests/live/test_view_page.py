@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import base64
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from tests.view.browser import Page, browser, browser_path
@@ -108,3 +111,22 @@ def test_phone_has_room_for_all_of_it(page: Page, watched: Watched) -> None:
     assert page.shows("where", "slot 30")
     assert page.run("document.documentElement.scrollWidth") == 390
     assert eventually(lambda: pixels(page, TRACK_11) > 30)
+
+
+def test_picture_of_a_camera_has_the_skeletons_in_it(page: Page, watched: Watched) -> None:
+    page.open(watched.view.url)
+    assert page.shows("site", "lab")
+    image = np.full((240, 320, 3), 200, dtype=np.uint8)
+    jpeg = base64.b64encode(cv2.imencode(".jpg", image)[1].tobytes()).decode()
+    joints = [[None, None]] * 17
+    shoulders = [[100, 200], [500, 200]]  # of the full image, twice as large
+    found = {
+        "jpeg": jpeg, "size": [640, 480], "slot": 3, "count": 4, "energy_j": 0.5,
+        "people": [{"track": 11, "joints_px": [*joints[:5], *shoulders, *joints[7:]]}],
+    }  # fmt: skip
+    page.run(f"(looking = 'c0', drawPicture({json.dumps(found)}, 'c0'))")
+    assert page.shows("picture-said", "4 pictures so far took about 0.50 J")
+    pixel = "[...document.getElementById('frame').getContext('2d').getImageData({}, {}, 1, 1).data]"
+    assert tuple(page.run(pixel.format(150, 100))[:3]) == TRACK_11
+    assert page.run(pixel.format(150, 200))[:3] == pytest.approx([200] * 3, abs=3)
+    page.run("look('')")
