@@ -20,8 +20,12 @@ PROJECT = (Path(__file__).parents[2] / "pyproject.toml").read_text()
 # Runs the program where some packages cannot be imported.
 WITHOUT = """
 import sys
-for name in sys.argv.pop(1).split(","):
-    sys.modules[name] = None
+class Missing:
+    names = sys.argv.pop(1).split(",")
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in self.names:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Missing())
 from e3pose.cli.app import main
 main()
 """

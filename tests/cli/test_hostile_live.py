@@ -199,7 +199,7 @@ FILES: list[tuple[str, Break, str]] = [
     ("camera cam.toml", whole("cam.toml", 'format = "e3pose-camera"\nversion = 1'), "missing: s"),
     ("info rec", new(HEADER, "version = 3", "version = 2"), "version: found 2, expected 3"),
     ("replay rec --noise noise.toml", cut(NOISE), "noise.toml: "),
-    ("replay rec --noise noise.toml", new(NOISE, "version = 1", "version = 2"), "version: found"),
+    ("replay rec --noise noise.toml", new(NOISE, "version = 2", "version = 3"), "version: found"),
     ("replay rec --noise noise.toml", ahead(NOISE, "zzz = 1"), "unknown key 'zzz'"),
     ("replay rec --noise noise.toml", new(NOISE, "image_px = ", "image_px = nan #"), "image_px"),
     ("replay rec --noise noise.toml", sparse(NOISE), "found 10737418240 bytes"),

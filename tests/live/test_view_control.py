@@ -69,6 +69,7 @@ def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
 
 def test_who_may_only_read_sees_no_controls(site: tuple[Edge, View, Page]) -> None:
     _, view, page = site
+    page.open(view.url)
     page.run("sessionStorage.clear()")
     page.open(view.url)
     assert page.shows("state", "live")

@@ -59,7 +59,7 @@ def shelf(
     from e3pose.recording.datasets.shelf import import_shelf
 
     _check_free(dest, overwrite)
-    if source.suffix.lower() != ".npz":
+    if source.is_dir() or not (source.exists() or source.suffix.lower() == ".npz"):
         recording = import_published(
             source, SHELF, _range(frames), detections, _parse_folders(folder), _progress
         )

@@ -168,10 +168,12 @@ def _one(name: str, text: str | None) -> float | None:
     if text is None:
         return None
     option = f"--{name.replace('_', '-')}"
-    found = numbers_of(option, text, "0.8")
-    if len(found) > 1:
-        raise InputError(option, f"{len(found)} numbers", "one; e3pose evaluate compares several")
-    return found[0]
+    if "," in text:
+        raise InputError(option, repr(text[:40]), "one number; e3pose evaluate compares several")
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(option, repr(text[:40]), "a number, such as 0.8") from None
 
 
 @Parameter(name="*")
