@@ -34,7 +34,7 @@ PYTEST := $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
 COVERED := --cov --cov-append --cov-report= --cov-fail-under=0
 test: $(VENV)/.dev  ## run the tests with coverage
 	$(BIN)/coverage erase
-	$(PYTEST) $(COVERED) -n 2 -m 'not live and not timed'
+	$(PYTEST) $(COVERED) -n 3 -m 'not live and not timed'
 	$(PYTEST) $(COVERED) -n 3 -m 'live and not timed' tests/live
 	$(PYTEST) $(COVERED) -m timed
 	$(BIN)/coverage report
