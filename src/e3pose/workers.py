@@ -30,7 +30,8 @@ class Workers:
     Attributes:
         jobs: processes; 1 works here, -1 uses every processor core.
         dask: the address of a Dask scheduler such as `tcp://host:8786`, or `local` for a cluster
-            of its own on this machine; plain processes if None.
+            of its own on this machine; plain processes if None. joblib works in this process while
+            a cluster has a single worker thread.
         option: what the address is called on the command line, for errors.
 
     Raises:

@@ -106,7 +106,7 @@ def test_results_depend_on_what_computes_and_not_on_what_shows() -> None:
 @pytest.fixture
 def scheduler(tmp_path: Path) -> Iterator[str]:
     """Run a Dask scheduler and two workers, all processes of their own; yields its address."""
-    pytest.importorskip(
+    distributed = pytest.importorskip(
         "distributed", reason="distributed is not installed: pip install e3pose[cluster]"
     )
     address = f"tcp://127.0.0.1:{free_port()}"
@@ -127,7 +127,16 @@ def scheduler(tmp_path: Path) -> Iterator[str]:
         )
         for command in commands
     ]
-    yield address
+    try:
+        with distributed.Client(address, timeout=120) as client:
+            client.wait_for_workers(2, timeout=120)  # joblib works here while a cluster has but one
+        yield address
+    finally:
+        end(started)
+
+
+def end(started: list[subprocess.Popen[bytes]]) -> None:
+    """End processes at once."""
     for process in started:
         process.kill()  # a worker that is asked to end may wait for its scheduler for ever
     for process in started:
