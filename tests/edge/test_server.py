@@ -94,6 +94,7 @@ def test_partition_is_noticed_in_two_seconds_and_healed(site: Site) -> None:
             silences_s.append(camera.last_seen_s or 0.0)
         return site.online() == {"cam0", "cam1"}
 
+    assert eventually(lambda: len(site.online()) == 3)
     site.hub.fault = cut
     assert eventually(without_it)
     assert 1.0 < max(silences_s) < 2.0
