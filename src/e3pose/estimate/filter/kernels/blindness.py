@@ -29,17 +29,34 @@ LAST = NUM_CELLS - 1.001
 
 
 @kernel
-def chance(sights: Floats, place_m: Floats, corner_m: Floats) -> float:
-    """Return how likely a look of one camera shows somebody at a place, in (0, 1)."""
+def share_at(
+    counts: Floats, place_m: Floats, corner_m: Floats, prior: float, usual: float
+) -> float:
+    """Return how many of what was counted around a place were of the second kind.
+
+    Args:
+        counts: `(num_cells, num_cells, 2)` of all and of those of that kind; the four cells around
+            the place count for as much as it is near to them.
+        place_m: `(2,)` on the floor.
+        corner_m: of the cells.
+        prior: how many are taken for counted before any is.
+        usual: the share of the kind among them.
+    """
     column, right = cell(place_m[0] - corner_m[0])
     row, up = cell(place_m[1] - corner_m[1])
-    looks, shown = PRIOR_LOOKS, PRIOR_LOOKS * PLAIN
+    total, kind = prior, prior * usual
     for a in range(2):
         for b in range(2):
             weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
-            looks += weight * sights[column + a, row + b, LOOKS]
-            shown += weight * sights[column + a, row + b, SHOWN]
-    return shown / looks
+            total += weight * counts[column + a, row + b, 0]
+            kind += weight * counts[column + a, row + b, 1]
+    return kind / total
+
+
+@kernel
+def chance(sights: Floats, place_m: Floats, corner_m: Floats) -> float:
+    """Return how likely a look of one camera shows somebody at a place, in (0, 1)."""
+    return share_at(sights, place_m, corner_m, PRIOR_LOOKS, PLAIN)
 
 
 @kernel

@@ -17,7 +17,7 @@ from e3pose.estimate.filter.doors import (
     PRIOR_HZ,
     PRIOR_S,
 )
-from e3pose.estimate.filter.kernels.blindness import cell, chance, proof
+from e3pose.estimate.filter.kernels.blindness import cell, chance, proof, share_at
 from e3pose.estimate.filter.tree import TRUNK
 from e3pose.kernel import kernel
 
@@ -120,15 +120,7 @@ def left_odds(
 @kernel
 def hazard_hz(doors: Floats, place_m: Floats, corner_m: Floats) -> float:
     """Return how many of the people at a place `(2,)` leave in a second."""
-    column, right = cell(place_m[0] - corner_m[0])
-    row, up = cell(place_m[1] - corner_m[1])
-    followed, passed = PRIOR_S, PRIOR_HZ * PRIOR_S
-    for a in range(2):
-        for b in range(2):
-            weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
-            followed += weight * doors[column + a, row + b, FOLLOWED]
-            passed += weight * doors[column + a, row + b, PASSED]
-    return passed / followed
+    return share_at(doors, place_m, corner_m, PRIOR_S, PRIOR_HZ)
 
 
 @kernel
