@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import App, Parameter
 
 from e3pose.cli.options import check_outputs
 from e3pose.cli.output import wrote
+from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 
 calibrate_app = App(
@@ -75,12 +74,16 @@ def noise(
     check_outputs(recording, {"--out": out, "--plot": plot})
     source = load_placed(recording)
     shipped = load_noise_file(detector_of(source))
-    with _bar() as (track, told):
+    with stage_progress() as (bar, told):
         calibrated = calibrate_noise(
             source,
             seconds=seconds,
             without_shifts=other_rigs,
-            replayed=partial(track, total=min(source.num_slots, round(seconds * source.fps))),
+            replayed=partial(
+                bar.track,
+                description="tracking people",
+                total=min(source.num_slots, round(seconds * source.fps)),
+            ),
             told=told,
         )
     file = as_file(
@@ -99,21 +102,3 @@ def noise(
     found = zip(calibrated.learned.tolist(), lengths_px.tolist(), strict=True)
     learned = dict(zip(source.rig.camera_ids, found, strict=True))
     print_noise(file, correlations, console, learned, shipped.detector)
-
-
-@contextmanager
-def _bar() -> Iterator[tuple[Callable[..., Any], Callable[[str, int, int], None]]]:
-    """Yield what to wrap the slots in, and what to tell of the rest; silent without a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress, TaskID
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def told(what: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = bar.add_task(what, total=total)
-            bar.update(tasks[what], completed=done)
-
-        yield partial(bar.track, description="tracking people"), told

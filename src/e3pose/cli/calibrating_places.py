@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +11,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
 from e3pose.cli.options import as_typed
+from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 from e3pose.plural import counted
 from e3pose.quantities import length_m
@@ -149,7 +149,7 @@ def _people(
         if not rough.placed:
             raise InputError(f"{start}: holds lenses without places, expected a rough calibration")
         rough = rough.subset([rough.index(name) for name in recording.rig.camera_ids])
-    with stage_bar() as told:
+    with stage_progress() as (_, told):
         return from_people(
             recording, load_noise(noise or detector_of(recording)), rough, known, told
         )
@@ -213,24 +213,6 @@ def _pair(option: str, word: str) -> tuple[str, str, float]:
         raise InputError(f"{option}: found {word[:60]!r}, expected A,B=LENGTH such as a,b=3.2m")
     with as_typed({"": option}):
         return first, second, length_m(length)
-
-
-@contextmanager
-def stage_bar() -> Iterator[Callable[[str, int, int], None]]:
-    """Yield what is told of stages, steps done and in all; silent without a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress, TaskID
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def told(what: str, done: int, total: int) -> None:
-            if what not in tasks:
-                tasks[what] = bar.add_task(what, total=total)
-            bar.update(tasks[what], completed=done, total=total)
-
-        yield told
 
 
 def _values(places: Places) -> dict[str, Any]:

@@ -10,8 +10,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
-from e3pose.cli.calibrating_places import stage_bar
 from e3pose.cli.options import as_typed
+from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 from e3pose.quantities import length_m
 
@@ -173,7 +173,7 @@ def check(
         own = [rig.index(name) for name in loaded.rig.camera_ids]
         loaded = replace(loaded, rig=rig.subset(own))
     check_world(loaded.rig, calibration or recording, calibration or recording / "calibration.toml")
-    with stage_bar() as told:
+    with stage_progress() as (_, told):
         found = judge(loaded, load_noise(noise or detector_of(loaded)), told)
     if picture is not None:
         draw_error(picture, found.room, loaded.rig)

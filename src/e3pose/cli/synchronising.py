@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter
 
-from e3pose.cli.calibrating_places import stage_bar
+from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def sync(
     if calibration is not None:
         rig = load_rig(calibration)
         used = replace(used, rig=rig.subset([rig.index(name) for name in used.rig.camera_ids]))
-    with stage_bar() as told:
+    with stage_progress() as (_, told):
         found = synchronise(used, load_noise(noise or detector_of(loaded)), max_shift, told)
     if dest is not None:
         save_recording(with_offsets(loaded, found.offsets_s), dest, overwrite)
