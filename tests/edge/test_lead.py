@@ -15,6 +15,7 @@ from e3pose.edge.lead import (
     Lead,
     adapt,
     cautious,
+    lagging,
     take_in_delay,
 )
 
@@ -121,6 +122,17 @@ def test_a_site_of_slow_links_is_followed() -> None:
 def test_cameras_that_are_away_do_not_count() -> None:
     assert followed(0.01, 0.02, 0.3, online=[True, True, False]).slots == 2
     assert followed(0.01, online=[False]) == followed(0.01, online=[False])
+
+
+def test_who_comes_back_is_not_judged_by_what_it_was() -> None:
+    lead = followed(0.01, 0.02, 3.0)
+    assert lagging(lead)[2].startswith("too slow: orders take 3.0 s")
+    lead = adapt(lead, INTERVAL_S, online=[True, True, False])
+    assert lagging(lead) == {}
+    for _ in range(MIN_SAMPLES):
+        lead = take_in_delay(lead, 2, 0.02)
+    lead = adapt(lead, INTERVAL_S, online=[True, True, True])
+    assert lagging(lead) == {} and lead.longest_s[2] == pytest.approx(0.02)
 
 
 def test_lead_is_bounded_and_so_is_its_memory() -> None:

@@ -78,16 +78,14 @@ def adapt(
         lead: of this slot.
         interval_s: seconds per slot.
         wake_s: how long the slowest camera takes to wake.
-        online: by camera, whether it can be selected; delays of others do not count.
+        online: by camera, whether it can be selected. Delays of others do not count, and are
+            forgotten: who comes back runs another program, or over another link.
 
     Returns:
         The lead with `slots` in 1..`MAX_LEAD`.
     """
-    known = {
-        camera: delay_s
-        for camera, delay_s in enumerate(lead.longest_s)
-        if not math.isnan(delay_s) and (online is None or online[camera])
-    }
+    lead = _without_absent(lead, online)
+    known = {c: delay_s for c, delay_s in enumerate(lead.longest_s) if not math.isnan(delay_s)}
     if not known:
         return lead
     far = _far_behind(np.array(list(known.values())))
@@ -105,11 +103,23 @@ def adapt(
 
 def lagging(lead: Lead) -> dict[int, str]:
     """Return why each camera that is left behind is of no use."""
-    delays_s = {camera: float(np.median(lead.delays_s[camera])) for camera in lead.left_behind}
     return {
-        camera: f"too slow: orders take {delay_s:.1f} s to arrive, far longer than for the others"
-        for camera, delay_s in delays_s.items()
+        camera: f"too slow: orders take {lead.longest_s[camera]:.1f} s to arrive, "
+        "far longer than for the others"
+        for camera in lead.left_behind
     }
+
+
+def _without_absent(lead: Lead, online: Sequence[bool] | None) -> Lead:
+    if online is None or all(online[: len(lead.delays_s)]):
+        return lead
+    there = list(zip(lead.delays_s, lead.longest_s, online, strict=False))
+    return replace(
+        lead,
+        delays_s=tuple(delays_s if here else () for delays_s, _, here in there),
+        longest_s=tuple(longest_s if here else math.nan for _, longest_s, here in there),
+        left_behind=tuple(camera for camera in lead.left_behind if online[camera]),
+    )
 
 
 def _needed(delay_s: float, interval_s: float) -> int:
