@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from dataclasses import dataclass, field
@@ -20,7 +21,6 @@ from e3pose.wire.network import NetworkTransport, open_network
 
 STEP_AFTER_S, STEP_S, OFF_S = 4.0, 30.0, -3600.0
 DRIFT = 300e-6  # a bad quartz
-FLOOD_S = 3.0
 
 
 @dataclass
@@ -40,11 +40,12 @@ class OddClock:
 
 
 def flood(transport: NetworkTransport, camera_id: str) -> None:
-    """Say far too much, most of it nonsense, some of it large."""
+    """Say far too much, most of it nonsense, some of it large, until SIGTERM."""
+    over = Event()
+    signal.signal(signal.SIGTERM, lambda *_: over.set())
     transport.be_present(f"e3pose/lab/camera/{camera_id}/alive")
-    end_s = time.monotonic() + FLOOD_S
     messages = (b"garbage", b"\x92\x01\x91\xa4view", b"x" * 200_000, b"")
-    while time.monotonic() < end_s:
+    while not over.is_set():
         for message in messages:
             for what in ("view", "heartbeat", "hello"):
                 transport.publish(f"e3pose/lab/camera/{camera_id}/{what}", message)
@@ -55,7 +56,6 @@ def main() -> None:
     link = Link("camera", "lab", endpoint, certificates_in(Path(keys), "camera"))
     transport = open_network(link)
     if habit == "flood":
-        time.sleep(1.0)
         flood(transport, camera_id)
         transport.close()
         return

@@ -122,6 +122,8 @@ def test_flood_of_garbage_shuts_out_its_camera_and_no_other(site: LiveSite) -> N
     site.start_odd_camera("cam1", "flood")
     began_s = time.monotonic()
     assert eventually(lambda: "invalid messages" in site.camera("cam1").why), site.told()
+    site.flows(40)
+    site.send("cam1", signal.SIGTERM)
     assert site.wait("cam1") == 0
     seconds = time.monotonic() - began_s
     site.becomes("cam0", "cam2")
