@@ -20,11 +20,11 @@ import httpx
 import numpy as np
 from websockets.sync.client import connect as connect_socket
 
-from e3pose.calibration import save_rig
 from e3pose.geometry.rigs import ring_rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
+from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import live_site
 from e3pose.settings.site_file import load_site
 from e3pose.store import Run, Store, StoreWriter

@@ -17,7 +17,6 @@ import numpy as np
 import psutil
 import pytest
 
-from e3pose.calibration import save_rig
 from e3pose.camera.source import open_video
 from e3pose.demo import job as jobs
 from e3pose.demo import run_demo, words
@@ -35,6 +34,7 @@ from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import load_recording
+from e3pose.recording.calibration import save_rig
 from e3pose.report.overlay import write_movie
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import DetectorSettings, SceneSettings

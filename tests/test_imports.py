@@ -37,7 +37,7 @@ HEAVY = {
 LAYERS: list[str] = []
 for rooms in (
     "errors plural clock quantities family kernel workers files model geometry predict energy",
-    "estimate smooth select pipeline calibration recording detectors wire settings store exports",
+    "estimate smooth select pipeline recording detectors wire settings store exports",
     "simulate camera evaluate calibrate learn edge site report streams view demo reproduce",
     "cli __main__",
 ):

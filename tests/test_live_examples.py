@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.calibration import save_rig
 from e3pose.errors import InputError
 from e3pose.files.table import entries
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
 from e3pose.recording import load_recording
+from e3pose.recording.calibration import save_rig
 from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.settings.site_file import (
     CameraTable,

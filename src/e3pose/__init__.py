@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
-    from e3pose.calibration import load_rig as load_rig
-    from e3pose.calibration import save_rig as save_rig
     from e3pose.errors import InputError as InputError
     from e3pose.estimate.per_slot.fuse import Fuser as Fuser
     from e3pose.evaluate.replay import ReplaySettings as ReplaySettings
@@ -28,6 +26,8 @@ if TYPE_CHECKING:
     from e3pose.recording import Recording as Recording
     from e3pose.recording import load_recording as load_recording
     from e3pose.recording import save_recording as save_recording
+    from e3pose.recording.calibration import load_rig as load_rig
+    from e3pose.recording.calibration import save_rig as save_rig
     from e3pose.report.plot import plot as plot
     from e3pose.site.camera_program import open_camera as open_camera
     from e3pose.site.connect import connect as connect
@@ -46,14 +46,14 @@ _HOMES = {
     "Skeleton": "model.skeleton",
     "connect": "site.connect",
     "load_recording": "recording",
-    "load_rig": "calibration",
+    "load_rig": "recording.calibration",
     "open_camera": "site.camera_program",
     "open_edge": "site.edge_program",
     "plot": "report.plot",
     "query": "exports.source",
     "replay": "evaluate.replay",
     "save_recording": "recording",
-    "save_rig": "calibration",
+    "save_rig": "recording.calibration",
     "to_frame": "exports.frame",
 }
 

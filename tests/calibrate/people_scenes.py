@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.bundle import Cameras
 from e3pose.calibrate.rotations import angles_between, similarity
-from e3pose.calibration.world import assumed_rig
 from e3pose.geometry.camera import Rig
+from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.record import Recording, ViewSeries
 from e3pose.simulate import SceneSettings, simulate
 

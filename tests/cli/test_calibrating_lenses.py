@@ -12,8 +12,8 @@ from tests.calibrate.board_pictures import facing, render
 from tests.cli.commands import run
 
 from e3pose.calibrate.board import Board
-from e3pose.calibration import load_rig
 from e3pose.geometry.camera import Camera
+from e3pose.recording.calibration import load_rig
 
 CAMERA = Camera(
     "left", (640, 480), np.array([[600.0, 0, 322], [0, 600, 236], [0, 0, 1]]), np.eye(4)

@@ -11,8 +11,8 @@ from tests.calibrate.people_scenes import distances, walk, without_calibration
 from tests.cli.commands import run
 
 from e3pose.calibrate.align import Move
-from e3pose.calibration import load_rig, save_rig
 from e3pose.recording import load_recording, save_recording
+from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.record import Recording
 
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from tests.cli.commands import run
 
-from e3pose.calibration import save_rig
 from e3pose.cli import detecting
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import load_recording
+from e3pose.recording.calibration import save_rig
 
 WIDTH, HEIGHT, FRAMES = 64, 48, 12
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from e3pose.calibration import save_rig
 from e3pose.cli.app import main
 from e3pose.cli.importing import import_app
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording import load_recording
+from e3pose.recording.calibration import save_rig
 from e3pose.recording.datasets import IMPORTERS
 
 SHARED = os.environ.get("E3POSE_SHARED")

@@ -11,10 +11,10 @@ import pytest
 from tests.estimate.filter.room import RIG
 from tests.exports.takes import MISSING_FRAMES, take
 
-from e3pose.calibration import save_rig
 from e3pose.errors import InputError
 from e3pose.exports import ExportSettings, export
 from e3pose.model.skeleton import BODY25, COCO17, convert
+from e3pose.recording.calibration import save_rig
 from e3pose.recording.datasets.coco import import_coco
 from e3pose.recording.datasets.openpose import import_openpose
 

@@ -17,7 +17,7 @@ from tests.live.processes import COMPILE_S, LiveSite, e3pose, run
 from tests.ports import free_port
 from tests.waiting import eventually
 
-from e3pose.calibration import load_rig
+from e3pose.recording.calibration import load_rig
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.network import open_network

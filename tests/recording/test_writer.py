@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from tests.rigs import looking
 
-from e3pose.calibration.world import assumed_rig
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording import load_recording
+from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.writer import RecordingWriter, finish_interrupted
 
 RIG = looking((4, 0), (0, 4), (-4, 0))

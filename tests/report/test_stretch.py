@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import run
 
-from e3pose.calibration import save_rig
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.geometry.camera import Rig
 from e3pose.recording import Recording
+from e3pose.recording.calibration import save_rig
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.store import StoreWriter
 from e3pose.store.rows import Run

@@ -11,9 +11,9 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import HEAD
 
-from e3pose.calibration import save_rig
 from e3pose.detectors.timing import LookTimes
 from e3pose.errors import InputError
+from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.check import Finding

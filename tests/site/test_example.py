@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.calibration import load_rig
 from e3pose.errors import InputError
 from e3pose.recording import load_recording
+from e3pose.recording.calibration import load_rig
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site import example

@@ -11,8 +11,8 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import write_site
 
-from e3pose.calibration import save_rig
 from e3pose.errors import InputError
+from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import live_site
 from e3pose.view.program import address_of, open_view
 from e3pose.wire.keys.folder import init_keys

@@ -12,10 +12,10 @@ import httpx
 import numpy as np
 from tests.rigs import looking
 
-from e3pose.calibration import save_rig
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
+from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import live_site
 from e3pose.settings.site_file import load_site
 from e3pose.store import Run, StoreWriter

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from e3pose.calibration.world import assumed_rig
 from e3pose.camera.image_folder import ImageFolder, Source, open_sources
 from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
@@ -22,6 +21,7 @@ from e3pose.files.lock import hold
 from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
 from e3pose.recording import Recording, ViewSeries, encode_view, read_series, save_recording
+from e3pose.recording.calibration.world import assumed_rig
 from e3pose.settings.camera import MAX_SLOTS
 from e3pose.settings.camera import DetectSettings as DetectSettings
 

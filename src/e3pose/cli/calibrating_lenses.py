@@ -118,9 +118,9 @@ def intrinsics(
         draw_coverage,
         make_report,
     )
-    from e3pose.calibration import save_rig
     from e3pose.files.atomic import check_output
     from e3pose.geometry.camera import Rig
+    from e3pose.recording.calibration import save_rig
 
     if len(paths) < 2:
         given = counted(len(paths), "path")

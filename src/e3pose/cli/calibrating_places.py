@@ -85,7 +85,7 @@ def extrinsics(
         Print JSON in the place of lines.
     """
     from e3pose.calibrate.recordings import known_lenses
-    from e3pose.calibration import load_rig, save_rig
+    from e3pose.recording.calibration import load_rig, save_rig
 
     if len(paths) < 2:
         given = counted(len(paths), "path")
@@ -134,9 +134,9 @@ def _people(
 
     from e3pose.calibrate.places import from_people
     from e3pose.calibrate.recordings import first_seconds, with_lenses
-    from e3pose.calibration import load_rig
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import load_recording
+    from e3pose.recording.calibration import load_rig
 
     if not 0 < seconds <= MOST_SECONDS:
         raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")

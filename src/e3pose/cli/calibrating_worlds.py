@@ -74,8 +74,8 @@ def align(
         With a recording: put the calibration into it too.
     """
     from e3pose.calibrate.align import STAY, from_axis, with_origin
-    from e3pose.calibration import load_rig, save_rig
-    from e3pose.calibration.world import require_placed, world_problem
+    from e3pose.recording.calibration import load_rig, save_rig
+    from e3pose.recording.calibration.world import require_placed, world_problem
 
     path = toml_path(dest)
     is_recording = (source / "recording.toml").is_file()
@@ -156,11 +156,11 @@ def check(
     from e3pose.calibrate.error_picture import draw_error
     from e3pose.calibrate.judge import judge
     from e3pose.calibrate.recordings import first_seconds
-    from e3pose.calibration import load_rig
     from e3pose.cli.placed import check_world
     from e3pose.files.atomic import check_output
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import load_recording
+    from e3pose.recording.calibration import load_rig
 
     if not 0 < seconds <= 3600:
         raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")

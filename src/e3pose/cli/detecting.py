@@ -84,10 +84,10 @@ def detect(
     overwrite
         Replace the recording at DEST, and partial work with other settings.
     """
-    from e3pose.calibration import load_rig
     from e3pose.camera.detect import DetectSettings, detect_videos
     from e3pose.cli.placed import check_world
     from e3pose.files.atomic import check_free
+    from e3pose.recording.calibration import load_rig
 
     if len(paths) < 2:
         given = counted(len(paths), "path")

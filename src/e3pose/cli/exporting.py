@@ -105,7 +105,7 @@ def export(
     settings = SmoothSettings(asked_smoothing.method, asked_smoothing.cutoff_hz, fill_s)
     rig = None
     if calibration is not None:
-        from e3pose.calibration import load_rig
+        from e3pose.recording.calibration import load_rig
 
         if form not in ("coco", "openpose"):
             raise InputError(f"--calibration: found it with {form}, expected coco or openpose")

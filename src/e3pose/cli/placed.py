@@ -29,7 +29,7 @@ def check_world(rig: Rig, where: object, file: object) -> None:
         where: the recording or file that they are from.
         file: the calibration, for the command that mends it.
     """
-    from e3pose.calibration.world import require_placed, world_problem
+    from e3pose.recording.calibration.world import require_placed, world_problem
 
     require_placed(rig, where)
     words = world_problem(rig, file)[1]

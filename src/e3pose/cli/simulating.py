@@ -91,7 +91,7 @@ def simulate(
         check_people(people)
     rig = None
     if calibration is not None:
-        from e3pose.calibration import load_rig
+        from e3pose.recording.calibration import load_rig
 
         _refuse_ring_options(cameras=cameras, radius=radius, height=height, resolution=resolution)
         rig = load_rig(calibration)

@@ -123,8 +123,8 @@ def _asked() -> list[str]:
 
 
 def _rig(path: Path, named: dict[str, str]) -> Rig:
-    from e3pose.calibration import load_rig
-    from e3pose.calibration.world import require_placed
+    from e3pose.recording.calibration import load_rig
+    from e3pose.recording.calibration.world import require_placed
 
     rig = load_rig(path)
     require_placed(rig, path)

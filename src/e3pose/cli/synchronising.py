@@ -59,10 +59,10 @@ def sync(
 
     from e3pose.calibrate.recordings import first_seconds
     from e3pose.calibrate.synchronise import synchronise, with_offsets
-    from e3pose.calibration import load_rig
     from e3pose.files.atomic import check_free
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import load_recording, save_recording
+    from e3pose.recording.calibration import load_rig
 
     if not 0 < max_shift <= 600:
         raise InputError(f"--max-shift: found {max_shift:g}, expected more than 0, at most 600 s")

@@ -195,11 +195,11 @@ def _fetched(name: str, fetch: Callable[[Progress], T], offline: bool, phase: Ph
 
 def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
     """Write a site whose cameras play the clip, as fast as this machine can look at it."""
-    from e3pose.calibration import load_rig
     from e3pose.camera.source import open_video
     from e3pose.demo.stored_run import Film
     from e3pose.model.skeleton import COCO18
     from e3pose.recording import Recording, ViewSeries
+    from e3pose.recording.calibration import load_rig
     from e3pose.site.example import Example, write_example
 
     rig = load_rig(clip.calibration)

@@ -12,7 +12,6 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
-from e3pose.calibration import load_rig, save_rig
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder
 from e3pose.files.bounded import read_lines, read_toml
@@ -20,6 +19,7 @@ from e3pose.files.table import read_table
 from e3pose.geometry.camera import check_camera_id
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, skeleton_by_name
+from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.lines import decode_truth, decode_view, encode_truth, encode_view
 from e3pose.recording.record import MAX_PEOPLE, Recording, Truth, ViewSeries
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.calibration.world import world_problem
 from e3pose.geometry.camera import Camera
+from e3pose.recording.calibration.world import world_problem
 from e3pose.recording.geometry import epipolar_distances_px, truth_distances_px
 from e3pose.recording.record import Recording, ViewSeries
 

@@ -6,14 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from e3pose.calibration import load_rig
-from e3pose.calibration.world import assumed_rig, world_problem
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
+from e3pose.recording.calibration import load_rig
+from e3pose.recording.calibration.world import assumed_rig, world_problem
 from e3pose.settings.energy import EnergyPlan
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_pipeline

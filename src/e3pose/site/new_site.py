@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from e3pose.calibration import save_rig
 from e3pose.camera.probe import Probe
 from e3pose.detectors.timing import LookTimes
 from e3pose.energy.profiles import load_profile
@@ -19,6 +18,7 @@ from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder, check_free
 from e3pose.geometry.camera import Rig, check_camera_id
 from e3pose.plural import counted
+from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.site.example import free_port
 from e3pose.site.looks import (
@@ -267,7 +267,7 @@ def _quoted(text: str) -> str:
 
 
 def _named(choice: Choice) -> Rig:
-    from e3pose.calibration.world import assumed_rig
+    from e3pose.recording.calibration.world import assumed_rig
 
     return assumed_rig({name: seen.image_size for name, seen in choice.probes.items()})
 

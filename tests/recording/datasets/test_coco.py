@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.calibration import save_rig
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording import Recording
+from e3pose.recording.calibration import save_rig
 from e3pose.recording.datasets.coco import import_coco
 
 K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]

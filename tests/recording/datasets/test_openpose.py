@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.calibration import save_rig
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.recording.calibration import save_rig
 from e3pose.recording.datasets.openpose import frame_number, import_openpose
 
 K = [[900, 0, 640], [0, 900, 360], [0, 0, 1]]

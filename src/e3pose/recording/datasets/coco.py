@@ -9,13 +9,13 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
-from e3pose.calibration import load_rig
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording
+from e3pose.recording.calibration import load_rig
 from e3pose.recording.datasets.openpose import frame_number
 from e3pose.recording.datasets.views import check_fps, poses_from_triples, series_from_frames
 
@@ -56,7 +56,7 @@ def import_coco(
     Args:
         source: a list of results `{"image_id", "category_id", "keypoints": [51 numbers]}`, or a
             COCO dataset with `images` and `annotations`.
-        calibration: the rig, in any format that `e3pose.calibration` reads.
+        calibration: the rig, in any format that `e3pose.recording.calibration` reads.
         fps: frames a second of the cameras.
         images: a COCO dataset whose `images` translates `image_id` to `file_name`; without it,
             `image_id` or `file_name` of a result must be the file name itself.

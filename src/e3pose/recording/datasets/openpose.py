@@ -10,13 +10,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibration import load_rig
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import BODY25, COCO17, COCO18, Skeleton
 from e3pose.recording import Recording
+from e3pose.recording.calibration import load_rig
 from e3pose.recording.datasets.folders import match_folders
 from e3pose.recording.datasets.views import check_fps, poses_from_triples, series_from_frames
 
@@ -50,7 +50,7 @@ def import_openpose(
 
     Args:
         source: a folder with one folder per camera, which holds `<frame>_keypoints.json` files.
-        calibration: the rig, in any format that `e3pose.calibration` reads.
+        calibration: the rig, in any format that `e3pose.recording.calibration` reads.
         fps: frames a second of the cameras.
         folders: camera id to folder name, where names alone do not tell.
         progress: wraps the list of files that is read.

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibration import load_rig
-from e3pose.calibration.panoptic import METRES_PER_UNIT, WORLD_FROM_PANOPTIC, world_points
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import PANOPTIC19, Skeleton
 from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.recording.calibration import load_rig
+from e3pose.recording.calibration.panoptic import METRES_PER_UNIT, WORLD_FROM_PANOPTIC, world_points
 from e3pose.recording.datasets.arrays import floats, integers, load_arrays
 from e3pose.recording.datasets.openpose import Progress, read_detections
 from e3pose.recording.datasets.panoptic_json import read_bodies
@@ -49,7 +49,7 @@ def import_panoptic(
             or an .npz with `joints19_cm_conf` or `joints19_cm`, and perhaps the calibration.
         cameras: HD cameras by number (`3`) or name (`00_03`); the paper's five by default.
         calibration: the rig where `source` has none: an .npz, or any format that
-            `e3pose.calibration` reads.
+            `e3pose.recording.calibration` reads.
         detections: a folder of OpenPose JSON, a folder per camera, with the frame numbers of the
             sequence. Without it every view is lost.
         folders: camera id to folder name below `detections`.

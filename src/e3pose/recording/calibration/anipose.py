@@ -12,11 +12,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from e3pose.calibration import fields
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import parse_toml
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.recording.calibration import fields
 
 
 def load(path: Path) -> Rig:

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from e3pose.calibration import fields
-from e3pose.calibration.nodes import load_nodes
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.recording.calibration import fields
+from e3pose.recording.calibration.nodes import load_nodes
 
 USUAL_SIZES = (
     (640, 480), (800, 600), (1024, 768), (1280, 720), (1280, 960), (1280, 1024), (1440, 1080),

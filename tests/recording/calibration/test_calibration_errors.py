@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.calibration import FORMATS, load_rig
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
+from e3pose.recording.calibration import FORMATS, load_rig
 
 NAMES = sorted(FORMATS)
 INTRINSICS = np.array([[1200.0, 0.0, 960.0], [0.0, 1200.0, 540.0], [0.0, 0.0, 1.0]])

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from e3pose.calibration import fields
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.recording.calibration import fields
 
 METRES_PER_UNIT = 0.01
 # From Panoptic's world axes to z up: x stays, z becomes y, down becomes minus z.

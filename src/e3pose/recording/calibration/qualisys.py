@@ -13,9 +13,9 @@ from xml.parsers import expat
 
 import numpy as np
 
-from e3pose.calibration import fields
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.recording.calibration import fields
 
 SUBPIXELS = 64
 MAX_DEPTH = 20

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from e3pose.calibration import anipose, fields
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
+from e3pose.recording.calibration import anipose, fields
 
 
 def load(path: Path) -> Rig:

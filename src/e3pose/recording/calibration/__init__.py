@@ -6,7 +6,9 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from e3pose.calibration import (
+from e3pose.errors import InputError
+from e3pose.geometry.camera import Rig
+from e3pose.recording.calibration import (
     anipose,
     caliscope,
     easymocap,
@@ -16,8 +18,6 @@ from e3pose.calibration import (
     panoptic,
     qualisys,
 )
-from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig
 
 FORMATS: dict[str, Callable[[Path], Rig]] = {
     "anipose": anipose.load,

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from e3pose.calibration import fields
-from e3pose.calibration.nodes import load_nodes
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.recording.calibration import fields
+from e3pose.recording.calibration.nodes import load_nodes
 
 FIELDS: Mapping[str, tuple[str, ...]] = {
     "name": ("camera_name", "name"),

@@ -10,8 +10,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from e3pose.calibration import fields
 from e3pose.errors import InputError
+from e3pose.recording.calibration import fields
 
 if TYPE_CHECKING:
     import yaml

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from e3pose.calibration import FORMATS, find_format, load_rig, save_rig
-from e3pose.calibration.easymocap import guess_size
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.recording.calibration import FORMATS, find_format, load_rig, save_rig
+from e3pose.recording.calibration.easymocap import guess_size
 
 NAMES = ["anipose", "pose2sim", "caliscope", "qualisys", "panoptic", "easymocap", "opencv"]
 
