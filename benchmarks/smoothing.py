@@ -68,12 +68,12 @@ def shelf(shared: Path) -> Iterator[Any]:
 
 def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, float]]:
     """Return the figures of one replay by way of smoothing."""
+    from e3pose.estimate.smooth import SmoothSettings
     from e3pose.evaluate.expected_figures import expected_figures
     from e3pose.evaluate.figures import plain
     from e3pose.evaluate.replay import ReplaySettings, replay
     from e3pose.evaluate.smoothed import smooth_poses, smooth_records
     from e3pose.evaluate.summary import accuracy
-    from e3pose.smooth import SmoothSettings
 
     settings = ReplaySettings(num_selected=cameras, seed=phase, phase=phase)
     people: list[Any] = []

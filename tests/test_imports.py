@@ -37,7 +37,7 @@ HEAVY = {
 LAYERS: list[str] = []
 for rooms in (
     "errors plural clock quantities family kernel workers files model geometry predict energy",
-    "estimate smooth select pipeline recording detectors wire settings store exports",
+    "estimate select pipeline recording detectors wire settings store exports",
     "simulate camera evaluate calibrate learn edge site report streams view demo reproduce",
     "cli __main__",
 ):
@@ -50,7 +50,7 @@ PURE = (
     "estimate.per_slot.track", "select.policies", "select.expected_information", "select.occlusion",
     "select.motion_2d", "select.newcomers", "select.hidden_people", "select.blind_places",
     "select.camera_order", "select.failure_detector", "energy.queues", "energy.learned_cost",
-    "energy.budgets", "energy.site_energy", "smooth", "model.take", "pipeline", "recording.record",
+    "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline", "recording.record",
     "evaluate.metrics", "evaluate.prediction.motion", "evaluate.prediction.scores",
     "evaluate.prediction.tally",
     "wire.codec", "wire.offset", "clock", "edge.lead", "edge.roster",

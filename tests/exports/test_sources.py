@@ -9,12 +9,12 @@ import pytest
 from tests.exports.takes import MISSING_FRAMES, STARTED_NS, records, take
 
 from e3pose.errors import InputError
+from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.evaluate.poses_table import write_poses
 from e3pose.exports.resample import resampled
 from e3pose.exports.source import Asked, take_from_store, take_from_table
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import FILLED, MEASURED, PREDICTED
-from e3pose.smooth import SmoothSettings, smoothed
 from e3pose.store import Run, StoreWriter
 
 TAKE = take()

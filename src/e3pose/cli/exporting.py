@@ -87,12 +87,12 @@ def export(
         Calibration file, for 2D keypoints: required for COCO, optional for OpenPose JSON.
     """
     from e3pose.cli.progress import track_progress
+    from e3pose.estimate.smooth import SmoothSettings, smoothed
     from e3pose.exports import ExportSettings, format_of
     from e3pose.exports import export as write
     from e3pose.exports.resample import resampled
     from e3pose.exports.source import Asked
     from e3pose.quantities import duration_s
-    from e3pose.smooth import SmoothSettings, smoothed
 
     form = format_of(dest, format_name)
     if angles and form not in ("csv", "parquet"):

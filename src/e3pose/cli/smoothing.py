@@ -11,7 +11,7 @@ from e3pose.cli.options import as_typed
 from e3pose.quantities import frequency_hz
 
 if TYPE_CHECKING:
-    from e3pose.smooth import SmoothSettings
+    from e3pose.estimate.smooth import SmoothSettings
 
 
 @Parameter(name="*")
@@ -28,7 +28,7 @@ class SmoothOptions:
 
     def settings(self) -> SmoothSettings:
         """Return what these options ask for; raise `InputError` for what contradicts itself."""
-        from e3pose.smooth import SmoothSettings, check_smoothing
+        from e3pose.estimate.smooth import SmoothSettings, check_smoothing
 
         with as_typed({"": "--cutoff"}):
             cutoff_hz = None if self.cutoff is None else frequency_hz(self.cutoff)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from e3pose.edge.reports import poses_message
 from e3pose.estimate.base import People
 from e3pose.estimate.filter.tree import grow
+from e3pose.estimate.smooth.bodies import FixedLag
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import Skeleton
-from e3pose.smooth.bodies import FixedLag
 from e3pose.wire.messages import Poses
 
 

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.tree import Tree, grow
+from e3pose.estimate.smooth import SmoothSettings, smoothed
+from e3pose.estimate.smooth.bodies import FixedLag, Smoothed, smooth_bodies
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Take, motion_of
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import SlotRecord
-from e3pose.smooth import SmoothSettings, smoothed
-from e3pose.smooth.bodies import FixedLag, Smoothed, smooth_bodies
 
 Floats = NDArray[np.float64]
 

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.motion import alone, fading
 from e3pose.estimate.filter.tree import grow
+from e3pose.estimate.smooth.gaps import stretches
+from e3pose.estimate.smooth.rauch import Expected, expect, step_back
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import FILLED, Motion
-from e3pose.smooth.gaps import stretches
-from e3pose.smooth.rauch import Expected, expect, step_back
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

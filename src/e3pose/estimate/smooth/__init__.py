@@ -6,12 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from e3pose.errors import InputError
+from e3pose.estimate.smooth.butterworth import butterworth
+from e3pose.estimate.smooth.gaps import fill_gaps
+from e3pose.estimate.smooth.one_euro import one_euro
+from e3pose.estimate.smooth.points import smooth_points
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import Motion, Take
-from e3pose.smooth.butterworth import butterworth
-from e3pose.smooth.gaps import fill_gaps
-from e3pose.smooth.one_euro import one_euro
-from e3pose.smooth.points import smooth_points
 
 Smoother = Callable[[Motion, Skeleton, float, float], Motion]
 

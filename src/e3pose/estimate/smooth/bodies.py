@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.motion import places, transitions
 from e3pose.estimate.filter.tree import Tree
+from e3pose.estimate.smooth.rauch import Expected, expect, step_back
 from e3pose.model.pose import Poses3D
-from e3pose.smooth.rauch import Expected, expect, step_back
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
+from e3pose.estimate.smooth.gaps import stretches
 from e3pose.model.take import Motion
-from e3pose.smooth.gaps import stretches
 
 Floats = NDArray[np.float64]
 

@@ -9,14 +9,14 @@ from tests.reference.filter_motion import spread
 from e3pose.estimate.base import People, Posterior, Start
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.tree import grow
+from e3pose.estimate.smooth.bodies import FixedLag, body_transition, smooth_bodies, written_out
+from e3pose.estimate.smooth.rauch import expect, step_back
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
 from e3pose.evaluate.summary import accuracy
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.smooth.bodies import FixedLag, body_transition, smooth_bodies, written_out
-from e3pose.smooth.rauch import expect, step_back
 
 TREE = grow(COCO17)
 SCENE = simulate(SceneSettings(scene="ring", people=3, seconds=8, fps=12.5), seed=701)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.smooth.motions import motion, waving
+from tests.estimate.smooth.motions import motion, waving
 
 from e3pose.errors import InputError
+from e3pose.estimate.smooth import SMOOTHERS, SmoothSettings, smoothed
+from e3pose.estimate.smooth.butterworth import butterworth
+from e3pose.estimate.smooth.gaps import fill_gaps, stretches
 from e3pose.model.skeleton import COCO17
 from e3pose.model.take import FILLED, MEASURED, MISSING, Motion, Take
-from e3pose.smooth import SMOOTHERS, SmoothSettings, smoothed
-from e3pose.smooth.butterworth import butterworth
-from e3pose.smooth.gaps import fill_gaps, stretches
 
 FPS = 50.0
 
