@@ -37,8 +37,8 @@ HEAVY = {
 LAYERS: list[str] = []
 for rooms in (
     "errors plural clock quantities family kernel workers files model geometry predict energy",
-    "estimate select pipeline recording detectors wire settings store exports",
-    "simulate camera evaluate calibrate learn edge site report streams view demo reproduce",
+    "estimate select pipeline recording detectors wire settings store",
+    "simulate camera evaluate calibrate learn edge site report exports view demo reproduce",
     "cli __main__",
 ):
     LAYERS += rooms.split()
@@ -50,7 +50,8 @@ PURE = (
     "estimate.per_slot.track", "select.policies", "select.expected_information", "select.occlusion",
     "select.motion_2d", "select.newcomers", "select.hidden_people", "select.blind_places",
     "select.camera_order", "select.failure_detector", "energy.queues", "energy.learned_cost",
-    "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline", "recording.record",
+    "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline",
+    "recording.record",
     "evaluate.metrics", "evaluate.prediction.motion", "evaluate.prediction.scores",
     "evaluate.prediction.tally",
     "wire.codec", "wire.offset", "clock", "edge.lead", "edge.roster",

@@ -11,8 +11,8 @@ from collections.abc import Callable
 from importlib import import_module
 
 from e3pose.errors import InputError
-from e3pose.streams.base import Source as Source
-from e3pose.streams.base import Stream as Stream
+from e3pose.exports.streams.base import Source as Source
+from e3pose.exports.streams.base import Stream as Stream
 
 # Name to the module, whose `open_stream(place, source)` opens one.
 STREAMS = {
@@ -38,5 +38,7 @@ def open_stream(target: str, source: Source) -> Stream:
     if kind not in STREAMS or not colon:
         forms = "; ".join(about.partition(",")[0] for about in STREAMS.values())
         raise InputError("target", repr(target[:80]), forms)
-    opened: Callable[[str, Source], Stream] = import_module(f"e3pose.streams.{kind}").open_stream
+    opened: Callable[[str, Source], Stream] = import_module(
+        f"e3pose.exports.streams.{kind}"
+    ).open_stream
     return opened(place.removeprefix("//"), source)

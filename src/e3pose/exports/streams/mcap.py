@@ -7,9 +7,9 @@ from pathlib import Path
 import foxglove
 
 from e3pose.errors import InputError
+from e3pose.exports.streams.base import Source
+from e3pose.exports.streams.foxglove import FoxgloveStream
 from e3pose.files.private import make_file
-from e3pose.streams.base import Source
-from e3pose.streams.foxglove import FoxgloveStream
 
 
 def open_stream(place: str, source: Source) -> FoxgloveStream:

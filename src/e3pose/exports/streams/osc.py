@@ -13,9 +13,9 @@ from pythonosc.osc_message import OscMessage
 from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.udp_client import UDPClient
 
+from e3pose.exports.streams.base import Source, host_port
 from e3pose.site.connect import LiveSlot
 from e3pose.site.zones import ZoneEvent
-from e3pose.streams.base import Source, host_port
 
 PORT = 9000
 

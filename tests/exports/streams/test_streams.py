@@ -17,18 +17,18 @@ from mcap.reader import make_reader
 from paho.mqtt.enums import CallbackAPIVersion
 from pythonosc.dispatcher import Dispatcher
 from pythonosc.osc_server import ThreadingOSCUDPServer
+from tests.exports.streams.broker import broker
 from tests.ports import free_port
-from tests.streams.broker import broker
 from tests.waiting import eventually
 from websockets.sync.client import connect as connect_socket
 from websockets.typing import Subprotocol
 
 from e3pose.errors import InputError
+from e3pose.exports.streams import STREAMS, Source, open_stream
+from e3pose.exports.streams.send import Sender
 from e3pose.model.skeleton import COCO17
 from e3pose.site.connect import Connection, LiveSlot
 from e3pose.site.zones import ZoneEvent, Zones
-from e3pose.streams import STREAMS, Source, open_stream
-from e3pose.streams.send import Sender
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.memory import Hub
 from e3pose.wire.messages import Poses

@@ -11,9 +11,9 @@ import time
 import numpy as np
 import pylsl
 
+from e3pose.exports.streams.base import Source
 from e3pose.site.connect import LiveSlot
 from e3pose.site.zones import ZoneEvent
-from e3pose.streams.base import Source
 
 PEOPLE = 4
 PARTS = ("x", "y", "z", "sigma")

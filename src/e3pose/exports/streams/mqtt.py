@@ -13,10 +13,10 @@ import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
 from e3pose.errors import InputError
+from e3pose.exports.streams.base import Source, host_port
+from e3pose.exports.streams.words import slot_words, zone_words
 from e3pose.site.connect import LiveSlot
 from e3pose.site.zones import ZoneEvent
-from e3pose.streams.base import Source, host_port
-from e3pose.streams.words import slot_words, zone_words
 
 PORT = 1883
 MAX_WAITING = 50

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 
 from e3pose.errors import InputError
+from e3pose.exports.streams.base import Stream
 from e3pose.site.connect import Connection
 from e3pose.site.zones import Zones, advance
-from e3pose.streams.base import Stream
 
 END_S = 5.0
 
