@@ -36,7 +36,7 @@ HEAVY = {
 # The rooms, innermost first: each may import those before it.
 LAYERS: list[str] = []
 for rooms in (
-    "errors plural clock quantities family kernel workers files model geometry predict energy",
+    "errors clock quantities family kernel workers files model geometry predict energy",
     "estimate select pipeline recording detectors wire settings store",
     "simulate camera evaluate calibrate learn edge site report exports view demo reproduce",
     "cli __main__",

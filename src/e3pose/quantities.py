@@ -1,4 +1,4 @@
-"""Quantities as people write them: 40mm, 10h, 20GB; in SI once they are read.
+"""Quantities as people write them: 40mm, 10h, 20GB; in SI once they are read; 3 cameras in text.
 
 What cannot be read raises an `InputError` without a thing: who knows what was asked for adds it
 with `at`.
@@ -95,3 +95,15 @@ def check_seconds(option: str, value: float | None) -> None:
     """Raise `InputError` for a number of seconds that nobody can wait for; None is none."""
     if value is not None and not 0 <= value <= LONGEST_S:
         raise InputError(option, f"{value:g}", f"0 to {LONGEST_S:g} seconds")
+
+
+def plural(number: float, one: str, many: str = "") -> str:
+    """Return `1 slot`, `2 slots`, `1.5 cameras`, `3 people`.
+
+    Args:
+        number: of them.
+        one: what one of them is called.
+        many: what several are called; with an s by default.
+    """
+    shown = str(number) if isinstance(number, int) else f"{number:g}"
+    return f"{shown} {one if number == 1 else many or one + 's'}"

@@ -5,18 +5,18 @@ from __future__ import annotations
 import pytest
 
 from e3pose.camera.live import Counted
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.site.summary import camera_summary, edge_summary
 from e3pose.wire.messages import CameraStatus, Status
 
 
 def test_one_is_one_and_large_numbers_are_whole() -> None:
-    assert counted(1, "slot") == "1 slot"
-    assert counted(0, "slot") == "0 slots"
-    assert counted(1, "person", "people") == "1 person"
-    assert counted(3, "person", "people") == "3 people"
-    assert counted(1_234_567, "row") == "1234567 rows"
-    assert counted(0.95, "camera") == "0.95 cameras"
+    assert plural(1, "slot") == "1 slot"
+    assert plural(0, "slot") == "0 slots"
+    assert plural(1, "person", "people") == "1 person"
+    assert plural(3, "person", "people") == "3 people"
+    assert plural(1_234_567, "row") == "1234567 rows"
+    assert plural(0.95, "camera") == "0.95 cameras"
 
 
 def test_edge_says_how_it_left_each_camera() -> None:

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
 from e3pose.errors import InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 Flag = Annotated[bool, Parameter(negative="")]
 DEFAULT_BOARD = "charuco-5x7-36mm"  # what `calibrate board` makes for A4
@@ -123,7 +123,7 @@ def intrinsics(
     from e3pose.recording.calibration import save_rig
 
     if len(paths) < 2:
-        given = counted(len(paths), "path")
+        given = plural(len(paths), "path")
         raise InputError(f"VIDEO... DEST: found {given}, expected videos, then the file to write")
     *films, last = paths
     dest = toml_path(last)

@@ -13,8 +13,7 @@ from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of,
 from e3pose.cli.options import as_typed
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
-from e3pose.plural import counted
-from e3pose.quantities import length_m
+from e3pose.quantities import length_m, plural
 
 if TYPE_CHECKING:
     from e3pose.calibrate.places import KnownLength, Places
@@ -88,7 +87,7 @@ def extrinsics(
     from e3pose.recording.calibration import load_rig, save_rig
 
     if len(paths) < 2:
-        given = counted(len(paths), "path")
+        given = plural(len(paths), "path")
         raise InputError(
             f"VIDEO... DEST: found {given}, expected videos or a recording, then the file"
         )

@@ -12,8 +12,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import warn
 from e3pose.errors import InputError
-from e3pose.plural import counted
-from e3pose.quantities import check_seconds
+from e3pose.quantities import check_seconds, plural
 
 if TYPE_CHECKING:
     from e3pose.geometry.camera import Rig
@@ -142,7 +141,7 @@ def _show(findings: Sequence[Finding]) -> None:
         )
     Console().print(shown)
     count = {level: sum(finding.level == level for finding in findings) for level in STYLES}
-    told = f"{counted(count['problem'], 'problem')}, {counted(count['warning'], 'warning')}"
+    told = f"{plural(count['problem'], 'problem')}, {plural(count['warning'], 'warning')}"
     if count["problem"]:
         print(f"e3pose: Not ready: {told}", file=sys.stderr)
         sys.exit(1)

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed
 from e3pose.errors import InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.camera.detect import DetectReport
@@ -90,7 +90,7 @@ def detect(
     from e3pose.recording.calibration import load_rig
 
     if len(paths) < 2:
-        given = counted(len(paths), "path")
+        given = plural(len(paths), "path")
         raise InputError(f"VIDEO... DEST: found {given}, expected videos, then the folder to write")
     if link_videos and copy_videos:
         raise InputError("--link-videos and --copy-videos: found both, expected at most one")
@@ -205,14 +205,14 @@ def frame_bar() -> Iterator[Callable[[int, int], None]]:
 
 
 def _print(dest: Path, report: DetectReport) -> None:
-    print(f"Wrote {dest}: {counted(report.num_slots, 'slot')} at {report.fps:g} per second")
+    print(f"Wrote {dest}: {plural(report.num_slots, 'slot')} at {report.fps:g} per second")
     for camera_id, camera in report.cameras.items():
         lost = report.num_slots - camera.frames
-        notes = [f"{counted(lost, 'slot')} without a frame"] if lost else []
+        notes = [f"{plural(lost, 'slot')} without a frame"] if lost else []
         notes += [camera.damage] if camera.damage else []
         tail = "; " + "; ".join(notes) if notes else ""
-        people = counted(camera.people, "person", "people")
-        print(f"  {camera_id}: {counted(camera.frames, 'frame')}, {people} detected{tail}")
+        people = plural(camera.people, "person", "people")
+        print(f"  {camera_id}: {plural(camera.frames, 'frame')}, {people} detected{tail}")
     if report.without_video:
         print(f"  skipped, no video: {', '.join(report.without_video)}")
     if report.resumed_slots:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import App, Parameter
 
 from e3pose.errors import InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.recording import Recording
@@ -304,11 +304,11 @@ def _save(recording: Recording, dest: Path, overwrite: bool) -> None:
     save_recording(recording, dest, overwrite=overwrite)
     people = sum(len(series.scores) for series in recording.views)
     print(
-        f"Wrote {dest}: {counted(len(recording.rig), 'camera')}, "
-        f"{counted(recording.num_slots, 'slot')} at "
-        f"{recording.fps:g} fps, {counted(people, '2D pose')} ({recording.skeleton.name})"
+        f"Wrote {dest}: {plural(len(recording.rig), 'camera')}, "
+        f"{plural(recording.num_slots, 'slot')} at "
+        f"{recording.fps:g} fps, {plural(people, '2D pose')} ({recording.skeleton.name})"
         + (
-            f", truth of {counted(len(recording.truth.person_ids), 'person', 'people')}"
+            f", truth of {plural(len(recording.truth.person_ids), 'person', 'people')}"
             if recording.truth
             else ""
         )

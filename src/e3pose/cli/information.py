@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from e3pose.cli.output import JsonFile, is_stdout, write_json
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -70,7 +70,7 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
     rows = {
         "recording": description.name,
         "source": description.source or "-",
-        "length": f"{counted(description.num_slots, 'slot')} at {description.fps:g} fps, "
+        "length": f"{plural(description.num_slots, 'slot')} at {description.fps:g} fps, "
         f"{description.duration_s:.2f} s",
         "scored slots": scored,
         "skeleton": description.skeleton,
@@ -88,7 +88,7 @@ def _print_tables(console: Console, description: Description, problems: list[Pro
     if not problems:
         console.print(Text("No problems found.", style="green"))
         return
-    console.print(Text(f"{counted(len(problems), 'problem')}:", style="bold yellow"))
+    console.print(Text(f"{plural(len(problems), 'problem')}:", style="bold yellow"))
     for problem in problems:
         console.print(Text(f"  {problem.where}: {problem.message}"), soft_wrap=True)
 
@@ -117,9 +117,9 @@ def _truth_line(description: Description) -> str:
         return "none"
     named = ", ".join(f"{name} in {slots}" for name, slots in truth.slots_of_person.items())
     if len(named) > 200:
-        named = counted(len(truth.slots_of_person), "person", "people")
+        named = plural(len(truth.slots_of_person), "person", "people")
     everybody = "of everybody" if truth.complete else "of some of the people"
-    return f"{truth.skeleton}, {everybody}, in {counted(truth.annotated_slots, 'slot')} ({named})"
+    return f"{truth.skeleton}, {everybody}, in {plural(truth.annotated_slots, 'slot')} ({named})"
 
 
 def _number(value: float | None, form: str) -> str:

@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 
 from e3pose.cli.options import Whole
 from e3pose.errors import InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.learn.online import OnlineTrainer
@@ -201,7 +201,7 @@ def _run(
 def _summary(source: Recording, slots: list[Rehearsed]) -> str:
     used = sorted({slot.version for slot in slots})
     swaps = [1000 * slot.seconds for slot in slots if slot.swapped]
-    line = f"{source.name}: {counted(len(slots), 'slot')} with version {', '.join(map(str, used))}"
+    line = f"{source.name}: {plural(len(slots), 'slot')} with version {', '.join(map(str, used))}"
     times = sorted(1000 * slot.seconds for slot in slots[WARM_UP_SLOTS:])
     if times:
         line += f"; slot time {times[len(times) // 2]:.1f} ms median, {times[-1]:.1f} ms maximum"

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 from e3pose.cli.options import Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
 from e3pose.errors import MISSING, InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.store import Store
@@ -112,7 +112,7 @@ def query(
             place = Path("/dev/stdout") if is_stdout(path) else path
             count = write_tables(_chunks(asked, what, bounds, track, joint), place, form)
             if not is_stdout(json_file):
-                wrote(path, counted(count, "row"))
+                wrote(path, plural(count, "row"))
 
 
 def store_of(named: str, site: str | None) -> tuple[str, str | None]:

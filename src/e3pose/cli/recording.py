@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from e3pose.errors import InputError
-from e3pose.plural import counted
-from e3pose.quantities import check_seconds
+from e3pose.quantities import check_seconds, plural
 
 if TYPE_CHECKING:
     from e3pose.edge.record_server import RecordingPlan, RecordServer
@@ -126,13 +125,11 @@ def _tell(server: RecordServer, table: SiteTable) -> None:
         reasons = "; ".join(f"{name}: {why}" for name, why in server.troubles().items())
         raise InputError(f"nothing was recorded{': ' if reasons else ''}{reasons}")
     plan = server.plan
-    slots = counted(server.slots, "slot")
+    slots = plural(server.slots, "slot")
     print(f"Wrote {server.written}: {slots} at {plan.fps:g} per second")
     for index, camera_id in enumerate(plan.rig.camera_ids):
         views, people = int(server.views[index]), int(server.people[index])
-        print(
-            f"  {camera_id}: {counted(views, 'view')}, {counted(people, 'person', 'people')} seen"
-        )
+        print(f"  {camera_id}: {plural(views, 'view')}, {plural(people, 'person', 'people')} seen")
     if (server.views < server.slots / 2).any():
         print("  some cameras missed half of the slots: is fps too high? `e3pose check` measures")
     if not plan.rig.placed:

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from e3pose.cli.options import as_typed
 from e3pose.cli.output import wrote
 from e3pose.errors import MISSING, InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 
 def report(
@@ -56,4 +56,4 @@ def report(
     store = Store(table.store_place)
     with as_typed({"time": "--from, --to"}, store.where):
         slots = write_stretch(live_site(table), store, dest, from_, to)
-    wrote(dest, counted(slots, "slot"))
+    wrote(dest, plural(slots, "slot"))

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
 from e3pose.errors import InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.recording import Recording
@@ -116,9 +116,9 @@ def simulate(
         _write_films(recording, dest)
     poses = sum(len(series.scores) for series in recording.views)
     print(
-        f"Wrote {dest}: {recording.name}: {counted(len(recording.rig), 'camera')}, "
-        f"{counted(recording.num_slots, 'slot')} at "
-        f"{recording.fps:g} fps, {counted(poses, 'detected pose')}"
+        f"Wrote {dest}: {recording.name}: {plural(len(recording.rig), 'camera')}, "
+        f"{plural(recording.num_slots, 'slot')} at "
+        f"{recording.fps:g} fps, {plural(poses, 'detected pose')}"
     )
 
 

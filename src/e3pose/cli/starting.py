@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, warn
 from e3pose.errors import InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.camera.probe import Probe
@@ -107,7 +107,7 @@ def _asked() -> list[str]:
     if not sys.stdin.isatty():
         if len(devices) < 2:
             raise InputError(
-                f"SOURCE: found {counted(len(devices), 'camera')} on this machine, expected two or "
+                f"SOURCE: found {plural(len(devices), 'camera')} on this machine, expected two or "
                 "more sources: usb:0, rtsp://HOST/PATH, http://HOST/PATH or a video"
             )
         return list(devices)
@@ -196,7 +196,7 @@ def _measured(network: str, provider: str, threads: int, probes: dict[str, Probe
         times = time_looks(lookers)
     alone_ms, all_ms = 1000 * times.alone_s.max(), 1000 * times.together_s.max()
     print(
-        f"{network}, {counted(threads, 'thread')} each: {alone_ms:.3g} ms a look, {all_ms:.3g} ms "
+        f"{network}, {plural(threads, 'thread')} each: {alone_ms:.3g} ms a look, {all_ms:.3g} ms "
         f"while all {len(lookers)} look, {times.rate:.3g} looks per second"
     )
     return times

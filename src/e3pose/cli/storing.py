@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import as_typed
 from e3pose.errors import InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.energy.profiles import DeviceProfile, Mode
@@ -102,7 +102,7 @@ def stored(
         status = writer.status()
     if status.trouble is not None or status.shed:
         raise InputError(
-            f"{Path(options.store).name}: {counted(status.spooled, 'row')} not stored, "
+            f"{Path(options.store).name}: {plural(status.spooled, 'row')} not stored, "
             f"{status.shed} given up ({status.trouble or 'no room'}), "
             "expected a database that takes them all"
         )

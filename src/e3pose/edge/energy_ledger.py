@@ -14,7 +14,7 @@ from e3pose.energy.budgets import Budget
 from e3pose.energy.profiles import DeviceProfile, Mode
 from e3pose.energy.site_energy import CameraEnergy, Reckoning, hear, new_camera, reckon
 from e3pose.pipeline import Pipeline
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from e3pose.store.rows import EnergyReading
@@ -134,7 +134,7 @@ class EnergyLedger:
             news.append(
                 (
                     None,
-                    f"budgets allow {counted(round(now.num_selected, 2), 'camera')} per slot"
+                    f"budgets allow {plural(round(now.num_selected, 2), 'camera')} per slot"
                     + (f", {asked:g} requested" if now.num_selected < asked else ""),
                 )
             )

@@ -14,7 +14,7 @@ from e3pose.edge.gather import Arrival
 from e3pose.errors import InputError
 from e3pose.files.private import make_folder
 from e3pose.geometry.camera import Rig
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.recording.writer import PARTIAL, RecordingWriter, finish_interrupted
 
 PART_S = 600.0
@@ -182,7 +182,7 @@ class Recorder:
         self._trouble = reason
         self._retry = round(RETRY_S / WRITE_S)
         if self.dropped:
-            self._tell("record-trouble", f"{counted(self.dropped, 'slot')} not recorded")
+            self._tell("record-trouble", f"{plural(self.dropped, 'slot')} not recorded")
 
 
 def recordings_in(folder: Path) -> list[Path]:

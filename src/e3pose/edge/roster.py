@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from e3pose.model.skeleton import BODY_JOINTS, SKELETONS, lacking, serves
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.wire.messages import CameraMode, Heartbeat, Hello
 
 SILENT_S = 1.9  # without a word for so long a camera is given up; it speaks twice a second
@@ -181,7 +181,7 @@ def _other_joints(found: Sequence[str], expected: Sequence[str]) -> str:
     """Say which skeleton a detector outputs that cannot stand for the one expected."""
     names = {skeleton.joints: name for name, skeleton in SKELETONS.items()}
     outputs, expects = (
-        names.get(tuple(joints), counted(len(joints), "joint")) for joints in (found, expected)
+        names.get(tuple(joints), plural(len(joints), "joint")) for joints in (found, expected)
     )
     lost = lacking(found, expected)
     missing = [joint for joint in lost if joint in BODY_JOINTS] or lost

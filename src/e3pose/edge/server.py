@@ -39,7 +39,7 @@ from e3pose.edge.tally import Counts
 from e3pose.edge.warm import warm_up
 from e3pose.estimate.base import People
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
@@ -254,7 +254,7 @@ class EdgeServer:
             return
         slot = self.state.slot + behind_ns // self.interval_ns
         self.counts.lost += slot - self.state.slot
-        skipped = counted(slot - self.state.slot, "slot")
+        skipped = plural(slot - self.state.slot, "slot")
         self.news.tell("slots-lost", f"skipped {skipped}: the edge was behind")
         self._skip(slot)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from e3pose.evaluate.energy_figures import PAPER_SAVINGS
 from e3pose.evaluate.figures import Summary, as_json
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -125,7 +125,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     """Print the figures of one replay and what every camera did."""
     from rich.table import Table
 
-    title = f"policy {summary.policy}, {counted(summary.slots, 'slot')}"
+    title = f"policy {summary.policy}, {plural(summary.slots, 'slot')}"
     if summary.smooth is not None:
         title += f", smoothed ({summary.smooth})"
     figures = Table(title=title, title_justify="left", show_header=False)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.geometry.camera import Camera
+from e3pose.quantities import plural
 from e3pose.recording.calibration.world import world_problem
 from e3pose.recording.geometry import epipolar_distances_px, truth_distances_px
 from e3pose.recording.record import Recording, ViewSeries
@@ -82,12 +83,11 @@ def _view_problems(camera: Camera, series: ViewSeries, recording: Recording) -> 
         longest = int(gaps.argmax())
         first = int(edges[longest]) + 1
         count = int((gaps > 0).sum())
-        plural = "s" if count > 1 else ""
         problems.append(
             Problem(
                 "lost-views",
                 where,
-                f"{lost} of {recording.num_slots} views are lost in {count} gap{plural}; "
+                f"{lost} of {recording.num_slots} views are lost in {plural(count, 'gap')}; "
                 f"the longest is slots {first} to {first + int(gaps[longest]) - 1}",
             )
         )

@@ -13,7 +13,7 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 Floats = NDArray[np.float64]
 
@@ -140,8 +140,8 @@ class Recording:
     def __repr__(self) -> str:
         truth = "no truth" if self.truth is None else f"truth of {len(self.truth.person_ids)}"
         return (
-            f"<Recording {self.name[:40]!r}: {counted(len(self.rig), 'camera')}, "
-            f"{counted(self.num_slots, 'slot')} at {self.fps:g} fps, {truth}>"
+            f"<Recording {self.name[:40]!r}: {plural(len(self.rig), 'camera')}, "
+            f"{plural(self.num_slots, 'slot')} at {self.fps:g} fps, {truth}>"
         )
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from e3pose.evaluate.summary import summarise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import skeleton_by_name
 from e3pose.model.slot_record import SlotRecord
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.recording import Recording, ViewSeries
 from e3pose.report.page import write_report
 from e3pose.settings.live import LiveSite
@@ -50,7 +50,7 @@ def write_stretch(
     else:
         raise InputError(f"{store.where}: no slot of site {site} was stored in that time")
     if len(rows) > MOST_SLOTS:
-        slots = counted(len(rows), "slot")
+        slots = plural(len(rows), "slot")
         raise InputError("time", slots, f"at most {MOST_SLOTS}: name a shorter time", store.where)
     if tuple(run.run.cameras) != ids:
         found = f"slots of cameras {', '.join(run.run.cameras)[:200]}"

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.evaluate.figures import Summary
 from e3pose.pipeline import SlotRecord
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.recording import Recording
 from e3pose.settings.parts import row_of
 
@@ -34,7 +34,7 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
     num_cameras = len(recording.rig)
     seconds = len(records) * recording.interval_s
     said = [
-        f"{num_cameras} calibrated cameras, {counted(len(records), 'slot')} of "
+        f"{num_cameras} calibrated cameras, {plural(len(records), 'slot')} of "
         f"{1000 * recording.interval_s:.3g} ms ({seconds:.1f} s)."
     ]
     if not records:
@@ -47,7 +47,7 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
         )
     else:
         said.append(
-            f"Up to {counted(max(counts), 'person', 'people')} at a time; "
+            f"Up to {plural(max(counts), 'person', 'people')} at a time; "
             f"people present in {100 * share:.0f} % of the slots."
         )
     mean = duty(recording, records).sum()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.select.policies.base import Floats
 from e3pose.settings.live import calibrate_advice
 from e3pose.settings.site_file import SiteTable
@@ -63,7 +63,7 @@ def check_calibration(rig: Rig) -> Iterator[Finding]:
     """Look at where the cameras are, and whether they see the same."""
     centres = np.array([camera.T_world_camera[:3, 3] for camera in rig.cameras])
     axes = np.array([camera.T_world_camera[:3, 2] for camera in rig.cameras])
-    yield Finding("ok", "calibration", counted(len(rig), "camera"))
+    yield Finding("ok", "calibration", plural(len(rig), "camera"))
     if len(rig) < 2:
         yield Finding("problem", "calibration", "one camera", "3D needs at least two cameras")
         return
@@ -259,7 +259,7 @@ def check_store(file: Path) -> Iterator[Finding]:
         if not other.name.endswith(("-wal", "-shm"))
     ]
     if aside:
-        found = f"{counted(len(aside), 'damaged database')} moved aside, newest: {aside[-1]}"
+        found = f"{plural(len(aside), 'damaged database')} moved aside, newest: {aside[-1]}"
         advice = f"recover with `sqlite3 {aside[-1]} .recover`, then delete it"
         yield Finding("warning", "store-corrupt", found, advice)
 

@@ -8,7 +8,7 @@ from datetime import datetime
 from e3pose.energy.budgets import Supply, allowance_j, slot_shares
 from e3pose.errors import InputError
 from e3pose.model.skeleton import lacking, serves
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.settings.live import LiveSite
 from e3pose.settings.skeletons import camera_skeletons
 from e3pose.site.check import Finding
@@ -87,7 +87,7 @@ def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "budget",
-            f"pays for {counted(round(float(shares.sum()), 2), 'camera')} a slot, the site asks "
+            f"pays for {plural(round(float(shares.sum()), 2), 'camera')} a slot, the site asks "
             f"for {selected:g}",
             f"cameras = {shares.sum():.2g} in [loop], or a larger budget",
         )

@@ -14,7 +14,7 @@ from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.select.policies import Policy
 from e3pose.settings.live import LiveSite
 from e3pose.settings.loop import LoopSettings
@@ -87,7 +87,7 @@ class SiteControls:
             raise InputError("target_error_mm", "it with cameras", "one of them")
         if control.cameras is not None:
             loop = replace(loop, num_selected=control.cameras, target_error_m=None)
-            words.append(f"{counted(control.cameras, 'camera')} per slot")
+            words.append(f"{plural(control.cameras, 'camera')} per slot")
         if control.target_error_mm is not None:
             loop = replace(loop, target_error_m=control.target_error_mm / 1000)
             words.append(f"target error {control.target_error_mm:g} mm")

@@ -16,7 +16,7 @@ from e3pose.detectors.timing import DEFAULT_SIZE, Looker, LookTimes, time_looks
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Rig
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.settings.site_file import SiteTable
 from e3pose.settings.skeletons import RECORDED, detector_of
 from e3pose.site.check import Finding
@@ -81,7 +81,7 @@ def keep_looks(path: Path, lookers: dict[str, Looker], times: LookTimes) -> None
 
 
 def _asked(lookers: dict[str, Looker]) -> list[str]:
-    machine = f"{platform.node()}, {counted(len(os.sched_getaffinity(0)), 'core')}"
+    machine = f"{platform.node()}, {plural(len(os.sched_getaffinity(0)), 'core')}"
     return [machine, *(f"{name} {asdict(looker)}" for name, looker in lookers.items())]
 
 
@@ -123,7 +123,7 @@ def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Itera
     asked = site.fps * site.pace
     reached = times.reach_fps(num_selected)
     if asked > SPARE * reached:
-        cameras = counted(num_selected, "camera")
+        cameras = plural(num_selected, "camera")
         slots = "" if site.pace == 1 else f" (fps {site.fps:g} at pace {site.pace:g})"
         slower = f"fps = {suggested_fps(times, num_selected):g}"
         yield Finding(

@@ -17,7 +17,7 @@ from e3pose.energy.profiles import load_profile
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder, check_free
 from e3pose.geometry.camera import Rig, check_camera_id
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.site.example import free_port
@@ -101,7 +101,7 @@ def name_sources(words: list[str], folder: Path) -> dict[str, str]:
             raise InputError("source", f"two cameras {camera_id}", "NAME=SOURCE with other names")
         named[camera_id] = source
     if len(named) < 2:
-        raise InputError("SOURCE", counted(len(named), "source"), "two or more: 3D needs them")
+        raise InputError("SOURCE", plural(len(named), "source"), "two or more: 3D needs them")
     return named
 
 
@@ -162,7 +162,7 @@ def site_text(choice: Choice, folder: Path) -> str:
     count, total = choice.num_selected, len(choice.probes)
     profile = load_profile(PROFILE)
     active_w, idle_w = profile.watts("active"), profile.watts("power-saving")
-    made = f"{datetime.now():%Y-%m-%d} on {platform.node()}, {counted(_cores(), 'core')}"
+    made = f"{datetime.now():%Y-%m-%d} on {platform.node()}, {plural(_cores(), 'core')}"
     return "\n".join(
         [
             f"# The site {choice.name}, made by `e3pose init` ({made}).",
@@ -230,7 +230,7 @@ def _timing(choice: Choice) -> list[str]:
         ]
     alone_ms, all_ms = 1000 * times.alone_s.max(), 1000 * times.together_s.max()
     deadline_ms = max(LEAST_DEADLINE_MS, suggested_deadline_ms(times))
-    cameras = counted(choice.num_selected, "camera")
+    cameras = plural(choice.num_selected, "camera")
     slower = _line(f"pace = {pace:g}", "films are played as slowly as this machine needs")
     return [
         _line(f"fps = {fps:g}", f"slots; here {times.rate:.3g} looks a second, {cameras} a slot"),

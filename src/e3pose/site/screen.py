@@ -9,7 +9,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.wire.messages import CameraStatus, Status
 
 MODES = {
@@ -69,7 +69,7 @@ def _head(status: Status, stale_s: float) -> Text:
         head.append(f"no update for {stale_s:.0f} s  ", style="bold red")
     style = "green" if online == len(status.cameras) else "yellow" if online else "red"
     head.append(f"{online}/{len(status.cameras)} cameras online", style=style)
-    head.append(f"  {counted(status.people, 'person', 'people')}", style="bold")
+    head.append(f"  {plural(status.people, 'person', 'people')}", style="bold")
     if status.expected_error_mm is not None:
         head.append(f", expected error {status.expected_error_mm:.0f} mm")
     if status.fps == 0:
@@ -82,7 +82,7 @@ def _head(status: Status, stale_s: float) -> Text:
         f"latency {status.latency_ms[0]:.1f} ms (99 %: {status.latency_ms[1]:.1f})"
     )
     if status.slots_lost:
-        head.append(f"  {counted(status.slots_lost, 'slot')} lost", style="red")
+        head.append(f"  {plural(status.slots_lost, 'slot')} lost", style="red")
     watts = [c.power_w for c in status.cameras if c.online and c.power_w is not None]
     if watts:
         head.append(f"\n{sum(watts):.1f} W, all online cameras")

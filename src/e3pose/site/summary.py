@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from e3pose.camera.live import Counted
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.wire.messages import CameraStatus, Status
 
 
@@ -19,7 +19,7 @@ def edge_summary(status: Status, slots: int, views: int) -> list[str]:
         lines = ["No slots: fewer than two cameras connected"]
     else:
         lines = [
-            f"{counted(slots, 'slot')}, {status.slots_lost} lost, {counted(views, 'view')} in "
+            f"{plural(slots, 'slot')}, {status.slots_lost} lost, {plural(views, 'view')} in "
             f"time; lead {status.lead}; computing {_quantiles(status.step_ms)} per slot, latency "
             f"{_quantiles(status.latency_ms)} after the last view"
         ]
@@ -39,10 +39,10 @@ def camera_summary(camera_id: str, done: Counted, orders: int, late: int, proble
     if not done.captured:
         return f"{camera_id}: no frames" + (f": {problem}" if problem else "")
     if not orders:
-        return f"{camera_id}: {counted(done.captured, 'frame')}, but no orders from the edge"
+        return f"{camera_id}: {plural(done.captured, 'frame')}, but no orders from the edge"
     return (
-        f"{camera_id}: {counted(done.captured, 'frame')}, {done.detected} processed, "
-        f"{counted(done.sent, 'view')} sent, {counted(late, 'late order')}"
+        f"{camera_id}: {plural(done.captured, 'frame')}, {done.detected} processed, "
+        f"{plural(done.sent, 'view')} sent, {plural(late, 'late order')}"
     )
 
 
@@ -52,7 +52,7 @@ def _camera(camera: CameraStatus) -> str:
         return state
     return (
         f"{state}; active in {camera.duty:.0%} of the last minute's slots, "
-        f"{counted(camera.late, 'view')} late, {camera.lost} lost"
+        f"{plural(camera.late, 'view')} late, {camera.lost} lost"
     )
 
 

@@ -10,7 +10,7 @@ from sqlalchemy.dialects import postgresql
 from sqlalchemy.exc import DBAPIError, OperationalError
 
 from e3pose.errors import InputError
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.store import schema
 from e3pose.store.database import database_path, identity, is_damage, shown, writing_engine
 from e3pose.store.retention import Retention, give_back, trim
@@ -78,7 +78,7 @@ class Delivery:
         path.unlink(missing_ok=True)
         count = sum(map(len, frames))
         if count:
-            how_many = counted(count, "row")
+            how_many = plural(count, "row")
             yield f"recovered {how_many} from the spool of run {run.name!r}"
 
     def trim(self, retention: Retention, now_ns: int) -> None:

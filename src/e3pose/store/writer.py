@@ -18,7 +18,7 @@ from types import TracebackType
 from e3pose.errors import InputError
 from e3pose.files.thread_name import show_thread_name
 from e3pose.pipeline import SlotRecord
-from e3pose.plural import counted
+from e3pose.quantities import plural
 from e3pose.store.database import (
     REFUSALS,
     damage,
@@ -275,7 +275,7 @@ class StoreWriter:
         if self._shed + self._spool.lost_rows > self._told_shed:
             count = self._shed + self._spool.lost_rows
             self._say(
-                "store-shed", f"{counted(count - self._told_shed, 'record')} dropped: spool full"
+                "store-shed", f"{plural(count - self._told_shed, 'record')} dropped: spool full"
             )
             self._told_shed = count
         notes, self._notes = self._notes, []
@@ -320,14 +320,14 @@ class StoreWriter:
             self._trouble = None
             self._say(
                 "store-recovered",
-                f"the store is writable again, {counted(kept_rows, 'row')} written from the spool",
+                f"the store is writable again, {plural(kept_rows, 'row')} written from the spool",
             )
 
     def _commit(self, rows: Sequence[Row], run: Run | None = None) -> None:
         refused = self._delivery.commit(rows, run or self.run)
         if refused:
             self._shed += refused
-            self._say("store-refused", f"the database rejected {counted(refused, 'row')}")
+            self._say("store-refused", f"the database rejected {plural(refused, 'row')}")
 
     def _in_trouble(self, error: Exception) -> None:
         self._delivery.close()

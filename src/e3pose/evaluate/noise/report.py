@@ -16,7 +16,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.noises import NoiseFile, ViewFigures
 from e3pose.model.noises.file import FORMAT, VERSION
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,8 +36,8 @@ def as_file(calibrated: Calibrated, rig: Rig, detector: str, source: str) -> Noi
     """
     measured = calibrated.measured
     said = " ".join(source.split())[:MAX_SOURCE]
-    slots, tracks = counted(calibrated.slots, "slot"), counted(calibrated.people, "track")
-    how_much = f"{slots}, {tracks} and {counted(len(rig), 'camera')}"
+    slots, tracks = plural(calibrated.slots, "slot"), plural(calibrated.people, "track")
+    how_much = f"{slots}, {tracks} and {plural(len(rig), 'camera')}"
     return NoiseFile(
         format=FORMAT,
         version=VERSION,

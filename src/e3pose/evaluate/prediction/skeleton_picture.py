@@ -14,6 +14,7 @@ from e3pose.evaluate.prediction.motion import BODY_JOINTS, body_joints
 from e3pose.evaluate.prediction.windows import Window, foresee
 from e3pose.model.skeleton import BODY_LIMBS, Skeleton
 from e3pose.predict.base import Predictor
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,8 +65,9 @@ def draw_skeletons(
                 axes.set(aspect="equal", xticks=[], yticks=[])
                 axes.spines[:].set_visible(False)
                 if row == 0:
-                    plural = "slot" if lead == 1 else "slots"
-                    axes.set_title(f"{lead} {plural}, {1000 * lead * window.interval_s:.0f} ms")
+                    axes.set_title(
+                        f"{plural(lead, 'slot')}, {1000 * lead * window.interval_s:.0f} ms"
+                    )
                 _tell_errors(axes, cells[row], index, window, predictors)
             grid[row, 0].set_ylabel(f"{window.name}\n{share:.0%} go better", fontsize=8)
         _scale(grid[0, 0])

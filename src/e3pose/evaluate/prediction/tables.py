@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from e3pose.plural import counted
+from e3pose.quantities import plural
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -47,7 +47,7 @@ def print_latency(latency: Mapping[str, Any], leads: Sequence[int], console: Con
         for name, each in latency.items()
     }
     _print(
-        f"time of a call for {counted(people, 'person', 'people')}, median ms",
+        f"time of a call for {plural(people, 'person', 'people')}, median ms",
         rows,
         leads,
         3,
