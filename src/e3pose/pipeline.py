@@ -25,7 +25,7 @@ from e3pose.predict.base import Predictor
 from e3pose.select.blind_places import with_coverage
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.failure_detector import Silence, listen
-from e3pose.select.motion_2d import Sight, look, own_occlusion
+from e3pose.select.motion_2d import LastView, look, own_occlusion
 from e3pose.select.occlusion import Spread, expected_views
 from e3pose.select.policies.base import Policy, Selection, Situation
 
@@ -93,7 +93,7 @@ class SlotState:
         deficit: `(num_cameras,)` the virtual queues before the next decision.
         silence: which cameras do not answer.
         memory: what the estimator remembers.
-        sights: what every camera remembers of its own views.
+        last_views: what every camera remembers of its own views.
         spread: of the occlusion over cameras, as far as it was foreseen.
         shown: the people of the slot before; None before the first.
     """
@@ -103,7 +103,7 @@ class SlotState:
     deficit: Floats
     silence: Silence
     memory: Any
-    sights: tuple[Sight, ...]
+    last_views: tuple[LastView, ...]
     spread: Spread = field(default_factory=Spread)
     shown: People | None = None
 
@@ -117,7 +117,7 @@ def initial_state(pipeline: Pipeline) -> SlotState:
         deficit=np.zeros(num_cameras),
         silence=Silence.none(num_cameras),
         memory=pipeline.estimator.begin(),
-        sights=(Sight.none(),) * num_cameras,
+        last_views=(LastView.none(),) * num_cameras,
     )
 
 
@@ -162,9 +162,9 @@ def step(
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     spread = state.spread.after(occlusion, pipeline.interval_s)
     state = replace(state, memory=memory, silence=silence, spread=spread)
-    sights = _look(pipeline, state.sights, views, slot)
+    last_views = _look(pipeline, state.last_views, views, slot)
     ordered = _in_flight(pipeline, state, online)
-    situation = _situation(pipeline, state, (occlusion, visibility), sights, online, ordered)
+    situation = _situation(pipeline, state, (occlusion, visibility), last_views, online, ordered)
     times.append(clock())
 
     if pipeline.foresees:
@@ -197,7 +197,7 @@ def step(
         shifts_px=people.shifts_px,
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
-    after = SlotState(slot + 1, selections, deficit, silence, memory, sights, spread, shown)
+    after = SlotState(slot + 1, selections, deficit, silence, memory, last_views, spread, shown)
     return after, record
 
 
@@ -219,7 +219,7 @@ def _situation(
     pipeline: Pipeline,
     state: SlotState,
     views: tuple[Floats, Floats],
-    sights: tuple[Sight, ...],
+    last_views: tuple[LastView, ...],
     online: Selection,
     ordered: NDArray[np.bool_],
 ) -> Situation:
@@ -233,10 +233,10 @@ def _situation(
         online=online & state.silence.answering(target),
         occlusion=occlusion,
         spread=state.spread.mean,
-        own_occlusion=own_occlusion(sights, target, pipeline.rig)
+        own_occlusion=own_occlusion(last_views, target, pipeline.rig)
         if pipeline.own_boxes
         else np.full(len(online), np.nan),
-        unseen_slots=target - _last_looks(sights, ordered, state.slot + 1),
+        unseen_slots=target - _last_looks(last_views, ordered, state.slot + 1),
         visibility=visibility,
         deficit=state.deficit,
         budget=pipeline.budget,
@@ -255,10 +255,10 @@ def _in_flight(pipeline: Pipeline, state: SlotState, online: Selection) -> NDArr
 
 
 def _last_looks(
-    sights: tuple[Sight, ...], ordered: NDArray[np.bool_], next_slot: int
+    last_views: tuple[LastView, ...], ordered: NDArray[np.bool_], next_slot: int
 ) -> NDArray[np.int64]:
     """Return `(num_cameras,)`: the slot of each camera's last look, ordered ones included."""
-    looked = np.array([sight.slot for sight in sights], dtype=np.int64)
+    looked = np.array([last.slot for last in last_views], dtype=np.int64)
     slots = np.arange(next_slot, next_slot + len(ordered))[:, None]
     return np.asarray(np.maximum(looked, np.where(ordered, slots, -1).max(axis=0, initial=-1)))
 
@@ -280,11 +280,11 @@ def _reasons(situation: Situation, decision: Selection) -> Reasons | None:
 
 
 def _look(
-    pipeline: Pipeline, sights: tuple[Sight, ...], views: Mapping[int, Poses2D], slot: int
-) -> tuple[Sight, ...]:
+    pipeline: Pipeline, last_views: tuple[LastView, ...], views: Mapping[int, Poses2D], slot: int
+) -> tuple[LastView, ...]:
     if not pipeline.own_boxes:
-        return tuple(s.at(slot) if index in views else s for index, s in enumerate(sights))
+        return tuple(s.at(slot) if index in views else s for index, s in enumerate(last_views))
     return tuple(
-        look(sight, views[index], slot, camera.image_size) if index in views else sight
-        for index, (sight, camera) in enumerate(zip(sights, pipeline.rig.cameras, strict=True))
+        look(last, views[index], slot, camera.image_size) if index in views else last
+        for index, (last, camera) in enumerate(zip(last_views, pipeline.rig.cameras, strict=True))
     )

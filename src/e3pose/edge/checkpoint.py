@@ -25,7 +25,9 @@ from e3pose.pipeline import Pipeline, SlotState, initial_state
 from e3pose.recording.datasets.arrays import BROKEN, read_array
 from e3pose.select.failure_detector import RETRY_LIMIT_S
 
-VERSION = 7  # 1 lacks the run, 2 what links lose, 3 doors and noise, 4 shifts, 5 sides, 6 V's unit
+# 1 lacks the run, 2 what links lose, 3 exits and noise, 4 shifts, 5 sides; 6 had another unit of V,
+# 7 other names.
+VERSION = 8
 MAX_BYTES = 64 * 2**20  # 28 cameras and 20 people take about one
 MAX_ARRAYS = 10_000
 MAX_S = 100 * 365.25 * 86400  # of slots
@@ -161,7 +163,7 @@ def _check_values(arrays: Arrays, num_cameras: int, interval_s: float, where: st
         "retry_slot": (0, slot + round(RETRY_LIMIT_S / interval_s) + 1),
         "track_ids": (0, last_id),
         "tracks": (0, last_id),
-        "slot": (-1, slot - 1),  # of a camera's sight
+        "slot": (-1, slot - 1),  # of a camera's last view
         "counts": (0, (slot + 1) * num_cameras + 2),
     }
     for name, array in arrays.items():

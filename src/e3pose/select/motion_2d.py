@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
-    """One camera's memory of its own views.
+class LastView:
+    """What one camera remembers of the view it saw last.
 
     Attributes:
         slot: when it last looked; -1 if never.
@@ -34,43 +34,43 @@ class Sight:
     motion: Floats
 
     @classmethod
-    def none(cls) -> Sight:
-        """Return the sight of a camera that never looked."""
+    def none(cls) -> LastView:
+        """Return that of a camera that never looked."""
         return cls(-1, np.zeros((0, 4)), np.zeros((0, 4)))
 
-    def at(self, slot: int) -> Sight:
+    def at(self, slot: int) -> LastView:
         """Return the memory of a camera that looked in `slot`, and of whose boxes nobody asks."""
-        return Sight(slot, self.boxes, self.motion)
+        return LastView(slot, self.boxes, self.motion)
 
 
-def look(sight: Sight, view: Poses2D, slot: int, image_size: tuple[int, int]) -> Sight:
+def look(last: LastView, view: Poses2D, slot: int, image_size: tuple[int, int]) -> LastView:
     """Return the camera's memory after it detected `view` in `slot`."""
     boxes = person_boxes(view.keypoints_px, image_size)
     boxes = boxes[np.isfinite(boxes).all(axis=-1)]
     motion = np.zeros_like(boxes)
-    if sight.slot >= 0 and len(sight.boxes) and len(boxes):
-        elapsed = slot - sight.slot
-        similarity = box_iou(sight.boxes[:, None], boxes[None])
+    if last.slot >= 0 and len(last.boxes) and len(boxes):
+        elapsed = slot - last.slot
+        similarity = box_iou(last.boxes[:, None], boxes[None])
         while similarity.max() > 0:  # greedily, the best overlap first
             old, new = np.unravel_index(np.argmax(similarity), similarity.shape)
-            motion[new] = (boxes[new] - sight.boxes[old]) / elapsed
+            motion[new] = (boxes[new] - last.boxes[old]) / elapsed
             similarity[old, :] = 0
             similarity[:, new] = 0
-    return Sight(slot, boxes, motion)
+    return LastView(slot, boxes, motion)
 
 
-def own_occlusion(sights: Sequence[Sight], slot: int, rig: Rig) -> Floats:
+def own_occlusion(last_views: Sequence[LastView], slot: int, rig: Rig) -> Floats:
     """Return `(num_cameras,)`: the occlusion, eq. (4), that each camera itself expects in `slot`.
 
     Boxes that have left the image by then do not count, nor do their parts outside it; NaN for a
     camera that never looked.
     """
-    slots = np.array([sight.slot for sight in sights])
+    slots = np.array([last.slot for last in last_views])
     boxes = np.full(
-        (len(sights), max((len(sight.boxes) for sight in sights), default=0), 4), np.nan
+        (len(last_views), max((len(last.boxes) for last in last_views), default=0), 4), np.nan
     )
-    for row, sight in zip(boxes, sights, strict=True):
-        row[: len(sight.boxes)] = sight.boxes + (slot - sight.slot) * sight.motion
+    for row, last in zip(boxes, last_views, strict=True):
+        row[: len(last.boxes)] = last.boxes + (slot - last.slot) * last.motion
     sizes = np.tile(rig.image_sizes, 2)
     with np.errstate(invalid="ignore"):
         boxes = np.minimum(np.maximum(boxes, -0.5), sizes[:, None] - 0.5)
