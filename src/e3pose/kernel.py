@@ -25,7 +25,7 @@ SOURCES = (
     _PACKAGE / "kernel.py",
 )
 FILTER_CONSTANTS = (
-    "bias", "blindness", "doors", "learned_noise", "learned_shift", "motion", "state", "tree"
+    "bias", "blindness", "exits", "learned_noise", "learned_shift", "motion", "state", "tree"
 )  # fmt: skip
 # The filter's kernels call the others, but not the other way round.
 _FILTER = _PACKAGE / "estimate" / "filter"

@@ -10,7 +10,7 @@ from tests.reference.filter_blindness import around, proof
 from tests.reference.filter_motion import places
 
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.doors import (
+from e3pose.estimate.filter.exits import (
     FOLLOWED,
     MOST_LEFT_ODDS,
     MOST_S,
@@ -29,10 +29,10 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-def hazard_hz(doors: Floats, places_m: Floats, corner: Floats) -> Floats:
+def hazard_hz(exits: Floats, places_m: Floats, corner: Floats) -> Floats:
     """See `kernels.shown.hazard_hz`."""
     cells, weights = around(places_m - corner)
-    near = (doors[cells[..., 0], cells[..., 1]] * weights[..., None]).sum(axis=-2)
+    near = (exits[cells[..., 0], cells[..., 1]] * weights[..., None]).sum(axis=-2)
     return np.asarray((near[:, PASSED] + PRIOR_HZ * PRIOR_S) / (near[:, FOLLOWED] + PRIOR_S))
 
 
@@ -47,7 +47,7 @@ def left_odds(belief: Belief, model: Model) -> Floats:
     cameras = np.arange(len(model.rig))
     proofs = proof(belief.sights, cameras, places_m, model.corner_m)
     misses = (belief.missed[lost] * proofs.T).sum(axis=1)  # as many as these in plain sight
-    hazard = hazard_hz(belief.doors, measured_m(belief, lost, model), model.corner_m)
+    hazard = hazard_hz(belief.exits, measured_m(belief, lost, model), model.corner_m)
     odds[lost] = hazard * unseen_s[lost] * (1 - PLAIN) ** -misses
     return odds
 
@@ -67,15 +67,15 @@ def led_alone(belief: Belief, ahead_s: float = 0.0) -> Flags:
     return np.asarray((second_s > ALONE_S) & (speed_mps > WALK_MPS))
 
 
-def count_doors(doors: Floats, places_m: Floats, told: Floats, corner: Floats) -> Floats:
-    """See `kernels.shown.count_doors`; `told` `(num_places, 2)` is what each place adds."""
+def count_exits(exits: Floats, places_m: Floats, told: Floats, corner: Floats) -> Floats:
+    """See `kernels.shown.count_exits`; `told` `(num_places, 2)` is what each place adds."""
     cells, weights = around(places_m - corner)
     where = (cells[..., 0], cells[..., 1])
-    doors = doors.copy()
-    np.add.at(doors, where, weights[..., None] * told[:, None])
-    kept = np.minimum(MOST_S / np.maximum(doors[where][..., FOLLOWED], 1e-12), 1.0)
-    doors[where] = doors[where] * kept[..., None]
-    return doors
+    exits = exits.copy()
+    np.add.at(exits, where, weights[..., None] * told[:, None])
+    kept = np.minimum(MOST_S / np.maximum(exits[where][..., FOLLOWED], 1e-12), 1.0)
+    exits[where] = exits[where] * kept[..., None]
+    return exits
 
 
 def steer(

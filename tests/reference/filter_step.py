@@ -13,7 +13,7 @@ from tests.reference.filter_existence import attend, end
 from tests.reference.filter_sides import order, turn_round
 from tests.reference.filter_update import Sightings, learn_biases, predict, update
 
-from e3pose.estimate.filter import bias, doors, learned_noise, learned_shift
+from e3pose.estimate.filter import bias, exits, learned_noise, learned_shift
 from e3pose.estimate.filter.kernels.step import (
     LONGEST_S,
     bounded,
@@ -73,7 +73,7 @@ def step(
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
     belief = end(give_birth(belief, fresh, model), model)
-    belief = replace(belief, doors=doors.learn(before, belief, model))
+    belief = replace(belief, exits=exits.learn(before, belief, model))
     return belief, estimate_of(belief, model)
 
 

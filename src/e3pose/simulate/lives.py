@@ -27,7 +27,7 @@ PASSED_M = 0.35  # near enough for somebody who walks on
 ROOM_M = 0.75  # places to stand are so far from other people
 DOOR_FACTOR = 1.9  # doors are so many times the radius of the area away
 PATIENCE_S = 5.0
-NUM_DOORS = 3
+NUM_EXITS = 3
 CORNER_M = 0.5  # near enough to a corner or door to turn for the next
 INSET_M = 0.55  # places to stand are so far from the edge of a room
 
@@ -68,10 +68,10 @@ class Play:
         self.rng = rng
         self.group = Group.of(number)
         self.seats = np.array(scene.seats, dtype=np.float64).reshape(-1, 3)
-        angles = 2 * np.pi * (np.arange(NUM_DOORS) + rng.uniform()) / NUM_DOORS
-        self.doors = DOOR_FACTOR * scene.area_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        angles = 2 * np.pi * (np.arange(NUM_EXITS) + rng.uniform()) / NUM_EXITS
+        self.exits = DOOR_FACTOR * scene.area_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         if scene.exits:
-            self.doors = np.array(scene.exits)
+            self.exits = np.array(scene.exits)
         self.ways = Ways(np.array(scene.ways).reshape(-1, 2), scene.things)
         self.routes: list[list[Floats]] = [[] for _ in range(number)]  # corners still to turn at
         self.stops = [True] * number  # whether people stop where they are going
@@ -155,7 +155,7 @@ class Play:
         habits, rng = self.scene.habits, self.rng
         draw = rng.uniform()
         if draw < habits.leave:
-            door = self.doors[rng.integers(len(self.doors))]
+            door = self.exits[rng.integers(len(self.exits))]
             return self._walk(person, time_s, door, [("away", 0.0)], stops=False)
         draw -= habits.leave
         free = sorted(set(range(len(self.seats))) - set(self.group.own_seat.tolist()))
@@ -228,7 +228,7 @@ class Play:
 
     def _arrive(self, person: int, time_s: float) -> _Task:
         """Come in through a door that nobody stands in, or wait a moment longer."""
-        door = self.doors[self.rng.integers(len(self.doors))]
+        door = self.exits[self.rng.integers(len(self.exits))]
         if np.hypot(*(self.group.xy - door).T).min() < 4 * PERSON_RADIUS_M:
             return _Task("away", time_s + 0.5)
         self.group.xy[person] = door

@@ -44,7 +44,7 @@ def shown(belief: Belief, model: Model) -> Flags:
         belief.last_seen_s,
         belief.missed,
         belief.sights,
-        belief.doors,
+        belief.exits,
         flags,
     )
     return flags

@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 SIDES = ("left", "right")
-OF_THE_SITE = ("time_s", "leftovers", "sights", "doors", "noise", "shifts", "next_id")
+OF_THE_SITE = ("time_s", "leftovers", "sights", "exits", "noise", "shifts", "next_id")
 LIMBS = (  # joints of which detectors exchange left and right together
     ("shoulder", "elbow", "wrist", "palm", "hand", "thumb", "fingers"),
     ("hip", "knee", "ankle", "foot", "toes", "big_toe", "small_toe", "heel"),
@@ -219,8 +219,8 @@ class Belief:
         leftovers: detections that wait for a second view.
         sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who were
             there, by place, and how many of them showed the person (`blindness`).
-        doors: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
-            of them came or left there (`doors`).
+        exits: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
+            of them came or left there (`exits`).
         noise: `(num_cameras + 1, 2)` logarithm of the factor on the noise file's sigma that each
             camera's keypoints showed, and how many taught it; last the same of the tilt by score
             (`learned_noise`).
@@ -250,7 +250,7 @@ class Belief:
     bone_counts: Floats
     leftovers: Leftovers
     sights: Floats
-    doors: Floats
+    exits: Floats
     noise: Floats
     shifts: Floats
     next_id: int = 0
@@ -289,7 +289,7 @@ class Belief:
                 np.zeros((0, joints)),
             ),
             sights=blindness.nothing_known(model.rig),
-            doors=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
+            exits=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
             noise=np.zeros((len(model.rig) + 1, 2)),
             shifts=np.zeros((len(model.rig), 3)),
         )

@@ -11,8 +11,8 @@ from tests.estimate.filter.room import MODEL, run, see, standing
 from tests.reference import filter_motion, filter_shown
 
 from e3pose.estimate.filter import Belief
-from e3pose.estimate.filter.doors import FOLLOWED, PASSED
-from e3pose.estimate.filter.kernels.shown import count_doors, led_alone
+from e3pose.estimate.filter.exits import FOLLOWED, PASSED
+from e3pose.estimate.filter.kernels.shown import count_exits, led_alone
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.shown import shown
 from e3pose.estimate.filter.steer import steer
@@ -43,7 +43,7 @@ def drawn(follower: Belief, seed: int) -> Belief:
         last_seen_s=np.where(rng.random(seen.shape) < 0.1, np.inf, seen),
         missed=rng.uniform(0, 3, seen.shape),
         sights=rng.uniform(0, 30, belief.sights.shape) * [1, 0.5],
-        doors=rng.uniform(0, 30, belief.doors.shape),
+        exits=rng.uniform(0, 30, belief.exits.shape),
     )
 
 
@@ -56,17 +56,17 @@ def test_who_is_shown_is_as_in_numpy(follower: Belief, seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_doors_are_counted_as_in_numpy(follower: Belief, seed: int) -> None:
+def test_exits_are_counted_as_in_numpy(follower: Belief, seed: int) -> None:
     rng = np.random.default_rng(seed)
     places_m = rng.uniform(-2, 2, (8, 2))
     followed_s = np.where(rng.random(8) < 0.5, np.nan, 0.08)
     told = np.zeros((8, 2))
     told[:, FOLLOWED] = np.nan_to_num(followed_s)
     told[:, PASSED] = np.isnan(followed_s)
-    doors = drawn(follower, seed).doors
-    expected = filter_shown.count_doors(doors, places_m, told, MODEL.corner_m)
-    count_doors(places_m, followed_s, MODEL.corner_m, doors)
-    np.testing.assert_allclose(doors, expected, rtol=1e-12)
+    exits = drawn(follower, seed).exits
+    expected = filter_shown.count_exits(exits, places_m, told, MODEL.corner_m)
+    count_exits(places_m, followed_s, MODEL.corner_m, exits)
+    np.testing.assert_allclose(exits, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(5))

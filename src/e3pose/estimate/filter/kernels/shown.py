@@ -1,4 +1,4 @@
-"""Who is shown (`filter.shown`), and where people come and go (`filter.doors`): the loops."""
+"""Who is shown (`filter.shown`), and where people come and go (`filter.exits`): the loops."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.doors import (
+from e3pose.estimate.filter.exits import (
     FOLLOWED,
     MOST_LEFT_ODDS,
     MOST_S,
@@ -40,7 +40,7 @@ def who_is_shown(
     last_seen_s: Floats,
     missed: Floats,
     sights: Floats,
-    doors: Floats,
+    exits: Floats,
     shown: Flags,
 ) -> None:
     """Fill `shown` `(num_tracks,)`; other arguments are those of `Belief`."""
@@ -54,7 +54,7 @@ def who_is_shown(
             shown[track] = math.sqrt(least) < SHOWN_SPREAD_M
         if shown[track]:
             odds = left_odds(
-                state[track, root], last_seen_s[track], missed[track], sights, doors, corner_m
+                state[track, root], last_seen_s[track], missed[track], sights, exits, corner_m
             )
             shown[track] = odds < MOST_LEFT_ODDS
 
@@ -89,17 +89,17 @@ def left_odds(
     last_seen_s: Floats,
     missed: Floats,
     sights: Floats,
-    doors: Floats,
+    exits: Floats,
     corner_m: Floats,
 ) -> float:
-    """Return the odds that a person has left since a view last showed them (`filter.doors`).
+    """Return the odds that a person has left since a view last showed them (`filter.exits`).
 
     Args:
         root: `(6,)` state of the root of the body.
         last_seen_s: `(num_cameras,)`.
         missed: `(num_cameras,)`.
         sights: as in `Belief`.
-        doors: as in `Belief`.
+        exits: as in `Belief`.
         corner_m: of the cells of both.
     """
     unseen_s = np.inf
@@ -114,25 +114,25 @@ def left_odds(
     place_m = np.empty(2)
     for axis in range(2):
         place_m[axis] = root[axis] - way_s * root[axis + 3]
-    return float(hazard_hz(doors, place_m, corner_m) * unseen_s * (1 - PLAIN) ** -misses)
+    return float(hazard_hz(exits, place_m, corner_m) * unseen_s * (1 - PLAIN) ** -misses)
 
 
 @kernel
-def hazard_hz(doors: Floats, place_m: Floats, corner_m: Floats) -> float:
+def hazard_hz(exits: Floats, place_m: Floats, corner_m: Floats) -> float:
     """Return how many of the people at a place `(2,)` leave in a second."""
-    return share_at(doors, place_m, corner_m, PRIOR_S, PRIOR_HZ)
+    return share_at(exits, place_m, corner_m, PRIOR_S, PRIOR_HZ)
 
 
 @kernel
-def count_doors(places_m: Floats, followed_s: Floats, corner_m: Floats, doors: Floats) -> None:
-    """Add people to the `doors` of `Belief`, and forget what is beyond `MOST_S`.
+def count_exits(places_m: Floats, followed_s: Floats, corner_m: Floats, exits: Floats) -> None:
+    """Add people to the `exits` of `Belief`, and forget what is beyond `MOST_S`.
 
     Args:
         places_m: `(num_places, 2)` on the floor.
         followed_s: `(num_places,)` seconds that somebody was followed there; NaN for somebody who
             came or left.
         corner_m: of the cells.
-        doors: changed in place.
+        exits: changed in place.
     """
     for adding in (True, False):
         for index in range(len(places_m)):
@@ -140,7 +140,7 @@ def count_doors(places_m: Floats, followed_s: Floats, corner_m: Floats, doors: F
             row, up = cell(places_m[index, 1] - corner_m[1])
             for a in range(2):
                 for b in range(2):
-                    door = doors[column + a, row + b]
+                    door = exits[column + a, row + b]
                     weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
                     if not adding:
                         kept = min(MOST_S / max(door[FOLLOWED], 1e-12), 1.0)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from e3pose.errors import InputError
-from e3pose.estimate.filter import doors
+from e3pose.estimate.filter import exits
 from e3pose.estimate.filter.kernels.associate import associate
 from e3pose.estimate.filter.kernels.bias import learn_bias
 from e3pose.estimate.filter.kernels.births import give_birth
@@ -131,13 +131,13 @@ class StepKernel:
             time_s=now,
             leftovers=leftovers,
             sights=sights,
-            doors=before.doors,
+            exits=before.exits,
             noise=noise,
             shifts=shifts,
             next_id=next_id,
             **columns,
         )
-        belief = replace(belief, doors=doors.learn(before, belief, model))
+        belief = replace(belief, exits=exits.learn(before, belief, model))
         return belief, estimate_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Memory:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.estimate.filter.room import ALL, MODEL, run, see, standing, turn
 
-from e3pose.estimate.filter import Belief, doors
+from e3pose.estimate.filter import Belief, exits
 from e3pose.estimate.filter.kernels.shown import hazard_hz
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.model.pose import Poses2D
@@ -45,7 +45,7 @@ def visited() -> Belief:
 
 
 def hazard_at(belief: Belief, place: tuple[float, float]) -> float:
-    return hazard_hz(belief.doors, np.array(place), MODEL.corner_m)
+    return hazard_hz(belief.exits, np.array(place), MODEL.corner_m)
 
 
 def looks_until_hidden(belief: Belief, place: tuple[float, float]) -> int:
@@ -59,9 +59,9 @@ def looks_until_hidden(belief: Belief, place: tuple[float, float]) -> int:
 def test_hazard_is_high_where_people_came_and_left_and_low_where_they_stayed(
     visited: Belief,
 ) -> None:
-    assert hazard_at(visited, DOOR) > 10 * doors.PRIOR_HZ
-    assert hazard_at(visited, MIDDLE) < doors.PRIOR_HZ
-    assert hazard_at(visited, (-3.0, -3.0)) == pytest.approx(doors.PRIOR_HZ)
+    assert hazard_at(visited, DOOR) > 10 * exits.PRIOR_HZ
+    assert hazard_at(visited, MIDDLE) < exits.PRIOR_HZ
+    assert hazard_at(visited, (-3.0, -3.0)) == pytest.approx(exits.PRIOR_HZ)
 
 
 def test_who_leaves_through_a_learned_door_is_gone_sooner_than_who_is_lost_in_the_middle(
@@ -85,8 +85,8 @@ def test_who_is_hidden_behind_a_pillar_stays(visited: Belief) -> None:
 
 def test_everybody_who_is_there_at_the_start_came_through_no_door() -> None:
     belief, _ = run((see(standing(MIDDLE)) for _ in range(30)), FPS)
-    assert belief.doors[..., doors.PASSED].sum() == 0
-    assert belief.doors[..., doors.FOLLOWED].sum() == pytest.approx(29 / FPS, abs=0.2)
+    assert belief.exits[..., exits.PASSED].sum() == 0
+    assert belief.exits[..., exits.FOLLOWED].sum() == pytest.approx(29 / FPS, abs=0.2)
 
 
 def test_a_second_track_of_somebody_there_leaves_through_no_door() -> None:
@@ -94,15 +94,15 @@ def test_a_second_track_of_somebody_there_leaves_through_no_door() -> None:
     columns = {name: np.repeat(c, 2, axis=0) for name, c in belief.columns().items()}
     columns["track_ids"] = np.array([0, 1])
     before = replace(belief, next_id=2, **columns)  # type: ignore[arg-type]
-    assert doors.learn(before, belief, MODEL)[..., doors.PASSED].sum() == 0
+    assert exits.learn(before, belief, MODEL)[..., exits.PASSED].sum() == 0
     alone = replace(before, **{n: c[:0] for n, c in belief.columns().items()})  # type: ignore[arg-type]
-    assert doors.learn(before, alone, MODEL)[..., doors.PASSED].sum() > 0
+    assert exits.learn(before, alone, MODEL)[..., exits.PASSED].sum() > 0
 
 
 def test_a_door_that_is_locked_is_forgotten(visited: Belief) -> None:
     belief, _ = run((see(standing(DOOR)) for _ in range(300)), FPS, belief=visited)
     assert hazard_at(belief, DOOR) < 0.3 * hazard_at(visited, DOOR)
-    assert belief.doors[..., doors.FOLLOWED].max() <= doors.MOST_S + 1e-9
+    assert belief.exits[..., exits.FOLLOWED].max() <= exits.MOST_S + 1e-9
 
 
 def test_place_where_somebody_was_last_measured_is_found_back() -> None:
@@ -111,18 +111,18 @@ def test_place_where_somebody_was_last_measured_is_found_back() -> None:
     place = belief.state[:, MODEL.tree.levels[0][0], :2]
     later, _ = run([{}] * 4, FPS, belief=belief)
     assert np.linalg.norm(later.state[0, MODEL.tree.levels[0][0], :2] - place) > 0.2
-    np.testing.assert_allclose(doors.measured_m(later, np.array([0]), MODEL), place, atol=0.01)
+    np.testing.assert_allclose(exits.measured_m(later, np.array([0]), MODEL), place, atol=0.01)
 
 
-def test_doors_outlast_a_long_pause_and_are_the_same_compiled(visited: Belief) -> None:
+def test_exits_outlast_a_long_pause_and_are_the_same_compiled(visited: Belief) -> None:
     kernel, plain, fast = StepKernel(), visited, visited
     later, _ = run([{}], 0.001, belief=visited)
-    np.testing.assert_array_equal(later.doors, visited.doors)
+    np.testing.assert_array_equal(later.exits, visited.exits)
     way = [see(p) for p in walk(MIDDLE, DOOR, 2.0)] + [NOBODY] * 20 + [{}]
     times = [visited.time_s + (i + 1) / FPS for i in range(len(way))]
     times[-1] += 60.0
     for views, time_s in zip(way, times, strict=True):
         plain, _ = run([views], 1 / (time_s - plain.time_s), belief=plain)
         fast, _ = kernel(MODEL, fast, views, time_s)
-    assert plain.doors[..., doors.PASSED].sum() > visited.doors[..., doors.PASSED].sum()
-    np.testing.assert_allclose(fast.doors, plain.doors, atol=1e-9)
+    assert plain.exits[..., exits.PASSED].sum() > visited.exits[..., exits.PASSED].sum()
+    np.testing.assert_allclose(fast.exits, plain.exits, atol=1e-9)

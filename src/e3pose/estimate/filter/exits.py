@@ -51,9 +51,9 @@ def learn(before: Belief, belief: Belief, model: Model) -> Floats:
         belief: of this slot, with the counts of the slot before.
         model: the rig.
     """
-    from e3pose.estimate.filter.kernels.shown import count_doors
+    from e3pose.estimate.filter.kernels.shown import count_exits
 
-    doors: Floats = belief.doors
+    exits: Floats = belief.exits
     root = model.tree.levels[0][0]
     places_m = belief.state[(belief.last_seen_s == 0).any(axis=1) & belief.confirmed, root, :2]
     followed_s = np.full(len(places_m), np.nan_to_num(belief.time_s - before.time_s))
@@ -63,17 +63,17 @@ def learn(before: Belief, belief: Belief, model: Model) -> Floats:
         places_m = np.concatenate([places_m, passed_m])
         followed_s = np.concatenate([followed_s, np.full(len(passed_m), np.nan)])
     if len(places_m) == 0:
-        return doors
-    doors = doors.copy()
-    count_doors(np.ascontiguousarray(places_m), followed_s, model.corner_m, doors)
-    return doors
+        return exits
+    exits = exits.copy()
+    count_exits(np.ascontiguousarray(places_m), followed_s, model.corner_m, exits)
+    return exits
 
 
 def _passed_m(before: Belief, belief: Belief, model: Model) -> Floats:
     """Return `(num_people, 2)`: where people came and left in a slot."""
     root = model.tree.levels[0][0]
     came = belief.confirmed & ~np.isin(belief.track_ids, before.track_ids[before.confirmed])
-    came &= belief.doors[..., FOLLOWED].sum() > SETTLED_S
+    came &= belief.exits[..., FOLLOWED].sum() > SETTLED_S
     left = before.confirmed & ~np.isin(before.track_ids, belief.track_ids)
     ends_m = measured_m(before, left, model)
     others_m = belief.state[belief.confirmed, root, :2]
