@@ -189,7 +189,7 @@ def test_forgotten_people_leave_what_was_learned_of_the_site(
     kept, was = take_apart(memory), take_apart(state.memory)
     assert kept.keys() == was.keys()
     for part, array in kept.items():
-        if part.endswith(("next_id", "sights", "exits", "noise", "shifts", "time_s")):
+        if part.endswith(("next_id", "detection_map", "exits", "noise", "shifts", "time_s")):
             np.testing.assert_array_equal(array, was[part])
         else:
             assert array.size == 0, part

@@ -18,7 +18,7 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
     return {
         "time_s": np.array(belief.time_s),
         "next_id": np.array(belief.next_id),
-        "sights": belief.sights,
+        "detection_map": belief.detection_map,
         "exits": belief.exits,
         "noise": belief.noise,
         "shifts": belief.shifts,
@@ -53,7 +53,7 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         time_s=float(np.asarray(arrays["time_s"], dtype=np.float64)),
         next_id=int(np.asarray(arrays["next_id"], dtype=np.int64)),
         leftovers=Leftovers(*waiting),
-        sights=np.array(arrays["sights"]),
+        detection_map=np.array(arrays["detection_map"]),
         exits=np.array(arrays["exits"]),
         noise=np.array(arrays["noise"]),
         shifts=np.array(arrays["shifts"]),

@@ -18,11 +18,13 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-def learn(sights: Floats, places_m: Floats, looks: Floats, shown: Floats, corner: Floats) -> Floats:
+def learn(
+    detection_map: Floats, places_m: Floats, looks: Floats, shown: Floats, corner: Floats
+) -> Floats:
     """Return the counts after people were proved to be at places.
 
     Args:
-        sights: as for `chance`; not changed.
+        detection_map: as for `chance`; not changed.
         places_m: `(num_people, 2)` on the floor.
         looks: `(num_people, num_cameras)` to add.
         shown: `(num_people, num_cameras)` likewise.
@@ -30,38 +32,39 @@ def learn(sights: Floats, places_m: Floats, looks: Floats, shown: Floats, corner
     """
     people, cameras = np.nonzero(looks)
     if len(people) == 0:
-        return sights
+        return detection_map
     cells, weights = around(places_m - corner)
     where = (cameras[:, None], cells[people, :, 0], cells[people, :, 1])
     told = np.stack([looks[people, cameras], shown[people, cameras]], axis=-1)
-    sights = sights.copy()
-    np.add.at(sights, where, weights[people][..., None] * told[:, None])
-    kept = np.minimum(MOST_LOOKS / np.maximum(sights[where][..., LOOKS], 1e-12), 1.0)
-    sights[where] = sights[where] * kept[..., None]
-    return sights
+    detection_map = detection_map.copy()
+    np.add.at(detection_map, where, weights[people][..., None] * told[:, None])
+    kept = np.minimum(MOST_LOOKS / np.maximum(detection_map[where][..., LOOKS], 1e-12), 1.0)
+    detection_map[where] = detection_map[where] * kept[..., None]
+    return detection_map
 
 
-def chance(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+def chance(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
     """Return `(num_views, num_places)` in (0, 1): how likely a look shows somebody who is there.
 
     Args:
-        sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks, and those which showed somebody.
+        detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks, and those which showed
+            somebody.
         cameras: `(num_views,)`.
         places_m: `(num_places, 2)` on the floor.
         corner: `corner_m` of the rig.
     """
     cells, weights = around(places_m - corner)
-    near = sights[cameras[:, None, None], cells[..., 0], cells[..., 1]]
+    near = detection_map[cameras[:, None, None], cells[..., 0], cells[..., 1]]
     looks, shown = np.moveaxis((near * weights[..., None]).sum(axis=-2), -1, 0)
     return np.asarray((shown + PRIOR_LOOKS * PLAIN) / (looks + PRIOR_LOOKS))
 
 
-def proof(sights: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
+def proof(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
     """Return `(num_views, num_places)` in [0, 1]: the share of a miss in plain sight.
 
     Arguments are those of `chance`.
     """
-    missing = 1 - chance(sights, cameras, places_m, corner)
+    missing = 1 - chance(detection_map, cameras, places_m, corner)
     blind = np.log(np.maximum(missing, 1 - PLAIN)) / np.log(1 - PLAIN)
     return np.asarray(np.minimum(blind, 1.0))
 

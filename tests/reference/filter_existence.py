@@ -59,7 +59,7 @@ def attend(
     share = min(1.0, dt / FASTEST_S)
     places_m = predicted.state[:, model.tree.levels[0][0], :2]
     proof = np.where(
-        hits, 1.0, filter_blindness.proof(belief.sights, cameras, places_m, model.corner_m)
+        hits, 1.0, filter_blindness.proof(belief.detection_map, cameras, places_m, model.corner_m)
     )
     existence, seen_by = belief.existence, belief.seen_by.copy()
     last_seen_s = belief.last_seen_s + dt
@@ -83,8 +83,8 @@ def attend(
     there: Flags = np.asarray(hits.any(axis=0))
     recent = (last_seen_s < blindness.PROOF_S).sum(axis=1)
     taught = np.asarray(there & confirmed & (recent >= blindness.PROOF_CAMERAS))[:, None]
-    sights = filter_blindness.learn(
-        belief.sights,
+    detection_map = filter_blindness.learn(
+        belief.detection_map,
         places_m,
         np.where(taught, missed + shown, 0.0),
         np.where(taught, shown, 0.0),
@@ -97,7 +97,7 @@ def attend(
         last_seen_s=last_seen_s,
         delivered=delivered,
         missed=np.where(there[:, None], 0.0, missed),
-        sights=sights,
+        detection_map=detection_map,
         hits=total,
         alone=alone,
         confirmed=confirmed,

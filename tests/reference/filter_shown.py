@@ -45,7 +45,7 @@ def left_odds(belief: Belief, model: Model) -> Floats:
         return odds
     places_m = belief.state[lost, model.tree.levels[0][0], :2]
     cameras = np.arange(len(model.rig))
-    proofs = proof(belief.sights, cameras, places_m, model.corner_m)
+    proofs = proof(belief.detection_map, cameras, places_m, model.corner_m)
     misses = (belief.missed[lost] * proofs.T).sum(axis=1)  # as many as these in plain sight
     hazard = hazard_hz(belief.exits, measured_m(belief, lost, model), model.corner_m)
     odds[lost] = hazard * unseen_s[lost] * (1 - PLAIN) ** -misses

@@ -75,5 +75,8 @@ def test_a_camera_that_never_showed_the_person_is_expected_to_show_nobody_there(
     assert shows[2] < 0.35
     assert np.delete(shows, 2).min() > 0.8
     # Nobody was ever where the person is said to be in an hour.
-    far = [chance(sights, np.array([14.0, 14.0]), model.corner_m) for sights in belief.sights]
+    far = [
+        chance(detection_map, np.array([14.0, 14.0]), model.corner_m)
+        for detection_map in belief.detection_map
+    ]
     np.testing.assert_allclose(far, blind.PLAIN)

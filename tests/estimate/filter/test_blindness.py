@@ -32,17 +32,19 @@ PLACE = np.array([[0.4, -0.3]])
 
 def taught(looks: float, shown: float, times: int = 1) -> Floats:
     """Return counts after a person at `PLACE` was looked at by camera 1."""
-    sights = blind.nothing_known(RIG)
+    detection_map = blind.nothing_known(RIG)
     row = np.zeros((1, len(RIG)))
     row[0, 1] = 1.0
     for _ in range(times):
-        sights = filter_blindness.learn(sights, PLACE, looks * row, shown * row, CORNER)
-    return sights
+        detection_map = filter_blindness.learn(
+            detection_map, PLACE, looks * row, shown * row, CORNER
+        )
+    return detection_map
 
 
-def at(sights: Floats, place_m: Floats = PLACE) -> Floats:
-    proofs = filter_blindness.proof(sights, EVERYBODY, place_m, CORNER)[:, 0]
-    compiled = [proof(each, place_m[0], CORNER) for each in sights]
+def at(detection_map: Floats, place_m: Floats = PLACE) -> Floats:
+    proofs = filter_blindness.proof(detection_map, EVERYBODY, place_m, CORNER)[:, 0]
+    compiled = [proof(each, place_m[0], CORNER) for each in detection_map]
     np.testing.assert_allclose(compiled, proofs, atol=1e-12)
     return proofs
 
@@ -55,9 +57,9 @@ def test_misses_of_people_who_were_there_prove_ever_less_of_that_camera_there_on
     proofs = [at(taught(1, 0, times))[1] for times in (0, 2, 5, 20, 100)]
     assert np.all(np.diff(proofs) < 0)
     assert proofs[-1] < 0.05
-    sights = taught(1, 0, 100)
-    np.testing.assert_allclose(np.delete(at(sights), 1), 1.0)
-    np.testing.assert_allclose(at(sights, PLACE + 2 * blind.CELL_M), 1.0)
+    detection_map = taught(1, 0, 100)
+    np.testing.assert_allclose(np.delete(at(detection_map), 1), 1.0)
+    np.testing.assert_allclose(at(detection_map, PLACE + 2 * blind.CELL_M), 1.0)
 
 
 def test_a_camera_that_always_shows_people_proves_no_more_than_before() -> None:
@@ -70,19 +72,19 @@ def test_half_a_chance_is_worth_the_share_of_the_logarithms() -> None:
     middle = CORNER + (cells + 0.5) * blind.CELL_M
     row = np.zeros((1, len(RIG)))
     row[0, 1] = 60.0
-    sights = filter_blindness.learn(blind.nothing_known(RIG), middle, row, row / 2, CORNER)
+    detection_map = filter_blindness.learn(blind.nothing_known(RIG), middle, row, row / 2, CORNER)
     expected = np.log(1 - 31.8 / 62) / np.log(0.1)
-    np.testing.assert_allclose(at(sights, middle)[1], expected, rtol=1e-12)
+    np.testing.assert_allclose(at(detection_map, middle)[1], expected, rtol=1e-12)
 
 
 def test_things_get_moved_and_what_was_blind_sees_again() -> None:
-    sights = taught(1, 0, 1000)
-    assert sights[..., blind.LOOKS].max() <= blind.MOST_LOOKS
+    detection_map = taught(1, 0, 1000)
+    assert detection_map[..., blind.LOOKS].max() <= blind.MOST_LOOKS
     row = np.zeros((1, len(RIG)))
     row[0, 1] = 1.0
     for _ in range(300):
-        sights = filter_blindness.learn(sights, PLACE, row, row, CORNER)
-    assert at(sights)[1] > 0.6
+        detection_map = filter_blindness.learn(detection_map, PLACE, row, row, CORNER)
+    assert at(detection_map)[1] > 0.6
 
 
 def test_learning_changes_nothing_it_was_given_and_far_places_have_a_cell() -> None:
@@ -144,12 +146,12 @@ def test_misses_of_a_track_that_ends_teach_nothing() -> None:
     for slot in range(20):
         views = {c: v for c in range(5) if (v := clean().view(slot, c)) is not None}
         belief, _ = step(MODEL, belief, views, slot * clean().interval_s)
-    sights = belief.sights
+    detection_map = belief.detection_map
     while len(belief):
         slot += 1
         views = {c: Poses2D.empty(17) for c in range(5)}
         belief, _ = step(MODEL, belief, views, slot * clean().interval_s)
-    np.testing.assert_array_equal(belief.sights, sights)
+    np.testing.assert_array_equal(belief.detection_map, detection_map)
 
 
 def test_a_long_pause_forgets_people_but_not_where_cameras_are_blind() -> None:
@@ -159,7 +161,7 @@ def test_a_long_pause_forgets_people_but_not_where_cameras_are_blind() -> None:
         belief, _ = step(MODEL, belief, views, slot * clean().interval_s)
     later, _ = step(MODEL, belief, {}, 1000.0)
     assert len(later) == 0
-    np.testing.assert_array_equal(later.sights, belief.sights)
+    np.testing.assert_array_equal(later.detection_map, belief.detection_map)
 
 
 def test_what_one_camera_alone_shows_proves_no_other_camera_blind() -> None:
@@ -167,13 +169,13 @@ def test_what_one_camera_alone_shows_proves_no_other_camera_blind() -> None:
     for slot in range(20):
         views = {c: v for c in range(5) if (v := clean().view(slot, c)) is not None}
         belief, _ = step(MODEL, belief, views, slot * clean().interval_s)
-    looks = belief.sights[..., blind.LOOKS]
+    looks = belief.detection_map[..., blind.LOOKS]
     before = looks.sum(axis=(1, 2))
     for slot in range(20, 100):
         views = {c: Poses2D.empty(17) for c in range(5)}
         if (view := clean().view(slot, 0)) is not None and slot < 60:
             views[0] = view
         belief, _ = step(MODEL, belief, views, slot * clean().interval_s)
-    gained = belief.sights[..., blind.LOOKS].sum(axis=(1, 2)) - before
+    gained = belief.detection_map[..., blind.LOOKS].sum(axis=(1, 2)) - before
     assert gained.max() < 1.2 * blind.PROOF_S / clean().interval_s
     assert len(belief) == 0

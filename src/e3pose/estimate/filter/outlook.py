@@ -22,7 +22,7 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
     drift, lasts_s = model.alone
     places_m = joints_m[:, model.tree.levels[0][0], :2]
     chance = np.empty((len(belief), len(model.rig)))
-    chances(belief.sights, np.ascontiguousarray(places_m), model.corner_m, chance)
+    chances(belief.detection_map, np.ascontiguousarray(places_m), model.corner_m, chance)
     unexplained, times_s = _newest(belief.leftovers, len(model.rig))
     return Outlook(
         track_ids=belief.track_ids,

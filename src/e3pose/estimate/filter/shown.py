@@ -43,7 +43,7 @@ def shown(belief: Belief, model: Model) -> Flags:
         belief.confirmed,
         belief.last_seen_s,
         belief.missed,
-        belief.sights,
+        belief.detection_map,
         belief.exits,
         flags,
     )

@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 SIDES = ("left", "right")
-OF_THE_SITE = ("time_s", "leftovers", "sights", "exits", "noise", "shifts", "next_id")
+OF_THE_SITE = ("time_s", "leftovers", "detection_map", "exits", "noise", "shifts", "next_id")
 LIMBS = (  # joints of which detectors exchange left and right together
     ("shoulder", "elbow", "wrist", "palm", "hand", "thumb", "fingers"),
     ("hip", "knee", "ankle", "foot", "toes", "big_toe", "small_toe", "heel"),
@@ -73,7 +73,7 @@ class Model:
 
     @cached_property
     def corner_m(self) -> Floats:
-        """`(2,)` where on the floor the cells of `Belief.sights` begin."""
+        """`(2,)` where on the floor the cells of `Belief.detection_map` begin."""
         return blindness.corner_m(self.rig)
 
     @cached_property
@@ -217,8 +217,8 @@ class Belief:
         bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
         leftovers: detections that wait for a second view.
-        sights: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who were
-            there, by place, and how many of them showed the person (`blindness`).
+        detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who
+            were there, by place, and how many of them showed the person (`blindness`).
         exits: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
             of them came or left there (`exits`).
         noise: `(num_cameras + 1, 2)` logarithm of the factor on the noise file's sigma that each
@@ -249,7 +249,7 @@ class Belief:
     bones_m: Floats
     bone_counts: Floats
     leftovers: Leftovers
-    sights: Floats
+    detection_map: Floats
     exits: Floats
     noise: Floats
     shifts: Floats
@@ -288,7 +288,7 @@ class Belief:
                 np.zeros((0, joints, 2)),
                 np.zeros((0, joints)),
             ),
-            sights=blindness.nothing_known(model.rig),
+            detection_map=blindness.nothing_known(model.rig),
             exits=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
             noise=np.zeros((len(model.rig) + 1, 2)),
             shifts=np.zeros((len(model.rig), 3)),

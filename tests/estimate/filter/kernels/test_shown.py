@@ -42,7 +42,7 @@ def drawn(follower: Belief, seed: int) -> Belief:
         confirmed=rng.random(PEOPLE) < 0.8,
         last_seen_s=np.where(rng.random(seen.shape) < 0.1, np.inf, seen),
         missed=rng.uniform(0, 3, seen.shape),
-        sights=rng.uniform(0, 30, belief.sights.shape) * [1, 0.5],
+        detection_map=rng.uniform(0, 30, belief.detection_map.shape) * [1, 0.5],
         exits=rng.uniform(0, 30, belief.exits.shape),
     )
 

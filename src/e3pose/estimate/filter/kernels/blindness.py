@@ -54,28 +54,28 @@ def share_at(
 
 
 @kernel
-def chance(sights: Floats, place_m: Floats, corner_m: Floats) -> float:
+def chance(detection_map: Floats, place_m: Floats, corner_m: Floats) -> float:
     """Return how likely a look of one camera shows somebody at a place, in (0, 1)."""
-    return share_at(sights, place_m, corner_m, PRIOR_LOOKS, PLAIN)
+    return share_at(detection_map, place_m, corner_m, PRIOR_LOOKS, PLAIN)
 
 
 @kernel
-def proof(sights: Floats, place_m: Floats, corner_m: Floats) -> float:
+def proof(detection_map: Floats, place_m: Floats, corner_m: Floats) -> float:
     """Return what a miss of one camera at a place proves, as a share of one in plain sight."""
-    missing = 1.0 - chance(sights, place_m, corner_m)
+    missing = 1.0 - chance(detection_map, place_m, corner_m)
     if missing <= 1.0 - PLAIN:
         return 1.0
     return math.log(missing) / math.log(1.0 - PLAIN)
 
 
 @kernel
-def learn_sights(
+def learn_detection_map(
     num_tracks: int,
     dt: float,
     corner_m: Floats,
     arrived: Flags,
     matches: Matches,
-    sights: Floats,
+    detection_map: Floats,
     tracks: Tracks,
 ) -> None:
     """Count the looks at everybody who was proved to be there, and keep other misses waiting."""
@@ -98,37 +98,39 @@ def learn_sights(
                 shown = share if hit else 0.0
                 looks = tracks.missed[track, camera] + shown
                 if looks > 0.0:
-                    _add(sights[camera], matches.places_m[track], corner_m, looks, shown)
+                    _add(detection_map[camera], matches.places_m[track], corner_m, looks, shown)
             if there:
                 tracks.missed[track, camera] = 0.0
     for track in range(num_tracks):
         if matches.taught[track]:
             for camera in range(num_cameras):
-                _forget(sights[camera], matches.places_m[track], corner_m)
+                _forget(detection_map[camera], matches.places_m[track], corner_m)
 
 
 @kernel
-def _add(sights: Floats, place_m: Floats, corner_m: Floats, looks: float, shown: float) -> None:
+def _add(
+    detection_map: Floats, place_m: Floats, corner_m: Floats, looks: float, shown: float
+) -> None:
     column, right = cell(place_m[0] - corner_m[0])
     row, up = cell(place_m[1] - corner_m[1])
     for a in range(2):
         for b in range(2):
             weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
-            sights[column + a, row + b, LOOKS] += weight * looks
-            sights[column + a, row + b, SHOWN] += weight * shown
+            detection_map[column + a, row + b, LOOKS] += weight * looks
+            detection_map[column + a, row + b, SHOWN] += weight * shown
 
 
 @kernel
-def _forget(sights: Floats, place_m: Floats, corner_m: Floats) -> None:
+def _forget(detection_map: Floats, place_m: Floats, corner_m: Floats) -> None:
     """Scale what is beyond `MOST_LOOKS` down to it."""
     column, _ = cell(place_m[0] - corner_m[0])
     row, _ = cell(place_m[1] - corner_m[1])
     for a in range(2):
         for b in range(2):
-            looks = sights[column + a, row + b, LOOKS]
+            looks = detection_map[column + a, row + b, LOOKS]
             if looks > MOST_LOOKS:
-                sights[column + a, row + b, LOOKS] *= MOST_LOOKS / looks
-                sights[column + a, row + b, SHOWN] *= MOST_LOOKS / looks
+                detection_map[column + a, row + b, LOOKS] *= MOST_LOOKS / looks
+                detection_map[column + a, row + b, SHOWN] *= MOST_LOOKS / looks
 
 
 @kernel

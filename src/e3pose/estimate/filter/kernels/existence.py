@@ -46,7 +46,7 @@ def attend(
     noise_px: Floats,
     views: Views,
     matches: Matches,
-    sights: Floats,
+    detection_map: Floats,
     corner_m: Floats,
     tracks: Tracks,
 ) -> None:
@@ -81,7 +81,7 @@ def attend(
                 if person >= 0 or matches.inside[camera, track]:
                     fit, share = matches.fits[camera, track], 1.0
                     if person < 0:
-                        share = proof(sights[camera], matches.places_m[track], corner_m)
+                        share = proof(detection_map[camera], matches.places_m[track], corner_m)
                     tracks.existence[track] += rate * share * (fit - tracks.existence[track])
                     tracks.delivered[track, camera] += DELIVERED_RATE * (told - told_before)
             num_seen_by += tracks.seen_by[track, camera]

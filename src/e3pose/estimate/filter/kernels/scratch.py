@@ -43,7 +43,7 @@ class Site(NamedTuple):
     swing_per_s2: Floats  # (num_joints,)
     opposites: Integers  # (num_joints,) the joint of the other side, or itself
     limbs: Integers  # (num_joints,) of arms 1, of legs 2, else 0
-    corner_m: Floats  # (2,) of the cells of `Belief.sights`
+    corner_m: Floats  # (2,) of the cells of `Belief.detection_map`
     wait_s: float  # how long a detection that no track explains waits for a second view
     lenses: Lenses
 

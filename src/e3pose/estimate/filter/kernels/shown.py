@@ -39,7 +39,7 @@ def who_is_shown(
     confirmed: Flags,
     last_seen_s: Floats,
     missed: Floats,
-    sights: Floats,
+    detection_map: Floats,
     exits: Floats,
     shown: Flags,
 ) -> None:
@@ -54,7 +54,12 @@ def who_is_shown(
             shown[track] = math.sqrt(least) < SHOWN_SPREAD_M
         if shown[track]:
             odds = left_odds(
-                state[track, root], last_seen_s[track], missed[track], sights, exits, corner_m
+                state[track, root],
+                last_seen_s[track],
+                missed[track],
+                detection_map,
+                exits,
+                corner_m,
             )
             shown[track] = odds < MOST_LEFT_ODDS
 
@@ -88,7 +93,7 @@ def left_odds(
     root: Floats,
     last_seen_s: Floats,
     missed: Floats,
-    sights: Floats,
+    detection_map: Floats,
     exits: Floats,
     corner_m: Floats,
 ) -> float:
@@ -98,7 +103,7 @@ def left_odds(
         root: `(6,)` state of the root of the body.
         last_seen_s: `(num_cameras,)`.
         missed: `(num_cameras,)`.
-        sights: as in `Belief`.
+        detection_map: as in `Belief`.
         exits: as in `Belief`.
         corner_m: of the cells of both.
     """
@@ -109,7 +114,7 @@ def left_odds(
         return 0.0
     misses = 0.0  # as many as these in plain sight
     for camera in range(len(missed)):
-        misses += missed[camera] * proof(sights[camera], root, corner_m)
+        misses += missed[camera] * proof(detection_map[camera], root, corner_m)
     way_s = TRUNK_LASTS_S * (math.exp(min(unseen_s, MOST_UNSEEN_S) / TRUNK_LASTS_S) - 1)
     place_m = np.empty(2)
     for axis in range(2):
@@ -153,8 +158,8 @@ def count_exits(places_m: Floats, followed_s: Floats, corner_m: Floats, exits: F
 
 
 @kernel
-def chances(sights: Floats, places_m: Floats, corner_m: Floats, chance_of: Floats) -> None:
+def chances(detection_map: Floats, places_m: Floats, corner_m: Floats, chance_of: Floats) -> None:
     """Fill `chance_of` `(num_places, num_cameras)`: how likely a look shows somebody at a place."""
     for place in range(len(places_m)):
-        for camera in range(len(sights)):
-            chance_of[place, camera] = chance(sights[camera], places_m[place], corner_m)
+        for camera in range(len(detection_map)):
+            chance_of[place, camera] = chance(detection_map[camera], places_m[place], corner_m)

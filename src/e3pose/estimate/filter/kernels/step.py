@@ -14,7 +14,7 @@ from e3pose.estimate.filter import exits
 from e3pose.estimate.filter.kernels.associate import associate
 from e3pose.estimate.filter.kernels.bias import learn_bias
 from e3pose.estimate.filter.kernels.births import give_birth
-from e3pose.estimate.filter.kernels.blindness import learn_sights
+from e3pose.estimate.filter.kernels.blindness import learn_detection_map
 from e3pose.estimate.filter.kernels.existence import attend, end
 from e3pose.estimate.filter.kernels.learned_noise import compare_noise, learn_noise, recall_noise
 from e3pose.estimate.filter.kernels.learned_shift import learn_shifts, recall_shifts
@@ -111,10 +111,22 @@ class StepKernel:
             memory.waiting.cameras[:num_old] = waiting.cameras
             memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
             memory.waiting.scores[:num_old] = waiting.scores
-        sights, noise = np.array(belief.sights, order="C"), np.array(belief.noise, order="C")
+        detection_map, noise = (
+            np.array(belief.detection_map, order="C"),
+            np.array(belief.noise, order="C"),
+        )
         shifts = np.array(belief.shifts, order="C")
         num_tracks, num_waiting, next_id = self._call(
-            num_tracks, num_old, now, dt, belief.next_id, self._site, sights, noise, shifts, memory
+            num_tracks,
+            num_old,
+            now,
+            dt,
+            belief.next_id,
+            self._site,
+            detection_map,
+            noise,
+            shifts,
+            memory,
         )
         rows = memory.waiting.order[:num_waiting]
         leftovers = Leftovers(
@@ -130,7 +142,7 @@ class StepKernel:
         belief = Belief(
             time_s=now,
             leftovers=leftovers,
-            sights=sights,
+            detection_map=detection_map,
             exits=before.exits,
             noise=noise,
             shifts=shifts,
@@ -178,7 +190,7 @@ def step_slot(
     dt: float,
     next_id: int,
     site: Site,
-    sights: Floats,
+    detection_map: Floats,
     noise: Floats,
     shifts: Floats,
     memory: Memory,
@@ -218,11 +230,13 @@ def step_slot(
         memory.detectors.noise_px,
         views,
         memory.matches,
-        sights,
+        detection_map,
         site.corner_m,
         tracks,
     )
-    learn_sights(num_tracks, dt, site.corner_m, views.arrived, memory.matches, sights, tracks)
+    learn_detection_map(
+        num_tracks, dt, site.corner_m, views.arrived, memory.matches, detection_map, tracks
+    )
     num_tracks, num_waiting, next_id = give_birth(
         num_tracks,
         num_old,
