@@ -139,18 +139,18 @@ def _cover(
     The distance is that of two straight pieces in space (Ericson, Real-Time Collision Detection,
     section 5.1.9), with the nearest point on the bone found first for the whole line of sight.
     """
-    sight = ends - centre_m
+    direction = ends - centre_m
     bone = second - first
     offset = centre_m - first
-    a = (sight * sight).sum(axis=-1)
+    a = (direction * direction).sum(axis=-1)
     e = (bone * bone).sum(axis=-1)
-    b = (sight * bone).sum(axis=-1)
-    c = (sight * offset).sum(axis=-1)
+    b = (direction * bone).sum(axis=-1)
+    c = (direction * offset).sum(axis=-1)
     f = (bone * offset).sum(axis=-1)
     across = a * e - b * b
     along = np.clip((b * f - c * e) / np.maximum(across, 1e-12), 0.0, 1.0)
     up = np.clip((b * along + f) / np.maximum(e, 1e-12), 0.0, 1.0)
     along = np.clip((b * up - c) / np.maximum(a, 1e-12), 0.0, 1.0)
-    gap = offset + sight * along[..., None] - bone * up[..., None]
+    gap = offset + direction * along[..., None] - bone * up[..., None]
     depth = radii - np.sqrt((gap * gap).sum(axis=-1))
     return np.asarray(np.clip(depth / SOFT_M, 0.0, 1.0))

@@ -219,15 +219,15 @@ def _attend(
     query = np.zeros((num_tracks, keys.shape[1]), np.float32)
     add_product(both, weights.query, query)
     share = np.empty(num_slots, np.float32)
-    sight = np.empty(keys.shape[1], np.float32)
+    hidden = np.empty(keys.shape[1], np.float32)
     for track in range(num_tracks):
         for slot in range(num_slots):
             key = keys[slot * num_tracks + track]
-            for j in range(len(sight)):
-                sight[j] = tanh(key[j] + query[track, j])
+            for j in range(len(hidden)):
+                hidden[j] = tanh(key[j] + query[track, j])
             share[slot] = np.float32(0)
-            for j in range(len(sight)):
-                share[slot] += sight[j] * weights.energy[j, 0]
+            for j in range(len(hidden)):
+                share[slot] += hidden[j] * weights.energy[j, 0]
         soften(share)
         for j in range(size):
             attended[track, j] = np.float32(0)

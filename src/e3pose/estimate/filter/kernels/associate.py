@@ -52,7 +52,7 @@ def associate(
         matches.assigned[camera, track] = -1
         matches.exchanged[camera, track] = 0
         matches.fits[camera, track] = 0.0
-        inside = _look(state[track], covariance[track], projection, size, offers.sight)
+        inside = _look(state[track], covariance[track], projection, size, offers.projected)
         matches.inside[camera, track] = inside >= INSIDE_JOINTS
         for person in range(num_people):
             row = first + person
@@ -62,15 +62,15 @@ def associate(
                 views.weights,
                 views.variances,
                 (SIDE_PX * scale) ** 2,
-                offers.sight,
+                offers.projected,
                 site.opposites,
                 site.limbs,
             )
             exchange(row, exchanged, site.opposites, site.limbs, views)
-            cost = _cost(row, views.pixels, views.weights, views.variances, bias, offers.sight)
+            cost = _cost(row, views.pixels, views.weights, views.variances, bias, offers.projected)
             vagueness = 0.0
             if cost <= COST_LIMIT:
-                vagueness = _vagueness(row, views.weights, views.variances, bias, offers.sight)
+                vagueness = _vagueness(row, views.weights, views.variances, bias, offers.projected)
             exchange(row, exchanged, site.opposites, site.limbs, views)  # back again
             offers.exchanged[track, person] = exchanged
             offers.cost[track, person] = cost
@@ -117,9 +117,9 @@ def associate(
 
 @kernel
 def _look(
-    state: Floats, covariance: Floats, projection: Floats, size: Floats, sight: Floats
+    state: Floats, covariance: Floats, projection: Floats, size: Floats, projected: Floats
 ) -> int:
-    """Project the joints of a track into `sight`; return how many fall into the image.
+    """Project the joints of a track into `projected`; return how many fall into the image.
 
     `state` is `(num_joints, 6)`, `covariance` `(num_joints, 6, 6)`.
     """
@@ -150,27 +150,27 @@ def _look(
             + covariance[joint, 1, 2] * (uy * uz + vy * vz)
         )
         in_front = depth > MIN_DEPTH_M
-        sight[U, joint] = u
-        sight[V, joint] = v
-        sight[SPREAD, joint] = spread / 2
-        sight[IN_FRONT, joint] = 1.0 if in_front else 0.0
+        projected[U, joint] = u
+        projected[V, joint] = v
+        projected[SPREAD, joint] = spread / 2
+        projected[IN_FRONT, joint] = 1.0 if in_front else 0.0
         inside += in_front and 0 < u < size[0] and 0 < v < size[1]
     return inside
 
 
 @kernel
 def _cost(
-    row: int, pixels: Floats, weights: Floats, variances: Floats, bias: float, sight: Floats
+    row: int, pixels: Floats, weights: Floats, variances: Floats, bias: float, projected: Floats
 ) -> float:
     """Return the mean distance of a detection in standard deviations; inf if unknown."""
     shown = 0
     total = weighted = 0.0
     for joint in range(weights.shape[1]):
         weight = weights[row, joint]
-        if weight > MIN_SCORE and sight[IN_FRONT, joint] > 0:
-            du = pixels[row, joint, 0] - sight[U, joint]
-            dv = pixels[row, joint, 1] - sight[V, joint]
-            variance = variances[row, joint] + bias + sight[SPREAD, joint]
+        if weight > MIN_SCORE and projected[IN_FRONT, joint] > 0:
+            du = pixels[row, joint, 0] - projected[U, joint]
+            dv = pixels[row, joint, 1] - projected[V, joint]
+            variance = variances[row, joint] + bias + projected[SPREAD, joint]
             distance = math.sqrt((du * du + dv * dv) / variance)
             shown += 1
             total += weight
@@ -181,12 +181,16 @@ def _cost(
 
 
 @kernel
-def _vagueness(row: int, weights: Floats, variances: Floats, bias: float, sight: Floats) -> float:
+def _vagueness(
+    row: int, weights: Floats, variances: Floats, bias: float, projected: Floats
+) -> float:
     """Return the mean logarithm of how much wider a track is than one that is known exactly."""
     total = weighted = 0.0
     for joint in range(weights.shape[1]):
         weight = weights[row, joint]
-        if weight > MIN_SCORE and sight[IN_FRONT, joint] > 0:
+        if weight > MIN_SCORE and projected[IN_FRONT, joint] > 0:
             total += weight
-            weighted += weight * math.log1p(sight[SPREAD, joint] / (variances[row, joint] + bias))
+            weighted += weight * math.log1p(
+                projected[SPREAD, joint] / (variances[row, joint] + bias)
+            )
     return 0.5 * weighted / (total if total > 1e-9 else 1e-9)

@@ -9,7 +9,7 @@ from e3pose.kernel import kernel
 
 Floats = NDArray[np.float64]
 
-U, V, SPREAD, IN_FRONT = range(4)  # planes of `Offers.sight`
+U, V, SPREAD, IN_FRONT = range(4)  # planes of `Offers.projected`
 
 
 @kernel

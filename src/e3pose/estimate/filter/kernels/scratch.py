@@ -160,7 +160,7 @@ class Detectors(NamedTuple):
 class Offers(NamedTuple):
     """Room for assigning the detections of one view."""
 
-    sight: Floats  # (4, num_joints) one track in the view: u, v, variance, in front
+    projected: Floats  # (4, num_joints) one track in the view: u, v, variance, in front
     cost: Floats  # (num_tracks, max_people)
     vagueness: Floats  # (num_tracks, max_people)
     exchanged: Integers  # (num_tracks, max_people) limbs whose sides it would have exchanged
@@ -297,7 +297,7 @@ def _detectors(cameras: int, knots: int) -> Detectors:
 def _offers(tracks: int, people: int, joints: int) -> Offers:
     most = max(tracks, people)
     return Offers(
-        sight=np.zeros((4, joints)),
+        projected=np.zeros((4, joints)),
         cost=np.zeros((tracks, people)),
         vagueness=np.zeros((tracks, people)),
         exchanged=np.zeros((tracks, people), np.int64),

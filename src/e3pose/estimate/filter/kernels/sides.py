@@ -44,7 +44,7 @@ def exchanged_limbs(
     weights: Floats,
     variances: Floats,
     bias: float,
-    sight: Floats,
+    projected: Floats,
     opposites: Integers,
     limbs: Integers,
 ) -> int:
@@ -56,7 +56,7 @@ def exchanged_limbs(
         weights: `(num_rows, num_joints)` scores.
         variances: `(num_rows, num_joints)` px^2.
         bias: `SIDE_PX` in this view, squared.
-        sight: `(4, num_joints)` the track in the view.
+        projected: `(4, num_joints)` the track in the view.
         opposites: `(num_joints,)` as in `Site`.
         limbs: `(num_joints,)` as in `Site`.
     """
@@ -65,11 +65,11 @@ def exchanged_limbs(
         other = opposites[joint]
         if other == joint or not weights[row, joint] > MIN_SCORE:
             continue
-        if not (sight[IN_FRONT, joint] > 0 and sight[IN_FRONT, other] > 0):
+        if not (projected[IN_FRONT, joint] > 0 and projected[IN_FRONT, other] > 0):
             continue
-        across_u = sight[U, joint] - sight[U, other]
-        across_v = sight[V, joint] - sight[V, other]
-        spread = sight[SPREAD, joint] + sight[SPREAD, other]
+        across_u = projected[U, joint] - projected[U, other]
+        across_v = projected[V, joint] - projected[V, other]
+        spread = projected[SPREAD, joint] + projected[SPREAD, other]
         variance = variances[row, joint] + bias
         if weights[row, other] > MIN_SCORE:
             if other < joint:
@@ -79,8 +79,8 @@ def exchanged_limbs(
             variance += variances[row, other] + bias + spread
             odds = 2.0 * (du * across_u + dv * across_v) / variance
         else:
-            du = pixels[row, joint, 0] - (sight[U, joint] + sight[U, other]) / 2
-            dv = pixels[row, joint, 1] - (sight[V, joint] + sight[V, other]) / 2
+            du = pixels[row, joint, 0] - (projected[U, joint] + projected[U, other]) / 2
+            dv = pixels[row, joint, 1] - (projected[V, joint] + projected[V, other]) / 2
             odds = (du * across_u + dv * across_v) / (variance + spread / 2)
         odds = -PAIR_ODDS if odds < -PAIR_ODDS else PAIR_ODDS if odds > PAIR_ODDS else odds
         if limbs[joint] == ARMS:
