@@ -14,11 +14,11 @@ from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.estimate.filter.reidentification import (
     DECIDE_S,
-    MAX_REMEMBERED,
+    DEPARTED_S,
+    MAX_DEPARTED,
     NEVER,
     NOISE_M,
     PROPORTION_SPREAD,
-    REMEMBERED_S,
     SLIDE_M,
     STATURE_SPREAD,
     Identities,
@@ -162,12 +162,12 @@ def test_a_decision_is_not_made_late() -> None:
 
 
 def test_memory_is_bounded_in_number_and_time() -> None:
-    crowd = {i: (3.0 * i, 0.0, 1.0) for i in range(MAX_REMEMBERED + 9)}
+    crowd = {i: (3.0 * i, 0.0, 1.0) for i in range(MAX_DEPARTED + 9)}
     before, gone = belief(0.0, crowd), belief(0.5, {})
     identities = identify(Identities.none(MODEL), before, before, before.track_ids, MODEL)
     identities = identify(identities, before, gone, gone.track_ids, MODEL)
-    assert len(identities.departed.track_ids) == MAX_REMEMBERED
-    late = belief(REMEMBERED_S + 1, {})
+    assert len(identities.departed.track_ids) == MAX_DEPARTED
+    late = belief(DEPARTED_S + 1, {})
     identities = identify(identities, gone, late, late.track_ids, MODEL)
     assert len(identities.departed.track_ids) == 0
 

@@ -33,7 +33,7 @@ FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belie
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Remembered:
+class FilterMemory:
     """What `Filtered` hands from slot to slot.
 
     Attributes:
@@ -63,19 +63,19 @@ class Filtered:
     step: FilterStep
     history_slots: int = 10
 
-    def begin(self) -> Remembered:
+    def begin(self) -> FilterMemory:
         """See `Estimator.begin`."""
         history = np.zeros((max(self.history_slots, 2), 0, len(self.model.skeleton), 3))
         nobody = np.zeros(0, dtype=np.int64)
-        return Remembered(Belief.empty(self.model), Identities.none(self.model), nobody, history)
+        return FilterMemory(Belief.empty(self.model), Identities.none(self.model), nobody, history)
 
     def estimate(
         self,
-        memory: Remembered,
+        memory: FilterMemory,
         views: Mapping[int, Poses2D],
         time_s: float,
         clock: Callable[[], float],
-    ) -> tuple[Remembered, People]:
+    ) -> tuple[FilterMemory, People]:
         """See `Estimator.estimate`."""
         start = clock()
         belief, estimate = self.step(self.model, memory.belief, views, time_s)
@@ -98,9 +98,11 @@ class Filtered:
             posterior_of(memory.belief, belief, identities.of(belief.track_ids)),
             learned_shift.found_px(belief.shifts, self.model),
         )
-        return Remembered(belief, identities, estimate.track_ids, history), people
+        return FilterMemory(belief, identities, estimate.track_ids, history), people
 
-    def steer(self, memory: Remembered, prediction: Prediction, interval_s: float) -> Remembered:
+    def steer(
+        self, memory: FilterMemory, prediction: Prediction, interval_s: float
+    ) -> FilterMemory:
         """See `Estimator.steer`; of a predictor that states its errors, which is a learned one."""
         known = np.isfinite(memory.history_m).all(axis=-1).any(axis=-1).sum(axis=0)
         joints_m = np.where(
@@ -115,16 +117,16 @@ class Filtered:
         belief = steer(self.model.tree, memory.belief, rows, joints_m, ahead_s, shares)
         return replace(memory, belief=belief)
 
-    def leave_out_ids(self, memory: Remembered, count: int) -> Remembered:
+    def leave_out_ids(self, memory: FilterMemory, count: int) -> FilterMemory:
         """See `Estimator.leave_out_ids`."""
         belief = replace(memory.belief, next_id=memory.belief.next_id + count)
         return replace(memory, belief=belief)
 
-    def forget_people(self, memory: Remembered) -> Remembered:
+    def forget_people(self, memory: FilterMemory) -> FilterMemory:
         """See `Estimator.forget_people`."""
         return replace(self.begin(), belief=memory.belief.without_people())
 
-    def outlook(self, memory: Remembered, ahead_s: float) -> Outlook:
+    def outlook(self, memory: FilterMemory, ahead_s: float) -> Outlook:
         """See `Estimator.outlook`.
 
         One factor for everybody makes it honest as a whole: it changes what is expected, but not
@@ -143,7 +145,7 @@ class Filtered:
         )
 
 
-def _prolonged(memory: Remembered, estimate: Estimate) -> NDArray[np.float64]:
+def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
     """Return `Remembered.history_m` of the people of a slot."""
     if np.array_equal(estimate.track_ids, memory.track_ids):
         return np.concatenate([memory.history_m[1:], estimate.joints_m[None]])

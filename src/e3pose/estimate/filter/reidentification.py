@@ -23,8 +23,8 @@ import numpy as np
 from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
 from e3pose.model.skeleton import BODY_LIMBS
 
-REMEMBERED_S = 300.0
-MAX_REMEMBERED = 32  # the newest; among many somebody always looks like a stranger
+DEPARTED_S = 300.0
+MAX_DEPARTED = 32  # the newest; among many somebody always looks like a stranger
 DECIDE_S = 4.0  # a newcomer who was not recognised so long after being shown is somebody new
 PRIOR_ODDS = 0.5  # that a newcomer is one who left, against a stranger, before comparing
 SOON_ODDS, SOON_S = 10.0, 2.0  # on top of that for who was lost just now, which fades
@@ -139,8 +139,8 @@ def identify(
         present = _join(present, _shown(new, belief, model))
         present = _take(present, np.argsort(present.tracks))
     if len(departed.track_ids):
-        fresh = departed.seen_s > belief.time_s - REMEMBERED_S
-        departed = _take(departed, np.flatnonzero(fresh)[-MAX_REMEMBERED:])
+        fresh = departed.seen_s > belief.time_s - DEPARTED_S
+        departed = _take(departed, np.flatnonzero(fresh)[-MAX_DEPARTED:])
     open_rows = np.flatnonzero(present.since_s > belief.time_s - DECIDE_S)
     open_rows = open_rows[present.tracks[open_rows] == present.track_ids[open_rows]]
     if len(open_rows) and len(departed.track_ids):
