@@ -45,7 +45,7 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         outlook.velocity_lasts_s,
         interval_s,
         terms,
-        ordered if outlook.remembers else np.zeros_like(ordered),
+        ordered if outlook.has_memory else np.zeros_like(ordered),
         full,
         since_s,
         prior,

@@ -31,7 +31,7 @@ def people(delivered: list[float], shows: list[float]) -> Outlook:
         covariance=np.broadcast_to(1e-4 * np.eye(6), (1, 17, 6, 6)),
         drift_m2ps3=np.zeros((1, 17)),
         velocity_lasts_s=np.full(17, 0.8),
-        remembers=True,
+        has_memory=True,
         delivered=np.array([delivered]),
         shows=np.array([shows]),
         last_seen_s=np.zeros((1, count)),

@@ -44,7 +44,7 @@ def outlook(joints_m: Floats, rig: Rig = RIG, sigma_m: float = 0.1) -> Outlook:
         covariance=covariance,
         drift_m2ps3=np.zeros(joints_m.shape[:2]),
         velocity_lasts_s=np.full(joints_m.shape[1], 0.8),
-        remembers=True,
+        has_memory=True,
         delivered=np.ones(shape),
         shows=np.ones(shape),
         last_seen_s=np.full(shape, np.inf),
@@ -233,7 +233,7 @@ def test_what_is_known_is_carried_as_a_kalman_filter_would(num_ordered: int) -> 
 
 
 def test_without_a_memory_views_in_flight_tell_nothing_of_a_later_slot() -> None:
-    seen = replace(outlook(person(0, 0)[None]), remembers=False)
+    seen = replace(outlook(person(0, 0)[None]), has_memory=False)
     every = np.ones((4, 4), dtype=bool)
     found = foresee(RIG, seen, SLOT_S, every)
     np.testing.assert_allclose(found.prior, foresee(RIG, seen, SLOT_S).prior)

@@ -105,7 +105,7 @@ class Outlook:
             metres and metres per second.
         drift_m2ps3: `(num_tracks, num_joints)` power density of the acceleration along an axis.
         velocity_lasts_s: `(num_joints,)` until a velocity is down to 1/e.
-        remembers: whether views of slots in between tell about the slot to come.
+        has_memory: whether views of slots in between tell about the slot to come.
         delivered: `(num_tracks, num_cameras)` in [0, 1]: what a camera's views recently told about
             the person, as a share of a view with every joint in plain sight.
         shows: `(num_tracks, num_cameras)` in [0, 1]: how likely a look of the camera shows somebody
@@ -128,7 +128,7 @@ class Outlook:
     covariance: NDArray[np.float64]
     drift_m2ps3: NDArray[np.float64]
     velocity_lasts_s: NDArray[np.float64]
-    remembers: bool
+    has_memory: bool
     delivered: NDArray[np.float64]
     shows: NDArray[np.float64]
     last_seen_s: NDArray[np.float64]

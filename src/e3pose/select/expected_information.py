@@ -134,7 +134,7 @@ def foresee(
         memory_terms(memory),
         Autocorrelation(memory.quick_share, memory.quick_s, memory.lasting_share, memory.lasting_s),
         interval_s,
-        ordered if outlook.remembers else np.zeros_like(ordered),
+        ordered if outlook.has_memory else np.zeros_like(ordered),
         outlook.last_seen_s.copy(),
         views,
         shown,

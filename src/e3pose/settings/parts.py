@@ -158,13 +158,13 @@ def _predictors(
     A predictor that was asked for must be had; one by default has a stand-in, which steers nobody.
     The policies of a pipeline share one estimator, whichever predictor is their own.
     """
-    remembers = settings.estimator is not None or pipeline_row(settings.pipeline)[0] != "paper"
+    has_memory = settings.estimator is not None or pipeline_row(settings.pipeline)[0] != "paper"
     asked = settings.predictor
     if asked is not None:
         predictor = make_predictor(asked, skeleton) if isinstance(asked, str) else asked
-        return predictor, predictor if remembers else None
+        return predictor, predictor if has_memory else None
     own = make_predictor_or_fallback(row.predictor, skeleton)
-    if not remembers:
+    if not has_memory:
         return own, None
     same = row.predictor == STEERING
     return own, own if same else make_predictor_or_fallback(STEERING, skeleton)

@@ -31,7 +31,7 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         covariance=belief.covariance,
         drift_m2ps3=drift * belief.drift_share,
         velocity_lasts_s=lasts_s,
-        remembers=True,
+        has_memory=True,
         delivered=belief.delivered,
         shows=np.minimum(chance / blindness.PLAIN, 1.0),
         last_seen_s=belief.last_seen_s,

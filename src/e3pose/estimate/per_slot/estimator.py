@@ -93,7 +93,7 @@ class PerSlot:
             covariance=covariance,
             drift_m2ps3=np.zeros(known.shape),
             velocity_lasts_s=np.ones(known.shape[1]),
-            remembers=False,
+            has_memory=False,
             delivered=np.ones(shape),
             shows=np.ones(shape),
             last_seen_s=np.full(shape, np.inf),
