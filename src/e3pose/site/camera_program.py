@@ -15,7 +15,7 @@ from e3pose.camera.live_source import RecordedDetector, make_source
 from e3pose.camera.pictures import Pictures
 from e3pose.clock import Clock, WallClock
 from e3pose.detectors.base import Detector
-from e3pose.energy.meters.charge_file import RememberedCharge
+from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
 from e3pose.errors import InputError
@@ -46,7 +46,7 @@ def camera_link(node: NodeTable) -> Link:
     return link
 
 
-def remembered_charge(node: NodeTable, tell: Callable[[str], None]) -> RememberedCharge | None:
+def open_charge_file(node: NodeTable, tell: Callable[[str], None]) -> ChargeFile | None:
     """Return what is left in a camera's battery; None on mains.
 
     Args:
@@ -62,7 +62,7 @@ def remembered_charge(node: NodeTable, tell: Callable[[str], None]) -> Remembere
         path = node.path.with_name(f"{node.path.stem}.battery.json")
     elif node.state is None:
         tell("no battery gauge: assuming a full battery at each start; --state stores the charge")
-    return RememberedCharge(path, node.camera, node.battery_wh, tell)
+    return ChargeFile(path, node.camera, node.battery_wh, tell)
 
 
 @dataclass(slots=True, eq=False)
@@ -157,7 +157,7 @@ def open_camera(
     table = node if isinstance(node, NodeTable) else load_node(Path(node))
     log, clock = log or NO_LOG, clock or WallClock()
     link = camera_link(table)
-    charge = remembered_charge(table, log.warning)
+    charge = open_charge_file(table, log.warning)
     power = open_sampler(load_profile(table.profile), table.meter, table.battery_wh, charge)
     transport = open_network(link)
     with ExitStack() as stack:

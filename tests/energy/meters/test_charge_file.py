@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from e3pose.energy.meters.base import Rail, Reading
-from e3pose.energy.meters.charge_file import RememberedCharge, load_charge, save_charge
+from e3pose.energy.meters.charge_file import ChargeFile, load_charge, save_charge
 from e3pose.energy.meters.sampler import PowerSampler
 from e3pose.energy.profiles import Mode
 from e3pose.errors import InputError
@@ -34,9 +34,9 @@ def written(**other: object) -> str:
 def camera_at_work(path: Path | None, seconds: float, folder: Path) -> tuple[float, list[str]]:
     """Run a camera's sampler; return the joules left by its last heartbeat, and what it told."""
     now_s, told = [0.0], list[str]()
-    charge = RememberedCharge(path, "cam0", 1.0, told.append)
+    charge = ChargeFile(path, "cam0", 1.0, told.append)
     sampler = PowerSampler(
-        Steady(), root=folder, capacity_wh=1.0, clock_s=lambda: now_s[0], remembered=charge
+        Steady(), root=folder, capacity_wh=1.0, clock_s=lambda: now_s[0], charge_file=charge
     )
     with sampler:
         sampler.sample()
@@ -75,8 +75,8 @@ def test_gauge_is_believed_and_nothing_written(tmp_path: Path) -> None:
     for name, content in (("type", "Battery"), ("status", "Full"), ("energy_now", "500000")):
         (folder / name).write_text(content)
     path = tmp_path / "cam0.battery.json"
-    charge = RememberedCharge(path, "cam0", 1.0, lambda line: None)
-    with PowerSampler(Steady(), root=tmp_path, capacity_wh=1.0, remembered=charge) as sampler:
+    charge = ChargeFile(path, "cam0", 1.0, lambda line: None)
+    with PowerSampler(Steady(), root=tmp_path, capacity_wh=1.0, charge_file=charge) as sampler:
         fields = sampler()
     assert (fields["gauge"], fields["battery_j"]) == (True, pytest.approx(WH / 2))
     assert not path.exists()
@@ -84,7 +84,7 @@ def test_gauge_is_believed_and_nothing_written(tmp_path: Path) -> None:
 
 def test_deleted_file_is_a_battery_that_was_charged(tmp_path: Path) -> None:
     path, told = tmp_path / "cam0.battery.json", list[str]()
-    charge = RememberedCharge(path, "cam0", 1.0, told.append)
+    charge = ChargeFile(path, "cam0", 1.0, told.append)
     charge.spend(3000)
     charge.keep()
     path.unlink()
@@ -97,7 +97,7 @@ def test_another_battery_begins_full(tmp_path: Path) -> None:
     path = tmp_path / "cam0.battery.json"
     save_charge(path, "cam0", 1.0, 5.0)
     assert load_charge(path, "cam0", 2.0) is None
-    assert RememberedCharge(path, "cam0", 2.0, pytest.fail).left_j == 2 * WH
+    assert ChargeFile(path, "cam0", 2.0, pytest.fail).left_j == 2 * WH
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_damaged_file_is_told_of_and_the_battery_taken_to_be_full(
     path.write_text(content)
     with pytest.raises(InputError):
         load_charge(path, "cam0", 1.0)
-    charge = RememberedCharge(path, "cam0", 1.0, told.append)
+    charge = ChargeFile(path, "cam0", 1.0, told.append)
     assert charge.left_j == WH and len(told) == 1 and "assuming a full battery" in told[0]
     charge.keep()
     assert json.loads(path.read_text())["left_j"] == WH
@@ -130,7 +130,7 @@ def test_damaged_file_is_told_of_and_the_battery_taken_to_be_full(
 def test_place_that_cannot_be_written_is_told_once(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     told: list[str] = []
-    charge = RememberedCharge(tmp_path / "file" / "b.json", "cam0", 1.0, told.append)
+    charge = ChargeFile(tmp_path / "file" / "b.json", "cam0", 1.0, told.append)
     for _ in range(3):
         charge.keep()
     assert len(told) == 1 and "cannot save the battery charge" in told[0]
@@ -138,19 +138,19 @@ def test_place_that_cannot_be_written_is_told_once(tmp_path: Path) -> None:
 
 def test_place_is_beside_the_camera_file_unless_it_says_where(tmp_path: Path) -> None:
     from e3pose.settings.camera_file import NodeTable
-    from e3pose.site.camera_program import remembered_charge
+    from e3pose.site.camera_program import open_charge_file
 
     node = NodeTable("e3pose-camera", 1, "lab", "cam0", "usb:0", battery_wh=1.0)
     config, told = tmp_path / "cam0.toml", list[str]()
     for state, place in ((None, "cam0.battery.json"), ("b.json", "b.json"), ("", None)):
-        charge = remembered_charge(replace(node, state=state, path=config), told.append)
+        charge = open_charge_file(replace(node, state=state, path=config), told.append)
         assert charge is not None
         charge.keep()
         assert [p.name for p in tmp_path.iterdir()] == ([] if place is None else [place])
         for file in tmp_path.iterdir():
             file.unlink()
     assert not told
-    charge = remembered_charge(node, told.append)
+    charge = open_charge_file(node, told.append)
     assert charge is not None and charge.left_j == WH and "--state" in told[0]
     mains = NodeTable("e3pose-camera", 1, "lab", "cam0", "usb:0")
-    assert remembered_charge(replace(mains, path=config), told.append) is None
+    assert open_charge_file(replace(mains, path=config), told.append) is None

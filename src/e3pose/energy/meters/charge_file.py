@@ -62,7 +62,7 @@ def save_charge(path: Path, camera_id: str, capacity_wh: float, left_j: float) -
         temporary.write_text(json.dumps(table, indent=1) + "\n")
 
 
-class RememberedCharge:
+class ChargeFile:
     """What is left in a battery without a gauge: never more than at the last look.
 
     A battery that was charged or changed is one that nobody here can see: whoever did it deletes

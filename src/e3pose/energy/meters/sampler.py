@@ -12,7 +12,7 @@ from typing import Any
 
 from e3pose.energy.meters.base import Meter, MeterError, Reading
 from e3pose.energy.meters.battery import Charge, read_charge
-from e3pose.energy.meters.charge_file import RememberedCharge
+from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.choose import ModelMeter, choose_meter
 from e3pose.energy.meters.temperature import read_temperature_c
 from e3pose.energy.profiles import DeviceProfile, Mode
@@ -73,7 +73,7 @@ class PowerSampler:
         root: Path = Path("/"),
         capacity_wh: float | None = None,
         clock_s: Callable[[], float] = time.monotonic,
-        remembered: RememberedCharge | None = None,
+        charge_file: ChargeFile | None = None,
     ) -> None:
         """Take a meter that never fails, such as that of `choose_meter`; starts with `with`.
 
@@ -84,11 +84,11 @@ class PowerSampler:
             capacity_wh: of the battery, for gauges that only know a percentage; where there is no
                 gauge it is taken to lose what is drawn.
             clock_s: seconds.
-            remembered: what is in a battery without a gauge; full at the start by default.
+            charge_file: what is in a battery without a gauge; full at the start by default.
         """
-        if remembered is None and capacity_wh is not None:
-            remembered = RememberedCharge(None, "", capacity_wh, lambda line: None)
-        self._remembered, self._keep_s = remembered, clock_s()
+        if charge_file is None and capacity_wh is not None:
+            charge_file = ChargeFile(None, "", capacity_wh, lambda line: None)
+        self._charge_file, self._keep_s = charge_file, clock_s()
         self.mode = mode
         self._meter, self._root, self._capacity_wh = meter, root, capacity_wh
         self._clock_s = clock_s
@@ -123,8 +123,8 @@ class PowerSampler:
             except MeterError:  # a meter without a model behind it
                 return self._total
             before_j, self._total = self._total.energy_j, add_reading(self._total, reading, time_s)
-            if self._remembered is not None:
-                self._remembered.spend(self._total.energy_j - before_j)
+            if self._charge_file is not None:
+                self._charge_file.spend(self._total.energy_j - before_j)
             if time_s - self._charge_s >= CHARGE_PERIOD_S:
                 self._charge_s = time_s
                 self._temperature_c = read_temperature_c(self._root)
@@ -146,8 +146,8 @@ class PowerSampler:
             charging_w = 0.0 if self._charge is None else self._charge.charging_w
             self._total = replace(self._total, measured=True)
             gauge = charge is not None
-            if charge is None and self._remembered is not None:
-                charge = self._remembered.left_j
+            if charge is None and self._charge_file is not None:
+                charge = self._charge_file.left_j
         return {
             "power_w": total.watts,
             "energy_j": total.energy_j,
@@ -166,15 +166,15 @@ class PowerSampler:
 
     def _keep(self) -> None:
         self._keep_s = self._clock_s()
-        if self._remembered is not None and self._charge is None:
-            self._remembered.keep()
+        if self._charge_file is not None and self._charge is None:
+            self._charge_file.keep()
 
 
 def open_sampler(
     profile: DeviceProfile,
     how: str = "auto",
     capacity_wh: float | None = None,
-    remembered: RememberedCharge | None = None,
+    charge_file: ChargeFile | None = None,
 ) -> PowerSampler:
     """Return what fills the power fields of a camera's heartbeats, to be used with `with`.
 
@@ -182,7 +182,7 @@ def open_sampler(
         profile: what the camera is taken to draw where nothing is measured.
         how: `auto` measures what can be, `model` nothing.
         capacity_wh: of the battery, for gauges that only know a percentage.
-        remembered: what is in a battery without a gauge; full at the start by default.
+        charge_file: what is in a battery without a gauge; full at the start by default.
 
     Raises:
         InputError: for another `how`.
@@ -194,4 +194,4 @@ def open_sampler(
         if how == "auto"
         else ModelMeter(profile, "as asked for")
     )
-    return PowerSampler(meter, capacity_wh=capacity_wh, remembered=remembered)
+    return PowerSampler(meter, capacity_wh=capacity_wh, charge_file=charge_file)
