@@ -53,6 +53,6 @@ def test_failing_source_is_told_once_and_its_return_once() -> None:
             time.sleep(0.02)
         assert told == ["source usb:0: found no /dev/video0"] == [node.problem]
         source.plugged.set()
-        while node.counted.captured < 3 and time.monotonic() < end_s:
+        while node.counts.captured < 3 and time.monotonic() < end_s:
             time.sleep(0.02)
     assert told[1:] == ["frames from the source again"] and node.problem == ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from e3pose.camera.live import Counted
+from e3pose.camera.live import CameraCounts
 from e3pose.quantities import plural
 from e3pose.site.summary import camera_summary, edge_summary
 from e3pose.wire.messages import CameraStatus, Status
@@ -45,18 +45,18 @@ def test_edge_that_did_nothing_says_why_and_measures_nothing() -> None:
 
 
 def test_camera_without_frames_says_why() -> None:
-    assert camera_summary("cam0", Counted(), 0, 0) == "cam0: no frames"
-    told = camera_summary("cam0", Counted(), 0, 0, "source usb:0: found no /dev/video0")
+    assert camera_summary("cam0", CameraCounts(), 0, 0) == "cam0: no frames"
+    told = camera_summary("cam0", CameraCounts(), 0, 0, "source usb:0: found no /dev/video0")
     assert told == "cam0: no frames: source usb:0: found no /dev/video0"
 
 
 @pytest.mark.parametrize(
     ("done", "orders", "late", "told"),
     [
-        (Counted(1, 1, 1), 4, 1, "cam0: 1 frame, 1 processed, 1 view sent, 1 late order"),
-        (Counted(9, 2, 2), 4, 0, "cam0: 9 frames, 2 processed, 2 views sent, 0 late orders"),
-        (Counted(9), 0, 0, "cam0: 9 frames, but no orders from the edge"),
+        (CameraCounts(1, 1, 1), 4, 1, "cam0: 1 frame, 1 processed, 1 view sent, 1 late order"),
+        (CameraCounts(9, 2, 2), 4, 0, "cam0: 9 frames, 2 processed, 2 views sent, 0 late orders"),
+        (CameraCounts(9), 0, 0, "cam0: 9 frames, but no orders from the edge"),
     ],
 )
-def test_camera_says_what_it_did(done: Counted, orders: int, late: int, told: str) -> None:
+def test_camera_says_what_it_did(done: CameraCounts, orders: int, late: int, told: str) -> None:
     assert camera_summary("cam0", done, orders, late) == told

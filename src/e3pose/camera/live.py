@@ -50,7 +50,7 @@ SOURCE_WAIT_NS = 100_000_000
 
 
 @dataclass(slots=True)
-class Counted:
+class CameraCounts:
     """What a camera counts."""
 
     captured: int = 0
@@ -101,7 +101,7 @@ class CameraNode:
         self.session = random.SystemRandom().randrange(1, 2**53)
         self.schedule = Schedule()
         self.offset = OffsetEstimate()
-        self.counted = Counted()
+        self.counts = CameraCounts()
         self.problem = ""
         self.edge_there = False
         self.mode: CameraMode = "power-saving"
@@ -176,11 +176,11 @@ class CameraNode:
             before = self.schedule
             self.schedule = take_order(before, order, now_ns)
             if self.schedule is not before and self.schedule.times is not None:
-                times, counted = self.schedule.times, self.counted
+                times, counts = self.schedule.times, self.counts
                 margin = times.begin_ns(order.slot) - now_ns
-                counted.margin_ns = min(margin, counted.margin_ns or margin)
+                counts.margin_ns = min(margin, counts.margin_ns or margin)
                 made_from = times.middle_ns(order.slot - order.lead)
-                counted.delay_ns = max(counted.delay_ns, now_ns - made_from)
+                counts.delay_ns = max(counts.delay_ns, now_ns - made_from)
         self._order.set()
 
     def _see_edge(self, topic: str, there: bool) -> None:
@@ -239,7 +239,7 @@ class CameraNode:
 
     def _take(self, frame: LiveFrame) -> None:
         """Hand a frame on if it stands for a slot in which to look."""
-        self.counted.captured += 1
+        self.counts.captured += 1
         self._image_size = frame.image_size
         schedule = self.schedule
         if schedule.times is None:
@@ -265,7 +265,7 @@ class CameraNode:
             if self.pictures is not None:
                 self.pictures.offer(image, seen.slot)
             done_ns = self.clock.now_ns()
-            self.counted.detected += 1
+            self.counts.detected += 1
             keypoints, scores = _as_sent(poses)
             self._views.put(
                 View(
@@ -287,7 +287,7 @@ class CameraNode:
         topic = topics.of_camera(self.settings.site, self.settings.camera_id, "view")
         while (view := self._views.take()) is not None:
             self.transport.publish(topic, encode(view))
-            self.counted.sent += 1
+            self.counts.sent += 1
 
     def _run_beat(self) -> None:
         site, camera_id = self.settings.site, self.settings.camera_id
@@ -311,9 +311,9 @@ class CameraNode:
 
     def _account(self, span_ns: int) -> None:
         if self.mode == "active":
-            self.counted.active_ns += span_ns
+            self.counts.active_ns += span_ns
         else:
-            self.counted.idle_ns += span_ns
+            self.counts.idle_ns += span_ns
 
     def _exchange(self) -> None:
         """Ask the edge for the time."""
@@ -351,18 +351,18 @@ class CameraNode:
         )
 
     def _heartbeat(self, ends: bool) -> Heartbeat:
-        counted, offset, schedule = self.counted, self.offset.offset, self.schedule
+        counts, offset, schedule = self.counts, self.offset.offset, self.schedule
         with self._lock:
-            margin_ns, counted.margin_ns = counted.margin_ns, None
-            delay_ns, counted.delay_ns = counted.delay_ns, 0
+            margin_ns, counts.margin_ns = counts.margin_ns, None
+            delay_ns, counts.delay_ns = counts.delay_ns, 0
         return Heartbeat(
             camera_id=self.settings.camera_id,
             session=self.session,
             sent_edge_ns=max(self.edge_ns(), 0),
             mode=self.mode,
-            captured=counted.captured,
-            detected=counted.detected,
-            sent=counted.sent,
+            captured=counts.captured,
+            detected=counts.detected,
+            sent=counts.sent,
             dropped=self._frames.dropped + self._views.dropped,
             late_orders=schedule.late,
             orders=schedule.orders,
@@ -370,8 +370,8 @@ class CameraNode:
             clock_offset_ns=self.edge_ns() - self.clock.now_ns(),
             clock_drift_ppm=offset.drift_ppm,
             clock_error_ns=offset.error_ns or 0,
-            active_s=counted.active_ns / 1e9,
-            idle_s=counted.idle_ns / 1e9,
+            active_s=counts.active_ns / 1e9,
+            idle_s=counts.idle_ns / 1e9,
             problem=_line(self.problem),
             order_delay_ns=max(delay_ns, 0),
             ends=ends,

@@ -177,7 +177,7 @@ def camera(
     made = opened.node
     print(
         camera_summary(
-            node.camera, made.counted, made.schedule.orders, made.schedule.late, made.problem
+            node.camera, made.counts, made.schedule.orders, made.schedule.late, made.problem
         )
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from e3pose.camera.live import Counted
+from e3pose.camera.live import CameraCounts
 from e3pose.quantities import plural
 from e3pose.wire.messages import CameraStatus, Status
 
@@ -26,7 +26,9 @@ def edge_summary(status: Status, slots: int, views: int) -> list[str]:
     return lines + [f"  {camera.camera_id}: {_camera(camera)}" for camera in status.cameras]
 
 
-def camera_summary(camera_id: str, done: Counted, orders: int, late: int, problem: str = "") -> str:
+def camera_summary(
+    camera_id: str, done: CameraCounts, orders: int, late: int, problem: str = ""
+) -> str:
     """Return what a camera did.
 
     Args:
