@@ -13,8 +13,8 @@ from e3pose.edge.overload import (
     HALF_RATE,
     HIGH,
     LONGEST_CALM_S,
+    ROUND_ROBIN,
     SETTLED_S,
-    TURNS,
     EveryOther,
     Load,
     after_slot,
@@ -51,24 +51,26 @@ def test_one_slow_slot_changes_nothing() -> None:
 
 
 def test_the_cheaper_choice_comes_first_and_is_kept_while_it_is_needed() -> None:
-    loads = run({FULL: 1.2 * INTERVAL_S, TURNS: 0.6 * INTERVAL_S}, 120)
+    loads = run({FULL: 1.2 * INTERVAL_S, ROUND_ROBIN: 0.6 * INTERVAL_S}, 120)
     levels = [load.level for load in loads]
-    assert levels[-1] == TURNS and levels.count(FULL) * INTERVAL_S < 2 * SETTLED_S
+    assert levels[-1] == ROUND_ROBIN and levels.count(FULL) * INTERVAL_S < 2 * SETTLED_S
 
 
 def test_where_that_is_not_enough_every_other_slot_goes() -> None:
-    slow = {FULL: 3 * INTERVAL_S, TURNS: 1.5 * INTERVAL_S, HALF_RATE: 0.7 * INTERVAL_S}
+    slow = {FULL: 3 * INTERVAL_S, ROUND_ROBIN: 1.5 * INTERVAL_S, HALF_RATE: 0.7 * INTERVAL_S}
     assert run(slow, 10)[-1].level == HALF_RATE
 
 
 def test_work_is_taken_up_again_once_there_is_room() -> None:
-    busy = run({FULL: 2 * INTERVAL_S, TURNS: 2 * INTERVAL_S, HALF_RATE: 0.7 * INTERVAL_S}, 10)[-1]
-    quick = dict.fromkeys((FULL, TURNS, HALF_RATE), 0.1 * INTERVAL_S)
+    busy = run(
+        {FULL: 2 * INTERVAL_S, ROUND_ROBIN: 2 * INTERVAL_S, HALF_RATE: 0.7 * INTERVAL_S}, 10
+    )[-1]
+    quick = dict.fromkeys((FULL, ROUND_ROBIN, HALF_RATE), 0.1 * INTERVAL_S)
     assert run(quick, 2 * CALM_S + 5, busy)[-1].level == FULL
 
 
 def test_it_does_not_flutter_where_less_load_is_due_to_leaving_out() -> None:
-    loads = run({FULL: 1.2 * INTERVAL_S, TURNS: 0.2 * INTERVAL_S}, 3600)
+    loads = run({FULL: 1.2 * INTERVAL_S, ROUND_ROBIN: 0.2 * INTERVAL_S}, 3600)
     changes = sum(a.level != b.level for a, b in pairwise(loads))
     assert loads[-1].wait_s == LONGEST_CALM_S
     assert changes < 30
@@ -78,7 +80,7 @@ def test_thinned_takes_turns_without_a_foresight() -> None:
     scene = simulate(SceneSettings("ring", people=1, seconds=1, cameras=4), seed=8)
     pipeline = make_pipeline(scene, ReplaySettings(num_selected=2))
     assert thinned(pipeline, Load()) is pipeline
-    cheap = thinned(pipeline, Load(level=TURNS, awake=2.0))
+    cheap = thinned(pipeline, Load(level=ROUND_ROBIN, awake=2.0))
     assert cheap.policy == RoundRobin(2.0, order=spread_order(scene.rig)) and not cheap.foresees
     rare = thinned(pipeline, Load(level=HALF_RATE, awake=1.0))
     state, online, woken = initial_state(rare), np.ones(4, dtype=bool), []

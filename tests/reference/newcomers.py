@@ -16,13 +16,13 @@ Flags = NDArray[np.bool_]
 def starts(entrants: Entrants, subsets: Flags) -> Floats:
     """See `Entrants.starts`."""
     total = np.zeros(len(subsets))
-    for shares, partners, weight in zip(
-        entrants.shares, entrants.partners, entrants.weights, strict=True
+    for shares, others, weight in zip(
+        entrants.shares, entrants.others, entrants.weights, strict=True
     ):
         seen = subsets * shares
         highest = np.sort(seen, axis=1)[:, -2:]
         together = highest.prod(axis=1) if subsets.shape[1] > 1 else 0.0
-        with_partner = (seen * partners).max(axis=1)
+        with_partner = (seen * others).max(axis=1)
         first = FIRST_LOOK * highest[:, -1]
         total += weight * np.maximum(np.maximum(together, with_partner), first)
     return total
@@ -41,7 +41,7 @@ def expected_entrants(
     if len(sources) == 0:
         return Entrants.nobody(len(rig))
     shares = np.maximum(overlap(rig), np.eye(len(rig)))[sources]
-    partners, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
+    others, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
     ages_s = [interval_s * (len(ordered) - ahead) for ahead in range(len(ordered))]
     for row, source in enumerate(sources):
         looks = [(float(age_s[source]), np.eye(len(rig))[source])]
@@ -53,9 +53,9 @@ def expected_entrants(
             recent = [other for earlier, other in looks[:index] if earlier - age <= wait_s]
             met = max(met, _pair(seen, np.max([seen, *recent], axis=0)))
             if age <= wait_s:
-                partners[row] = np.maximum(partners[row], _of_others(seen))
+                others[row] = np.maximum(others[row], _of_others(seen))
         weights[row] *= 1 - met
-    return Entrants(shares, partners, weights)
+    return Entrants(shares, others, weights)
 
 
 def _pair(first: Floats, second: Floats) -> float:

@@ -14,7 +14,7 @@ from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
-from e3pose.select.blind_places import INFORMATION_RATIO, with_coverage
+from e3pose.select.blind_places import INFORMATION_RATIO, discount_blind_cameras
 from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
@@ -45,7 +45,7 @@ def people(delivered: list[float], shows: list[float]) -> Outlook:
 
 
 def expected(delivered: list[float], shows: list[float]) -> NDArray[np.float64]:
-    return np.asarray(with_coverage(people(delivered, shows)).delivered[0])
+    return np.asarray(discount_blind_cameras(people(delivered, shows)).delivered[0])
 
 
 def test_plain_sight_changes_nothing_and_a_wall_leaves_nothing() -> None:

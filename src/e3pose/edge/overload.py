@@ -16,10 +16,10 @@ from e3pose.select.camera_order import spread_order
 from e3pose.select.policies.base import Policy, Selection, Situation
 from e3pose.select.policies.fixed import RoundRobin
 
-FULL, TURNS, HALF_RATE = 0, 1, 2
+FULL, ROUND_ROBIN, HALF_RATE = 0, 1, 2
 WORDS = {
     FULL: "normal operation",
-    TURNS: "cameras are selected by round robin",
+    ROUND_ROBIN: "cameras are selected by round robin",
     HALF_RATE: "round robin, in every second slot only",
 }
 AVERAGED_S = 1.0  # the load is a running mean over so long
@@ -36,7 +36,7 @@ class Load:
 
     Attributes:
         busy: computing time per slot as a share of the slot, a running mean.
-        level: what is left out: `FULL`, `TURNS` or `HALF_RATE`.
+        level: what is left out: `FULL`, `ROUND_ROBIN` or `HALF_RATE`.
         since_s: how long the level has been so.
         eased: whether the last change of the level was to leave out less.
         calm_s: how long the load has been low.
@@ -85,8 +85,8 @@ def thinned(pipeline: Pipeline, load: Load) -> Pipeline:
     """Return the pipeline without what is left out at present."""
     if load.level == FULL:
         return pipeline
-    turns = RoundRobin(load.awake, order=spread_order(pipeline.rig))
-    policy: Policy = turns if load.level == TURNS else EveryOther(turns)
+    rounds = RoundRobin(load.awake, order=spread_order(pipeline.rig))
+    policy: Policy = rounds if load.level == ROUND_ROBIN else EveryOther(rounds)
     return replace(pipeline, policy=policy, foresees=False)
 
 

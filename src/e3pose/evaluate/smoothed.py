@@ -43,7 +43,7 @@ def smooth_records(
         found = smooth_bodies(tree, posteriors)
     else:
         found = list(_lagging(tree, posteriors, lag_slots))
-    return [_amended(record, late) for record, late in zip(records, found, strict=True)]
+    return [_with_smoothed(record, late) for record, late in zip(records, found, strict=True)]
 
 
 def take_of_records(
@@ -108,7 +108,7 @@ def _lagging(tree: Tree, posteriors: Sequence[Posterior], lag_slots: int) -> Ite
     yield from smooth_bodies(tree, posteriors[max(0, len(posteriors) - lag_slots) :])
 
 
-def _amended(record: SlotRecord, late: Smoothed) -> SlotRecord:
+def _with_smoothed(record: SlotRecord, late: Smoothed) -> SlotRecord:
     joints_m, covariance_m2 = late.of(record.track_ids, record.poses, record.covariance_m2)
     poses = Poses3D(joints_m, record.poses.scores)
     return replace(record, poses=poses, covariance_m2=covariance_m2)

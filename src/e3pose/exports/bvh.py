@@ -19,7 +19,7 @@ from e3pose.model.take import Take
 
 Floats = NDArray[np.float64]
 
-TURNS = "Zrotation Xrotation Yrotation"
+CHANNELS = "Zrotation Xrotation Yrotation"
 
 
 def write_bvh(take: Take, dest: Path, settings: ExportSettings) -> str:
@@ -64,7 +64,7 @@ def _hierarchy(bones: Bones, node: int, scale: float, depth: int) -> list[str]:
     lines.append(f"{tab}\tOFFSET {offset}")
     if children:
         places = "6 Xposition Yposition Zposition" if node == 0 else "3"
-        lines.append(f"{tab}\tCHANNELS {places} {TURNS}")
+        lines.append(f"{tab}\tCHANNELS {places} {CHANNELS}")
     for child in children:
         lines += _hierarchy(bones, child, scale, depth + 1)
     return [*lines, f"{tab}}}"]

@@ -129,8 +129,8 @@ class _Scene:
         for node in range(len(bones.names)):
             told = bones.told[:, node]
             if told.any():
-                turns = quaternions(bones.rotations[told, node])
-                self._channel(base + node, "rotation", times_s[told], turns)
+                rotations = quaternions(bones.rotations[told, node])
+                self._channel(base + node, "rotation", times_s[told], rotations)
         # Hidden before, after and wherever nobody knows where the hips are.
         edges = np.flatnonzero(np.diff(there.astype(np.int8), prepend=0, append=0))
         keys = np.append(times_s, times_s[-1] + interval_s)[edges]
@@ -225,10 +225,10 @@ def quaternions(rotations: Floats) -> Floats:
     """
     from scipy.spatial.transform import Rotation
 
-    turns: Floats = Rotation.from_matrix(rotations).as_quat()
-    flips = np.sign((turns[1:] * turns[:-1]).sum(axis=1))
-    turns[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0))[:, None]
-    return turns
+    found: Floats = Rotation.from_matrix(rotations).as_quat()
+    flips = np.sign((found[1:] * found[:-1]).sum(axis=1))
+    found[1:] *= np.cumprod(np.where(flips < 0, -1.0, 1.0))[:, None]
+    return found
 
 
 def _binary(document: dict[str, Any], blob: bytes) -> bytes:

@@ -17,7 +17,7 @@ from e3pose.estimate.base import Outlook
 INFORMATION_RATIO = 100.0
 
 
-def with_coverage(outlook: Outlook) -> Outlook:
+def discount_blind_cameras(outlook: Outlook) -> Outlook:
     """Expect less of cameras that seldom showed somebody where people will be.
 
     A camera that shows somebody with probability p and otherwise nothing is worth p log(1 + W) nats

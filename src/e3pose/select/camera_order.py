@@ -11,7 +11,7 @@ from e3pose.geometry.camera import Rig
 
 Floats = NDArray[np.float64]
 
-MEMORY_TURNS = 4  # how many turns back a view still counts as recent
+RECENT_ROUNDS = 4  # how many rounds back a view still counts as recent
 
 
 def viewing_angles(rig: Rig) -> Floats:
@@ -61,5 +61,5 @@ def _strided(around: NDArray[np.int64], stride: int) -> NDArray[np.int64]:
 
 
 def _cost(likeness: Floats, order: NDArray[np.int64]) -> float:
-    lags = range(1, min(MEMORY_TURNS, len(order) - 1) + 1)
+    lags = range(1, min(RECENT_ROUNDS, len(order) - 1) + 1)
     return float(sum(likeness[order, np.roll(order, lag)].mean() / 3 ** (lag - 1) for lag in lags))

@@ -28,13 +28,13 @@ class Entrants:
     Attributes:
         shares: `(num_entrants, num_cameras)` in [0, 1]: how likely each camera sees the person, as
             far as it overlooks what the camera sees that found them.
-        partners: `(num_entrants, num_cameras)` in [0, 1]: how likely *another* camera than this one
+        others: `(num_entrants, num_cameras)` in [0, 1]: how likely *another* camera than this one
             sees the person at most `wait_s` before the slot.
         weights: `(num_entrants,)` people, less those whom ordered looks are expected to start.
     """
 
     shares: Floats
-    partners: Floats
+    others: Floats
     weights: Floats
 
     @classmethod
@@ -51,7 +51,7 @@ class Entrants:
         from e3pose.select.kernels.people import started
 
         people = np.empty(len(subsets))
-        started(self.shares, self.partners, self.weights, subsets, people)
+        started(self.shares, self.others, self.weights, subsets, people)
         return people
 
 
@@ -80,7 +80,7 @@ def expected_entrants(
     if len(sources) == 0:
         return Entrants.nobody(len(rig))
     shares = reach(rig)[sources]
-    partners, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
+    others, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
     ages_s = np.empty(1 + len(ordered))
     ages_s[1:] = interval_s * np.arange(len(ordered), 0, -1)
     seen = np.empty((1 + len(ordered), len(rig)))
@@ -88,8 +88,8 @@ def expected_entrants(
         ages_s[0] = age_s[source]
         seen[0], seen[1:] = 0.0, shares[row] * ordered
         seen[0, source] = 1.0
-        weights[row] *= 1 - pair_looks(seen, ages_s, wait_s, partners[row])
-    return Entrants(shares, partners, weights)
+        weights[row] *= 1 - pair_looks(seen, ages_s, wait_s, others[row])
+    return Entrants(shares, others, weights)
 
 
 @lru_cache(maxsize=8)

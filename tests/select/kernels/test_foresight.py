@@ -104,7 +104,7 @@ def test_entrants_are_those_of_numpy(seed: int) -> None:
         rng.random((seed % 5, len(RIG))) < 0.5,
     )  # fmt: skip
     found, expected = expected_entrants(*arguments), newcomers.expected_entrants(*arguments)
-    np.testing.assert_allclose(found.partners, expected.partners)
+    np.testing.assert_allclose(found.others, expected.others)
     np.testing.assert_allclose(found.weights, expected.weights)
     np.testing.assert_allclose(found.starts(subsets()), newcomers.starts(expected, subsets()))
 

@@ -43,11 +43,11 @@ def read(path: Path, tables: Mapping[str, Any]) -> Rig:
         camera = fields.table(entry, where)
         if camera.get("ignore", False) is True:
             continue
-        turns = camera.get("rotation_count", 0)
-        if turns != 0:
+        rotations = camera.get("rotation_count", 0)
+        if rotations != 0:
             raise InputError(
-                f"{where}: rotation_count: found {turns!r:.40}, expected 0; turn the video upright "
-                "and calibrate that"
+                f"{where}: rotation_count: found {rotations!r:.40}, expected 0; turn the video "
+                "upright and calibrate that"
             )
         number = camera.get("cam_id", camera.get("port", section.removeprefix("cam_")))
         name = fields.name_of(camera.get("name", f"cam_{fields.name_of(number)}"))

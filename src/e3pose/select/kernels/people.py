@@ -18,28 +18,28 @@ def pair_looks(
     seen: Floats,
     ages_s: Floats,
     wait_s: float,
-    partners: Floats,
+    others: Floats,
 ) -> float:
-    """Return how likely two of the `seen` looks start a person; fill `partners`.
+    """Return how likely two of the `seen` looks start a person; fill `others`.
 
     Args:
         seen: `(num_looks, num_cameras)` how likely each camera sees the person at each time.
         ages_s: `(num_looks,)` before the slot, falling.
         wait_s: how far apart two looks may be to make a pair.
-        partners: `(num_cameras,)` filled: how likely another camera sees the person at most
+        others: `(num_cameras,)` filled: how likely another camera sees the person at most
             `wait_s` before the slot.
     """
     num_looks, num_cameras = seen.shape
     met = 0.0
     for camera in range(num_cameras):
-        partners[camera] = 0.0
+        others[camera] = 0.0
     for look in range(num_looks):
         for first in range(num_cameras):
             for second in range(num_cameras):
                 if first == second:
                     continue
                 if ages_s[look] <= wait_s:
-                    partners[first] = max(partners[first], seen[look, second])
+                    others[first] = max(others[first], seen[look, second])
                 other = seen[look, second]
                 for earlier in range(look):
                     if ages_s[earlier] - ages_s[look] <= wait_s:
@@ -50,7 +50,7 @@ def pair_looks(
 
 @kernel
 def started(
-    shares: Floats, partners: Floats, weights: Floats, subsets: Flags, people: Floats
+    shares: Floats, others: Floats, weights: Floats, subsets: Flags, people: Floats
 ) -> None:
     """Fill `people` `(num_subsets,)`; other arguments are those of `newcomers.Entrants`."""
     for row in range(len(subsets)):
@@ -62,7 +62,7 @@ def started(
                     seen = shares[entrant, camera]
                     second = max(second, min(first, seen))
                     first = max(first, seen)
-                    paired = max(paired, seen * partners[entrant, camera])
+                    paired = max(paired, seen * others[entrant, camera])
             best = max(max(first * second, paired), FIRST_LOOK * first)
             people[row] += weights[entrant] * best
 
