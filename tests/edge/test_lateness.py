@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from e3pose.edge.lateness import TOLD_FAILURES, forgiven, oddities
+from e3pose.edge.lateness import REPORTED_FAILURES, forgiven, oddities
 from e3pose.edge.reports import changes
 from e3pose.pipeline import SlotState, initial_state
 from e3pose.select.failure_detector import Silence, listen
@@ -61,7 +61,7 @@ def test_camera_that_is_always_late_is_told_with_its_delay() -> None:
 
 def test_camera_that_is_there_but_sends_nothing_is_told() -> None:
     silence, slot, failures = Silence.none(3), 0, 0
-    while failures < TOLD_FAILURES:
+    while failures < REPORTED_FAILURES:
         assert oddities(silence, UNKNOWN_S, INTERVAL_S) == [""] * 3
         slot = max(slot + 1, int(silence.retry_slot[1]))
         silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)

@@ -295,8 +295,8 @@ class OpenCvSource:
             raise InputError(f"source {str(self.device)[:80]}: cannot be opened")
         if self.asked_fps:
             capture.set(cv2.CAP_PROP_FPS, self.asked_fps)
-        told = capture.get(cv2.CAP_PROP_FPS)
-        self.fps = told if 0 < told < 1000 else self.asked_fps or FALLBACK_RATE
+        rate_hz = capture.get(cv2.CAP_PROP_FPS)
+        self.fps = rate_hz if 0 < rate_hz < 1000 else self.asked_fps or FALLBACK_RATE
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # old frames are of no use
         self._capture = capture
 

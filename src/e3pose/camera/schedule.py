@@ -70,7 +70,7 @@ def take_order(schedule: Schedule, order: Order, now_edge_ns: int) -> Schedule:
         schedule,
         session=order.session,
         times=times,
-        active={slot: told for slot, told in active.items() if slot >= here - KEPT_SLOTS},
+        active={slot: look for slot, look in active.items() if slot >= here - KEPT_SLOTS},
         idle_mode=order.idle_mode,
         orders=schedule.orders + 1,
         late=schedule.late + late,

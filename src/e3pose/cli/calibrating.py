@@ -74,7 +74,7 @@ def noise(
     check_outputs(recording, {"--out": out, "--plot": plot})
     source = load_placed(recording)
     shipped = load_noise_file(detector_of(source))
-    with stage_progress() as (bar, told):
+    with stage_progress() as (bar, progress):
         calibrated = calibrate_noise(
             source,
             seconds=seconds,
@@ -84,7 +84,7 @@ def noise(
                 description="tracking people",
                 total=min(source.num_slots, round(seconds * source.fps)),
             ),
-            told=told,
+            progress=progress,
         )
     file = as_file(
         calibrated, source.rig, detector or shipped.detector, f"{source.name}: {source.source}"

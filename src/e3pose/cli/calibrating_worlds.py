@@ -173,8 +173,8 @@ def check(
         own = [rig.index(name) for name in loaded.rig.camera_ids]
         loaded = replace(loaded, rig=rig.subset(own))
     check_world(loaded.rig, calibration or recording, calibration or recording / "calibration.toml")
-    with stage_progress() as (_, told):
-        found = judge(loaded, load_noise(noise or detector_of(loaded)), told)
+    with stage_progress() as (_, progress):
+        found = judge(loaded, load_noise(noise or detector_of(loaded)), progress)
     if picture is not None:
         draw_error(picture, found.room, loaded.rig)
     if json_output:

@@ -141,8 +141,8 @@ def _show(findings: Sequence[Finding]) -> None:
         )
     Console().print(shown)
     count = {level: sum(finding.level == level for finding in findings) for level in STYLES}
-    told = f"{plural(count['problem'], 'problem')}, {plural(count['warning'], 'warning')}"
+    summary = f"{plural(count['problem'], 'problem')}, {plural(count['warning'], 'warning')}"
     if count["problem"]:
-        print(f"e3pose: Not ready: {told}", file=sys.stderr)
+        print(f"e3pose: Not ready: {summary}", file=sys.stderr)
         sys.exit(1)
-    print(f"Ready: {told}")
+    print(f"Ready: {summary}")

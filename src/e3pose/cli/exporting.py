@@ -130,8 +130,8 @@ def export(
         before, take = take, resampled(take, fps)
         if take is not before:
             print(f"resampled from {before.fps:g} to {take.fps:g} frames per second, linearly")
-    for path, told in write(take, dest, form, ExportSettings(units, angles, rig, progress)):
-        wrote(path, told)
+    for path, note in write(take, dest, form, ExportSettings(units, angles, rig, progress)):
+        wrote(path, note)
     _tell_filled(take)
 
 

@@ -172,7 +172,7 @@ def _run(
     from e3pose.learn.online.rehearse import rehearse
 
     logging.getLogger("e3pose.learn.online").addHandler(logging.NullHandler())  # events are printed
-    told = 0
+    shown = 0
     predictor: Predictor | None = trainer.poll()
     for source in sources:
         began = time.monotonic()
@@ -193,9 +193,9 @@ def _run(
                 time.sleep(PAUSE_S)
                 trainer.attend()
             predictor = trainer.poll() or predictor
-        for event in trainer.events[told:]:
+        for event in trainer.events[shown:]:
             print(f"  {event}")
-        told = len(trainer.events)
+        shown = len(trainer.events)
 
 
 def _summary(source: Recording, slots: list[Rehearsed]) -> str:

@@ -135,8 +135,8 @@ def bench(
         {"network": [Path(c.name).name for c in costs]}, columns, console.width
     ):
         console.print(table)
-    told = "measured: " if costs[0].energy_j is not None else "no joules: "
-    console.print(told + costs[0].how, highlight=False)
+    label = "measured: " if costs[0].energy_j is not None else "no joules: "
+    console.print(label + costs[0].how, highlight=False)
 
 
 @contextmanager

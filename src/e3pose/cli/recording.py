@@ -78,13 +78,13 @@ def record(
     console = Console()
     transport = join_as_edge(*edge_link(table))
     make_folder(folder)
-    told_s = time.monotonic()
+    shown_s = time.monotonic()
     with RecordServer(_plan(table, dest, for_s), transport, WallClock()) as server:
 
         def stopped() -> bool:
-            nonlocal told_s
-            if time.monotonic() - told_s > LOOK_S:
-                told_s = time.monotonic()
+            nonlocal shown_s
+            if time.monotonic() - shown_s > LOOK_S:
+                shown_s = time.monotonic()
                 console.print(_progress(server), highlight=False, soft_wrap=True)
             for program in programs:
                 if program.restarts >= MOST_RESTARTS:

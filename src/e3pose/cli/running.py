@@ -160,17 +160,17 @@ def camera(
         "battery_wh": battery_wh, "meter": meter, "profile": profile, "state": state,
         "insecure": insecure, "pictures": pictures,
     }  # fmt: skip
-    told = {key: value for key, value in given.items() if value is not None}
+    options = {key: value for key, value in given.items() if value is not None}
     if config is None:
         for option, key in (("--site", "site"), ("--name", "camera"), ("--source", "source")):
-            if key not in told:
+            if key not in options:
                 raise InputError("", MISSING, f"{option}, or a camera file")
     names = {} if config is None else {key: f"{config}: {key}" for key in given}
-    names |= {key: f"--{key.replace('_', '-')}" for key in told}
-    if "camera" in told:
+    names |= {key: f"--{key.replace('_', '-')}" for key in options}
+    if "camera" in options:
         names["camera"] = "--name"
     with as_typed(names):
-        node = load_node(config, told)
+        node = load_node(config, options)
         log = open_log("camera", json_logs, site=node.site, camera=node.camera)
         opened = open_camera(node, log)
     opened.run()

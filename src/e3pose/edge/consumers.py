@@ -135,21 +135,21 @@ class Consumers:
             Other budgets and a better predictor, where there are any; kind, line and camera of
             what a person should know.
         """
-        told: list[tuple[str, str, str | None]] = []
+        events: list[tuple[str, str, str | None]] = []
         if self.controls is not None:
             pipeline, lines = self.controls.applied(pipeline)
-            told += [("control", line, None) for line in lines]
+            events += [("control", line, None) for line in lines]
         if self.ledger is not None:
             pipeline, news = self.ledger.reckoned(pipeline)
-            told += [("energy", line, camera_id) for camera_id, line in news]
+            events += [("energy", line, camera_id) for camera_id, line in news]
         if self.learner is not None:
             self.learner.collect(record)
             better = self.learner.poll()
             if better is not None:
                 pipeline = pipeline.with_predictor(better)
                 line = "a better predictor was learned and is used from now on"
-                told.append(("predictor", line, None))
-        return pipeline, told
+                events.append(("predictor", line, None))
+        return pipeline, events
 
 
 NOBODY = Consumers()

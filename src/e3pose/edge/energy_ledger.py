@@ -57,7 +57,7 @@ class EnergyLedger:
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
         self._lock = threading.Lock()
         self._reckoning = self._reckon()
-        self._told: Reckoning | None = None
+        self._last: Reckoning | None = None
         self._reckoned_ns: int | None = None  # nobody has asked yet
 
     def take(self, beat: Heartbeat) -> None:
@@ -107,20 +107,20 @@ class EnergyLedger:
         reckoning, new = self.reckoning()
         if not new:
             return pipeline, []
-        told, self._told = self._told, reckoning
+        last, self._last = self._last, reckoning
         changed = replace(pipeline, budget=reckoning.budget, cost_j=reckoning.cost_j)
         if pipeline.waking is not None:
             changed = replace(changed, policy=pipeline.waking(reckoning.num_selected))
-        return changed, self._news(told, reckoning)
+        return changed, self._news(last, reckoning)
 
-    def _news(self, told: Reckoning | None, now: Reckoning) -> list[tuple[str | None, str]]:
+    def _news(self, last: Reckoning | None, now: Reckoning) -> list[tuple[str | None, str]]:
         news: list[tuple[str | None, str]] = []
         for index, camera_id in enumerate(self._index):
             cost = now.slots[index]
-            if cost.measured != (told is not None and told.slots[index].measured):
+            if cost.measured != (last is not None and last.slots[index].measured):
                 costs = f"{cost.active_j:.3g} J per active slot, {cost.idle_j:.3g} J per idle slot"
                 news.append((camera_id, f"{camera_id}: {costs} ({cost.why})"))
-            if now.starved[index] and not (told is not None and told.starved[index]):
+            if now.starved[index] and not (last is not None and last.starved[index]):
                 news.append(
                     (
                         camera_id,
@@ -128,7 +128,7 @@ class EnergyLedger:
                         f"{cost.idle_j / self._interval_s:.3g} W, selected almost never",
                     )
                 )
-        before = self._num_selected if told is None else told.num_selected
+        before = self._num_selected if last is None else last.num_selected
         asked = self._num_selected
         if (now.num_selected < asked) != (before < asked):
             news.append(

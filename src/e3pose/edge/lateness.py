@@ -12,7 +12,7 @@ from e3pose.select.failure_detector import Silence, forgive, patience
 
 # A camera without a view is told of when it was given up so often in a row, which takes 3 s: one
 # that is not there at all is known to be away by then.
-TOLD_FAILURES = 3
+REPORTED_FAILURES = 3
 LONG_S = 60.0  # a view that claims to be older has a wrong clock
 
 
@@ -51,4 +51,4 @@ def oddities(silence: Silence, late_by_s: NDArray[np.float64], interval_s: float
 def _oddity(failures: int, alive: bool, age_s: float) -> str:
     if failures and alive and age_s < LONG_S:
         return f"views arrive too late, {age_s * 1e3:.0f} ms after capture"
-    return "no views arrive in time" if failures >= TOLD_FAILURES else ""
+    return "no views arrive in time" if failures >= REPORTED_FAILURES else ""

@@ -45,7 +45,7 @@ class Publisher:
         lag = lag_slots(settings.smooth_delay_s, interval_s)
         self._delayed = DelayedPoses(settings.joints, lag) if settings.smooth_delay_s else None
         self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
-        self._told: tuple[int, int, People] | None = None  # the newest slot, its time and people
+        self._newest: tuple[int, int, People] | None = None  # the newest slot, its time and people
 
     def tell(
         self,
@@ -64,7 +64,7 @@ class Publisher:
             came_ns: camera to when its view came, of those selected.
             selected: `(num_cameras,)` who was to look.
         """
-        self._told = slot, time_ns, people
+        self._newest = slot, time_ns, people
         self._last_in_ns = {slot: max(*came_ns.values(), time_ns)} if came_ns else {}
         now_ns = self._clock.now_ns()
         message = poses_message(
@@ -80,13 +80,13 @@ class Publisher:
 
     def tell_again(self, busy: bool) -> int:
         """Publish an earlier slot, smoothed, unless there is too much to do; return the time."""
-        if self._delayed is None or self._told is None:
+        if self._delayed is None or self._newest is None:
             return 0
         if busy:
             self._delayed.forget()
             return 0
         begun_ns = self._clock.now_ns()
-        late = self._delayed.push(*self._told, self._clock.now_ns)
+        late = self._delayed.push(*self._newest, self._clock.now_ns)
         if late is not None:
             self._outbox.put(self._delayed_topic, encode(late), late.slot)
         return self._clock.now_ns() - begun_ns

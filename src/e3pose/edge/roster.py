@@ -36,7 +36,7 @@ class CameraLife:
         wrong: when messages came that made no sense, newest last.
         quarantined_until_ns: until when it is left out because of those.
         fault: what was wrong with the newest of them.
-        told: messages of this second, for `flooding`.
+        messages: messages of this second, for `flooding`.
         second: which second that is.
         frame_ns: when its count of frames last grew.
         restarts: how often its program was started anew.
@@ -53,7 +53,7 @@ class CameraLife:
     wrong: tuple[int, ...] = ()
     quarantined_until_ns: int = 0
     fault: str = ""
-    told: int = 0
+    messages: int = 0
     second: int = 0
     frame_ns: int = 0
     restarts: int = 0
@@ -114,13 +114,13 @@ def rivals(life: CameraLife, now_ns: int) -> tuple[int, ...]:
 def hear(life: CameraLife, now_ns: int) -> CameraLife:
     """Return the life of a camera from which anything came."""
     second = now_ns // 10**9
-    told = life.told + 1 if second == life.second else 1
-    return replace(life, present=True, heard_ns=now_ns, told=told, second=second)
+    messages = life.messages + 1 if second == life.second else 1
+    return replace(life, present=True, heard_ns=now_ns, messages=messages, second=second)
 
 
 def flooding(life: CameraLife, fps: float) -> bool:
     """Return whether a camera says far more this second than it has to say."""
-    return life.told > FLOOD_RATE * (fps + 10)
+    return life.messages > FLOOD_RATE * (fps + 10)
 
 
 def take_wrong(life: CameraLife, fault: str, now_ns: int) -> CameraLife:

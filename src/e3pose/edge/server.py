@@ -270,7 +270,7 @@ class EdgeServer:
         deadline_ns = self._deadline_ns(times, slot)
         while not self.crew.stopping.is_set():
             now_ns = self.clock.now_ns()
-            wanted = self._told(times, slot) & self.inbox.online()
+            wanted = self._ordered(times, slot) & self.inbox.online()
             until_ns = deadline_ns if self.gather.waits_for(wanted) else times.middle_ns(slot)
             if now_ns >= min(until_ns, deadline_ns):
                 return True
@@ -281,21 +281,21 @@ class EdgeServer:
         begun_ns = self.clock.now_ns()
         self.counts.first_ns = self.counts.first_ns or begun_ns
         online = self.inbox.online()
-        told = self._told(times, slot)
-        wanted = told & online
+        ordered = self._ordered(times, slot)
+        wanted = ordered & online
         late, orders_late = self.gather.late.copy(), self.inbox.orders_late()
         interval_s = self.pipeline.interval_s
         state = forgiven(self.state, late > self._late, orders_late, interval_s)
         self._late = late
-        state = replace(state, selections=np.concatenate([told[None], state.selections[1:]]))
+        state = replace(state, selections=np.concatenate([ordered[None], state.selections[1:]]))
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
         # A camera that is not believed to be there but delivered all the same was there.
         online = online | np.isin(np.arange(len(online)), list(views))
-        used = {camera: a.arrived_ns for camera, a in arrivals.items() if told[camera]}
+        used = {camera: a.arrived_ns for camera, a in arrivals.items() if ordered[camera]}
         time_ns = times.middle_ns(slot)
 
         def publish(people: People) -> None:
-            self.publisher.tell(slot, time_ns, people, used, told & online)
+            self.publisher.tell(slot, time_ns, people, used, ordered & online)
 
         self.state, record = step(thinned(self.pipeline, self.load), state, views, online, publish)
         took_ns = self.clock.now_ns() - begun_ns
@@ -316,7 +316,7 @@ class EdgeServer:
         self._cope(took_ns / 1e9, record)
         self._quiet.set()
 
-    def _told(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
+    def _ordered(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: who was selected for a slot and can have known of it."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 

@@ -67,9 +67,9 @@ def _matched(record: SlotRecord, truth_m: Floats) -> tuple[Floats, Floats, Float
     persons, actors = persons[right], actors[right]
     actual = np.linalg.norm(joints_m[persons] - truth_m[actors], axis=-1)
     covariance = record.covariance_m2[persons]
-    told = np.isfinite(actual) & np.isfinite(covariance).all(axis=(-1, -2))
-    spread = covariance[told]
-    return expected_distance_m(spread), distance_within_m(spread, BAND), actual[told]
+    known = np.isfinite(actual) & np.isfinite(covariance).all(axis=(-1, -2))
+    spread = covariance[known]
+    return expected_distance_m(spread), distance_within_m(spread, BAND), actual[known]
 
 
 def _joints(covariance_m2: Floats) -> Floats:

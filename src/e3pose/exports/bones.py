@@ -60,8 +60,8 @@ class Bones:
         root_m: `(num_frames, 3)` where the root is; NaN where it is missing.
         rotations: `(num_frames, num_nodes, 3, 3)` of each node beside its parent; where nothing
             tells it, that of the frame before (of the first one that is known, at the start).
-        told: `(num_frames, num_nodes)` whether the frame tells a node's rotation; nodes at the ends
-            of limbs have none.
+        measured: `(num_frames, num_nodes)` whether the frame shows a node's rotation; nodes at the
+            ends of limbs have none.
     """
 
     names: tuple[str, ...]
@@ -69,7 +69,7 @@ class Bones:
     offsets_m: Floats
     root_m: Floats
     rotations: Floats
-    told: Flags
+    measured: Flags
 
     def children(self, node: int) -> list[int]:
         """Return the nodes that hang on a node."""
@@ -105,8 +105,8 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
     parents = np.array([names.index(p) if p else -1 for p, _ in nodes.values()], dtype=np.int64)
     offsets = np.stack([offset for _, offset in nodes.values()])
     joints = np.stack([places[HINGES.get(name, name)] for name in names], axis=1)
-    rotations, told = _turned(names, joints, parents, offsets)
-    return Bones(tuple(names), parents, offsets, joints[:, 0], rotations, told)
+    rotations, measured = _turned(names, joints, parents, offsets)
+    return Bones(tuple(names), parents, offsets, joints[:, 0], rotations, measured)
 
 
 def held(values: Floats, known: Flags) -> Floats:
@@ -140,7 +140,7 @@ def _turned(
     upright = np.tile(np.eye(3), (num_frames, 1, 1))
     local = np.tile(np.eye(3), (num_frames, num_nodes, 1, 1))
     world, ends = local.copy(), np.zeros_like(joints)
-    told = np.zeros((num_frames, num_nodes), dtype=bool)
+    measured = np.zeros((num_frames, num_nodes), dtype=bool)
     for node, parent in enumerate(parents.tolist()):
         above = upright if parent < 0 else world[:, parent]
         if parent < 0:
@@ -150,14 +150,14 @@ def _turned(
         asked = [names.index(n) for n in FITTED.get(names[node], ()) if n in names]
         asked = asked if len(asked) == 3 else np.flatnonzero(parents == node).tolist()
         if asked:
-            told[:, node] = known[:, asked].all(axis=1) & known[:, 0]
+            measured[:, node] = known[:, asked].all(axis=1) & known[:, 0]
             still = rest[asked] - rest[node]
             wanted = joints[:, asked] - ends[:, node, None]
-            fitted = _fit(above, still, np.where(told[:, node, None, None], wanted, still))
-            if told[:, node].any():
-                local[:, node] = held(np.swapaxes(above, 1, 2) @ fitted, told[:, node])
+            fitted = _fit(above, still, np.where(measured[:, node, None, None], wanted, still))
+            if measured[:, node].any():
+                local[:, node] = held(np.swapaxes(above, 1, 2) @ fitted, measured[:, node])
         world[:, node] = above @ local[:, node]
-    return local, told
+    return local, measured
 
 
 def _fit(above: Floats, rest: Floats, wanted: Floats) -> Floats:
@@ -215,6 +215,6 @@ def count_held(bones: Sequence[Bones]) -> tuple[int, int]:
     some, frames = 0, 0
     for one in bones:
         turning = [node for node in range(len(one.names)) if one.children(node)]
-        some += int((~one.told[:, turning].all(axis=1)).sum())
-        frames += len(one.told)
+        some += int((~one.measured[:, turning].all(axis=1)).sum())
+        frames += len(one.measured)
     return some, frames

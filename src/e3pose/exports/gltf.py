@@ -127,10 +127,10 @@ class _Scene:
         there = present(bones.root_m)
         self._channel(base, "translation", times_s[there], bones.root_m[there])
         for node in range(len(bones.names)):
-            told = bones.told[:, node]
-            if told.any():
-                rotations = quaternions(bones.rotations[told, node])
-                self._channel(base + node, "rotation", times_s[told], rotations)
+            measured = bones.measured[:, node]
+            if measured.any():
+                rotations = quaternions(bones.rotations[measured, node])
+                self._channel(base + node, "rotation", times_s[measured], rotations)
         # Hidden before, after and wherever nobody knows where the hips are.
         edges = np.flatnonzero(np.diff(there.astype(np.int8), prepend=0, append=0))
         keys = np.append(times_s, times_s[-1] + interval_s)[edges]

@@ -44,7 +44,7 @@ def atomic_file(path: Path, private: bool = False) -> Iterator[Path]:
         os.replace(temporary, path)
         _sync(path.parent)
     except OSError as error:
-        raise _told(path, error) from None
+        raise _with_advice(path, error) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -91,7 +91,7 @@ def atomic_folder(
             _replace(temporary, path)
             _sync(path.parent)
         except OSError as error:
-            raise _told(path, error) from None
+            raise _with_advice(path, error) from None
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
 
@@ -199,7 +199,7 @@ def _unwritable(path: Path, error: OSError) -> InputError:
     return InputError(f"{path}: cannot be written: {reason}")
 
 
-def _told(path: Path, error: OSError) -> OSError | InputError:
+def _with_advice(path: Path, error: OSError) -> OSError | InputError:
     """Name the destination in an error that names no file, such as that of a full disk."""
     return _unwritable(path, error) if error.filename is None else error
 

@@ -80,17 +80,17 @@ class EdgeWatch:
     alone_s: float = ALONE_S
     _there: bool = False
     _since_s: float | None = None
-    _told: bool = False
+    _reported: bool = False
 
     def look(self, there: bool, now_s: float) -> None:
         """Tell of a change since the last look, and once of an edge that does not come."""
         if self._since_s is None:
             self._since_s = now_s
         if there != self._there:
-            self._there, self._told = there, True
+            self._there, self._reported = there, True
             self.tell("edge connected" if there else "edge disconnected, reconnecting")
-        elif not (there or self._told) and now_s - self._since_s >= self.alone_s:
-            self._told = True
+        elif not (there or self._reported) and now_s - self._since_s >= self.alone_s:
+            self._reported = True
             self.tell(f"no answer from the edge at {self.endpoint}, still trying")
 
 

@@ -39,7 +39,7 @@ class SiteControls:
         self._own: dict[str, Budget] = {}  # camera to the budget that an operator gave it
         self._paused: frozenset[str] = frozenset()
         self._chosen: Chosen | None = None  # to be used from the next slot on
-        self._told: list[str] = []
+        self._reported: list[str] = []
         self._lock = threading.Lock()
 
     @property
@@ -65,19 +65,19 @@ class SiteControls:
             said = self._of_camera(control) if control.camera_id else self._of_loop(control)
             if not said:
                 raise InputError("control", "nothing to change", "one setting at least")
-            self._told.append(said)
+            self._reported.append(said)
         return said
 
     def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
         """See `edge.consumers.Controls`."""
-        if not self._told:  # nearly always
+        if not self._reported:  # nearly always
             return pipeline, []
         with self._lock:
-            told, self._told = self._told, []
+            lines, self._reported = self._reported, []
             chosen, self._chosen = self._chosen, None
         if chosen is not None:
             pipeline = replace(pipeline, policy=chosen[0], waking=chosen[1])
-        return pipeline, told
+        return pipeline, lines
 
     def _of_loop(self, control: Control) -> str:
         if control.paused is not None or control.budget:

@@ -50,12 +50,12 @@ def run_until_stopped(running: Callable[[], bool], every_s: float = 0.2) -> str:
         every_s: how often to look.
     """
     stop = threading.Event()
-    told: list[tuple[str, float]] = []
+    signals: list[tuple[str, float]] = []
 
     def end(number: int, _frame: Any) -> None:
-        told.append((signal.Signals(number).name, time.monotonic()))
+        signals.append((signal.Signals(number).name, time.monotonic()))
         stop.set()
-        if told[-1][1] - told[0][1] > SAME_S:
+        if signals[-1][1] - signals[0][1] > SAME_S:
             os._exit(128 + number)
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
@@ -63,7 +63,7 @@ def run_until_stopped(running: Callable[[], bool], every_s: float = 0.2) -> str:
         while running() and not stop.wait(every_s):
             pass
     finally:
-        if not told:  # else it ends, and an exception from a second signal would leave threads
+        if not signals:  # else it ends, and an exception from a second signal would leave threads
             for number, handler in before.items():
                 signal.signal(number, handler)
-    return told[0][0] if told else "ended"
+    return signals[0][0] if signals else "ended"

@@ -51,7 +51,7 @@ class Stay:
 
     since_ns: int
     seen_ns: int
-    told: bool = False
+    dwelt: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ def _advance_one(
         elif track in now and is_near:
             stay = now[track]
             due = slot.time_ns - stay.since_ns >= table.dwell_s * 1e9
-            now[track] = Stay(stay.since_ns, slot.time_ns, stay.told or due)
-            if due and not stay.told:
+            now[track] = Stay(stay.since_ns, slot.time_ns, stay.dwelt or due)
+            if due and not stay.dwelt:
                 tell("dwell", track, stay.since_ns)
     return now, events

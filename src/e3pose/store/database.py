@@ -44,9 +44,9 @@ def database_path(url: str) -> Path | None:
     try:
         parts = make_url(url)
     except (ArgumentError, ValueError):  # the second for a port that is no number
-        told = re.sub(r"//[^@/]*@", "//***@", url)[:200]  # not the password
+        shown = re.sub(r"//[^@/]*@", "//***@", url)[:200]  # not the password
         raise InputError(
-            f"{told}: expected a path or the URL of a database, KIND://USER@HOST:PORT/NAME"
+            f"{shown}: expected a path or the URL of a database, KIND://USER@HOST:PORT/NAME"
         ) from None
     if parts.get_backend_name() != "sqlite":
         return None
@@ -146,17 +146,17 @@ def open_checked(url: str) -> str | None:
     """
     check_place(url)
     path = database_path(url)
-    told = None
+    damage = None
     if path is not None and _is_other_file(path):
-        told = set_aside(path, "its first bytes are not those of a database")
+        damage = set_aside(path, "its first bytes are not those of a database")
     try:
         _prepare(url, path)
     except REFUSALS as error:
         if path is None or not is_damage(error):
             raise
-        told = set_aside(path, reason_of(error))
+        damage = set_aside(path, reason_of(error))
         _prepare(url, path)
-    return told
+    return damage
 
 
 def set_aside(path: Path, reason: str) -> str:

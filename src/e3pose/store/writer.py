@@ -139,7 +139,7 @@ class StoreWriter:
         self._items: deque[_Item] = deque()
         self._wake = threading.Event()
         self._stop = threading.Event()
-        self._shed = self._told_shed = self._events = self._corrupt = 0
+        self._shed = self._reported_shed = self._events = self._corrupt = 0
         self._acknowledged = NO_SLOT
         self._trouble: str | None = None
         self._next_try_s = 0.0
@@ -272,12 +272,12 @@ class StoreWriter:
                 newest = max(newest, item.record.slot)
             rows += self._encode(item)
             time.sleep(0)  # lets the loop have the interpreter in the middle of a batch
-        if self._shed + self._spool.lost_rows > self._told_shed:
+        if self._shed + self._spool.lost_rows > self._reported_shed:
             count = self._shed + self._spool.lost_rows
             self._say(
-                "store-shed", f"{plural(count - self._told_shed, 'record')} dropped: spool full"
+                "store-shed", f"{plural(count - self._reported_shed, 'record')} dropped: spool full"
             )
-            self._told_shed = count
+            self._reported_shed = count
         notes, self._notes = self._notes, []
         for note in notes:
             rows += self._encode(note)
@@ -347,9 +347,9 @@ class StoreWriter:
             self._say(kind, f"the store is not writable ({reason}): spooling to a {where}")
 
     def _open(self) -> None:
-        told = open_checked(self._url)
-        if told:
-            self._say_corrupt(told)
+        corrupt = open_checked(self._url)
+        if corrupt:
+            self._say_corrupt(corrupt)
         self._delivery.opened = True
 
     def _keep_house(self) -> None:
@@ -357,8 +357,8 @@ class StoreWriter:
         if self._trouble is not None:
             return
         try:
-            for told in self._delivery.adopt():
-                self._say("store-adopted", told)
+            for adopted in self._delivery.adopt():
+                self._say("store-adopted", adopted)
             self._delivery.trim(self.settings.retention, self._wall_ns())
             if self._watch is not None and (wrong := self._watch.look()):
                 raise damage(wrong)

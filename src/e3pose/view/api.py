@@ -198,8 +198,8 @@ def _asked(ask: Callable[[], T]) -> T:
         return ask()
     except InputError as error:
         # Where the store lies on this machine is nobody's business.
-        told = InputError(error.sentence or error.thing, error.found, error.expected)
-        raise HTTPException(422, str(told)) from None
+        fault = InputError(error.sentence or error.thing, error.found, error.expected)
+        raise HTTPException(422, str(fault)) from None
 
 
 def _time(words: str | None) -> str | int | None:

@@ -102,15 +102,15 @@ def _forward(
 def _taken_in(expected: Expected, place_m: Floats, sigma_m: Floats) -> tuple[Floats, Floats]:
     """Return what was known after a slot, from what it answered; nothing new where it is NaN."""
     before = expected.covariance[:, 0, 0]
-    told: Flags = np.asarray(np.isfinite(place_m).all(axis=-1))
+    measured: Flags = np.asarray(np.isfinite(place_m).all(axis=-1))
     stated = np.isfinite(sigma_m)
     measurement = before * UNKNOWN_SIGMA_M**2 / (before + UNKNOWN_SIGMA_M**2)
     after = np.where(stated, np.where(stated, sigma_m, 1.0) ** 2, measurement)
     share = 1 - np.clip(after / before, 0.0, 1 - LEAST_NEWS)  # what the slot told: k above
-    share = np.where(told, share, 0.0)
+    share = np.where(measured, share, 0.0)
     column = expected.covariance[:, :, 0] / before[:, None]  # (1, c- / p-)
-    gone = np.where(told[:, None], place_m - expected.mean[:, 0], 0.0)
-    gone *= np.where(told & ~stated, share, 1.0)[:, None]  # a measurement is not yet the answer
+    gone = np.where(measured[:, None], place_m - expected.mean[:, 0], 0.0)
+    gone *= np.where(measured & ~stated, share, 1.0)[:, None]  # a measurement is not yet the answer
     mean = expected.mean + column[:, :, None] * gone[:, None]
     less = (share * before)[:, None, None] * column[:, :, None] * column[:, None, :]
     return mean, expected.covariance - less

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Replayed = Callable[[Iterable["SlotRecord"]], Iterable["SlotRecord"]]
-Told = Callable[[str, int, int], None]  # what is done, how much of it, of how much
+Progress = Callable[[str, int, int], None]  # what is done, how much of it, of how much
 
 LEAST_CAMERAS = 3
 PASSES = 2  # the reference weighs keypoints by the noise that the pass before found
@@ -72,7 +72,7 @@ def calibrate_noise(
     without_shifts: bool = False,
     seed: int = 0,
     replayed: Replayed = iter,
-    told: Told = lambda what, done, total: None,
+    progress: Progress = lambda what, done, total: None,
 ) -> Calibrated:
     """Measure the noise of the detector that made a recording.
 
@@ -83,7 +83,7 @@ def calibrate_noise(
             does: it is of this rig and not of the detector.
         seed: of the noise that is made up to see what comes back.
         replayed: wraps the slots of the replay.
-        told: hears how the rest goes on.
+        progress: hears how the rest goes on.
 
     Raises:
         InputError: when the recording has too few cameras or shows too little.
@@ -103,7 +103,7 @@ def calibrate_noise(
 
     def compared(what: str, whom: Sequence[Observed], belief: Noise) -> Statistics:
         residuals = leave_one_out(
-            whom, rig, belief, recording.interval_s, lambda n: told(what, n, len(whom))
+            whom, rig, belief, recording.interval_s, lambda n: progress(what, n, len(whom))
         )
         return describe(residuals, recording.interval_s, image_px)
 

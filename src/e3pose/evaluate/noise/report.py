@@ -127,8 +127,8 @@ def print_noise(
 
 def _live(factor: float, shift_px: float, shipped: str) -> str:
     """Return what was learned of a camera, empty where that is nothing."""
-    told = [f"{factor:.1f}x {shipped}"] if factor > 0 else []
-    return ", ".join(told + ([f"{shift_px:.0f} px"] if shift_px >= 0 else []))
+    parts = [f"{factor:.1f}x {shipped}"] if factor > 0 else []
+    return ", ".join(parts + ([f"{shift_px:.0f} px"] if shift_px >= 0 else []))
 
 
 def draw_noise(

@@ -45,11 +45,11 @@ def start_experts(
     parts = [np.zeros((slots * NUM_AXES + 1, 2 * NUM_AXES), dtype=np.float32)]
     for noise in NOISE_M:
         for fps in FPS:
-            solution, told = _solve(slots, sampler, rng, windows, noise, fps)
+            solution, contexts = _solve(slots, sampler, rng, windows, noise, fps)
             parts.append(solution)
-            kinds.append(told)
-    spread = np.mean([np.cov(told.T) for told in kinds], axis=0) + 0.01 * np.eye(len(GATED))
-    centre = np.array([told.mean(axis=0) for told in kinds])
+            kinds.append(contexts)
+    spread = np.mean([np.cov(contexts.T) for contexts in kinds], axis=0) + 0.01 * np.eye(len(GATED))
+    centre = np.array([contexts.mean(axis=0) for contexts in kinds])
     towards = centre @ np.linalg.inv(spread)
     number = min(network.settings.experts, len(parts))
     size = 2 * NUM_AXES
@@ -77,7 +77,7 @@ def _solve(
     """
     size = slots * NUM_AXES + 1
     squares, products = RIDGE * np.eye(size), np.zeros((size, 2 * NUM_AXES))
-    told = []
+    contexts = []
     low, high = np.log(noise_m)
     corruption = Corruption(0.0, 0.7, 0.0, (float(low), float(high)))
     for _ in range(max(1, windows // BATCH)):
@@ -97,5 +97,5 @@ def _solve(
         weight /= np.sqrt(np.square(weight).mean())
         squares += (read * weight).T @ (read * weight)
         products += (read * weight).T @ (wanted * weight)
-        told.append(normal.context[:, GATED].astype(np.float64))
-    return np.linalg.solve(squares, products).astype(np.float32), np.concatenate(told)
+        contexts.append(normal.context[:, GATED].astype(np.float64))
+    return np.linalg.solve(squares, products).astype(np.float32), np.concatenate(contexts)

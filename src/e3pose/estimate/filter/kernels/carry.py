@@ -49,7 +49,7 @@ def carry(
     """
     num_ordered, num_cameras = ordered.shape
     shares = np.zeros((num_ordered, num_cameras))
-    A, B, C, told = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
+    A, B, C, information = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
     room = np.empty((3, 3, 3))
     for track in range(covariance.shape[0]):
         for slot in range(num_ordered + 1):
@@ -71,12 +71,14 @@ def carry(
                 if slot == num_ordered:
                     break
                 for entry in range(6):
-                    told[entry] = 0.0
+                    information[entry] = 0.0
                     for camera in range(num_cameras):
                         if ordered[slot, camera]:
-                            told[entry] += shares[slot, camera] * views[camera, track, joint, entry]
-                if told[0] + told[3] + told[5] > 0.0:
-                    _expect(A, B, C, told, room)
+                            information[entry] += (
+                                shares[slot, camera] * views[camera, track, joint, entry]
+                            )
+                if information[0] + information[3] + information[5] > 0.0:
+                    _expect(A, B, C, information, room)
             _invert(A, room[0])
             entry = 0
             for a in range(3):
@@ -104,14 +106,14 @@ def _move_on(A: Floats, B: Floats, C: Floats, lasts_s: float, drift: float, dt: 
 
 
 @kernel
-def _expect(A: Floats, B: Floats, C: Floats, told: Floats, room: Floats) -> None:
-    """Replace the blocks by those after views of the information `told`."""
+def _expect(A: Floats, B: Floats, C: Floats, information: Floats, room: Floats) -> None:
+    """Replace the blocks by those after views of the information `information`."""
     before, after, gain = room[0], room[1], room[2]
     _invert(A, before)
     entry = 0
     for a in range(3):
         for b in range(a, 3):
-            gain[a, b] = before[a, b] + told[entry]
+            gain[a, b] = before[a, b] + information[entry]
             gain[b, a] = gain[a, b]
             entry += 1
     _invert(gain, A)

@@ -62,19 +62,19 @@ def attend(
         num_seen_by = 0
         for camera in range(num_cameras):
             tracks.last_seen_s[track, camera] += dt
-            told_before = tracks.delivered[track, camera]
-            told_before += forgotten * (DELIVERED_PRIOR - told_before)
-            tracks.delivered[track, camera] = told_before
+            before = tracks.delivered[track, camera]
+            before += forgotten * (DELIVERED_PRIOR - before)
+            tracks.delivered[track, camera] = before
             if views.arrived[camera]:
                 person = matches.assigned[camera, track]
-                told = 0.0
+                information = 0.0
                 if person >= 0:
                     row = views.starts[camera] + person
                     best = (finest * scales[camera]) ** 2
                     for joint in range(num_joints):
                         if views.weights[row, joint] > MIN_SCORE:
-                            told += best / views.variances[row, joint]
-                    told /= num_joints
+                            information += best / views.variances[row, joint]
+                    information /= num_joints
                     tracks.hits[track] += 1
                     tracks.seen_by[track, camera] = True
                     tracks.last_seen_s[track, camera] = 0.0
@@ -83,7 +83,7 @@ def attend(
                     if person < 0:
                         share = proof(detection_map[camera], matches.places_m[track], corner_m)
                     tracks.existence[track] += rate * share * (fit - tracks.existence[track])
-                    tracks.delivered[track, camera] += DELIVERED_RATE * (told - told_before)
+                    tracks.delivered[track, camera] += DELIVERED_RATE * (information - before)
             num_seen_by += tracks.seen_by[track, camera]
         if num_seen_by >= CONFIRM_CAMERAS or tracks.hits[track] >= CONFIRM_HITS:
             tracks.confirmed[track] = True

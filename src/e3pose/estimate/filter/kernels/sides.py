@@ -131,18 +131,18 @@ def turn_round(
             for camera in range(len(views.counts)):
                 if not (views.arrived[camera] and matches.assigned[camera, track] >= 0):
                     continue
-                told = matches.exchanged[camera, track]
-                if told & (limb + GIVEN * limb):
+                exchanged = matches.exchanged[camera, track]
+                if exchanged & (limb + GIVEN * limb):
                     since = (tracks.last_seen_s[track, camera] + dt) / APART_S
                     rate = RATE * (since if since < 1.0 else 1.0)
-                    share += rate * ((1.0 if told & limb else 0.0) - share)
+                    share += rate * ((1.0 if exchanged & limb else 0.0) - share)
             if share > MOST_MIRRORED:
                 share = 1.0 - share
                 _mirror(track, limb, site.opposites, site.limbs, tracks)
                 for camera in range(len(views.counts)):
                     person = matches.assigned[camera, track]
-                    told = matches.exchanged[camera, track] & (limb + GIVEN * limb)
-                    if views.arrived[camera] and person >= 0 and told:
+                    exchanged = matches.exchanged[camera, track] & (limb + GIVEN * limb)
+                    if views.arrived[camera] and person >= 0 and exchanged:
                         first = views.starts[camera]
                         exchange(first + person, limb, site.opposites, site.limbs, views)
             tracks.mirrored[track, row] = share
