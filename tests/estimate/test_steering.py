@@ -133,6 +133,18 @@ def test_the_published_pipeline_is_not_steered() -> None:
     assert made(pipeline="paper", predictor="attention-lstm").steering is None
 
 
+def test_the_pipeline_paper_foresees_with_the_published_network() -> None:
+    published = made(pipeline="paper").predictor
+    assert isinstance(published, AttentionLstm) and not published.states_error
+    others = ("e3pose-mv", "round-robin", "random")
+    assert not any(
+        isinstance(made(pipeline="paper", policy=policy).predictor, AttentionLstm)
+        for policy in others
+    )
+    own = made(pipeline="paper", predictor="attention-lstm").predictor
+    assert isinstance(own, AttentionLstm) and own.states_error
+
+
 def test_a_better_predictor_steers_from_then_on() -> None:
     better = ConstantVelocity()
     for changes in ({}, {"pipeline": "paper"}):

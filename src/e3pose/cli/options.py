@@ -113,8 +113,10 @@ class LoopOptions:
     """Camera that starts the round robin and wins ties."""
     predictor: str | None = None
     """Motion predictor of the policy, which also corrects the filter's velocities (pipeline
-    `memory`): attention-lstm or a file of `e3pose train`; constant-velocity, damped-velocity and
-    zero-velocity correct nothing. Default: attention-lstm corrects, the policy has its own."""
+    `memory`): attention-lstm or a file of `e3pose train`; attention-lstm-paper (the published
+    network), constant-velocity, damped-velocity and zero-velocity correct nothing. Default:
+    attention-lstm corrects, the policy has its own; attention-lstm-paper for the policy `e3pose`
+    in the pipeline `paper`."""
     noise: str | None = None
     """Keypoint noise model: a detector name, or a file from `e3pose calibrate noise`. Default:
     the model of the recording's detector."""

@@ -25,12 +25,19 @@ def _attention_lstm(skeleton: Skeleton) -> Predictor:
     return AttentionLstm(skeleton)
 
 
+def _attention_lstm_paper(skeleton: Skeleton) -> Predictor:
+    from e3pose.predict.attention_lstm import PUBLISHED, AttentionLstm
+
+    return AttentionLstm(skeleton, PUBLISHED)
+
+
 # A predictor is made for the skeleton of the poses that it will be given.
 PREDICTORS: dict[str, Callable[[Skeleton], Predictor]] = {
     "zero-velocity": lambda skeleton: ZeroVelocity(),
     "constant-velocity": lambda skeleton: ConstantVelocity(),
     "damped-velocity": lambda skeleton: DampedVelocity(),
     "attention-lstm": _attention_lstm,
+    "attention-lstm-paper": _attention_lstm_paper,
 }
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 SHIPPED = Path(__file__).parent / "weights" / "attention-lstm.onnx"
+PUBLISHED = SHIPPED.with_name("attention-lstm-paper.onnx")  # the paper's own network
 FORMAT = "e3pose attention-lstm"
 FORMAT_VERSION = "2"
 INPUTS, OUTPUTS = ("features", "context", "num_leads"), ("places", "log_error")

@@ -26,6 +26,7 @@ from e3pose.settings.loop import LoopSettings, pipeline_row
 
 STEERING = "attention-lstm"  # steers the estimator with a memory unless told otherwise
 STEERING_SLOTS = 10  # of history, which the network of `STEERING` looks back on
+PAPER_PREDICTOR = "attention-lstm-paper"  # in place of `STEERING`, which has more parts
 PAPER_MATCHER: Matcher = "epipolar"
 PAPER_REFINE_STEPS = 0  # the paper places joints by its weighted DLT, eq. (1)-(3), and no more
 
@@ -156,17 +157,19 @@ def _predictors(
     """Return who foresees the people for the policy and who steers the estimator.
 
     A predictor that was asked for must be had; one by default has a stand-in, which steers nobody.
-    The policies of a pipeline share one estimator, whichever predictor is their own.
+    The policies of a pipeline share one estimator, whichever predictor is their own. The pipeline
+    `paper` has the paper's own network.
     """
     has_memory = settings.estimator is not None or pipeline_row(settings.pipeline)[0] != "paper"
     asked = settings.predictor
     if asked is not None:
         predictor = make_predictor(asked, skeleton) if isinstance(asked, str) else asked
         return predictor, predictor if has_memory else None
-    own = make_predictor_or_fallback(row.predictor, skeleton)
-    if not has_memory:
-        return own, None
     same = row.predictor == STEERING
+    if not has_memory:
+        name = PAPER_PREDICTOR if same else row.predictor
+        return make_predictor_or_fallback(name, skeleton), None
+    own = make_predictor_or_fallback(row.predictor, skeleton)
     return own, own if same else make_predictor_or_fallback(STEERING, skeleton)
 
 

@@ -125,7 +125,7 @@ POLICIES: dict[str, PolicyRow] = {
     ),
     "e3pose": PolicyRow(
         lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase),
-        "drift plus penalty on occlusion predicted by the best predictor there is",
+        "drift plus penalty on occlusion predicted by the attention-LSTM",
         predictor="attention-lstm",
     ),
     "information": PolicyRow(
