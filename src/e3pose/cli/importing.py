@@ -109,6 +109,54 @@ def campus(
     _save(recording, dest, overwrite)
 
 
+@import_app.command
+def human36m(
+    source: Path,
+    dest: Path,
+    /,
+    *,
+    subject: int,
+    action: int,
+    subaction: int = 1,
+    detections: Path | None = None,
+    folder: Folders = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Import one sequence of Human3.6M from its JSON annotations.
+
+    Example: `e3pose import human36m h36m recordings/walking --subject 9 --action 14`
+
+    Parameters
+    ----------
+    source
+        Folder with Human36M_subject9_camera.json and Human36M_subject9_joint_3d.json, itself or in
+        `annotations`.
+    dest
+        Recording folder to create.
+    subject
+        Subject: 1, 5, 6, 7, 8, 9 or 11.
+    action
+        Action, 2 to 16: directions, discussion, eating, greeting, phoning, posing, purchases,
+        sitting, sitting down, smoking, photo, waiting, walking, walking a dog, walking together.
+    subaction
+        1 or 2.
+    detections
+        2D keypoints: a recording by `e3pose detect` of its images, or a folder of OpenPose JSON.
+        Without it, the recording holds only the truth.
+    folder
+        CAMERA=FOLDER below DETECTIONS, if the names are ambiguous; repeatable.
+    overwrite
+        Replace the recording at DEST.
+    """
+    from e3pose.recording.datasets.human36m import import_human36m
+
+    _check_free(dest, overwrite)
+    recording = import_human36m(
+        source, subject, action, subaction, detections, _parse_folders(folder), _progress
+    )
+    _save(recording, dest, overwrite)
+
+
 def _range(text: str | None) -> tuple[int, int] | None:
     """Read a range such as 300-600; raise `InputError` for anything else."""
     if text is None:

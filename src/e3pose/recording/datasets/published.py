@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from e3pose.errors import InputError
 from e3pose.files.bounded import open_regular, read_bytes
 from e3pose.geometry.camera import Camera, Rig
-from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import COCO17, SHELF14, Skeleton
-from e3pose.recording import Recording, Truth, ViewSeries, load_recording
-from e3pose.recording.datasets.openpose import Progress, frame_number, read_detections
+from e3pose.model.skeleton import SHELF14
+from e3pose.recording import Recording, Truth
+from e3pose.recording.datasets.detected import detected_views
+from e3pose.recording.datasets.openpose import Progress, frame_number
 from e3pose.recording.lines import METRE_LIMIT
 
 Floats = NDArray[np.float64]
@@ -96,21 +96,22 @@ def import_published(
     for low, high in layout.scored:
         scored |= (number >= low) & (number <= high)
     joints_m[~scored] = np.nan
-    skeleton, views, note, detector = _views(
-        source, rig, first, len(number), detections, folders or {}, progress
-    )
+    found = detected_views(
+        detections, rig, FPS, (first, last), lambda: _first_image(source, rig.camera_ids),
+        folders or {}, progress,
+    )  # fmt: skip
     return Recording(
         name=layout.title,
         rig=rig,
         fps=FPS,
         num_slots=len(number),
-        skeleton=skeleton,
-        views=views,
+        skeleton=found.skeleton,
+        views=found.views,
         truth=Truth(SHELF14, tuple(f"actor{n + 1}" for n in range(labels.shape[1])), joints_m),
         truth_complete=False,
         scored_slots=(0, len(number)),
-        detector=detector,
-        source=f"{layout.title}, Belagiannis et al., CVPR 2014; research use only.{note}",
+        detector=found.detector,
+        source=f"{layout.title}, Belagiannis et al., CVPR 2014; research use only.{found.note}",
     )
 
 
@@ -221,43 +222,6 @@ def decomposed(projection: Floats, where: str = "projection") -> tuple[Floats, F
     return upper / upper[2, 2], rotation, t
 
 
-def _views(
-    source: Path,
-    rig: Rig,
-    first: int,
-    num_slots: int,
-    detections: Path | None,
-    folders: Mapping[str, str],
-    progress: Progress,
-) -> tuple[Skeleton, tuple[ViewSeries, ...], str, str]:
-    """Return the skeleton, the views, a note on them and the name of the detector."""
-    if detections is None:
-        nothing = ViewSeries.from_views([], [], [], len(COCO17))
-        return COCO17, (nothing,) * len(rig), " Truth only, without 2D keypoints.", ""
-    if (detections / "recording.toml").is_file():
-        found = load_recording(detections)
-        begin = _first_image(source, rig.camera_ids)
-        frames = [
-            {
-                begin + int(slot): view
-                for slot in found.views[found.rig.index(camera_id)].slots
-                if (view := found.view(int(slot), found.rig.index(camera_id))) is not None
-            }
-            for camera_id in rig.camera_ids
-        ]
-        skeleton, detector = found.skeleton, found.detector
-    else:
-        skeleton, frames = read_detections(detections, rig, folders, progress)
-        detector = ""
-    views = tuple(_series(camera, first, num_slots, skeleton) for camera in frames)
-    if not any(len(series.slots) for series in views):
-        raise InputError(
-            f"{detections}: found no view of frames {first} to {first + num_slots - 1}, expected "
-            "the numbers of the images"
-        )
-    return skeleton, views, f" 2D keypoints: {detections.name}, {skeleton.name}.", detector
-
-
 def _first_image(source: Path, camera_ids: Sequence[str]) -> int:
     """Return the lowest number of the images, at which `e3pose detect` begins to count."""
     numbers = [
@@ -271,12 +235,3 @@ def _first_image(source: Path, camera_ids: Sequence[str]) -> int:
             f"{source / camera_ids[0]}: missing: the images that were detected, from {WHERE}"
         )
     return min(numbers)
-
-
-def _series(
-    camera: Mapping[int, Poses2D], first: int, num_slots: int, skeleton: Skeleton
-) -> ViewSeries:
-    numbers = sorted(number for number in camera if first <= number < first + num_slots)
-    slots = [number - first for number in numbers]
-    views = [camera[number] for number in numbers]
-    return ViewSeries.from_views(views, slots, [slot / FPS for slot in slots], len(skeleton))
