@@ -69,7 +69,6 @@ bench: $(VENV)/.all  ## run the speed benchmarks
 	$(BIN)/python benchmarks/bench_import.py
 	$(BIN)/python benchmarks/bench_store.py
 	$(BIN)/python benchmarks/bench_batteries.py
-	$(BIN)/python benchmarks/bench_timeline.py
 	$(BIN)/python benchmarks/bench_live.py
 	$(BIN)/python benchmarks/bench_view.py
 

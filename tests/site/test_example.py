@@ -36,12 +36,12 @@ def test_example_says_what_it_is_given(tmp_path: Path) -> None:
     rig = simulate(SceneSettings(people=0, seconds=0.1, cameras=2), 0).rig
     told = Example(
         "lab", dict.fromkeys(rig.camera_ids, "usb:0"), 12.5, "coco18", 1, 0.5, 300.0,
-        {"threads": 2}, "one\ntwo",
+        {"threads": 2}, "one\ntwo", {"pipeline": "paper"},
     )  # fmt: skip
     path = write_example(tmp_path / "new", told, rig)
     site = load_site(path)
     assert (site.fps, site.skeleton, site.pace, site.deadline_ms) == (12.5, "coco18", 0.5, 300.0)
-    assert site.loop.num_selected == 1
+    assert (site.loop.num_selected, site.loop.pipeline) == (1, "paper")
     assert [(c.id, c.source, c.threads) for c in site.camera] == [
         (camera_id, "usb:0", 2) for camera_id in rig.camera_ids
     ]

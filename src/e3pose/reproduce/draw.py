@@ -68,6 +68,8 @@ def _lines(axes: Axes, panel: Panel, one: bool) -> None:
         axes.set_xticks(sorted(values))
     if panel.logarithmic:
         axes.set_xscale("log")
+    if panel.from_zero:
+        axes.set_ylim(bottom=0)
 
 
 def _bars(axes: Axes, panel: Panel, one: bool) -> None:

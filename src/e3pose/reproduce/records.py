@@ -90,6 +90,7 @@ class Panel:
         kind: how it is drawn; `steps` shows which of some rows holds in each slot.
         y_second: title of the axis on the right.
         logarithmic: whether the x axis is.
+        from_zero: whether the y axis of lines begins at 0, where small differences mean nothing.
     """
 
     name: str
@@ -100,6 +101,7 @@ class Panel:
     kind: Kind = "lines"
     y_second: str = ""
     logarithmic: bool = False
+    from_zero: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,7 @@ class Example:
         deadline_ms: how long after a slot its views are waited for.
         camera: further keys of every camera's table.
         comment: lines to begin the site file with.
+        loop: further keys of the loop's table.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Example:
     deadline_ms: float = 150.0
     camera: Mapping[str, Any] = field(default_factory=dict)
     comment: str = ""
+    loop: Mapping[str, Any] = field(default_factory=dict)
 
 
 def write_example(folder: Path, example: Example, rig: Rig) -> Path:
@@ -72,7 +74,7 @@ def write_example(folder: Path, example: Example, rig: Rig) -> Path:
         "deadline_ms": example.deadline_ms,
         "link": {"endpoint": f"tcp/127.0.0.1:{free_port()}"},
         "store": {"path": STORE_FILE},
-        "loop": {"cameras": example.cameras},
+        "loop": {"cameras": example.cameras, **example.loop},
         "camera": [
             {"id": camera_id, "source": example.sources[camera_id], **example.camera}
             for camera_id in rig.camera_ids
