@@ -32,5 +32,6 @@ def test_wrong_input_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     out = str(tmp_path / "out")
     assert "--only: found 'table-9', expected" in failure(capsys, out, "--only", "table-9")
     assert "--data: found" in failure(capsys, out, "--data", str(tmp_path / "none"))
+    assert "--seeds: found 0, expected at least 1" in failure(capsys, out, "--seeds", "0")
     assert "--jobs: found 0" in failure(capsys, out, "--jobs", "0")
     assert not (tmp_path / "out").exists()

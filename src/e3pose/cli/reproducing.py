@@ -22,6 +22,7 @@ def reproduce(
     quick: Flag = False,
     data: Annotated[Path | None, Parameter(env_var="E3POSE_DATA")] = None,
     only: str | None = None,
+    seeds: Whole | None = None,
     jobs: Whole = -1,
     cluster: str | None = None,
 ) -> None:
@@ -44,6 +45,8 @@ def reproduce(
         where to get it.
     only
         Comma-separated items to compute, such as table-1,best-subsets.
+    seeds
+        Seeds of each item, at most. Default: 5 to 20, as the item says; hours on few cores.
     jobs
         Parallel processes on this machine. Default: one per processor core.
     cluster
@@ -65,6 +68,8 @@ def reproduce(
             if name not in known:
                 raise InputError("--only", repr(name[:40]), f"items of {', '.join(known)}")
         items = tuple(known[name] for name in dict.fromkeys(names))
+    if seeds is not None and seeds < 1:
+        raise InputError("--seeds", f"{seeds}", "at least 1")
     workers = Workers(jobs, cluster, "--cluster")
     with as_typed({"data": "--data"}):
         sources = load_sources(data)
@@ -73,6 +78,7 @@ def reproduce(
         sources,
         workers,
         quick=quick,
+        most_seeds=seeds,
         items=items,
         track=lambda results, total: track_progress(results, total, "reproduce"),
     )

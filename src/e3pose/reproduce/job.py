@@ -52,6 +52,7 @@ def reproduce(
     workers: Workers,
     *,
     quick: bool = False,
+    most_seeds: int | None = None,
     items: Sequence[Item] = ITEMS,
     track: Track = lambda results, total: results,
 ) -> Outcome:
@@ -62,10 +63,11 @@ def reproduce(
         sources: data sets that there are.
         workers: who computes.
         quick: few seeds and slots.
+        most_seeds: of any item; as many as it asks for by default.
         items: which.
         track: wraps the results as they come in, for a progress bar.
     """
-    scale = Scale(quick, sources.names)
+    scale = Scale(quick, sources.names, most_seeds)
     ready = [item for item in items if set(item.needs) <= set(sources.names)]
     results = Results(folder / KEPT, sources)
     made = Made(results)
@@ -78,7 +80,7 @@ def reproduce(
         else Part(item, None, _lacks(item, sources))
         for item in items
     ]
-    page = write_page(folder, parts, about(sources, workers, quick), quick)
+    page = write_page(folder, parts, about(sources, workers, scale), quick)
     return Outcome(
         page,
         tuple((part.item.title, part.skipped) for part in parts if part.section is None),
@@ -86,7 +88,7 @@ def reproduce(
     )
 
 
-def about(sources: Sources, workers: Workers, quick: bool) -> dict[str, str]:
+def about(sources: Sources, workers: Workers, scale: Scale) -> dict[str, str]:
     """Return the versions, the machine and the settings of a run."""
     return {
         "e3pose": f"{e3pose.__version__}, code {code_stamp()}{_commit()}",
@@ -96,7 +98,8 @@ def about(sources: Sources, workers: Workers, quick: bool) -> dict[str, str]:
         "workers": workers.dask or ("all cores" if workers.jobs == -1 else f"{workers.jobs}"),
         "data": f"{', '.join(sources.names) or 'none'} {sources.stamp}".strip(),
         "seeds": "repetition i has seed and phase i; simulated scenes have seed 1000 + i",
-        "scale": "quick" if quick else "full",
+        "scale": ("quick" if scale.quick else "full")
+        + ("" if scale.most_seeds is None else f", at most {scale.most_seeds} seeds an item"),
     }
 
 

@@ -16,14 +16,21 @@ class Scale:
     Attributes:
         quick: as little as shows that everything works, in minutes.
         data: names of the data sets that are there.
+        most_seeds: of any item; None for as many as it asks for.
     """
 
     quick: bool = False
     data: tuple[str, ...] = ()
+    most_seeds: int | None = None
 
     def of(self, full: int, quick: int) -> int:
-        """Return how many of something: seeds, slots, seconds."""
+        """Return how many of something: slots, seconds, places of a sweep."""
         return quick if self.quick else full
+
+    def seeds(self, full: int, quick: int) -> int:
+        """Return how many repetitions, at most those that were asked for."""
+        wanted = self.of(full, quick)
+        return wanted if self.most_seeds is None else min(wanted, self.most_seeds)
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ def _counts(scale: Scale) -> tuple[float, ...]:
 
 
 def _seeds(scale: Scale) -> int:
-    return scale.of(5, 1)
+    return scale.seeds(5, 1)
 
 
 def _asked(scale: Scale) -> list[Asked]:

@@ -52,7 +52,7 @@ def pieces(scale: Scale) -> Sequence[AnyPiece]:
         made += [_boxes(scale, predictor), _times(scale, predictor)]
     for name in POLICY_OF:
         for lead in _leads(scale):
-            made += over_seeds(_replays(name, lead), scale.of(10, 1))
+            made += over_seeds(_replays(name, lead), scale.seeds(10, 1))
     return made
 
 
@@ -63,7 +63,7 @@ def section(scale: Scale, made: Made) -> Section:
     times = {name: made(_times(scale, key)) for name, key in PREDICTORS.items()}
     pcp = {
         (name, lead): Spread.of(
-            [made(p).average for p in over_seeds(_replays(name, lead), scale.of(10, 1))]
+            [made(p).average for p in over_seeds(_replays(name, lead), scale.seeds(10, 1))]
         )
         for name in POLICY_OF
         for lead in leads
@@ -90,7 +90,7 @@ def section(scale: Scale, made: Made) -> Section:
         "the size with.",
         how="Measured on Shelf: poses from all cameras slot by slot, boxes enlarged by 10 %; pairs "
         "of boxes by the best total IoU, those that overlap at all. PCP with 3 of 5 cameras at V = "
-        f"{WEIGHT:g}, where occlusion decides, {scale.of(10, 1)} seeds. Times: measured on this "
+        f"{WEIGHT:g}, where occlusion decides, {scale.seeds(10, 1)} seeds. Times: measured on this "
         "machine, median of 100 calls, one thread, compiled. The attention-LSTM is the network as "
         "published (`--predictor attention-lstm-paper`), the own network that of the pipeline "
         "`memory`.",

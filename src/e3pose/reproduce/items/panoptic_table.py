@@ -40,12 +40,12 @@ def _asked(scale: Scale) -> dict[tuple[str, str], tuple[Asked, int]]:
     """Return what to replay and over how many seeds, by data and row."""
     seconds = float(scale.of(30, 5))
     table = {
-        ("motion", name): (replace(asked, seconds=seconds), scale.of(5, 1))
+        ("motion", name): (replace(asked, seconds=seconds), scale.seeds(5, 1))
         for name, asked in ROWS.items()
     }
     for name, asked in ROWS.items():
         if name in PAPER:
-            table["fragment", name] = (replace(asked, recording=FRAGMENT), scale.of(20, 2))
+            table["fragment", name] = (replace(asked, recording=FRAGMENT), scale.seeds(20, 2))
     return table
 
 
@@ -78,10 +78,10 @@ def section(scale: Scale, made: Made) -> Section:
         "limit.",
         how="Simulated detections on Panoptic's calibration of HD cameras 3, 6, 12, 13, 23. "
         f"Motion: real motion of one person of 171026_pose3, cut into four parts that move at once "
-        f"1.1 m from the middle, {scale.of(30, 5)} s at 29.97 fps, {scale.of(5, 1)} seeds. "
+        f"1.1 m from the middle, {scale.of(30, 5)} s at 29.97 fps, {scale.seeds(5, 1)} seeds. "
         "Fragment: three people of 160906_band1, 20 frames, ten of them warm-up with all cameras, "
-        f"{scale.of(20, 2)} seeds. Ten warm-up slots are included. The shipped predictor learned "
-        "no Panoptic motion.",
+        f"{scale.seeds(20, 2)} seeds. Ten warm-up slots are included. The shipped predictors "
+        "learned no Panoptic motion.",
         tables=(_table(runs, found),),
         panels=(_panel(found),),
         headlines=(

@@ -72,7 +72,7 @@ ACTORS = ("actor1", "actor2", "actor3", "average")
 
 
 def _seeds(scale: Scale, row: Row) -> int:
-    return 1 if row.asked.policy == "all" else scale.of(20, 2)
+    return 1 if row.asked.policy == "all" else scale.seeds(20, 2)
 
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
@@ -100,8 +100,8 @@ def section(scale: Scale, made: Made) -> Section:
         "default V. With a larger V the clearest views win, and budgets give way; the paper does "
         "not state its V. Its gain over all five cameras appears at no V, nor with the true "
         "occlusion.",
-        how=f"Measured on Shelf, 301 frames, OpenPose detections, {scale.of(20, 2)} seeds (draws "
-        "and phases 0 and on) with their standard deviation; pipeline paper with the "
+        how=f"Measured on Shelf, 301 frames, OpenPose detections, {scale.seeds(20, 2)} seeds "
+        "(draws and phases 0 and on) with their standard deviation; pipeline paper with the "
         "paper's matcher and the published network unless another is named (`own predictor`: the "
         "network with this system's changes, which `memory` uses), lead 1, warm-up slots with all "
         "cameras included. Published rows have other detectors and are cited from the paper's "

@@ -56,13 +56,13 @@ def _all(scale: Scale) -> list[Asked]:
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
     """Return the replays whose shares of slots are turned into watts."""
-    return [each for asked in _all(scale) for each in over_seeds(asked, scale.of(5, 1))]
+    return [each for asked in _all(scale) for each in over_seeds(asked, scale.seeds(5, 1))]
 
 
 def section(scale: Scale, made: Made) -> Section:
     """Return power by data set and device, and by component."""
     runs = {
-        asked: [made(piece(each.settings)) for each in over_seeds(asked, scale.of(5, 1))]
+        asked: [made(piece(each.settings)) for each in over_seeds(asked, scale.seeds(5, 1))]
         for asked in _all(scale)
     }
     shares = {
@@ -98,7 +98,7 @@ def section(scale: Scale, made: Made) -> Section:
         "follows from the share of active slots alone (1 - duty) and proves nothing. The paper's "
         "spread over data sets must come from other loads on the boards, which a profile by mode "
         "does not have: here power depends on the share of slots, not on what is seen.",
-        how=f"Modelled from the shares of slots in replays, {scale.of(5, 1)} seeds, ten warm-up "
+        how=f"Modelled from the shares of slots in replays, {scale.seeds(5, 1)} seeds, ten warm-up "
         "slots with all cameras included. Live videos of the paper's lab are not public. The "
         "aggressive mode counts a camera as not capturing only for the slots of an idle time "
         "beyond the time to wake.",

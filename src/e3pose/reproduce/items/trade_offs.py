@@ -43,7 +43,7 @@ def _all() -> list[Asked]:
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
     """Return the replays."""
-    return [piece for asked in _all() for piece in over_seeds(asked, scale.of(10, 1))]
+    return [piece for asked in _all() for piece in over_seeds(asked, scale.seeds(10, 1))]
 
 
 def watts(run: Run) -> list[float]:
@@ -53,7 +53,7 @@ def watts(run: Run) -> list[float]:
 
 def section(scale: Scale, made: Made) -> Section:
     """Return the sweeps of C, E and V."""
-    runs = {a: [made(piece) for piece in over_seeds(a, scale.of(10, 1))] for a in _all()}
+    runs = {a: [made(piece) for piece in over_seeds(a, scale.seeds(10, 1))] for a in _all()}
     pcp = {asked: Spread.of([run.average for run in each]) for asked, each in runs.items()}
     counts, budgets = _by_count(HIGH), _by_budget(HIGH)
     best = max(COUNTS, key=lambda count: pcp[counts[count]].mean)
@@ -77,7 +77,7 @@ def section(scale: Scale, made: Made) -> Section:
         "changes little. The queue grows as O(V) and the gap to the least occlusion shrinks as "
         "O(1/V), as the theory of drift plus penalty says, until 301 slots are too short for the "
         "queues to settle. At E = 0.6 = C/N budgets leave no choice in the long run.",
-        how=f"Measured on Shelf (PCP, shares of slots), {scale.of(10, 1)} seeds; power modelled "
+        how=f"Measured on Shelf (PCP, shares of slots), {scale.seeds(10, 1)} seeds; power modelled "
         "for two Xavier NX and three TX2 (CPU, GPU, WiFi, memory). E_n = 0.8 where C is varied, 1 "
         "with five cameras, which is SA. Occlusion: eq. (4) of the detected boxes, summed over "
         "the selected cameras.",
