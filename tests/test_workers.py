@@ -69,6 +69,40 @@ def test_a_dask_cluster_gives_the_same() -> None:
     assert results == [draw(5.0, seed)[0] for seed in range(8)]
 
 
+def test_a_cluster_of_one_worker_works_and_not_this_process() -> None:
+    pytest.importorskip(
+        "distributed", reason="distributed is not installed: pip install e3pose[train]"
+    )
+    alone = Workers(1, "local")
+    found = list(alone.run(draw, 5.0, range(4)))
+    assert [value for value, _ in found] == [draw(5.0, seed)[0] for seed in range(4)]
+    ready = dict(alone.as_ready(draw, 5.0, range(4)))
+    assert [ready[place][0] for place in range(4)] == [value for value, _ in found]
+    assert os.getpid() not in {pid for _, pid in (*found, *ready.values())}
+
+
+@pytest.mark.parametrize("ready", [False, True])
+def test_an_error_on_a_cluster_reaches_who_takes_the_results(ready: bool) -> None:
+    pytest.importorskip(
+        "distributed", reason="distributed is not installed: pip install e3pose[train]"
+    )
+    workers = Workers(1, "local")
+    with pytest.raises(InputError, match="5: found nothing"):
+        list((workers.as_ready if ready else workers.run)(fall, None, range(20)))
+
+
+def test_a_cluster_without_a_worker_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip(
+        "distributed", reason="distributed is not installed: pip install e3pose[train]"
+    )
+    monkeypatch.setattr("e3pose.workers.WAIT_S", 2.0)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster,
+        pytest.raises(InputError, match="--dask: found no worker of tcp"),
+    ):
+        list(Workers(1, cluster.scheduler_address).run(draw, 0.0, range(2)))
+
+
 def test_a_scheduler_that_is_none_is_named() -> None:
     pytest.importorskip(
         "distributed", reason="distributed is not installed: pip install e3pose[train]"

@@ -5,6 +5,7 @@ Nothing here decides anything: a task carries its own seed, so that it does not 
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
@@ -30,8 +31,7 @@ class Workers:
     Attributes:
         jobs: processes; 1 works here, -1 uses every processor core.
         dask: the address of a Dask scheduler such as `tcp://host:8786`, or `local` for a cluster
-            of its own on this machine; plain processes if None. joblib works in this process while
-            a cluster has a single worker thread.
+            of its own on this machine; plain processes if None.
         option: what the address is called on the command line, for errors.
 
     Raises:
@@ -65,11 +65,15 @@ class Workers:
             for task in tasks:
                 yield function(shared, task)
             return
+        if self.dask is not None:
+            with self._cluster(shared) as (client, near):
+                yield from _in_order(client, function, near, tasks)
+            return
         from joblib import Parallel, delayed, effective_n_jobs
 
         # The generators of joblib know no limit: they fill the memory if their results are used
         # more slowly than they are made. So a thread makes one round while another is used.
-        with self._backend(shared), Parallel(batch_size=1) as run, ThreadPoolExecutor(1) as maker:
+        with self._processes(), Parallel(batch_size=1) as run, ThreadPoolExecutor(1) as maker:
             size = ROUND * effective_n_jobs(None)
             rounds = (tasks[start : start + size] for start in range(0, len(tasks), size))
             made: Future[Any] | None = None
@@ -95,25 +99,57 @@ class Workers:
             for place, task in enumerate(tasks):
                 yield place, function(shared, task)
             return
+        if self.dask is not None:
+            with self._cluster(shared) as (client, near):
+                yield from _as_ready(client, function, near, tasks)
+            return
         from joblib import Parallel, delayed
 
-        with self._backend(shared):
+        with self._processes():
             yield from Parallel(batch_size=1, return_as="generator_unordered")(
                 delayed(_placed)(function, shared, place, task) for place, task in enumerate(tasks)
             )
 
     @contextmanager
-    def _backend(self, shared: Any) -> Iterator[None]:
+    def _processes(self) -> Iterator[None]:
         from joblib import parallel_config
 
-        if self.dask is None:
-            # Tasks are many and small: one thread each, or the processes fight for the cores.
-            with parallel_config(backend="loky", n_jobs=self.jobs, inner_max_num_threads=1):
-                yield
-            return
-        client = _client(self.dask, self.jobs, self.option)
-        with client, parallel_config("dask", scatter=[shared]):
+        # Tasks are many and small: one thread each, or the processes fight for the cores.
+        with parallel_config(backend="loky", n_jobs=self.jobs, inner_max_num_threads=1):
             yield
+
+    @contextmanager
+    def _cluster(self, shared: Any) -> Iterator[tuple[Any, Any]]:
+        """Yield a client of the cluster, and what all tasks need, on its workers."""
+        assert self.dask is not None
+        with _client(self.dask, self.jobs, self.option) as client:
+            (near,) = client.scatter([shared], broadcast=True, hash=False)
+            yield client, near
+
+
+def _in_order(
+    client: Any, function: Callable[[Shared, Task], Result], near: Any, tasks: Sequence[Task]
+) -> Iterator[Result]:
+    """Yield results in the order of the tasks, of which only some are under way at a time."""
+    ahead = 2 * ROUND * max(1, sum(client.ncores().values()))
+    waiting: deque[Any] = deque()
+    for task in tasks:
+        waiting.append(client.submit(function, near, task, pure=False))
+        if len(waiting) > ahead:
+            yield waiting.popleft().result()
+    while waiting:
+        yield waiting.popleft().result()
+
+
+def _as_ready(
+    client: Any, function: Callable[[Shared, Task], Result], near: Any, tasks: Sequence[Task]
+) -> Iterator[tuple[int, Result]]:
+    from distributed import as_completed
+
+    futures = [client.submit(function, near, task, pure=False) for task in tasks]
+    places = {future.key: place for place, future in enumerate(futures)}
+    for future in as_completed(futures):
+        yield places[future.key], future.result()
 
 
 def _placed(
@@ -145,4 +181,8 @@ def _client(address: str, jobs: int, option: str) -> Iterator[Any]:
             "Dask scheduler such as tcp://host:8786"
         ) from None
     with client:
+        try:
+            client.wait_for_workers(1, WAIT_S)
+        except Exception:  # of a kind that is not `TimeoutError` before Python 3.11
+            raise InputError(option, f"no worker of {address[:100]}", "at least one") from None
         yield client

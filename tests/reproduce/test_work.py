@@ -129,7 +129,7 @@ def scheduler(tmp_path: Path) -> Iterator[str]:
     ]
     try:
         with distributed.Client(address, timeout=120) as client:
-            client.wait_for_workers(2, timeout=120)  # joblib works here while a cluster has but one
+            client.wait_for_workers(2, timeout=120)
         yield address
     finally:
         end(started)
