@@ -5,9 +5,11 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
+from tests.postgres import WAY_OUT, Server, programs, running_server
 
 # The same examples in every run. Others are found, and worth looking for, with
 # pytest --hypothesis-profile=default
@@ -46,3 +48,13 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     subprocess.run([sys.executable, "-c", COMPILE], check=True)
     if cache is not None:
         cache.set(COMPILED, stamp)
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[Server]:
+    """A PostgreSQL server of this worker of pytest."""
+    tools = programs()
+    if tools is None:
+        pytest.skip(WAY_OUT)
+    with running_server(tools) as server:
+        yield server

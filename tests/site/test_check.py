@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.postgres import Server
 from tests.rigs import looking
 from tests.site.tables import write_site
 
@@ -22,6 +23,7 @@ from e3pose.site.check import (
     check_link_of,
     check_places,
     check_running,
+    check_server,
 )
 from e3pose.site.check_sources import check_sources
 from e3pose.wire.keys.folder import add_keys, init_keys
@@ -267,5 +269,17 @@ def test_place_that_is_no_folder_and_a_site_that_keeps_nothing_are_told(tmp_path
     assert (state.level, state.what) == ("problem", "state")
     assert state.advice == f"mkdir -p {tmp_path / 'missing'}"
     assert (store.level, store.what) == ("warning", "store")
-    site = write_site(tmp_path, 'state = ""\n[store]\npath = "postgresql://host/poses"\n')
-    assert not list(check_places(site))  # places of other machines
+    site = write_site(tmp_path, 'state = ""\n[store]\npath = "postgresql:///poses?host=/nowhere"\n')
+    (store,) = wrong(check_places(site))
+    assert (store.level, store.what) == ("problem", "store")
+
+
+def test_database_server_that_answers_is_fine_and_one_that_does_not_is_named(
+    postgres: Server,
+) -> None:
+    found = check_server(postgres.new_store())
+    assert (found.level, found.found) == ("ok", "postgresql://e3pose@/postgres: empty")
+    found = check_server("postgresql://me:hunter2@/lab?host=/nowhere")
+    assert found.level == "problem"
+    assert "postgresql://me:***@/lab: cannot be read (" in found.found
+    assert "hunter2" not in found.found and "spool" in found.advice

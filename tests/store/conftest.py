@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.postgres import Server
 
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
@@ -55,3 +57,12 @@ def record() -> Callable[..., SlotRecord]:
 @pytest.fixture
 def run() -> Callable[..., Run]:
     return make_run
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> Path | str:
+    """Where a store may be: a file that is not there yet, or an empty place on a server."""
+    if request.param == "sqlite":
+        return tmp_path / "hall.db"
+    server: Server = request.getfixturevalue("postgres")
+    return server.new_store()

@@ -4,44 +4,58 @@ from __future__ import annotations
 
 import csv
 import json
-import sqlite3
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import update
 
 from e3pose.cli import main
 from e3pose.errors import InputError
 from e3pose.model.skeleton import COCO17
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
-from e3pose.store import EnergyReading, Event, Run, Store, StoreWriter
+from e3pose.store import EnergyReading, Event, Run, Store, StoreWriter, schema
+from e3pose.store.database import database_url, writing_engine
 
 Records = Callable[..., SlotRecord]
 Runs = Callable[..., Run]
 STARTED_NS = 1_795_000_000_000_000_000
 NUM_SLOTS = 100
+Place = Path | str
 
 
 @pytest.fixture
-def filled(tmp_path: Path, record: Records, run: Runs) -> Path:
-    """Four seconds of two people, an event and a meter's reading."""
-    path = tmp_path / "hall.db"
-    with StoreWriter(path, run()) as writer:
+def filled(place: Place, record: Records, run: Runs) -> Place:
+    """Four seconds of two people, an event, a meter's reading and somebody in a zone."""
+    return fill(place, record, run)
+
+
+@pytest.fixture
+def filled_file(tmp_path: Path, record: Records, run: Runs) -> Path:
+    """The same in a file."""
+    fill(tmp_path / "hall.db", record, run)
+    return tmp_path / "hall.db"
+
+
+def fill(place: Place, record: Records, run: Runs) -> Place:
+    with StoreWriter(place, run()) as writer:
         for slot in range(NUM_SLOTS):
             spent_j = np.array([0.5, 0.25, 0.125]) * slot
             assert writer.append(record(slot), energy_j=spent_j, wait=True)
         writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "east"))
         writer.energy(EnergyReading(STARTED_NS + 2 * 10**9, "north", 7.5, 1.5, "measured", 0.75))
+        writer.zone(ZoneEvent("leave", "door", 11, 2, 1.5, 60, STARTED_NS + 24 * 10**8))
         assert writer.flush()
         status = writer.status()
     assert status.acknowledged_slot == NUM_SLOTS - 1
     assert (status.waiting, status.spooled, status.shed, status.trouble) == (0, 0, 0, None)
-    return path
+    return place
 
 
-def test_everything_comes_back(filled: Path, record: Records) -> None:
+def test_everything_comes_back(filled: Place, record: Records) -> None:
     found = Store(filled).query()
     assert len(found) == NUM_SLOTS * 2
     assert found.joints == COCO17.joints
@@ -67,12 +81,15 @@ def test_everything_comes_back(filled: Path, record: Records) -> None:
     assert slots[8]["took_s"] == pytest.approx(0.003)
 
 
-def test_events_and_readings_come_back(filled: Path) -> None:
+def test_events_and_readings_come_back(filled: Place) -> None:
     (event,) = Store(filled).rows("events")
     assert (event["kind"], event["camera_id"]) == ("camera-lost", "east")
     (reading,) = Store(filled).rows("energy")
     assert (reading["energy_j"], reading["span_s"], reading["charge"]) == (7.5, 1.5, 0.75)
     assert Store(filled).rows("energy", STARTED_NS + 3 * 10**9) == []
+    (left,) = Store(filled).rows("zones", "2", "3")
+    assert (left["zone"], left["kind"], left["track_id"]) == ("door", "leave", 11)
+    assert (left["count"], left["stayed_s"], left["slot"]) == (2, 1.5, 60)
 
 
 @pytest.mark.parametrize(
@@ -86,12 +103,12 @@ def test_events_and_readings_come_back(filled: Path) -> None:
     ],
 )
 def test_times_include_both_ends(
-    filled: Path, start: str | int | None, end: str | int | None, slots: list[int]
+    filled: Place, start: str | int | None, end: str | int | None, slots: list[int]
 ) -> None:
     assert np.unique(Store(filled).query(start, end).slots).tolist() == slots
 
 
-def test_one_track_and_one_joint(filled: Path) -> None:
+def test_one_track_and_one_joint(filled: Place) -> None:
     found = Store(filled).query("1", "2", track=11, joint="left_wrist")
     assert found.joints == ("left_wrist",)
     assert found.track_ids.tolist() == [11] * 26
@@ -101,27 +118,26 @@ def test_one_track_and_one_joint(filled: Path) -> None:
     assert len(Store(filled).query(track=99)) == 0
 
 
-def test_missing_joint_is_nan_with_score_zero(filled: Path) -> None:
+def test_missing_joint_is_nan_with_score_zero(filled: Place) -> None:
     found = Store(filled).query("0", "0.04", joint=COCO17.joints[3])
     assert np.isnan(found.joints_m).all()
     assert (found.scores == 0).all()
 
 
-def test_datetimes_are_understood(filled: Path) -> None:
+def test_datetimes_are_understood(filled: Place) -> None:
     start = datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(microseconds=STARTED_NS // 1000)
     found = Store(filled).query(start + timedelta(seconds=1), start + timedelta(seconds=1.04))
     assert np.unique(found.slots).tolist() == [25, 26]
 
 
-def test_sites_and_runs_are_kept_apart(tmp_path: Path, record: Records, run: Runs) -> None:
-    path = tmp_path / "both.db"
-    with StoreWriter(path, run("hall")) as hall, StoreWriter(path, run("yard")) as yard:
+def test_sites_and_runs_are_kept_apart(place: Place, record: Records, run: Runs) -> None:
+    with StoreWriter(place, run("hall")) as hall, StoreWriter(place, run("yard")) as yard:
         for slot in range(10):
             hall.append(record(slot, num_persons=1))
             yard.append(record(slot, num_persons=3))
-    with StoreWriter(path, run("hall", STARTED_NS + 10**12)) as later:
+    with StoreWriter(place, run("hall", STARTED_NS + 10**12)) as later:
         later.append(record(0, num_persons=2))
-    store = Store(path)
+    store = Store(place)
     assert sorted(one.run.site for one in store.runs()) == ["hall", "hall", "yard"]
     assert len(store.query(site="hall")) == 10 + 2
     assert len(store.query(site="yard")) == 30
@@ -132,64 +148,60 @@ def test_sites_and_runs_are_kept_apart(tmp_path: Path, record: Records, run: Run
         store.query(site="attic")
 
 
-def test_a_restarted_program_goes_on_in_its_run(tmp_path: Path, record: Records, run: Runs) -> None:
-    path = tmp_path / "again.db"
+def test_a_restarted_program_goes_on_in_its_run(place: Place, record: Records, run: Runs) -> None:
     for slots in (range(0, 20), range(15, 40)):
-        with StoreWriter(path, run()) as writer:
+        with StoreWriter(place, run()) as writer:
             for slot in slots:
                 writer.append(record(slot, num_persons=1))
-    assert len(Store(path).runs()) == 1
-    found = Store(path).query(track=10)
+    assert len(Store(place).runs()) == 1
+    found = Store(place).query(track=10)
     assert found.slots.tolist() == list(range(40)), "once each"
-    (track,) = Store(path).rows("tracks")
+    (track,) = Store(place).rows("tracks")
     assert (track["first_slot"], track["last_slot"]) == (0, 39)
 
 
-def test_different_skeletons_are_named(tmp_path: Path, record: Records, run: Runs) -> None:
-    path = tmp_path / "two.db"
-    with StoreWriter(path, run()) as writer:
+def test_different_skeletons_are_named(place: Place, record: Records, run: Runs) -> None:
+    with StoreWriter(place, run()) as writer:
         writer.append(record(0))
     other = Run("hall", "b", 5, 0.04, "two", ("nose", "tail"), ("c",))
-    with StoreWriter(path, other) as writer:
+    with StoreWriter(place, other) as writer:
         writer.event(Event(6, "start", "begun"))
     with pytest.raises(InputError, match="run 1 has coco17 and run 2 has two"):
-        Store(path).query()
-    assert len(Store(path).query(joint="nose")) == 2
+        Store(place).query()
+    assert len(Store(place).query(joint="nose")) == 2
     with pytest.raises(InputError, match="nose, tail"):
-        Store(path).query(joint="left_knee")
+        Store(place).query(joint="left_knee")
 
 
-def test_sigma_is_that_of_the_records_covariance(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
-    with StoreWriter(tmp_path / "s.db", run()) as writer:
+def test_sigma_is_that_of_the_records_covariance(place: Place, record: Records, run: Runs) -> None:
+    with StoreWriter(place, run()) as writer:
         writer.append(record(0))
-    sigma_m = Store(tmp_path / "s.db").query().sigma_m
+    sigma_m = Store(place).query().sigma_m
     np.testing.assert_allclose(sigma_m, np.sqrt(0.5), rtol=1e-3)
 
 
 @pytest.mark.parametrize("column", ["joints_m", "scores", "sigma_m", "measured"])
-def test_blob_of_wrong_size_is_named(filled: Path, column: str) -> None:
-    with sqlite3.connect(filled) as connection:
-        connection.execute(f"UPDATE poses SET {column} = x'00112233' WHERE slot = 7")
-    connection.close()
-    with pytest.raises(InputError, match=rf"hall\.db: poses: run 1.*{column}: found 4 bytes"):
+def test_blob_of_wrong_size_is_named(filled: Place, column: str) -> None:
+    with writing_engine(database_url(filled)).begin() as connection:
+        poses = schema.poses
+        connection.execute(update(poses).where(poses.c.slot == 7).values({column: b"1234"}))
+    with pytest.raises(InputError, match=rf": poses: run 1.*{column}: found 4 bytes"):
         Store(filled).query()
     assert len(Store(filled).query("1", "2")) == 52, "other times are still read"
 
 
 def test_record_that_does_not_fit_is_refused_and_told(
-    tmp_path: Path, record: Records, run: Runs
+    place: Place, record: Records, run: Runs
 ) -> None:
     told: list[Event] = []
-    with StoreWriter(tmp_path / "s.db", run(), tell=told.append) as writer:
+    with StoreWriter(place, run(), tell=told.append) as writer:
         writer.append(record(0), energy_j=np.zeros(7))
         writer.append(record(1))
         writer.append(record(2), time_ns=2**70)
         writer.append(record(3))
-    assert np.unique(Store(tmp_path / "s.db").query().slots).tolist() == [1, 3]
+    assert np.unique(Store(place).query().slots).tolist() == [1, 3]
     assert any("energy" in event.message for event in told)
-    kinds = {row["kind"] for row in Store(tmp_path / "s.db").rows("events")}
+    kinds = {row["kind"] for row in Store(place).rows("events")}
     assert "store-refused" in kinds
 
 
@@ -200,7 +212,7 @@ def run_cli(*tokens: str) -> int:
     return int(stop.value.code or 0)
 
 
-def test_query_writes_the_same_rows_in_every_format(filled: Path, tmp_path: Path) -> None:
+def test_query_writes_the_same_rows_in_every_format(filled: Place, tmp_path: Path) -> None:
     from pyarrow import parquet
 
     names = {form: tmp_path / f"out.{form}" for form in ("csv", "parquet", "json")}
@@ -224,17 +236,17 @@ def test_query_writes_the_same_rows_in_every_format(filled: Path, tmp_path: Path
     assert table.column("x").to_pylist() == list(range(25, 51))
 
 
-@pytest.mark.parametrize("what", ["slots", "tracks", "energy", "events", "runs"])
-def test_other_tables_are_written_too(filled: Path, tmp_path: Path, what: str) -> None:
+@pytest.mark.parametrize("what", ["slots", "tracks", "energy", "events", "zones", "runs"])
+def test_other_tables_are_written_too(filled: Place, tmp_path: Path, what: str) -> None:
     from pyarrow import parquet
 
     out = tmp_path / "out.parquet"
     assert run_cli("query", str(filled), "--what", what, "--parquet", str(out)) == 0
-    expected = {"slots": NUM_SLOTS, "tracks": 2, "energy": 1, "events": 1, "runs": 1}
+    expected = {"slots": NUM_SLOTS, "tracks": 2, "energy": 1, "events": 1, "zones": 1, "runs": 1}
     assert parquet.read_table(out).num_rows == expected[what]
 
 
-def test_table_on_the_terminal(filled: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_on_the_terminal(filled: Place, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_cli("query", str(filled), "--from", "2", "--to", "2", "--joint", "nose") == 0
     lines = capsys.readouterr().out.strip().splitlines()
     assert lines[0].strip().endswith(", times in UTC")
@@ -260,29 +272,12 @@ def test_table_on_the_terminal(filled: Path, capsys: pytest.CaptureFixture[str])
     ],
 )
 def test_wrong_question_is_one_line(
-    filled: Path, capsys: pytest.CaptureFixture[str], options: list[str], named: str
+    filled_file: Path, capsys: pytest.CaptureFixture[str], options: list[str], named: str
 ) -> None:
-    words = [str(filled) if word == "STORE" else word for word in options]
-    before = filled.read_bytes()
-    assert run_cli("query", str(filled), *words) == 2
+    words = [str(filled_file) if word == "STORE" else word for word in options]
+    before = filled_file.read_bytes()
+    assert run_cli("query", str(filled_file), *words) == 2
     error = capsys.readouterr().err
     assert named in error
     assert len(error.strip().splitlines()) == 1
-    assert filled.read_bytes() == before
-
-
-def test_statements_are_ones_that_other_databases_know() -> None:
-    """The seam: tables and writing go through SQLAlchemy Core, and PostgreSQL would take them."""
-    from sqlalchemy.dialects import postgresql
-    from sqlalchemy.schema import CreateTable
-
-    from e3pose.store import schema
-    from e3pose.store.delivery import new_rows
-
-    dialect = postgresql.dialect()  # type: ignore[no-untyped-call]
-    for table in schema.metadata.tables.values():
-        assert "ROWID" not in str(CreateTable(table).compile(dialect=dialect))
-        written = str(new_rows("postgresql", table).compile(dialect=dialect))
-        assert "ON CONFLICT DO NOTHING" in written
-        assert "IGNORE" not in written
-        assert "INSERT OR IGNORE" in str(new_rows("sqlite", table))
+    assert filled_file.read_bytes() == before

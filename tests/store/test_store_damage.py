@@ -17,22 +17,6 @@ from e3pose.store import Event, Store, StoreWriter, WriterSettings
 from e3pose.store.integrity import Watch, problem_of
 
 
-def test_unknown_version_is_refused_and_untouched(
-    tmp_path: Path, record: Records, run: Runs
-) -> None:
-    path = tmp_path / "future.db"
-    with StoreWriter(path, run()) as writer:
-        writer.append(record(0))
-    with sqlite3.connect(path) as connection:
-        connection.execute("UPDATE e3pose_store SET version = 7")
-    connection.close()
-    before = path.read_bytes()
-    for use in (lambda: StoreWriter(path, run()), lambda: Store(path).query()):
-        with pytest.raises(InputError, match=r"schema version: found 7, expected 1; read it with"):
-            use()
-    assert path.read_bytes() == before
-
-
 def test_somebody_elses_database_is_refused(tmp_path: Path, run: Runs) -> None:
     path = tmp_path / "photos.db"
     with sqlite3.connect(path) as connection:

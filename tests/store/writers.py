@@ -21,7 +21,7 @@ def wait_for(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
     assert eventually(condition, timeout_s), "it never came to pass"
 
 
-def stored_slots(path: Path) -> list[int]:
+def stored_slots(path: Path | str) -> list[int]:
     return [row["slot"] for row in Store(path).rows("slots")]
 
 

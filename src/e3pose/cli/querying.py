@@ -31,14 +31,14 @@ def query(
     to: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     track: Whole | None = None,
     joint: str | None = None,
-    what: Literal["poses", "slots", "tracks", "energy", "events", "runs"] = "poses",
+    what: Literal["poses", "slots", "tracks", "energy", "events", "zones", "runs"] = "poses",
     site: str | None = None,
     run: Whole | None = None,
     csv: Path | None = None,
     parquet: Path | None = None,
     json_file: JsonFile = None,
 ) -> None:
-    """Query a store: 3D poses, selections, energy, events.
+    """Query a store: 3D poses, selections, energy, events, zones.
 
     Example: `e3pose query live.db --from -10min --track 7 --joint left_wrist --csv wrist.csv`
 
@@ -60,7 +60,8 @@ def query(
         Only this joint, such as `left_wrist`.
     what
         `poses`; `slots` (selection, arrivals and energy per slot); `tracks` (first and last slot
-        of each person); `energy` (meter readings); `events`; `runs` (contents of the store).
+        of each person); `energy` (meter readings); `events`; `zones` (who entered, stayed in or
+        left which zone); `runs` (contents of the store).
     site
         Only runs of this site.
     run

@@ -54,14 +54,19 @@ class StoreTable:
     """`[store]`: where every slot is kept.
 
     Attributes:
-        path: a file (SQLite) or the URL of a database.
+        path: a file (SQLite) or the URL of a database, `postgresql://USER@HOST/NAME`.
         keep_s: the oldest to keep, such as `30d`.
-        max_bytes: the most to keep, such as `20GB`.
+        max_bytes: the most to keep, such as `20GB`; of a file only.
+        spool_bytes: room for what the database cannot take, such as `200MB`.
     """
 
     path: str = entry(write='"poses.db"')
     keep_s: float | None = entry(None, key="keep", read=age_s)
     max_bytes: int | None = entry(None, key="max_size", read=size_bytes)
+    spool_bytes: int = entry(32 * 2**20, key="spool", read=size_bytes)
+
+    def __post_init__(self) -> None:
+        check_within("spool", self.spool_bytes, 1_000_000, 1_000_000_000)
 
 
 @dataclass(frozen=True, slots=True)

@@ -234,6 +234,8 @@ def check_places(site: SiteTable) -> Iterator[Finding]:
         )
     elif "://" not in site.store.path:
         yield from check_store(site.near(site.store.path))
+    else:
+        yield check_server(site.store.path)
 
 
 def _readers(what: str, file: Path) -> Iterator[Finding]:
@@ -262,6 +264,17 @@ def check_store(file: Path) -> Iterator[Finding]:
         found = f"{plural(len(aside), 'damaged database')} moved aside, newest: {aside[-1]}"
         advice = f"recover with `sqlite3 {aside[-1]} .recover`, then delete it"
         yield Finding("warning", "store-corrupt", found, advice)
+
+
+def check_server(url: str) -> Finding:
+    """Look whether a database server takes connections, and whether what it holds is ours."""
+    from e3pose.store.database import check_reachable
+
+    try:
+        return Finding("ok", "store", check_reachable(url))
+    except InputError as error:
+        advice = "start the server; while it is away, slots wait in the spool"
+        return Finding("problem", "store", str(error), advice)
 
 
 def check_clock() -> Finding:

@@ -34,6 +34,8 @@ from e3pose.site.control import SiteControls
 from e3pose.site.lines import NO_LOG, Log
 from e3pose.site.quiet import be_quiet
 from e3pose.site.run import run_until_stopped
+from e3pose.site.zone_sink import ZoneSink
+from e3pose.site.zones import Zones
 from e3pose.store.rows import Event, Run
 from e3pose.store.writer import StoreWriter
 from e3pose.wire.access import Link, check_link, split_endpoint
@@ -275,7 +277,8 @@ def make_edge(
     )
     controls = SiteControls(live, ledger)
     recorder = open_recorder(live, news, stack)
-    consumers = Consumers(sink, learner, ledger, controls, recorder)
+    kept = ZoneSink(sink, Zones(site.zone)) if sink is not None and site.zone else sink
+    consumers = Consumers(kept, learner, ledger, controls, recorder)
     return EdgeServer(pipeline, transport, settings, clock, state_file, news, consumers)
 
 
@@ -306,7 +309,11 @@ def open_store(live: LiveSite, started_ns: int, news: News, stack: ExitStack) ->
     )
     if (file := database_path(database_url(place))) is not None:
         stack.enter_context(hold(file, site.name))  # other sites may share it
-    keeping = WriterSettings(retention=Retention(site.store.keep_s, site.store.max_bytes))
+    keeping = WriterSettings(
+        retention=Retention(site.store.keep_s, site.store.max_bytes),
+        spool_bytes=site.store.spool_bytes,
+        spool_beside=site.near(site.name),
+    )
     return stack.enter_context(StoreWriter(place, run, keeping, tell=news.note))
 
 

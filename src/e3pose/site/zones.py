@@ -8,41 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.model.region import distance_m, in_polygon, middles_m
+from e3pose.model.zone_event import Kind, ZoneEvent
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.connect import LiveSlot
 
 MARGIN_M = 0.1  # who is nearer than this to a zone has not left it: nobody stands still exactly
 LOST_S = 1.0  # a track that is not shown for longer has left
-
-Kind = Literal["enter", "dwell", "leave"]
-
-
-@dataclass(frozen=True, slots=True)
-class ZoneEvent:
-    """Somebody entered a zone, has stayed in it for its `dwell_s`, or left it.
-
-    Attributes:
-        kind: which of the three.
-        zone: name of the zone.
-        track: of the person.
-        count: people in the zone from now on.
-        stayed_s: for how long the person has been in it.
-        slot: in which slot.
-        time_ns: when, nanoseconds since 1970.
-    """
-
-    kind: Kind
-    zone: str
-    track: int
-    count: int
-    stayed_s: float
-    slot: int
-    time_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +28,16 @@ class Stay:
     since_ns: int
     seen_ns: int
     dwelt: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """The people of a slot, as far as zones are concerned; see `LiveSlot`."""
+
+    slot: int
+    time_ns: int
+    track_ids: NDArray[np.int64]
+    joints_m: NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +58,7 @@ class Zones:
         return {table.name: len(inside) for table, inside in zip(self.tables, stays, strict=True)}
 
 
-def advance(zones: Zones, slot: LiveSlot) -> tuple[Zones, list[ZoneEvent]]:
+def advance(zones: Zones, slot: LiveSlot | Seen) -> tuple[Zones, list[ZoneEvent]]:
     """Take in a slot; return who is where now and what happened.
 
     Args:
@@ -95,7 +81,7 @@ def advance(zones: Zones, slot: LiveSlot) -> tuple[Zones, list[ZoneEvent]]:
 def _advance_one(
     table: ZoneTable,
     inside: dict[int, Stay],
-    slot: LiveSlot,
+    slot: LiveSlot | Seen,
     within: Sequence[bool],
     near: Sequence[bool],
 ) -> tuple[dict[int, Stay], list[ZoneEvent]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -13,12 +14,14 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError
+from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, OperationalError
 from sqlalchemy.pool import NullPool
 
 from e3pose.errors import InputError
 from e3pose.files.private import make_file
 from e3pose.store import schema
+from e3pose.store.migrations import prepare
+from e3pose.store.postgres import engine_settings, shown_url, with_driver
 
 MAGIC = b"SQLite format 3\0"
 ENDINGS = (".db", ".sqlite", ".sqlite3")  # of files that may be taken for a damaged database
@@ -57,12 +60,12 @@ def database_path(url: str) -> Path | None:
 
 def shown(url: str) -> str:
     """Return what to call a store in a message: its path, or its URL without the password."""
-    return str(database_path(url) or make_url(url).render_as_string(hide_password=True))
+    return str(database_path(url) or shown_url(make_url(url)))
 
 
 def writing_engine(url: str) -> Engine:
     """Return an engine whose connections are set for writing; connects when it is used."""
-    engine = _engine(url)
+    engine = _engine(url, read_only=False)
     path = database_path(url)
     if path is not None:
 
@@ -102,11 +105,12 @@ def reading(store: str | Path, engines: dict[str, Engine] | None = None) -> Iter
             )
         url = _reading_url(path)
     engines = {} if engines is None else engines
-    engine = engines.get(url) or engines.setdefault(url, _engine(url))
+    engine = engines.get(url) or engines.setdefault(url, _engine(url, read_only=True))
     try:
         with engine.connect() as connection:
             if path is not None:
                 connection.execute(text("PRAGMA busy_timeout = 5000"))
+                connection.exec_driver_sql("BEGIN")  # all answers are of one moment
             schema.check_version(connection, where)
             yield connection
     except REFUSALS as error:
@@ -120,7 +124,7 @@ def check_place(url: str) -> None:
     """Raise `InputError` if a store cannot be at a place, as far as a look can tell."""
     path = database_path(url)
     if path is None:
-        _engine(url).dispose()
+        _engine(url, read_only=False).dispose()
         return
     if path.is_dir():
         raise InputError(f"{path}: found a folder, expected a file")
@@ -132,13 +136,29 @@ def check_place(url: str) -> None:
         raise InputError(f"{path}: found a file that is no database, expected a store")
 
 
-def open_checked(url: str) -> str | None:
-    """Make or check the tables of a store before its writer starts.
+def check_reachable(url: str) -> str:
+    """Return what a database server holds, in words.
+
+    Raises:
+        InputError: when it cannot be reached, or holds something else.
+    """
+    engine = _engine(url, read_only=True)
+    where = shown(url)
+    try:
+        with _connected(engine) as connection:
+            version = schema.check_version(connection, where, may_be_empty=True)
+    except REFUSALS as error:
+        raise InputError(f"{where}: cannot be read ({reason_of(error)})") from None
+    return f"{where}: {f'a store of schema {version}' if version else 'empty'}"
+
+
+def open_checked(url: str) -> list[tuple[str, str]]:
+    """Make, upgrade or check the tables of a store before its writer starts.
 
     A damaged SQLite file is renamed, never deleted, and a new one takes its place.
 
     Returns:
-        A line that says what was set aside, or None.
+        Kind and line of what a person should know: what was set aside, an upgrade.
 
     Raises:
         InputError: when the database is not ours, or of another version.
@@ -146,17 +166,21 @@ def open_checked(url: str) -> str | None:
     """
     check_place(url)
     path = database_path(url)
-    damage = None
+    changes = list[tuple[str, str]]()
     if path is not None and _is_other_file(path):
-        damage = set_aside(path, "its first bytes are not those of a database")
+        reason = "its first bytes are not those of a database"
+        changes.append(("store-corrupt", set_aside(path, reason)))
     try:
-        _prepare(url, path)
+        found = _prepare(url, path)
     except REFUSALS as error:
         if path is None or not is_damage(error):
             raise
-        damage = set_aside(path, reason_of(error))
-        _prepare(url, path)
-    return damage
+        changes.append(("store-corrupt", set_aside(path, reason_of(error))))
+        found = _prepare(url, path)
+    if 0 < found < schema.VERSION:
+        line = f"{shown(url)}: upgraded from schema {found} to {schema.VERSION}"
+        changes.append(("store-upgraded", line))
+    return changes
 
 
 def set_aside(path: Path, reason: str) -> str:
@@ -192,10 +216,25 @@ def is_damage(error: Exception) -> bool:
     return isinstance(said, sqlite3.Error) and any(word in str(said) for word in DAMAGE)
 
 
-def _engine(url: str) -> Engine:
+def is_of_rows(error: DBAPIError) -> bool:
+    """Tell what a database says of rows from what it says of itself: disk, lock, link, rights."""
+    if isinstance(error.orig, sqlite3.Error):
+        return not (isinstance(error, OperationalError) or is_damage(error))
+    return isinstance(error, (DataError, IntegrityError))
+
+
+def _engine(url: str, read_only: bool) -> Engine:
     try:
-        return create_engine(url, poolclass=NullPool)
-    except (ArgumentError, ModuleNotFoundError) as error:
+        made = with_driver(make_url(url))
+        postgres = made.get_backend_name() == "postgresql"
+        settings = engine_settings(made, read_only) if postgres else {}
+        return create_engine(made, poolclass=NullPool, **settings)
+    except ModuleNotFoundError as error:
+        if error.name != "psycopg":
+            raise
+        advice = "psycopg: pip install 'e3pose[postgres]'"
+        raise InputError(f"{shown(url)}: needs the driver {advice}") from None
+    except ArgumentError as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"{shown(url)}: cannot be opened ({reason})") from None
 
@@ -223,17 +262,30 @@ def _reading_url(path: Path) -> str:
     return f"sqlite:///{reading_uri(path)}&uri=true"
 
 
-def _prepare(url: str, path: Path | None) -> None:
+def _prepare(url: str, path: Path | None) -> int:
+    """Make, upgrade or check the tables; return the version that was found, 0 where none was."""
     # Looked at before it is opened for writing: what is not ours, or damaged, stays as it was.
     if path is not None and path.is_file() and path.stat().st_size:
-        with _connected(_engine(_reading_url(path))) as connection:
-            schema.check_version(connection, shown(url), may_be_empty=True)
+        with _connected(_engine(_reading_url(path), read_only=True)) as connection:
+            found = schema.check_version(connection, shown(url), may_be_empty=True)
+            if 0 < found < schema.VERSION:
+                _check_room(path, found)
             if path.stat().st_size <= CHECKED_BYTES:
-                found = connection.execute(text("PRAGMA quick_check(1)")).scalar()
-                if found != "ok":
-                    raise damage(str(found))
+                problem = connection.execute(text("PRAGMA quick_check(1)")).scalar()
+                if problem != "ok":
+                    raise damage(str(problem))
     with _connected(writing_engine(url)) as connection, connection.begin():
-        schema.prepare(connection, shown(url))
+        return prepare(connection, shown(url))
+
+
+def _check_room(path: Path, version: int) -> None:
+    """Raise `InputError` where a disk has no room for the tables that an upgrade writes anew."""
+    needed, free = 2 * path.stat().st_size, shutil.disk_usage(path.parent).free  # log and file
+    if free < needed:
+        raise InputError(
+            f"{path}: upgrade from schema {version} to {schema.VERSION}: found {free / 1e9:.2f} GB "
+            f"of free disk space, expected {needed / 1e9:.2f} GB; or let it write to a new file"
+        )
 
 
 @contextmanager

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Insert, Table, bindparam, insert, select, update
 from sqlalchemy.dialects import postgresql
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import DBAPIError
 
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 from e3pose.store import schema
-from e3pose.store.database import database_path, identity, is_damage, shown, writing_engine
+from e3pose.store.database import database_path, identity, is_of_rows, shown, writing_engine
+from e3pose.store.migrations import prepare
 from e3pose.store.retention import Retention, give_back, trim
 from e3pose.store.rows import Row, Run, track_rows
 from e3pose.store.spool import left_behind, spools_of
@@ -21,15 +23,20 @@ from e3pose.store.spool import left_behind, spools_of
 class Delivery:
     """A connection that writes, opened when it is needed; used by one thread."""
 
-    def __init__(self, url: str) -> None:
-        """Remember where to deliver; nothing is opened yet."""
+    def __init__(self, url: str, spools: Path | None = None) -> None:
+        """Remember where to deliver; nothing is opened yet.
+
+        Args:
+            url: of the store.
+            spools: what spools of processes that were killed lie beside; None where none can.
+        """
         self.opened = False  # whether the tables are known to be there
         self._path, self._where = database_path(url), shown(url)
         self._engine = writing_engine(url)
         self._connection: Connection | None = None
         self._file: tuple[int, int] | None = None
         self._run_ids: dict[tuple[str, int], int] = {}
-        self._left = [] if self._path is None else spools_of(self._path)
+        self._left = [] if spools is None else spools_of(spools)
 
     def commit(self, rows: Sequence[Row], run: Run) -> int:
         """Write rows in one transaction; a row that is there already stays as it is.
@@ -45,11 +52,8 @@ class Delivery:
         try:
             self._insert(rows, run)
             return 0
-        except (DBAPIError, OverflowError) as error:
-            # An OperationalError is the disk or the lock; anything else is one of the rows.
-            if isinstance(error, OperationalError) or (
-                isinstance(error, DBAPIError) and is_damage(error)
-            ):
+        except (DBAPIError, OverflowError, UnicodeEncodeError) as error:
+            if isinstance(error, DBAPIError) and not is_of_rows(error):
                 raise
             self.close()
         if len(rows) == 1:
@@ -108,7 +112,7 @@ class Delivery:
         if self._connection is None:
             self._connection = self._engine.connect()
             with self._connection.begin():
-                schema.prepare(self._connection, self._where)
+                prepare(self._connection, self._where)
             self._file = identity(self._path)
         return self._connection
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Select, func, select
+from sqlalchemy import Connection, Engine, Select, func, inspect, select
 
 from e3pose.errors import InputError
 from e3pose.store import schema
@@ -20,6 +21,7 @@ Time = str | datetime | int | None  # as in `times.as_when`; None is without a b
 
 CHUNK_POSES = 10_000
 MAX_POSES = 2_000_000  # at once in memory: a gigabyte; whoever wants more reads it in chunks
+TABLES = ("slots", "tracks", "energy", "events", "zones")
 FOREVER = (-(2**63), 2**63 - 1)
 
 
@@ -114,9 +116,11 @@ class Store:
                     continue
                 begin = after[1] + 1 if after and span.stored.run_id == after[0] else None
                 column = None if joint is None else span.stored.run.joints.index(joint)
-                for rows in self._pose_rows(connection, span, track, begin, chunk):
-                    count = len(span.stored.run.joints)
-                    yield stored_poses(rows, joints, count, column, self.where)
+                count = len(span.stored.run.joints)
+                # Closed before the connection is, whatever is wrong with the rows.
+                with closing(self._pose_rows(connection, span, track, begin, chunk)) as found:
+                    for rows in found:
+                        yield stored_poses(rows, joints, count, column, self.where)
 
     def rows(
         self,
@@ -129,7 +133,7 @@ class Store:
         offset: int = 0,
         limit: int | None = None,
     ) -> list[dict[str, Any]]:
-        """Return rows of `slots`, `tracks`, `energy` or `events` between two times, by column name.
+        """Return rows of a table of `TABLES` between two times, by column name.
 
         A slot's `occlusion`, `deficit` and `energy_j` are lists with one number a camera.
 
@@ -141,7 +145,10 @@ class Store:
         """
         found: list[dict[str, Any]] = []
         with reading(self._store, self._engines) as connection:
-            for span in self._spans(connection, start, end, site, run):
+            spans = self._spans(connection, start, end, site, run)
+            if table == "zones" and not inspect(connection).has_table(table):
+                return []  # a store of version 1
+            for span in spans:
                 asked = _of_table(table, span)
                 if offset:
                     count = connection.scalar(select(func.count()).select_from(asked.subquery()))
@@ -208,7 +215,7 @@ class Store:
 
     def _pose_rows(
         self, connection: Connection, span: Span, track: int | None, begin: int | None, chunk: int
-    ) -> Iterator[Sequence[Any]]:
+    ) -> Generator[Sequence[Any], None, None]:
         poses = schema.poses
         bounds = _slot_bounds(connection, span, track)
         if bounds is None:
@@ -225,8 +232,8 @@ class Store:
         )
         if track is not None:
             asked = asked.where(poses.c.track_id == track)
-        result = connection.execution_options(yield_per=chunk).execute(asked)
-        yield from result.partitions()
+        with connection.execution_options(yield_per=chunk).execute(asked) as result:
+            yield from result.partitions()
 
 
 def _slot_bounds(connection: Connection, span: Span, track: int | None) -> tuple[int, int] | None:
@@ -261,8 +268,8 @@ def _bounds(first: When | None, last: When | None, started_ns: int) -> tuple[int
 
 
 def _of_table(table: str, span: Span) -> Select[Any]:
-    if table not in ("slots", "tracks", "energy", "events"):
-        raise InputError(f"table: found {table[:40]!r}, expected slots, tracks, energy or events")
+    if table not in TABLES:
+        raise InputError("table", repr(table[:40]), f"one of {', '.join(TABLES)}")
     columns = schema.ROWS[table].c
     asked = select(schema.ROWS[table]).where(columns.run_id == span.stored.run_id)
     if table == "tracks":  # whoever was there at some time between

@@ -11,6 +11,10 @@ from e3pose.store.rows import NS
 
 BATCH_SLOTS = 200  # a few milliseconds of work: eight times what 25 slots a second add
 VACUUM_PAGES = 500
+SIZE_OF_SERVER = (
+    "max_size: found it with a database server, which keeps the space of what is deleted, "
+    "expected keep, such as keep = '30d'"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +23,7 @@ class Retention:
 
     Attributes:
         max_age_s: slots older than this go.
-        max_bytes: the oldest slots go while the database holds more than this.
+        max_bytes: the oldest slots go while an SQLite database holds more than this.
     """
 
     max_age_s: float | None = None
@@ -67,7 +71,7 @@ def _remove(connection: Connection, before_ns: int) -> int:
                     table.c.time_ns <= keys[-1].time_ns,
                 )
             )
-        for table in (schema.energy, schema.events):
+        for table in (schema.energy, schema.events, schema.zones):
             connection.execute(
                 delete(table).where(table.c.run_id == run_id, table.c.time_ns <= keys[-1].time_ns)
             )
@@ -92,9 +96,6 @@ def _forget_empty(connection: Connection, run_id: int) -> None:
 
 
 def _used(connection: Connection) -> int:
-    if connection.dialect.name == "postgresql":
-        size = select(func.pg_database_size(func.current_database()))
-        return int(connection.execute(size).scalar_one())
     pages, free, size = (
         connection.execute(text(f"PRAGMA {name}")).scalar_one()
         for name in ("page_count", "freelist_count", "page_size")

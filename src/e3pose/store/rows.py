@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.model.uncertainty import axis_sigma_m
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 
 Floats = NDArray[np.float64]
@@ -189,6 +190,22 @@ def energy_row(reading: EnergyReading) -> Row:
             "span_s": float(reading.span_s),
             "charge": None if reading.charge is None else float(reading.charge),
             "source": reading.source[:MAX_TEXT],
+        },
+    )
+
+
+def zone_row(event: ZoneEvent) -> Row:
+    """Return the row of somebody entering, staying in or leaving a zone."""
+    return (
+        "zones",
+        {
+            "time_ns": event.time_ns,
+            "zone": event.zone[:MAX_TEXT],
+            "track_id": event.track,
+            "kind": event.kind,
+            "slot": event.slot,
+            "count": event.count,
+            "stayed_s": float(event.stayed_s),
         },
     )
 

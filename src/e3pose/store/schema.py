@@ -18,14 +18,14 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
-    insert,
     inspect,
     select,
 )
 
 from e3pose.errors import InputError
 
-VERSION = 1
+VERSION = 2  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2)  # of which columns that questions use have the same names and meaning
 
 metadata = MetaData()
 
@@ -55,11 +55,12 @@ def _in_run(*key: str) -> tuple[Column[int], ...]:
     )
 
 
+# Tables that grow have the time in their key: TimescaleDB and PostgreSQL partition by a column that
+# every unique key holds.
 slots = Table(
     "slots",
     metadata,
-    *_in_run("slot"),
-    Column("time_ns", BigInteger, nullable=False),
+    *_in_run("slot", "time_ns"),
     Column("selected", Text, nullable=False),  # one 0 or 1 per camera
     Column("arrived", Text, nullable=False),
     Column("next_selection", Text, nullable=False),
@@ -74,8 +75,7 @@ slots = Table(
 poses = Table(
     "poses",
     metadata,
-    *_in_run("slot", "track_id"),
-    Column("time_ns", BigInteger, nullable=False),
+    *_in_run("slot", "track_id", "time_ns"),
     Column("joints_m", LargeBinary, nullable=False),  # (num_joints, 3) float32, NaN where missing
     Column("scores", LargeBinary, nullable=False),  # (num_joints,) float16, 0 where missing
     Column("sigma_m", LargeBinary),  # (num_joints,) float16 standard deviation, where one is known
@@ -119,7 +119,21 @@ events = Table(
     sqlite_with_rowid=False,
 )
 
-ROWS = {table.name: table for table in (slots, poses, tracks, energy, events)}
+# Who entered, stayed in or left which zone of the floor.
+zones = Table(
+    "zones",
+    metadata,
+    *_in_run("time_ns"),
+    Column("zone", Text, primary_key=True),
+    Column("track_id", BigInteger, primary_key=True, autoincrement=False),
+    Column("kind", Text, primary_key=True),  # enter, dwell or leave
+    Column("slot", BigInteger, nullable=False),
+    Column("count", BigInteger, nullable=False),  # people in the zone from then on
+    Column("stayed_s", Float, nullable=False),
+    sqlite_with_rowid=False,
+)
+
+ROWS = {table.name: table for table in (slots, poses, tracks, energy, events, zones)}
 
 # Full synchronous costs one fsync a commit, once in a while: what was acknowledged then survives a
 # power cut, not only a killed process.
@@ -133,31 +147,25 @@ WRITER_PRAGMAS = (
 )
 
 
-def prepare(connection: Connection, where: str) -> None:
-    """Make the tables of an empty database, or check that they are ours and of this version.
+def check_version(connection: Connection, where: str, may_be_empty: bool = False) -> int:
+    """Return the version of the store that a database holds; 0 of an empty one.
 
     Raises:
-        InputError: when the database holds something else, or another version's tables.
+        InputError: when the database holds something else, or tables of a version not known here.
     """
-    check_version(connection, where, may_be_empty=True)
-    metadata.create_all(connection)
-    if connection.execute(select(about.c.version)).first() is None:
-        connection.execute(insert(about), {"version": VERSION})
-
-
-def check_version(connection: Connection, where: str, may_be_empty: bool = False) -> None:
-    """Raise `InputError` unless the database holds a store of this version."""
     names = set(inspect(connection).get_table_names())
     if not names and may_be_empty:
-        return
+        return 0
     if about.name not in names:
         found = f"tables {', '.join(sorted(names))[:80]}" if names else "no tables"
         raise InputError(f"{where}: found {found}, expected a database that e3pose writes")
     version = connection.execute(select(about.c.version)).scalar()
     if version is None and may_be_empty:  # killed between its tables and its version
-        return
-    if version != VERSION:
+        return 0
+    if version not in READABLE:
+        known = f"{READABLE[0]} to {READABLE[-1]}"
         raise InputError(
-            f"{where}: schema version: found {version}, expected {VERSION}; read it with the "
+            f"{where}: schema version: found {version}, expected {known}; read it with the "
             "version of e3pose that wrote it, or let this one write to a new file"
         )
+    return int(version)

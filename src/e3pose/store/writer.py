@@ -17,6 +17,7 @@ from types import TracebackType
 
 from e3pose.errors import InputError
 from e3pose.files.thread_name import show_thread_name
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 from e3pose.quantities import plural
 from e3pose.store.database import (
@@ -31,7 +32,7 @@ from e3pose.store.database import (
 )
 from e3pose.store.delivery import Delivery
 from e3pose.store.integrity import Watch
-from e3pose.store.retention import Retention
+from e3pose.store.retention import SIZE_OF_SERVER, Retention
 from e3pose.store.rows import (
     NS,
     EnergyReading,
@@ -42,6 +43,7 @@ from e3pose.store.rows import (
     energy_row,
     event_row,
     slot_rows,
+    zone_row,
 )
 from e3pose.store.spool import DEFAULT_BYTES, new_spool
 
@@ -58,6 +60,8 @@ class WriterSettings:
         commit_slots: commit earlier when this many wait.
         queue_slots: records kept while the thread is busy; more are shed, and counted.
         spool_bytes: room for what the database cannot take.
+        spool_beside: a name in the folder that the spool is kept in, where the store is no file;
+            None for memory.
         check_s: how often to look whether the file is whole.
         retention: what to keep.
     """
@@ -66,6 +70,7 @@ class WriterSettings:
     commit_slots: int = 256
     queue_slots: int = 2000
     spool_bytes: int = DEFAULT_BYTES
+    spool_beside: Path | None = None
     check_s: float = 60.0
     retention: Retention = field(default_factory=Retention)
 
@@ -100,7 +105,7 @@ class _Slot:
 
 
 _Item = (
-    _Slot | Event | EnergyReading | threading.Event
+    _Slot | Event | EnergyReading | ZoneEvent | threading.Event
 )  # an event to set once all before it is done
 
 
@@ -127,13 +132,16 @@ class StoreWriter:
             wall_ns: nanoseconds since 1970, UTC.
 
         Raises:
-            InputError: when the store is not ours, or of another version.
+            InputError: when the store is not ours, of another version, or cannot keep to a size.
         """
         self.run = run
         self.settings = settings or WriterSettings()
         self._tell, self._wall_ns = tell, wall_ns
         self._url = database_url(store)
         self._path = database_path(self._url)
+        if self._path is None and self.settings.retention.max_bytes is not None:
+            raise InputError(SIZE_OF_SERVER)
+        beside = self._path or self.settings.spool_beside
         # No lock and nobody woken when a slot is appended: one deque operation, and the thread
         # looks for itself. A queue's lock made the loop wait for the thread now and then.
         self._items: deque[_Item] = deque()
@@ -144,14 +152,14 @@ class StoreWriter:
         self._trouble: str | None = None
         self._next_try_s = 0.0
         self._notes: list[Event] = []
-        self._delivery = Delivery(self._url)
+        self._delivery = Delivery(self._url, beside)
         self._watch = None if self._path is None else Watch(self._path, self.settings.check_s)
         unable: Exception | None = None
         try:
             self._open()
         except (*REFUSALS, OSError) as error:
             unable = error
-        self._spool = new_spool(run, self._path, self.settings.spool_bytes)
+        self._spool = new_spool(run, beside, self.settings.spool_bytes)
         if unable is not None:
             self._in_trouble(unable)
         self._thread = threading.Thread(target=self._work, name="store", daemon=True)
@@ -187,6 +195,10 @@ class StoreWriter:
     def energy(self, reading: EnergyReading) -> bool:
         """Hand over what a camera's meter said; return whether it was taken."""
         return self._hand_over(reading, wait=False)
+
+    def zone(self, event: ZoneEvent) -> bool:
+        """Hand over what happened in a zone; return whether it was taken."""
+        return self._hand_over(event, wait=False)
 
     def status(self) -> WriterStatus:
         """Return how the writer is doing; cheap enough for every slot."""
@@ -283,12 +295,14 @@ class StoreWriter:
             rows += self._encode(note)
         return rows, newest, waiting
 
-    def _encode(self, item: _Slot | Event | EnergyReading) -> list[Row]:
+    def _encode(self, item: _Slot | Event | EnergyReading | ZoneEvent) -> list[Row]:
         try:
             if isinstance(item, _Slot):
                 return slot_rows(item.record, item.time_ns, item.energy_j)
             if isinstance(item, EnergyReading):
                 return [energy_row(item)]
+            if isinstance(item, ZoneEvent):
+                return [zone_row(item)]
             self._events += 1
             return [event_row(item, self._events)]
         except (InputError, ValueError, TypeError) as error:
@@ -336,7 +350,8 @@ class StoreWriter:
         known, self._trouble = self._trouble is not None, reason
         if self._path is not None and is_damage(error):
             try:
-                self._say_corrupt(set_aside(self._path, reason))
+                self._corrupt += 1
+                self._say("store-corrupt", set_aside(self._path, reason))
                 self._delivery.opened = False
             except OSError as refused:
                 if not known:
@@ -347,9 +362,9 @@ class StoreWriter:
             self._say(kind, f"the store is not writable ({reason}): spooling to a {where}")
 
     def _open(self) -> None:
-        corrupt = open_checked(self._url)
-        if corrupt:
-            self._say_corrupt(corrupt)
+        for kind, message in open_checked(self._url):
+            self._corrupt += kind == "store-corrupt"
+            self._say(kind, message)
         self._delivery.opened = True
 
     def _keep_house(self) -> None:
@@ -364,10 +379,6 @@ class StoreWriter:
                 raise damage(wrong)
         except (*REFUSALS, OSError) as error:
             self._in_trouble(error)
-
-    def _say_corrupt(self, message: str) -> None:
-        self._corrupt += 1
-        self._say("store-corrupt", message)
 
     def _say(self, kind: str, message: str) -> None:
         event = Event(self._wall_ns(), kind, message)

@@ -98,9 +98,11 @@ def make_api(
         stored = _asked(lambda: _needed(store).runs())
         return [{"run": one.run_id, **_run_row(one.run)} for one in stored]
 
-    @api.get("/{table}", summary="Stored slots, tracks, energy and events", response_model=RowPage)
+    @api.get(
+        "/{table}", summary="Stored slots, tracks, energy, events and zones", response_model=RowPage
+    )
     def rows(
-        table: Literal["slots", "tracks", "energy", "events"],
+        table: Literal["slots", "tracks", "energy", "events", "zones"],
         start: Start = None,
         end: End = None,
         run: Run = None,

@@ -13,8 +13,8 @@ import orjson
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.zones import ZoneEvent
 from e3pose.wire.messages import Status
 
 DECIMALS_M = 4  # a tenth of a millimetre

@@ -27,8 +27,9 @@ from e3pose.errors import InputError
 from e3pose.exports.streams import STREAMS, Source, open_stream
 from e3pose.exports.streams.send import Sender
 from e3pose.model.skeleton import COCO17
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import Connection, LiveSlot
-from e3pose.site.zones import ZoneEvent, Zones
+from e3pose.site.zones import Zones
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.memory import Hub
 from e3pose.wire.messages import Poses

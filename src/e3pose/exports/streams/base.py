@@ -7,8 +7,8 @@ from typing import Protocol
 
 from e3pose.errors import InputError
 from e3pose.model.skeleton import Skeleton
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.zones import ZoneEvent
 from e3pose.wire.access import split_endpoint
 
 

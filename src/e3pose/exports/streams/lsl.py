@@ -12,8 +12,8 @@ import numpy as np
 import pylsl
 
 from e3pose.exports.streams.base import Source
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.zones import ZoneEvent
 
 PEOPLE = 4
 PARTS = ("x", "y", "z", "sigma")

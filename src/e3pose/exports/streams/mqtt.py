@@ -15,8 +15,8 @@ from paho.mqtt.enums import CallbackAPIVersion
 from e3pose.errors import InputError
 from e3pose.exports.streams.base import Source, host_port
 from e3pose.exports.streams.words import slot_words, zone_words
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.zones import ZoneEvent
 
 PORT = 1883
 MAX_WAITING = 50

@@ -14,8 +14,8 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.udp_client import UDPClient
 
 from e3pose.exports.streams.base import Source, host_port
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.zones import ZoneEvent
 
 PORT = 9000
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.site.zones import ZoneEvent
 
 DECIMALS = 4
 

@@ -1,0 +1,89 @@
+"""Making the tables of a store, and bringing those of earlier versions up to the present one.
+
+A step is plain SQL of its time, not today's tables: it means the same when they have changed again.
+All steps are one transaction: a store has its old version or the new one, never one between.
+"""
+
+from __future__ import annotations
+
+import re
+
+from sqlalchemy import Connection, insert, select, text, update
+
+from e3pose.store import schema
+
+LOCK = 0x6533706F  # of PostgreSQL: two programs that make or change tables do it in turn
+ZONES_2 = """CREATE TABLE zones (
+    run_id BIGINT NOT NULL,
+    time_ns BIGINT NOT NULL,
+    zone TEXT NOT NULL,
+    track_id BIGINT NOT NULL,
+    kind TEXT NOT NULL,
+    slot BIGINT NOT NULL,
+    count BIGINT NOT NULL,
+    stayed_s FLOAT NOT NULL,
+    PRIMARY KEY (run_id, time_ns, zone, track_id, kind)
+)"""
+
+
+def prepare(connection: Connection, where: str) -> int:
+    """Make the tables of an empty database, or bring those of a store up to the present version.
+
+    Args:
+        connection: in a transaction that nothing was asked in.
+        where: the store, for messages.
+
+    Returns:
+        The version that was found; 0 for an empty database.
+
+    Raises:
+        InputError: when the database holds something else, or tables of a version not known here.
+    """
+    postgres = connection.dialect.name == "postgresql"
+    if postgres:
+        connection.execute(text(f"SELECT pg_advisory_xact_lock({LOCK})"))
+    found = schema.check_version(connection, where, may_be_empty=True)
+    if 0 < found < schema.VERSION:
+        if postgres:
+            connection.execute(text("SET LOCAL statement_timeout = 0"))
+        else:  # Python's driver begins none for what changes tables
+            connection.exec_driver_sql("BEGIN IMMEDIATE")
+            found = schema.check_version(connection, where)  # another may have been faster
+        for version in range(found + 1, schema.VERSION + 1):
+            STEPS[version](connection)
+        connection.execute(update(schema.about).values(version=schema.VERSION))
+    schema.metadata.create_all(connection)
+    if connection.execute(select(schema.about.c.version)).first() is None:
+        connection.execute(insert(schema.about), {"version": schema.VERSION})
+    return found
+
+
+def _to_2(connection: Connection) -> None:
+    """Take the time into the keys of slots and poses; make a table for zones."""
+    for table, key in (("slots", "run_id, slot"), ("poses", "run_id, slot, track_id")):
+        _extend_key(connection, table, key, "time_ns")
+    ending = " WITHOUT ROWID" if connection.dialect.name == "sqlite" else ""
+    connection.exec_driver_sql(ZONES_2 + ending)
+
+
+def _extend_key(connection: Connection, table: str, key: str, column: str) -> None:
+    """Add a column to the end of a table's key."""
+    if connection.dialect.name == "postgresql":
+        connection.exec_driver_sql(f"ALTER TABLE {table} DROP CONSTRAINT {table}_pkey")
+        connection.exec_driver_sql(f"ALTER TABLE {table} ADD PRIMARY KEY ({key}, {column})")
+        return
+    # SQLite changes no key: the table is written anew, in its order, and its indexes with it.
+    asked = "SELECT type, sql FROM sqlite_master WHERE tbl_name = ? AND sql IS NOT NULL"
+    parts = connection.exec_driver_sql(asked, (table,)).all()
+    (made,) = (sql for kind, sql in parts if kind == "table")
+    made = re.sub(r"PRIMARY KEY \([^)]*\)", f"PRIMARY KEY ({key}, {column})", made)
+    connection.exec_driver_sql(re.sub(rf"\b{table}\b", f"new_{table}", made, count=1))
+    connection.exec_driver_sql(f"INSERT INTO new_{table} SELECT * FROM {table} ORDER BY {key}")
+    connection.exec_driver_sql(f"DROP TABLE {table}")
+    connection.exec_driver_sql(f"ALTER TABLE new_{table} RENAME TO {table}")
+    for kind, sql in parts:
+        if kind == "index":
+            connection.exec_driver_sql(sql)
+
+
+STEPS = {2: _to_2}

@@ -1,0 +1,62 @@
+"""A database server that is stopped and started again under a running edge."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.live.processes import LiveSite
+from tests.postgres import Server, running_server
+from tests.waiting import eventually
+
+from e3pose.store import Store
+
+pytestmark = pytest.mark.live
+
+
+@pytest.fixture(scope="module")
+def server(postgres: Server) -> Iterator[Server]:
+    """One that this test may stop."""
+    with running_server(postgres.tools) as made:
+        yield made
+
+
+def test_nothing_is_lost_while_the_server_is_away(
+    server: Server, tmp_path: Path, recording: Path
+) -> None:
+    (tmp_path / "recording").symlink_to(recording)
+    url = server.new_store()
+    zone = (
+        "[[zone]]",
+        'name = "all"',
+        "corners = [[-50, -50], [50, -50], [50, 50], [-50, 50]]",
+    )
+    site = LiveSite(tmp_path, tables=("[store]", f'path = "{url}"', *zone))
+
+    def stored() -> list[int]:
+        return [row["slot"] for row in Store(url).rows("slots")]
+
+    with site.at_work():
+        assert eventually(lambda: len(stored()) > 0), site.told()
+        server.stop()
+        assert eventually(lambda: site.events("store-trouble")), site.told()
+        count, lost = len(site.poses), site.status().slots_lost
+        site.flows(40)
+        site.unbroken([poses.slot for poses in site.poses[count:]], lost)
+        away = site.poses[-1].slot
+        server.start()
+        assert eventually(lambda: site.events("store-recovered")), site.told()
+        assert eventually(lambda: max(stored(), default=-1) > away), site.told()
+        first, last = stored()[0], stored()[-1]
+        missing = set(range(first, last + 1)) - set(stored())
+        assert len(missing) <= site.status().slots_lost, "only what was never computed"
+        assert len(site.events("store-trouble")) == 1, "told once"
+        assert "file" in site.events("store-trouble")[0]["event"]
+
+        def kinds() -> set[str]:
+            return {row["kind"] for row in Store(url).rows("events")}
+
+        assert eventually(lambda: {"store-trouble", "store-recovered"} <= kinds()), kinds()
+        zones = Store(url).rows("zones")
+        assert {row["zone"] for row in zones} == {"all"} and zones[0]["kind"] == "enter"

@@ -1,0 +1,151 @@
+"""Stores of earlier versions are read as they are and upgraded by a writer; newer ones refused."""
+
+from __future__ import annotations
+
+import shutil
+from collections import namedtuple
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import inspect, text, update
+from tests.store.writers import Records, Runs
+
+from e3pose.cli import main
+from e3pose.errors import InputError
+from e3pose.store import EnergyReading, Event, Store, StoreWriter, migrations, schema
+from e3pose.store.database import database_url, writing_engine
+from e3pose.store.delivery import Delivery
+from e3pose.store.rows import energy_row, event_row, slot_rows
+
+Place = Path | str
+STARTED_NS = 1_795_000_000_000_000_000
+SLOTS = 40
+SCHEMAS = Path(__file__).parent / "schemas"
+
+
+@pytest.fixture
+def old(place: Place, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatch) -> Place:
+    """A store of version 1: tables by the SQL of that time, rows as its writer wrote them."""
+    engine = writing_engine(database_url(place))
+    statements = (SCHEMAS / f"1.{engine.dialect.name}.sql").read_text().split(";\n")
+    with engine.begin() as connection:
+        for statement in statements[:-1]:
+            connection.exec_driver_sql(statement)
+        connection.execute(text("INSERT INTO e3pose_store (version) VALUES (1)"))
+    rows = [r for s in range(SLOTS) for r in slot_rows(record(s), STARTED_NS + s * 40_000_000)]
+    rows.append(event_row(Event(STARTED_NS, "start", "begun"), 1))
+    rows.append(energy_row(EnergyReading(STARTED_NS, "north", 1.0, 1.0, "measured")))
+    monkeypatch.setattr("e3pose.store.delivery.prepare", lambda *_: 1)
+    delivery = Delivery(database_url(place))
+    assert delivery.commit(rows, run()) == 0
+    delivery.close()
+    monkeypatch.undo()
+    return place
+
+
+def tables(place: Place) -> dict[str, Any]:
+    """Return columns, keys and indexes of every table."""
+    engine = writing_engine(database_url(place))
+    with engine.connect() as connection:
+        seen = inspect(connection)
+        return {
+            name: (
+                [(c["name"], str(c["type"]), c["nullable"]) for c in seen.get_columns(name)],
+                seen.get_pk_constraint(name)["constrained_columns"],
+                [(i["name"], i["column_names"]) for i in seen.get_indexes(name)],
+            )
+            for name in sorted(seen.get_table_names())
+        }
+
+
+def version(place: Place) -> int:
+    with writing_engine(database_url(place)).connect() as connection:
+        return int(connection.execute(text("SELECT version FROM e3pose_store")).scalar_one())
+
+
+def test_store_of_version_1_is_read_as_it_is(old: Place) -> None:
+    assert len(Store(old).query()) == 2 * SLOTS
+    assert len(Store(old).rows("slots")) == SLOTS
+    assert Store(old).rows("zones") == []
+    assert version(old) == 1
+
+
+def test_writer_upgrades_a_store_of_version_1(
+    old: Place, record: Records, run: Runs, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    before, told = Store(old).query(), list[Event]()
+    with StoreWriter(old, run(), tell=told.append) as writer:
+        writer.append(record(SLOTS), wait=True)
+        writer.append(record(5), wait=True)  # is there already
+    assert version(old) == schema.VERSION
+    assert [e.kind for e in told] == ["store-upgraded"]
+    assert told[0].message.endswith("upgraded from schema 1 to 2")
+    after = Store(old).query()
+    assert after.slots.tolist() == sorted([*range(SLOTS + 1)] * 2)
+    for name in ("joints_m", "scores", "sigma_m", "measured", "time_ns", "track_ids"):
+        np.testing.assert_array_equal(getattr(after, name)[:-2], getattr(before, name))
+    assert [row["kind"] for row in Store(old).rows("events")] == ["start", "store-upgraded"]
+    assert len(Store(old).rows("energy")) == 1
+    new: Place = tmp_path / "new.db"
+    if isinstance(old, str):
+        new = request.getfixturevalue("postgres").new_store()
+    with StoreWriter(new, run()):
+        pass
+    assert tables(old) == tables(new), "an upgraded store is what a new one is"
+
+
+def test_upgrade_that_fails_leaves_the_store_as_it_was(
+    old: Place, run: Runs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = tables(old)
+
+    def stumble(connection: Any) -> None:
+        migrations._to_2(connection)
+        connection.execute(text("SELECT * FROM what_is_not_there"))
+
+    monkeypatch.setitem(migrations.STEPS, 2, stumble)
+    with StoreWriter(old, run()) as writer:
+        trouble = writer.status().trouble
+    assert trouble is not None and "what_is_not_there" in trouble
+    assert tables(old) == before
+    assert len(Store(old).query()) == 2 * SLOTS
+
+
+def test_upgrade_without_room_is_refused(
+    old: Place, run: Runs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if isinstance(old, str):
+        pytest.skip("the disk of a server is not ours")
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 10))
+    with pytest.raises(InputError, match=r"from schema 1 to 2: found 0\.00 GB of free disk space"):
+        StoreWriter(old, run())
+    assert version(old) == 1
+
+
+def test_newer_version_is_refused_and_untouched(
+    place: Place, record: Records, run: Runs, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with StoreWriter(place, run()) as writer:
+        writer.append(record(0))
+    with writing_engine(database_url(place)).begin() as connection:
+        connection.execute(update(schema.about).values(version=7))
+    before = tables(place), place.read_bytes() if isinstance(place, Path) else b""
+    for use in (lambda: StoreWriter(place, run()), lambda: Store(place).query()):
+        with pytest.raises(InputError, match=r"version: found 7, expected 1 to 2; read it with"):
+            use()
+    with pytest.raises(SystemExit) as stop:
+        main(["query", str(place)])
+    assert stop.value.code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+    assert (tables(place), place.read_bytes() if isinstance(place, Path) else b"") == before
+
+
+def test_every_step_is_there_and_every_growing_table_has_the_time_in_its_key() -> None:
+    assert sorted(migrations.STEPS) == list(range(2, schema.VERSION + 1))
+    assert schema.READABLE[-1] == schema.VERSION
+    for name, table in schema.ROWS.items():
+        keys = {column.name for column in table.primary_key}
+        assert "time_ns" in keys or name == "tracks", name
