@@ -19,6 +19,7 @@ from e3pose.cli.calibrating_places import extrinsics
 from e3pose.cli.calibrating_worlds import align
 from e3pose.cli.calibrating_worlds import check as check_calibration
 from e3pose.cli.checking import check
+from e3pose.cli.copying import store_app
 from e3pose.cli.demonstrating import demo
 from e3pose.cli.detecting import detect
 from e3pose.cli.evaluating import evaluate
@@ -80,6 +81,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "view",
         "stream",
         "query",
+        "store",
         "report",
     ),
     "Evaluate": ("evaluate", "evaluate-predictor", "reproduce"),
@@ -95,6 +97,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "info": info,
     "replay": replay,
     "query": query,
+    "store": store_app,
     "report": report,
     "export": export,
     "power": power,
