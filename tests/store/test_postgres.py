@@ -200,8 +200,13 @@ def test_missing_driver_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         raise ModuleNotFoundError("No module named 'psycopg'", name="psycopg")
 
     monkeypatch.setattr("e3pose.store.database.create_engine", missing)
-    with pytest.raises(InputError, match=r"lab: needs .* pip install 'e3pose\[postgres\]'"):
+    with pytest.raises(InputError, match=r"no driver psycopg, .* pip install 'e3pose\[postgres\]'"):
         check_place("postgresql://me@here/lab")
+
+
+def test_other_kinds_of_database_are_refused() -> None:
+    with pytest.raises(InputError, match=r"\*\*\*@here/lab: found mysql, expected a file or postg"):
+        Store(f"mysql://me:{SECRET}@here/lab").query()
 
 
 def test_size_of_a_server_is_not_ours_to_keep(url: str, run: Runs) -> None:

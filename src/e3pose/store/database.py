@@ -21,7 +21,7 @@ from e3pose.errors import InputError
 from e3pose.files.private import make_file
 from e3pose.store import schema
 from e3pose.store.migrations import prepare
-from e3pose.store.postgres import engine_settings, shown_url, with_driver
+from e3pose.store.postgres import FORM, NAMES, engine_settings, shown_url, with_driver
 
 MAGIC = b"SQLite format 3\0"
 ENDINGS = (".db", ".sqlite", ".sqlite3")  # of files that may be taken for a damaged database
@@ -42,17 +42,18 @@ def database_path(url: str) -> Path | None:
     """Return the file of an SQLite URL, None for other databases.
 
     Raises:
-        InputError: when the URL is none, or names a database in memory.
+        InputError: when the URL is none, or names a database of another kind or in memory.
     """
     try:
         parts = make_url(url)
     except (ArgumentError, ValueError):  # the second for a port that is no number
         shown = re.sub(r"//[^@/]*@", "//***@", url)[:200]  # not the password
-        raise InputError(
-            f"{shown}: expected a path or the URL of a database, KIND://USER@HOST:PORT/NAME"
-        ) from None
-    if parts.get_backend_name() != "sqlite":
+        raise InputError(f"{shown}: expected a path or the URL of a database, {FORM}") from None
+    kind = parts.get_backend_name()
+    if kind in NAMES:
         return None
+    if kind != "sqlite":
+        raise InputError(shown_url(parts), kind, f"a file or {FORM}")
     if not parts.database or parts.database == ":memory:":
         raise InputError(f"{url}: found a database in memory, expected a file")
     return Path(parts.database)
@@ -230,10 +231,10 @@ def _engine(url: str, read_only: bool) -> Engine:
         settings = engine_settings(made, read_only) if postgres else {}
         return create_engine(made, poolclass=NullPool, **settings)
     except ModuleNotFoundError as error:
-        if error.name != "psycopg":
-            raise
-        advice = "psycopg: pip install 'e3pose[postgres]'"
-        raise InputError(f"{shown(url)}: needs the driver {advice}") from None
+        advice = f"pip install 'e3pose[postgres]' and write {FORM}"
+        raise InputError(
+            f"{shown(url)}: found no driver {error.name}, expected psycopg: {advice}"
+        ) from None
     except ArgumentError as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"{shown(url)}: cannot be opened ({reason})") from None

@@ -7,6 +7,7 @@ from typing import Any
 from sqlalchemy import URL
 
 DRIVER = "postgresql+psycopg"
+FORM = "postgresql://USER@HOST:PORT/NAME"
 NAMES = ("postgres", "postgresql", DRIVER)  # of which users write any
 # A server that is gone is noticed within seconds: until then nothing is spooled.
 WAIT: dict[str, Any] = {
