@@ -67,8 +67,9 @@ def test_what_a_killed_writer_spooled_is_delivered_by_the_next(
             writer.append(record(slot), wait=True)
         assert writer.flush()
     assert len(spools_of(tmp_path / "lab")) == 1, "kept for the next start"
-    with StoreWriter(url, run("yard"), settings):
-        wait_for(lambda: len(Store(url).runs()) == 1)
+    told: list[Event] = []
+    with StoreWriter(url, run("yard"), settings, tell=told.append):
+        wait_for(lambda: any("recovered" in event.message for event in told))
     assert [row["slot"] for row in Store(url).rows("slots", site="hall")] == list(range(20))
     assert spools_of(tmp_path / "lab") == []
 
