@@ -134,3 +134,14 @@ def test_ghosts_of_one_camera_teach_nothing() -> None:
     late, _ = run(alone[:13], fps=FPS, belief=belief)
     after, _ = run(alone[13:], fps=FPS, belief=late)
     np.testing.assert_array_equal(after.shifts, late.shifts)
+
+
+def test_a_body_that_is_off_in_one_view_for_seconds_shifts_no_camera() -> None:
+    wild = []
+    for slot in walking(2.0, QUIET):
+        view = slot[1]
+        pixels = view.keypoints_px.copy()
+        pixels[0] += 15.0
+        wild.append({**slot, 1: Poses2D(pixels, view.scores)})
+    belief, _ = run(wild, fps=FPS)
+    assert np.linalg.norm(shifts_px(belief.shifts, MODEL)[1]) < 15.0 * np.sqrt(2) / 9

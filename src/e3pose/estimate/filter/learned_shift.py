@@ -17,8 +17,11 @@ import numpy as np
 from e3pose.estimate.filter.state import Floats, Model
 
 COUNT = 2  # of the last axis of `Belief.shifts`; before it right and down
-PRIOR = 300.0  # keypoints that no shift at all counts for
-MEMORY = 5_000.0  # keypoints of a camera: a minute of two people who are seen all the time
+# Keypoints that no shift at all counts for. Keypoints of one body are off together: on real
+# detections they count as 2.5 to 5 times fewer than independent ones (`benchmarks/body_shifts.py`),
+# for which 300 would do. A body that is off in one view for seconds is no shift of the camera.
+PRIOR = 900.0
+MEMORY = 15_000.0  # keypoints of a camera: some minutes of two people who are seen all the time
 MOST = 30 / 1032  # of the image: farther off a camera's detections fit nobody
 # What simulated cameras that are not shifted at all are found to be off after minutes: people's
 # bones and the motion model pull all cameras a little the same way.
