@@ -45,6 +45,33 @@ def associate(
 
     Where a detection that is assigned has exchanged left and right, they are put right in `views`.
     """
+    _weigh(camera, num_tracks, site, views, state, covariance, matches, offers)
+    for turn in range(2):  # people who are believed to exist choose first
+        num_choosers = num_free = 0
+        for track in range(num_tracks):
+            if confirmed[track] == (turn == 0):
+                offers.choosers[num_choosers] = track
+                num_choosers += 1
+        for person in range(views.counts[camera]):
+            if views.free[views.starts[camera] + person]:
+                offers.people[num_free] = person
+                num_free += 1
+        if num_choosers > 0 and num_free > 0:
+            _choose(camera, num_choosers, num_free, site, views, matches, offers)
+
+
+@kernel
+def _weigh(
+    camera: int,
+    num_tracks: int,
+    site: Site,
+    views: Views,
+    state: Floats,
+    covariance: Floats,
+    matches: Matches,
+    offers: Offers,
+) -> None:
+    """Fill the costs of `offers` for every track and detection; assign nothing yet."""
     projection, size, scale = site.projections[camera], site.sizes[camera], site.scales[camera]
     bias = (BIAS_PX * scale) ** 2
     first, num_people = views.starts[camera], views.counts[camera]
@@ -75,44 +102,43 @@ def associate(
             offers.exchanged[track, person] = exchanged
             offers.cost[track, person] = cost
             offers.vagueness[track, person] = vagueness
-    for turn in range(2):  # people who are believed to exist choose first
-        num_choosers = num_free = 0
-        for track in range(num_tracks):
-            if confirmed[track] == (turn == 0):
-                offers.choosers[num_choosers] = track
-                num_choosers += 1
-        for person in range(num_people):
-            if views.free[first + person]:
-                offers.people[num_free] = person
-                num_free += 1
-        if num_choosers == 0 or num_free == 0:
-            continue
-        for chooser in range(num_choosers):
-            for column in range(num_free):
-                track, person = offers.choosers[chooser], offers.people[column]
-                cost = offers.cost[track, person]
-                likely = cost + offers.vagueness[track, person]
-                offers.offered[chooser, column] = likely if cost <= COST_LIMIT else NEVER
-        assign(offers.offered, num_choosers, num_free, offers.reals, offers.integers, offers.flags)
-        for chooser in range(num_choosers):
-            column = offers.integers[0, chooser]
-            if column < 0:
-                continue
+
+
+@kernel
+def _choose(
+    camera: int,
+    num_choosers: int,
+    num_free: int,
+    site: Site,
+    views: Views,
+    matches: Matches,
+    offers: Offers,
+) -> None:
+    """Assign the detections `offers.people` to the tracks `offers.choosers` at the least cost."""
+    first = views.starts[camera]
+    for chooser in range(num_choosers):
+        for column in range(num_free):
             track, person = offers.choosers[chooser], offers.people[column]
-            if not offers.cost[track, person] <= COST_LIMIT:
-                continue
-            excess = offers.cost[track, person] - COST_USUAL
-            fit = 1.0 - excess / (COST_LIMIT - COST_USUAL)
-            matches.assigned[camera, track] = person
-            matches.exchanged[camera, track] = offers.exchanged[track, person]
-            exchange(
-                first + person, offers.exchanged[track, person], site.opposites, site.limbs, views
-            )
-            fit = 0.0 if fit < 0.0 else 1.0 if fit > 1.0 else fit
-            matches.fits[camera, track] = fit * math.exp(
-                -VAGUE_FIT * offers.vagueness[track, person]
-            )
-            views.free[first + person] = False
+            cost = offers.cost[track, person]
+            likely = cost + offers.vagueness[track, person]
+            offers.offered[chooser, column] = likely if cost <= COST_LIMIT else NEVER
+    assign(offers.offered, num_choosers, num_free, offers.reals, offers.integers, offers.flags)
+    for chooser in range(num_choosers):
+        column = offers.integers[0, chooser]
+        if column < 0:
+            continue
+        track, person = offers.choosers[chooser], offers.people[column]
+        if not offers.cost[track, person] <= COST_LIMIT:
+            continue
+        excess = offers.cost[track, person] - COST_USUAL
+        fit = 1.0 - excess / (COST_LIMIT - COST_USUAL)
+        exchanged = offers.exchanged[track, person]
+        matches.assigned[camera, track] = person
+        matches.exchanged[camera, track] = exchanged
+        exchange(first + person, exchanged, site.opposites, site.limbs, views)
+        fit = 0.0 if fit < 0.0 else 1.0 if fit > 1.0 else fit
+        matches.fits[camera, track] = fit * math.exp(-VAGUE_FIT * offers.vagueness[track, person])
+        views.free[first + person] = False
 
 
 @kernel

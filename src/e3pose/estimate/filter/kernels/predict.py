@@ -54,7 +54,6 @@ def _advance(
     """
     moved, spread, with_parent = passes.moved, passes.own, passes.across
     before, factors = passes.prior_own, passes.prior_across
-    gains, lean = passes.room[0], passes.room[1]
     move(dt, site.order, site.parents, site.lasts_s, site.swing_per_s2, state, moved)
     for place in range(len(site.order)):
         joint = site.order[place]
@@ -63,6 +62,7 @@ def _advance(
         fade = math.exp(-dt / tau)
         reach = tau * (1.0 - fade)
         if parent < 0:
+            lean = passes.room[1]
             for entry in range(36):
                 lean[entry] = covariance[joint, entry]
                 with_parent[joint, entry] = 0.0
@@ -72,40 +72,7 @@ def _advance(
                 spread[joint, entry] = lean[entry]
             _from_left(spread[joint], reach, fade)
         else:
-            for a in range(6):
-                for b in range(6):
-                    gains[6 * a + b] = shared[joint, 6 * b + a]
-            forward(factors[parent], gains)
-            backward(factors[parent], gains)  # G'
-            for a in range(6):
-                for b in range(6):
-                    total = 0.0
-                    for k in range(6):
-                        total += gains[6 * k + a] * before[parent, 6 * k + b]
-                    # Of x_j with x_p then; of x_j - x_p, it is less by that of x_p.
-                    lean[6 * a + b] = total - before[parent, 6 * a + b]
-                    before[joint, 6 * a + b] = total
-                    spread[joint, 6 * a + b] = (
-                        covariance[joint, 6 * a + b]
-                        - shared[joint, 6 * a + b]
-                        - shared[joint, 6 * b + a]
-                        + covariance[parent, 6 * a + b]
-                    )
-                    with_parent[joint, 6 * a + b] = (
-                        covariance[joint, 6 * a + b] - shared[joint, 6 * a + b]
-                    )
-            _from_right(with_parent[joint], reach, fade)
-            for entry in range(36):
-                before[joint, entry] += with_parent[joint, entry]
-            _from_left(lean, reach, fade)
-            _from_left(spread[joint], reach, fade)
-            _from_right(spread[joint], reach, fade)
-            for a in range(6):
-                for b in range(6):
-                    spread[joint, 6 * a + b] += (
-                        lean[6 * a + b] + lean[6 * b + a] + spread[parent, 6 * a + b]
-                    )
-                    with_parent[joint, 6 * a + b] = lean[6 * a + b] + spread[parent, 6 * a + b]
+            _advance_child(joint, parent, reach, fade, covariance, shared, passes)
         gone = 1.0 - fade
         density = ACCELERATION_LASTS_S * site.drift_m2ps4[joint] * drift_share[joint]
         pp = density * tau**2 * (dt - 2 * tau * gone + tau / 2 * (1 - fade * fade))
@@ -125,6 +92,57 @@ def _advance(
             shared[joint, entry] = with_parent[joint, entry]
         for a in range(6):
             state[joint, a] = moved[joint, a]
+
+
+@kernel
+def _advance_child(
+    joint: int,
+    parent: int,
+    reach: float,
+    fade: float,
+    covariance: Floats,
+    shared: Floats,
+    passes: Passes,
+) -> None:
+    """Move the blocks of a joint on that hangs on another one, whose blocks have been moved.
+
+    What it has beyond its parent, x_j - x_p, fades; the parent goes its own way.
+    """
+    spread, with_parent = passes.own, passes.across
+    before, factors = passes.prior_own, passes.prior_across
+    gains, lean = passes.room[0], passes.room[1]
+    for a in range(6):
+        for b in range(6):
+            gains[6 * a + b] = shared[joint, 6 * b + a]
+    forward(factors[parent], gains)
+    backward(factors[parent], gains)  # G'
+    for a in range(6):
+        for b in range(6):
+            total = 0.0
+            for k in range(6):
+                total += gains[6 * k + a] * before[parent, 6 * k + b]
+            # Of x_j with x_p then; of x_j - x_p, it is less by that of x_p.
+            lean[6 * a + b] = total - before[parent, 6 * a + b]
+            before[joint, 6 * a + b] = total
+            spread[joint, 6 * a + b] = (
+                covariance[joint, 6 * a + b]
+                - shared[joint, 6 * a + b]
+                - shared[joint, 6 * b + a]
+                + covariance[parent, 6 * a + b]
+            )
+            with_parent[joint, 6 * a + b] = covariance[joint, 6 * a + b] - shared[joint, 6 * a + b]
+    _from_right(with_parent[joint], reach, fade)
+    for entry in range(36):
+        before[joint, entry] += with_parent[joint, entry]
+    _from_left(lean, reach, fade)
+    _from_left(spread[joint], reach, fade)
+    _from_right(spread[joint], reach, fade)
+    for a in range(6):
+        for b in range(6):
+            spread[joint, 6 * a + b] += (
+                lean[6 * a + b] + lean[6 * b + a] + spread[parent, 6 * a + b]
+            )
+            with_parent[joint, 6 * a + b] = lean[6 * a + b] + spread[parent, 6 * a + b]
 
 
 @kernel

@@ -46,7 +46,7 @@ def update(
     num_joints, num_cameras = len(state), len(views.counts)
     blocks = covariance.reshape(num_joints, 36)
     shared = tracks.shared[track].reshape(num_joints, 36)
-    moved, places, seen = passes.moved, passes.places, passes.seen
+    moved, places = passes.moved, passes.places
     prepare(
         site.order,
         site.parents,
@@ -65,28 +65,7 @@ def update(
     for camera in range(num_cameras):
         shown |= views.arrived[camera] and assigned[camera, track] >= 0
     for iteration in range(ITERATIONS):
-        for joint in range(num_joints):
-            for axis in range(3):
-                places[joint, axis] = state[joint, axis] + moved[joint, axis]
-            for entry in range(9):
-                seen[joint, entry] = 0.0
-        for camera in range(num_cameras):
-            if views.arrived[camera] and assigned[camera, track] >= 0:
-                _pull_view(
-                    views.starts[camera] + assigned[camera, track],
-                    places,
-                    moved,
-                    covariance,
-                    site.projections[camera],
-                    views.pixels,
-                    views.weights,
-                    views.variances,
-                    tracks.bias_px[track, camera],
-                    inflation(tracks.last_seen_s[track, camera] + dt, site.memory),
-                    iteration == 0,
-                    seen,
-                    passes.measured,
-                )
+        _pull_views(track, dt, iteration == 0, site, views, assigned, tracks, passes)
         if shown:  # else two joints would make each other surer without anybody having looked
             _pull_loose_bones(
                 places,
@@ -97,7 +76,7 @@ def update(
                 site.bones,
                 site.slacks_m,
                 site.loose,
-                seen,
+                passes.seen,
             )
         _sum_up(passes)
         _pull_links(
@@ -119,6 +98,44 @@ def update(
         if passes.measured[joint]:
             tracks.unmeasured_s[track, joint] = 0.0
     spread_out(site.order, site.parents, passes.own, passes.across, blocks, shared, passes.room)
+
+
+@kernel
+def _pull_views(
+    track: int,
+    dt: float,
+    first: bool,
+    site: Site,
+    views: Views,
+    assigned: Integers,
+    tracks: Tracks,
+    passes: Passes,
+) -> None:
+    """Begin a pass: sum up in `passes.seen` what all views of the slot say about each joint."""
+    state, covariance = tracks.state[track], tracks.covariance[track]
+    places, moved, seen = passes.places, passes.moved, passes.seen
+    for joint in range(len(state)):
+        for axis in range(3):
+            places[joint, axis] = state[joint, axis] + moved[joint, axis]
+        for entry in range(9):
+            seen[joint, entry] = 0.0
+    for camera in range(len(views.counts)):
+        if views.arrived[camera] and assigned[camera, track] >= 0:
+            _pull_view(
+                views.starts[camera] + assigned[camera, track],
+                places,
+                moved,
+                covariance,
+                site.projections[camera],
+                views.pixels,
+                views.weights,
+                views.variances,
+                tracks.bias_px[track, camera],
+                inflation(tracks.last_seen_s[track, camera] + dt, site.memory),
+                first,
+                seen,
+                passes.measured,
+            )
 
 
 @kernel
