@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig, check_camera_id
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.geometry.distortion import Distortion
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Rig, check_camera_id
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.camera_fields import check_camera_id
 
 
 def name_videos(videos: Sequence[Path | str]) -> dict[str, Path]:

@@ -7,7 +7,6 @@ Distortion follows OpenCV (`distortion.py`).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,23 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from e3pose.errors import InputError
-from e3pose.geometry.distortion import LENGTHS, Distortion
+from e3pose.geometry.camera_fields import (
+    ROTATION_TOLERANCE,
+    CameraFields,
+    check_camera_id,
+    nearest_rotation,
+)
+from e3pose.geometry.distortion import Distortion
 
 Floats = NDArray[np.float64]
 
-CAMERA_ID = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
 MIN_DEPTH_M = 1e-6  # nearer than this a point is as good as inside the lens
-MAX_DISTANCE_M = 1000.0
-MAX_COEFFICIENT = 1e6
-ROTATION_TOLERANCE = 1e-3  # a rotation printed with four digits is a rotation
-
-
-def check_camera_id(camera_id: object) -> str:
-    """Return `camera_id` if it may name a camera, and so a file; raise `InputError` if not."""
-    if not isinstance(camera_id, str) or not CAMERA_ID.fullmatch(camera_id):
-        wanted = "1 to 64 letters, digits, '_', '-' or '.', not starting with '-' or '.'"
-        raise InputError("camera id", repr(str(camera_id)[:80]), wanted)
-    return camera_id
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +54,12 @@ class Camera:
     lens_assumed: bool = False
 
     def __post_init__(self) -> None:
-        check_camera_id(self.camera_id)
-        object.__setattr__(self, "image_size", self._checked_size())
-        object.__setattr__(self, "K", self._checked_matrix("K", (3, 3)))
-        self._check_intrinsics()
-        T_world_camera = self._checked_matrix("T_world_camera", (4, 4))
-        object.__setattr__(self, "T_world_camera", self._checked_rigid(T_world_camera))
-        object.__setattr__(self, "distortion", self._checked_distortion())
+        known = CameraFields(check_camera_id(self.camera_id))
+        image_size = known.size(self.image_size)
+        object.__setattr__(self, "image_size", image_size)
+        object.__setattr__(self, "K", known.intrinsics(self.K, image_size))
+        object.__setattr__(self, "T_world_camera", known.rigid(self.T_world_camera))
+        object.__setattr__(self, "distortion", known.lens(self.distortion, self.fisheye))
 
     @classmethod
     def from_world_to_camera(
@@ -95,7 +87,7 @@ class Camera:
         T_world_camera = np.eye(4)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are refused below
             if np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE):
-                rotation = _nearest_rotation(rotation)
+                rotation = nearest_rotation(rotation)
             T_world_camera[:3, :3] = rotation.T
             T_world_camera[:3, 3] = -rotation.T @ translation
         return cls(
@@ -212,88 +204,6 @@ class Camera:
         x = (pixels[..., 0] - self.K[0, 2] - skew * y) / fx
         return np.stack([x, y], axis=-1)
 
-    def _checked_size(self) -> tuple[int, int]:
-        expected = "(width, height) in pixels, 1 to 100000"
-        try:
-            width, height = (int(v) for v in self.image_size)
-        except (TypeError, ValueError, OverflowError):
-            raise self._error("image size", f"{self.image_size!r:.60}", expected) from None
-        if not (1 <= width <= 100_000 and 1 <= height <= 100_000):
-            raise self._error("image size", f"{(width, height)!r:.60}", expected)
-        return width, height
-
-    def _checked_matrix(self, name: str, shape: tuple[int, ...]) -> Floats:
-        try:
-            matrix = np.array(getattr(self, name), dtype=np.float64)
-        except (TypeError, ValueError):
-            raise self._error(name, "something else", f"numbers of shape {shape}") from None
-        if matrix.shape != shape:
-            raise self._error(name, f"shape {matrix.shape}", f"{shape}")
-        if not np.isfinite(matrix).all():
-            raise self._error(name, "a value that is not finite", "numbers")
-        matrix.flags.writeable = False
-        return matrix
-
-    def _checked_distortion(self) -> Floats:
-        lengths = (4,) if self.fisheye else LENGTHS
-        expected = f"{' or '.join(map(str, lengths))} coefficients"
-        try:
-            distortion = np.array(self.distortion, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError):
-            raise self._error("distortion", "something else", expected) from None
-        if len(distortion) not in lengths:
-            raise self._error("distortion", f"{len(distortion)} coefficients", expected)
-        if not (np.abs(distortion) <= MAX_COEFFICIENT).all():
-            raise self._error(
-                "distortion", f"{distortion.tolist()}", f"numbers within {MAX_COEFFICIENT:g}"
-            )
-        distortion.flags.writeable = False
-        return distortion
-
-    def _check_intrinsics(self) -> None:
-        (fx, _, cx), (below, fy, cy), last = self.K
-        if not (fx > 0 and fy > 0) or not np.isfinite(self.K).all():
-            raise self._error(
-                "K", f"{self.K.tolist()}", "an invertible matrix with positive focal lengths"
-            )
-        if below != 0 or last.tolist() != [0, 0, 1]:
-            raise self._error("K", f"{self.K.tolist()}", "[[fx, s, cx], [0, fy, cy], [0, 0, 1]]")
-        longest = max(self.image_size)
-        if min(fx, fy) < 0.05 * longest or max(fx, fy) > 1000 * longest:
-            raise self._error(
-                "K",
-                f"focal lengths {fx:g} and {fy:g} for an image of {longest} pixels",
-                "pixels, not millimetres or a share of the image",
-            )
-        if np.abs(self.K[:2, 1:]).max() > 1000 * longest:
-            raise self._error("K", f"principal point ({cx:g}, {cy:g})", "pixels near the image")
-
-    def _checked_rigid(self, T_world_camera: Floats) -> Floats:
-        rotation, center = T_world_camera[:3, :3], T_world_camera[:3, 3]
-        if np.abs(rotation).max() > 2 or not np.allclose(
-            rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE
-        ):
-            raise self._error("rotation", f"{rotation.tolist()}", "an orthonormal matrix")
-        if np.linalg.det(rotation) < 0:
-            raise self._error("rotation", "determinant -1 (a mirror)", "determinant +1")
-        if T_world_camera[3].tolist() != [0, 0, 0, 1]:
-            raise self._error(
-                "T_world_camera", "a last row that is not 0 0 0 1", "a rigid transform"
-            )
-        if np.abs(center).max() > MAX_DISTANCE_M:
-            raise self._error(
-                "translation",
-                f"a centre {np.abs(center).max():.4g} m from the origin",
-                "metres within 1 km; is the file in millimetres or centimetres?",
-            )
-        rigid = np.array(T_world_camera)
-        rigid[:3, :3] = _nearest_rotation(rotation)
-        rigid.flags.writeable = False
-        return rigid
-
-    def _error(self, name: str, found: str, expected: str) -> InputError:
-        return InputError(f"camera {self.camera_id}: {name}: found {found}, expected {expected}")
-
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -406,11 +316,3 @@ class Rig:
 
 def _cross_matrix(v: Floats) -> Floats:
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-
-
-def _nearest_rotation(matrix: Floats) -> Floats:
-    """Return the orthonormal matrix nearest to one that is almost so, or the matrix itself."""
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-12:
-        return matrix
-    left, _, right = np.linalg.svd(matrix)
-    return np.asarray(left @ right, dtype=np.float64)

@@ -16,7 +16,7 @@ from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder
 from e3pose.files.bounded import read_lines, read_toml
 from e3pose.files.table import read_table
-from e3pose.geometry.camera import check_camera_id
+from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, skeleton_by_name
 from e3pose.recording.calibration import load_rig, save_rig

@@ -16,7 +16,8 @@ from e3pose.detectors.timing import LookTimes
 from e3pose.energy.profiles import load_profile
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder, check_free
-from e3pose.geometry.camera import Rig, check_camera_id
+from e3pose.geometry.camera import Rig
+from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import plural
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE, load_site

@@ -9,7 +9,7 @@ from fastapi import APIRouter, HTTPException
 from pydantic import BaseModel, ConfigDict, Field
 
 from e3pose.errors import InputError
-from e3pose.geometry.camera import check_camera_id
+from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.view.shapes import Refused, Shape
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import Control, Controlled

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
-from e3pose.geometry.camera import check_camera_id
+from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.model.pose import Poses2D
 from e3pose.wire.messages import (
     VERSION,

@@ -30,7 +30,7 @@ from e3pose.files.atomic import atomic_file, atomic_folder, check_free
 from e3pose.files.bounded import read_bytes, read_toml
 from e3pose.files.lock import hold
 from e3pose.files.private import make_folder
-from e3pose.geometry.camera import check_camera_id
+from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.wire.access import Certificates, edge_name
 from e3pose.wire.topics import check_site
 
