@@ -14,7 +14,7 @@ from e3pose.recording.lines import TruthLine, ViewLine
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "reference" / "recording-format.md").read_text()
-WORLD = (ROOT / "src" / "e3pose" / "calibration" / "world.py").read_text()
+WORLD = (ROOT / "src" / "e3pose" / "recording" / "calibration" / "world.py").read_text()
 SOURCE = (ROOT / "src" / "e3pose" / "recording" / "problems.py").read_text()
 
 
