@@ -26,15 +26,17 @@ def stream(
 
     Example: `e3pose stream site.toml osc://127.0.0.1:9000 mcap:today.mcap`
 
-    Streams are not encrypted and ask nobody for a password. Slots that a program does not take in
-    time are lost. Ctrl-C stops.
+    Streams other than mqtts are not encrypted and ask nobody for a password. Slots that a program
+    does not take in time are lost. Ctrl-C stops.
 
     Parameters
     ----------
     site
         Site file, or the folder that contains site.toml.
     target
-        osc://HOST:PORT, lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT.
+        osc://HOST:PORT, lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT,
+        mqtts://HOST:PORT. User and password of a broker: E3POSE_MQTT_USER, E3POSE_MQTT_PASSWORD in
+        the environment, or the file that E3POSE_MQTT_PASSWORD_FILE names.
     keys
         Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
     for_s

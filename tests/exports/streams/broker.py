@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import socketserver
+import ssl
 import struct
 import threading
 from collections.abc import Iterator
@@ -17,8 +18,11 @@ class Broker(socketserver.ThreadingTCPServer):
 
     daemon_threads, allow_reuse_address = True, True
 
-    def __init__(self) -> None:
+    def __init__(self, login: tuple[str, str] | None, secure: ssl.SSLContext | None) -> None:
         super().__init__(("127.0.0.1", 0), _Session)
+        self.login = login
+        if secure is not None:
+            self.socket = secure.wrap_socket(self.socket, server_side=True)
         self.subscribers: list[tuple[str, socket.socket]] = []
         self.retained: dict[str, bytes] = {}
         self.lock = threading.Lock()
@@ -44,7 +48,10 @@ class _Session(socketserver.BaseRequestHandler):
             body = (self._read(length) or b"") if length else b""
             kind, flags = head[0] >> 4, head[0] & 15
             if kind == CONNECT:
-                self.request.sendall(bytes([0x20, 2, 0, 0]))
+                accepted = broker.login in (None, _login(body))
+                self.request.sendall(bytes([0x20, 2, 0, 0 if accepted else 5]))
+                if not accepted:
+                    return
             elif kind == SUBSCRIBE:
                 (size,) = struct.unpack(">H", body[2:4])
                 prefix = body[4 : 4 + size].decode().removesuffix("#")
@@ -89,10 +96,29 @@ class _Session(socketserver.BaseRequestHandler):
         return found
 
 
+def _login(body: bytes) -> tuple[str, str] | None:
+    """Return user and password of a CONNECT, None where it has none; it leaves no will."""
+    if body[7] & 0xC0 != 0xC0:
+        return None
+    at, words = 10, []
+    while at < len(body):
+        (size,) = struct.unpack_from(">H", body, at)
+        words.append(body[at + 2 : at + 2 + size].decode())
+        at += 2 + size
+    return words[-2], words[-1]
+
+
 @contextmanager
-def broker() -> Iterator[int]:
-    """Run a broker; yield its port."""
-    with Broker() as server:
+def broker(
+    login: tuple[str, str] | None = None, secure: ssl.SSLContext | None = None
+) -> Iterator[int]:
+    """Run a broker; yield its port.
+
+    Args:
+        login: user and password, without which nobody comes in; None for everybody.
+        secure: its certificate; None for plain text.
+    """
+    with Broker(login, secure) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         yield int(server.server_address[1])

@@ -1,6 +1,6 @@
 """Streams: what an edge publishes, on to other programs in the words of their field.
 
-    poses of a running site -> slots, zone events -> osc | lsl | foxglove | mcap | mqtt
+    poses of a running site -> slots, zone events -> osc | lsl | foxglove | mcap | mqtt(s)
 
 Adding one is a file, a line in `STREAMS`, an extra, and the contract test.
 """
@@ -21,6 +21,7 @@ STREAMS = {
     "foxglove": "foxglove://HOST:PORT, a server that Foxglove connects to",
     "mcap": "mcap:FILE.mcap, a recording for Foxglove and ROS tools",
     "mqtt": "mqtt://HOST:PORT, a broker: home automation, dashboards",
+    "mqtts": "mqtts://HOST:PORT, a broker over TLS",
 }
 
 
