@@ -273,3 +273,14 @@ def test_wrong_site_files_are_one_line_that_says_what(
         assert ended.value.code == 2, err
         assert err.count("\n") == 1 and told in err and err.startswith("e3pose: "), err
     assert sorted(os.listdir(tmp_path)) in (["calibration.toml", "site.toml"], ["calibration.toml"])
+
+
+def test_quiet_site_with_a_view_prints_where_to_look(tmp_path: Path, recording: Path) -> None:
+    path = write_site(tmp_path, recording)
+    port = free_port()
+    path.write_text(f'{path.read_text()}\n[view]\nlisten = "127.0.0.1:{port}"\n')
+    code, out, err = run("up", str(path), "--quiet", "--view", "--for", "1", seconds=90)
+    assert (code, err) == (0, "")
+    see, control = out.splitlines()
+    assert see == f"See the site:     http://127.0.0.1:{port}/"
+    assert control.startswith(f"Control the site: http://127.0.0.1:{port}/#token=")

@@ -76,9 +76,37 @@ def test_past_is_played_from_the_store_and_the_present_found_again(
     assert eventually(lambda: "slot" in page.text("where"))
     assert page.shows("where", f"slot {SLOTS - 1}")  # it plays to the end of what is stored
     assert page.run("shown.selected.has('c0') && !shown.selected.has('c2')")
+    rows = "[...document.querySelectorAll('#table tbody tr')].map((r) => r.textContent)"
+    c0, c1, c2 = page.run(rows)
+    assert "active100 %" in c0 and "7.5 W~75 %" in c0, "what was stored of then"
+    assert "c1saving" in c1 and "saving0 %" in c2
+    assert "c2: silent for 2 s" in page.text("events") and page.text("count") == "2"
+    assert not page.run("document.getElementById('of-then').hidden")
     page.run("goLive()")
     watched.publish(50)
     assert page.shows("where", "slot 50")
+    assert page.run("document.getElementById('of-then').hidden")
+
+
+def test_walls_behind_the_scene_are_drawn(page: Page, watched: Watched) -> None:
+    page.open(watched.view.url)
+    assert page.shows("site", "lab")
+    assert eventually(lambda: watched.view.feed.followers == 1)
+    watched.publish(60)
+    assert page.shows("where", "slot 60")
+    # On the wall that faces whoever looks along x, above all people.
+    low_x = "room.low[0], (room.low[1] + room.high[1]) / 2"
+    wall = [
+        page.run(f"scene.place({low_x}, room.floor + {share} * (room.high[2] - room.floor))")
+        for share in (0.5, 1.0)
+    ]
+    assert all(wall) and wall[1][1] < wall[0][1]
+    column, row = (round(v) for v in page.run(
+        f"(([x, y]) => {{ const b = document.getElementById('scene').getBoundingClientRect();"
+        f" return [b.x + x, b.y + y]; }})({wall[1]})"
+    ))  # fmt: skip
+    edge = page.picture()[row - 2 : row + 3, column].min(axis=0)
+    assert (edge < 0xF2).all(), "its upper edge, on a ground of 0xF6 and more"
 
 
 def test_wrong_token_shows_nothing_and_says_so(page: Page, watched: Watched) -> None:

@@ -18,7 +18,7 @@ from e3pose.pipeline import SlotRecord
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import live_site
 from e3pose.settings.site_file import load_site
-from e3pose.store import Run, StoreWriter
+from e3pose.store import EnergyReading, Event, Run, StoreWriter
 from e3pose.view.program import View, open_view
 from e3pose.view.rates import Rate
 from e3pose.wire.codec import encode, pack
@@ -110,6 +110,8 @@ def watched_site(folder: Path) -> Iterator[Watched]:
     with StoreWriter(folder / "lab.db", run) as writer:
         for slot in range(SLOTS):
             writer.append(record(slot), time_ns=STARTED_NS + round(slot / FPS * 1e9), wait=True)
+        writer.energy(EnergyReading(STARTED_NS + 10**9, "c0", 7.5, 1.0, "measured: VDD_IN", 0.75))
+        writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "c2"))
     hub = Hub()
     live = live_site(load_site(folder))
     with open_view(live, "127.0.0.1:0", transport=hub.join()) as view:

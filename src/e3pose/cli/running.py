@@ -213,7 +213,7 @@ def up(
     for_s
         Stop after this many seconds.
     quiet
-        Print nothing.
+        Print nothing but the addresses of `--view`.
     """
     import time
 
@@ -249,7 +249,7 @@ def up(
         from e3pose.view.program import address_of, page_links
 
         programs.append(Program("view", view_command(table.path), folder / "view.log"))
-        console.print("\n".join(page_links(table, address_of(table))), highlight=False)
+        print("\n".join(page_links(table, address_of(table))), flush=True)
     transport = open_network(viewer_link(table, None))
     make_folder(folder)
     follower = Follower(table.name)

@@ -57,6 +57,7 @@ function makeScene(canvas, room, what) {
       if (a && b) lines.push({ a, b, colour, thick, depth: (a[2] + b[2]) / 2 });
     };
     drawFloor();
+    drawWalls();
     (room.zones || []).forEach((zone) => drawZone(zone, labels));
     drawShadows(shown.people);
     for (const joints of shown.truth || []) addSkeleton(line, joints, room.truthLimbs, TRUTH_INK, 2);
@@ -102,6 +103,24 @@ function makeScene(canvas, room, what) {
     for (let x = x0; x <= x1; x += cell) for (let y = y0; y <= y1; y += cell) {
       if (x < x1) piece(x, y, x + cell, y);
       if (y < y1) piece(x, y, x, y + cell);
+    }
+  }
+
+  // The walls behind the scene, around what the cameras stand in: those in front would hide it.
+  function drawWalls() {
+    const { eye } = basis(), [x0, y0] = room.low, [x1, y1, top] = room.high;
+    const walls = [[x0, y0, x0, y1, eye[0] > x0], [x1, y0, x1, y1, eye[0] < x1], [x0, y0, x1, y0, eye[1] > y0], [x0, y1, x1, y1, eye[1] < y1]];
+    for (const [ax, ay, bx, by, behind] of walls) {
+      const corners = [[ax, ay, room.floor], [bx, by, room.floor], [bx, by, top], [ax, ay, top]].map((corner) => project(...corner));
+      if (!behind || corners.some((corner) => !corner)) continue;
+      pen.beginPath();
+      corners.forEach(([x, y], index) => (index ? pen.lineTo(x, y) : pen.moveTo(x, y)));
+      pen.closePath();
+      pen.fillStyle = "rgba(31, 41, 55, 0.025)";
+      pen.fill();
+      pen.strokeStyle = "#dfe3e9";
+      pen.lineWidth = 1;
+      pen.stroke();
     }
   }
 

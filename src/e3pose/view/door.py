@@ -24,7 +24,8 @@ from e3pose.view.tokens import Scope, Tokens
 
 PROTOCOL = "e3pose"  # of WebSockets; a token may come as a second one, as browsers send no header
 TOKEN_PROTOCOL = "e3pose.token."
-OPEN_PATHS = ("/", "/view.js", "/scene.js", "/view.css", "/favicon.ico")  # hold nothing of the site
+# They hold nothing of the site.
+OPEN_PATHS = ("/", "/view.js", "/past.js", "/scene.js", "/view.css", "/favicon.ico")
 WRITE_PREFIX, PICTURE_PREFIX = "/api/control", "/api/pictures"
 READS_PER_S, READ_BURST = 50.0, 100.0
 WRITES_PER_S, WRITE_BURST = 5.0, 10.0

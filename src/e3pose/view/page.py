@@ -10,6 +10,7 @@ from fastapi.responses import Response
 FILES = {
     "/": ("e3pose.view", "page.html", "text/html"),
     "/view.js": ("e3pose.view", "view.js", "text/javascript"),
+    "/past.js": ("e3pose.view", "past.js", "text/javascript"),
     "/view.css": ("e3pose.view", "view.css", "text/css"),
     "/scene.js": ("e3pose.report", "scene.js", "text/javascript"),
 }

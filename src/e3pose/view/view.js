@@ -146,17 +146,19 @@ const COLUMNS = [
   ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`)],
   ["battery", (c) => (c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`)],
   ["temperature", (c) => number(c.temperature_c, 0, " °C")],
-  ["late, lost", (c) => `${c.late}, ${c.lost}`],
+  ["late, lost", (c) => (c.late === null ? "–" : `${c.late}, ${c.lost}`)],
 ];
 
-function showStatus() {
+function showStatus(status) {
   const online = status.cameras.filter((camera) => camera.online);
   const watts = online.filter((camera) => camera.power_w !== null);
   byId("count").textContent = status.people;
   byId("error").textContent = number(status.expected_error_mm, 0, " mm");
   byId("rate").textContent = number(status.fps, 1);
-  byId("latency").textContent = `${number(status.latency_ms[0], 1)} ms (99 %: ${number(status.latency_ms[1], 0)})`;
-  byId("lead").textContent = `${status.lead} slots`;
+  const [usual_ms, worst_ms] = status.latency_ms;
+  byId("latency").textContent = usual_ms === null ? "–" : `${number(usual_ms, 1)} ms (99 %: ${number(worst_ms, 0)})`;
+  byId("lead").textContent = number(status.lead, 0, " slots");
+  byId("of-then").hidden = mode === "live";
   byId("power").textContent = watts.length ? `${watts.reduce((sum, camera) => sum + camera.power_w, 0).toFixed(1)} W` : "–";
   const rows = status.cameras.map((camera) => {
     const row = document.createElement("tr");
@@ -176,8 +178,9 @@ function showStatus() {
     item.append(text);
     return item;
   }));
+  if (mode !== "live") return;
   showSettings();
-  if (mode === "live") scene.touch();
+  scene.touch();
 }
 
 function showState() {
@@ -206,7 +209,7 @@ function follow() {
     pause_ms = 500;
     if (event.type === "status") {
       status = event;
-      showStatus();
+      if (mode === "live") showStatus(status);
     } else if (event.type === "slot") {
       cameAt = performance.now();
       for (const zone of room.zones) zone.count = event.zones[zone.name] ?? 0;
@@ -222,82 +225,12 @@ function follow() {
 }
 const listeners = [];
 
-// ---- the past: windows of the store, played by this page alone
-
-let span = null, windowed = [], at_s = 0, playing = false, before_ms = 0, loading = 0;
-
-async function findSpan() {
-  const runs = await ask("/api/runs");
-  if (!runs.length) return;
-  span = { begin_s: runs[0].started_ns / 1e9, runs: new Map(runs.map((run) => [run.run, run])) };
-  byId("scrub").disabled = false;
-}
-
-const nanoseconds = (seconds) => `${Math.round(seconds * 1000)}000000`;
-const end_s = () => Math.max(Date.now() / 1000 - 1, span.begin_s + 1);
-
-async function load(from_s) {
-  const asked = ++loading, range = `start=${nanoseconds(from_s)}&end=${nanoseconds(from_s + WINDOW_S)}`;
-  const [poses, rows] = await Promise.all([ask(`/api/poses?limit=2000&${range}`), ask(`/api/slots?limit=5000&${range}`)]);
-  if (asked !== loading) return;
-  const people = new Map(poses.slots.map((slot) => [`${slot.run}.${slot.slot}`, slot.people]));
-  windowed = rows.rows.map((row) => {
-    const run = span.runs.get(row.run_id);
-    const names = (flags) => (run ? run.cameras.filter((_, index) => flags[index] === "1") : []);
-    const found = people.get(`${row.run_id}.${row.slot}`) || [];
-    return prepared({ slot: row.slot, time_ns: row.time_ns, people: found }, names(row.selected), names(row.arrived));
-  });
-  notice(windowed.length ? "" : "Nothing is stored for this time.");
-}
-
-async function seek(to_s) {
-  mode = "past";
-  at_s = to_s;
-  playing = true;
-  history30.length = 0;
-  trails.clear();
-  byId("live").disabled = false;
-  byId("play").hidden = false;
-  showState();
-  try {
-    await load(to_s);
-  } catch (error) {
-    notice(error.message);
-  }
-}
-
-function goLive() {
-  mode = "live";
-  playing = false;
-  history30.length = 0;
-  trails.clear();
-  byId("live").disabled = true;
-  byId("play").hidden = true;
-  byId("scrub").value = 1000;
-  notice("");
-  showState();
-}
-
-function playPast(passed_s) {
-  at_s += playing ? passed_s : 0;
-  const due = windowed.filter(({ t }) => t <= at_s && t > (shown && windowed.includes(shown) ? shown.t : -Infinity));
-  due.forEach((slot, index) => (index === due.length - 1 ? show(slot) : remember(slot)));
-  const last = windowed.length ? windowed[windowed.length - 1].t : Infinity;
-  if (playing && at_s > last && windowed.length) {
-    const next_s = last + 0.001;
-    windowed = [];
-    if (next_s < end_s()) load(next_s).catch((error) => notice(error.message));
-    else goLive();
-  }
-  if (document.activeElement !== byId("scrub")) byId("scrub").value = 1000 * (at_s - span.begin_s) / (end_s() - span.begin_s);
-}
-
 // ---- control: only what the edge says is shown as its setting
 
 const mayControl = () => room.controls && room.scope === "write";
 
 function controlCells(row, camera) {
-  if (!mayControl()) return;
+  if (!mayControl() || mode !== "live") return;
   const button = document.createElement("button");
   button.type = "button";
   button.textContent = camera.paused ? "Resume" : "Pause";
@@ -387,6 +320,8 @@ async function drawPicture(found, name) {
 }
 
 // ---- start
+
+let before_ms = 0;
 
 function tick(now_ms) {
   const come = waiting.splice(0);

@@ -1,0 +1,106 @@
+// The past on the live page: windows of the store, played by this page alone, and what was stored
+// of cameras at that time in the place of their status.
+"use strict";
+
+const BEFORE_S = 60, SHOWN_EVENTS = 20, STATUS_S = 0.25; // seconds of a page between two tables
+
+let span = null, windowed = [], at_s = 0, playing = false, loading = 0, readings = [], happened = [], told_s = 0;
+
+async function findSpan() {
+  const runs = await ask("/api/runs");
+  if (!runs.length) return;
+  span = { begin_s: runs[0].started_ns / 1e9, runs: new Map(runs.map((run) => [run.run, run])) };
+  byId("scrub").disabled = false;
+}
+
+const nanoseconds = (seconds) => `${Math.round(seconds * 1000)}000000`;
+const end_s = () => Math.max(Date.now() / 1000 - 1, span.begin_s + 1);
+
+async function load(from_s) {
+  const asked = ++loading, range = `start=${nanoseconds(from_s)}&end=${nanoseconds(from_s + WINDOW_S)}`;
+  const earlier = `start=${nanoseconds(from_s - BEFORE_S)}&end=${nanoseconds(from_s + WINDOW_S)}&limit=5000`;
+  const [poses, rows, energy, events] = await Promise.all([
+    ask(`/api/poses?limit=2000&${range}`), ask(`/api/slots?limit=5000&${range}`), ask(`/api/energy?${earlier}`), ask(`/api/events?${earlier}`),
+  ]);
+  if (asked !== loading) return;
+  [readings, happened] = [energy.rows, events.rows];
+  const people = new Map(poses.slots.map((slot) => [`${slot.run}.${slot.slot}`, slot.people]));
+  windowed = rows.rows.map((row) => {
+    const run = span.runs.get(row.run_id);
+    const names = (flags) => (run ? run.cameras.filter((_, index) => flags[index] === "1") : []);
+    const found = people.get(`${row.run_id}.${row.slot}`) || [];
+    const slot = prepared({ slot: row.slot, time_ns: row.time_ns, people: found }, names(row.selected), names(row.arrived));
+    return Object.assign(slot, { row, cameras: run ? run.cameras : [] });
+  });
+  notice(windowed.length ? "" : "Nothing is stored for this time.");
+}
+
+async function seek(to_s) {
+  mode = "past";
+  at_s = to_s;
+  playing = true;
+  history30.length = 0;
+  trails.clear();
+  byId("live").disabled = false;
+  byId("play").hidden = false;
+  showState();
+  try {
+    await load(to_s);
+  } catch (error) {
+    notice(error.message);
+  }
+}
+
+function goLive() {
+  mode = "live";
+  playing = false;
+  history30.length = 0;
+  trails.clear();
+  byId("live").disabled = true;
+  byId("play").hidden = true;
+  byId("scrub").value = 1000;
+  notice("");
+  showState();
+  if (status) showStatus(status);
+}
+
+function playPast(passed_s) {
+  at_s += playing ? passed_s : 0;
+  const due = windowed.filter(({ t }) => t <= at_s && t > (shown && windowed.includes(shown) ? shown.t : -Infinity));
+  due.forEach((slot, index) => (index === due.length - 1 ? show(slot) : remember(slot)));
+  if (due.length && (shown === windowed[windowed.length - 1] || Math.abs(shown.t - told_s) >= STATUS_S)) {
+    told_s = shown.t;
+    showStatus(storedStatus(shown));
+  }
+  const last = windowed.length ? windowed[windowed.length - 1].t : Infinity;
+  if (playing && at_s > last && windowed.length) {
+    const next_s = last + 0.001;
+    windowed = [];
+    if (next_s < end_s()) load(next_s).catch((error) => notice(error.message));
+    else goLive();
+  }
+  if (document.activeElement !== byId("scrub")) byId("scrub").value = 1000 * (at_s - span.begin_s) / (end_s() - span.begin_s);
+}
+
+// The status of a stored slot: of what the store does not hold, null.
+function storedStatus(slot) {
+  const at_ns = 1e9 * slot.t, first = history30[0], seconds = slot.t - first.t, { row } = slot;
+  const cameras = slot.cameras.map((name, index) => {
+    const reading = readings.filter((one) => one.camera_id === name && one.run_id === row.run_id && one.time_ns <= at_ns).pop();
+    const spent_w = row.energy_j && row.energy_j[index] !== null ? row.energy_j[index] * room.fps : null;
+    const missing = slot.selected.has(name) && !slot.arrived.has(name);
+    return {
+      camera_id: name, online: true, mode: slot.selected.has(name) ? "active" : "power-saving",
+      duty: history30.filter(({ selected }) => selected.has(name)).length / history30.length,
+      occlusion: row.occlusion[index], deficit: row.deficit[index], gain_nats: null, price: null,
+      power_w: reading ? reading.energy_j / reading.span_s : spent_w, measured: Boolean(reading) && reading.source.startsWith("measured"),
+      battery: reading ? reading.charge : null, temperature_c: null, late: null, why: missing ? "view missing" : "",
+    };
+  });
+  const events = happened.filter(({ time_ns }) => time_ns <= at_ns).slice(-SHOWN_EVENTS);
+  return {
+    cameras, people: slot.people.length, expected_error_mm: null, lead: null, latency_ms: [null, null],
+    fps: seconds > 0 ? (history30.length - 1) / seconds : null,
+    events: events.map((one) => `${new Date(one.time_ns / 1e6).toLocaleTimeString()} ${one.camera_id ? `${one.camera_id}: ` : ""}${one.message}`),
+  };
+}
