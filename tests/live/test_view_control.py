@@ -67,6 +67,38 @@ def test_slider_moves_the_edge_and_the_button_pauses_a_camera(
     assert page.messages == []
 
 
+def test_form_sets_target_error_and_weight_and_a_field_the_budget(
+    site: tuple[Edge, View, Page],
+) -> None:
+    edge, view, page = site
+    page.open(f"{view.url}#token={view.tokens.write}")
+    assert page.shows("state", "live")
+    assert eventually(lambda: page.text("cameras-out") != "")
+    entered = (
+        "(() => {{ const form = document.getElementById('loop');"
+        " document.getElementById('target').value = '{}';"
+        " document.getElementById('weight').value = '{}'; form.requestSubmit(); }})()"
+    )
+    page.run(entered.format(40, 3))
+    assert page.shows("said", "40 mm")
+    assert eventually(lambda: edge.status().target_error_mm == 40)
+    assert edge.status().quality_weight == 3
+    assert page.shows("cameras-out", "by target")
+    page.run(
+        "(() => { const field = document.querySelector('#table input'); field.value = '60%';"
+        " field.dispatchEvent(new Event('change')); })()"
+    )
+    assert page.shows("said", "60")
+    assert eventually(lambda: edge.status().cameras[0].budget == pytest.approx(0.6))
+    page.run(
+        "(() => { const slider = document.getElementById('cameras'); slider.value = 2;"
+        " slider.dispatchEvent(new Event('change')); })()"
+    )
+    assert eventually(lambda: edge.status().num_selected == 2)
+    assert edge.status().target_error_mm is None
+    assert page.messages == []
+
+
 def test_who_may_only_read_sees_no_controls(site: tuple[Edge, View, Page]) -> None:
     _, view, page = site
     page.open(view.url)

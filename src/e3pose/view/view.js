@@ -269,7 +269,7 @@ function showSettings() {
   if (!mayControl() || byId("loop").contains(document.activeElement)) return;
   byId("cameras").max = room.cameras.length;
   if (status.num_selected !== null) byId("cameras").value = status.num_selected;
-  byId("cameras-out").textContent = status.num_selected === null ? "by target" : status.num_selected;
+  byId("cameras-out").textContent = status.target_error_mm !== null || status.num_selected === null ? "by target" : status.num_selected;
   byId("target").value = status.target_error_mm ?? "";
   byId("weight").value = status.quality_weight ?? "";
 }
