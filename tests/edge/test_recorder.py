@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +12,14 @@ import pytest
 from tests.rigs import looking
 from tests.waiting import eventually
 
+from e3pose.camera.provenance import load_video_starts
+from e3pose.camera.session_videos import attach_videos
 from e3pose.edge.gather import Arrival
 from e3pose.edge.recorder import Recorder, RecorderSettings, recordings_in
+from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
-from e3pose.recording import load_recording
+from e3pose.recording import load_recording, save_recording
+from e3pose.recording.videos import video_name
 from e3pose.recording.writer import PARTIAL
 
 RIG = looking((4, 0), (0, 4), (-4, 0))
@@ -94,3 +99,55 @@ def test_folder_that_cannot_be_written_is_told_once(tmp_path: Path) -> None:
     recorder.keep(1, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
     recorder.close()
     assert [line.partition(":")[0] for line in told] == ["record-trouble"]
+
+
+def make_videos(folder: Path, camera_id: str, begins: Sequence[int], end_slot: int) -> None:
+    """Leave videos that begin in some slots, each written to until the next one began."""
+    (folder / camera_id).mkdir(parents=True)
+    for begin, end in zip(begins, [*begins[1:], end_slot], strict=True):
+        path = folder / camera_id / video_name(camera_id, BEGIN_NS + round(begin * 1e9 / FPS))
+        path.write_bytes(b"video")
+        end_ns = BEGIN_NS + round(end * 1e9 / FPS)
+        os.utime(path, ns=(end_ns, end_ns))
+
+
+def test_videos_become_part_of_the_recordings_of_their_time(tmp_path: Path) -> None:
+    """Also where a camera began before the edge, started again meanwhile, or has no video."""
+    videos = tmp_path / "videos"
+    make_videos(videos, "c0", [95, 120, 140], 160)
+    make_videos(videos, "c1", [100, 121, 124, 138], 139)
+    asked = replace(settings(tmp_path), part_s=1.0, filmed=("c0", "c1", "c2"))
+    assert record(asked, range(100, 140)) == []
+    parts = recordings_in(tmp_path)
+    recordings = [load_recording(part) for part in parts]
+    assert [recording.num_slots for recording in recordings] == [20, 20]
+    assert [set(recording.videos) for recording in recordings] == [{"c0", "c1"}] * 2
+    starts_s = [load_video_starts(part) for part in parts]
+    assert starts_s[0] == pytest.approx({"c0": 5 / FPS, "c1": 0.0})
+    assert starts_s[1] == pytest.approx({"c0": 0.0, "c1": -4 / FPS})
+    assert (parts[0] / "videos" / "c0.mkv").read_bytes() == b"video"
+    left = sorted(path.name[-13:-5] for path in videos.rglob("*.mkv"))
+    assert len(left) == 3, "those of no recording, and the shorter ones, stay"
+
+
+def test_videos_of_other_machines_are_put_in_later(tmp_path: Path) -> None:
+    record(settings(tmp_path / "recordings"), range(100, 120))
+    (part,) = recordings_in(tmp_path / "recordings")
+    make_videos(tmp_path / "copied", "c2", [98], 125)
+    cameras = RIG.camera_ids
+    assert attach_videos(part, tmp_path / "copied", cameras) == ["c2"]
+    assert attach_videos(part, tmp_path / "copied", cameras) == []
+    assert load_recording(part).videos == {"c2": "c2.mkv"}
+    save_recording(load_recording(part), tmp_path / "other")
+    with pytest.raises(InputError, match="does not say when it began"):
+        attach_videos(tmp_path / "other", tmp_path / "copied", cameras)
+
+
+def test_recordings_and_videos_share_their_space(tmp_path: Path) -> None:
+    make_videos(tmp_path / "videos", "c0", [0], 10)
+    (path,) = (tmp_path / "videos" / "c0").iterdir()
+    path.write_bytes(bytes(200_000))
+    asked = replace(settings(tmp_path), part_s=1.0)
+    record(asked, range(100, 120))
+    record(replace(asked, max_bytes=210_000), range(120, 140))
+    assert [part.name for part in recordings_in(tmp_path)] == ["20270115T080006Z"]

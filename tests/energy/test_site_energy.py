@@ -67,6 +67,25 @@ def test_modelled_energy_teaches_nothing() -> None:
     assert slot.active_j == pytest.approx(10.0 * 0.04)
 
 
+def test_recording_video_costs_slots_of_every_kind_unless_it_was_measured() -> None:
+    def recorded(measured: bool) -> CameraEnergy:
+        camera = new_camera(PROFILE)
+        for number in range(2):
+            beat = Heartbeat(
+                camera_id="c", session=1, sent_edge_ns=number * 10**9, mode="active",
+                energy_j=12.0 * number, measured=measured, active_s=float(number),
+                recording_j=2.0 * number,
+            )  # fmt: skip
+            camera = hear(camera, beat)
+        return camera
+
+    (slot,) = reckon([recorded(False)], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
+    assert slot.active_j == pytest.approx(12.0 * 0.04) and slot.idle_j == pytest.approx(7.2 * 0.04)
+    camera = lived(recorded(True), session=2)
+    (slot,) = reckon([camera], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
+    assert slot.measured and slot.active_j == pytest.approx(7.0 * 0.04, rel=0.02)
+
+
 def test_restarted_camera_goes_on_learning() -> None:
     camera = lived(lived(new_camera(PROFILE)), session=2, begin_s=400.0)
     assert camera.cost.spans == 2 * 599

@@ -139,6 +139,14 @@ def test_source_that_is_not_there_is_a_problem(tmp_path: Path, source: str) -> N
     assert found[0].level == "problem" and source.partition(":")[2] in found[0].found
 
 
+def test_videos_need_images_and_a_folder_on_the_camera(tmp_path: Path) -> None:
+    (keypoints,) = wrong(sources(tmp_path, source="recorded:.", record="both"))
+    assert keypoints.level == "problem" and keypoints.advice == 'record = "keypoints"'
+    (elsewhere,) = wrong(sources(tmp_path, record="video"))
+    assert elsewhere.level == "warning" and 'videos = "videos"' in elsewhere.advice
+    assert sources(tmp_path, record="keypoints") == []
+
+
 def test_recorded_source_needs_no_network(tmp_path: Path) -> None:
     (tmp_path / "walk").mkdir()
     assert [f.level for f in sources(tmp_path, source="recorded:walk")] == ["ok"]

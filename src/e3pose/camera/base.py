@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from e3pose.model.pose import Poses2D
@@ -23,6 +24,18 @@ class LiveFrame:
     captured_ns: int
     image_size: tuple[int, int]
     look: Callable[[], Any]
+
+    def shared(self) -> LiveFrame:
+        """Return the same for several threads: it is converted once, for the first to look."""
+        lock, seen = threading.Lock(), list[Any]()
+
+        def look() -> Any:
+            with lock:
+                if not seen:
+                    seen.append(self.look())
+                return seen[0]
+
+        return replace(self, look=look)
 
 
 class LiveSource(Protocol):

@@ -22,6 +22,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
 from e3pose.recording import Recording, ViewSeries, encode_view, read_series, save_recording
 from e3pose.recording.calibration.world import assumed_rig
+from e3pose.recording.videos import begin_of
 from e3pose.settings.camera import MAX_SLOTS
 from e3pose.settings.camera import DetectSettings as DetectSettings
 
@@ -105,6 +106,7 @@ def detect_videos(
     settings = settings or DetectSettings()
     check_free(dest, settings.overwrite)
     paths = name_videos(videos) if rig is None else pair_videos(videos, rig)
+    settings = replace(settings, offsets_s={**_begins_s(paths), **settings.offsets_s})
     sources = open_sources(paths, settings.fps)
     if rig is None:
         rig = assumed_rig({name: source.image_size for name, source in sources.items()})
@@ -138,6 +140,19 @@ def detect_videos(
     }
     without = tuple(name for name in rig.camera_ids if name not in sources)
     return DetectReport(grid.fps, recording.num_slots, reports, without, run.resumed)
+
+
+def _begins_s(paths: Mapping[str, Path]) -> dict[str, float]:
+    """Return when videos of a live session begin after the first of them, by their names.
+
+    Nothing unless all are such videos.
+    """
+    begins_ns = {camera_id: begin_of(path) for camera_id, path in paths.items()}
+    known_ns = [begin_ns for begin_ns in begins_ns.values() if begin_ns is not None]
+    if len(known_ns) < len(begins_ns):
+        return {}
+    first_ns = min(known_ns)
+    return {name: ((ns or first_ns) - first_ns) / 1e9 for name, ns in begins_ns.items()}
 
 
 class _Run:

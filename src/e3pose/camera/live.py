@@ -16,20 +16,17 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from e3pose import __version__
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
+from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.clock import Clock
 from e3pose.errors import InputError
-from e3pose.model.pose import Poses2D
 from e3pose.wire import topics
-from e3pose.wire.codec import decode, encode, pack
+from e3pose.wire.codec import decode, encode, one_line, pack_poses
 from e3pose.wire.messages import (
     CameraMode,
     ClockAnswer,
@@ -82,6 +79,7 @@ class CameraNode:
         meter: Callable[[CameraMode], dict[str, Any]] = lambda mode: {},
         tell: Callable[[str], None] = lambda line: None,
         pictures: Pictures | None = None,
+        recorder: VideoRecorder | None = None,
     ) -> None:
         """Make a camera; the detector must be loaded already.
 
@@ -94,8 +92,9 @@ class CameraNode:
             meter: the power fields of a heartbeat (`power_w`, `energy_j`, `measured`, ...).
             tell: called with what a person should know.
             pictures: shows operators what it looks at; None allows nobody to see it.
+            recorder: keeps what it sees; the node closes it.
         """
-        self.pictures = pictures
+        self.pictures, self.recorder = pictures, recorder
         self.settings, self.source, self.detector = settings, source, detector
         self.transport, self.clock, self._meter, self._tell = transport, clock, meter, tell
         self.session = random.SystemRandom().randrange(1, 2**53)
@@ -151,6 +150,8 @@ class CameraNode:
             thread.join(timeout=5.0)
         self._beat(ends=True)  # so that nobody looks for it
         self.source.close()
+        if self.recorder is not None:
+            self.recorder.close()
         self.transport.close()
 
     def running(self) -> bool:
@@ -251,6 +252,9 @@ class CameraNode:
         if slot is None:
             return
         self._newest = (schedule.session, slot)
+        if self.recorder is not None:
+            frame = frame.shared()
+            self.recorder.offer(frame, edge_ns, schedule.session, slot, schedule.times)
         active = schedule.is_active(slot)
         self.mode = "active" if active else "power-saving"
         if active:
@@ -266,15 +270,15 @@ class CameraNode:
                 self.pictures.offer(image, seen.slot)
             done_ns = self.clock.now_ns()
             self.counts.detected += 1
-            keypoints, scores = _as_sent(poses)
+            keypoints, scores = pack_poses(poses)
             self._views.put(
                 View(
                     camera_id=self.settings.camera_id,
                     session=self.session,
                     slot=seen.slot,
                     captured_edge_ns=max(seen.edge_ns, 0),
-                    keypoints_px=pack(keypoints),
-                    scores=pack(scores),
+                    keypoints_px=keypoints,
+                    scores=scores,
                     clock_error_ns=self.offset.offset.error_ns or 0,
                     detect_ns=done_ns - begun_ns,
                     sent_edge_ns=max(self.edge_ns(), 0),
@@ -372,7 +376,7 @@ class CameraNode:
             clock_error_ns=offset.error_ns or 0,
             active_s=counts.active_ns / 1e9,
             idle_s=counts.idle_ns / 1e9,
-            problem=_line(self.problem),
+            problem=one_line(self.problem),
             order_delay_ns=max(delay_ns, 0),
             ends=ends,
             **self._meter(self.mode),
@@ -384,15 +388,3 @@ class CameraNode:
         except BaseException as error:  # the program must end with it, not go on half
             self.failure = error
             self._stop.set()
-
-
-def _as_sent(poses: Poses2D) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return keypoints and scores as they travel, within what the edge accepts."""
-    limit = 256  # people: the edge refuses more, so the surest go
-    surest = np.argsort(-poses.scores.sum(axis=1), kind="stable")[:limit]
-    scores = np.clip(poses.scores[surest], 0, 1).astype(np.float32)
-    return poses.keypoints_px[surest].astype(np.float32), scores
-
-
-def _line(text: str) -> str:
-    return "".join(char if char.isprintable() else " " for char in text)[:300]

@@ -47,17 +47,26 @@ def load_video_starts(folder: Path) -> dict[str, float]:
     Raises:
         InputError: when the file is there but broken.
     """
+    return load_provenance(folder).video_starts_s
+
+
+def load_provenance(folder: Path) -> Provenance:
+    """Return how the recording in `folder` was detected; nothing where nothing says so.
+
+    Raises:
+        InputError: when the file is there but broken.
+    """
     path = folder / FILE
     if not path.is_file():
-        return {}
+        return Provenance({}, {})
     try:
         table = tomllib.loads(read_bytes(path, MAX_BYTES).decode())
-        starts_s = msgspec.convert(table, Provenance).video_starts_s
+        found = msgspec.convert(table, Provenance)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
         raise InputError(f"{path}: {str(error)[:200]}") from None
-    for camera_id, start_s in starts_s.items():
+    for camera_id, start_s in found.video_starts_s.items():
         if not abs(start_s) <= 1e8:
             raise InputError(
                 f"{path}: video_starts_s: {camera_id}: found {start_s}, expected seconds"
             )
-    return starts_s
+    return found

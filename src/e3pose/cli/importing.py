@@ -14,7 +14,7 @@ from e3pose.quantities import plural
 if TYPE_CHECKING:
     from e3pose.recording import Recording
 
-import_app = App(name="import", help="Convert a data set or detections to a recording.")
+import_app = App(name="import", help="Convert a data set or detections, or add videos.")
 
 Overwrite = Annotated[bool, Parameter(negative="")]
 Folders = Annotated[list[str] | None, Parameter(name="--folder", negative="")]
@@ -337,6 +337,34 @@ def cmu(
         _check_free(path, overwrite)
     for name, path in track_progress(clips.items(), len(clips), "reading"):
         _save(import_cmu(source, name, fps), path, overwrite)
+
+
+@import_app.command
+def videos(recording: Path, folder: Path, /) -> None:
+    """Put the videos that live cameras recorded into the recording of their session.
+
+    Example: `e3pose import videos recordings/20261122T150000Z recordings/videos`
+
+    For cameras on other machines; a site's edge does it for those on its own. The videos are moved.
+
+    Parameters
+    ----------
+    recording
+        Recording of a live site.
+    folder
+        Folder with one folder of videos per camera, copied from the cameras.
+    """
+    from e3pose.camera.session_videos import attach_videos
+    from e3pose.recording import load_recording
+
+    loaded = load_recording(recording)
+    found = attach_videos(recording, folder, loaded.rig.camera_ids)
+    missing = [name for name in loaded.rig.camera_ids if name not in (*found, *loaded.videos)]
+    if not found:
+        raise InputError(str(folder), "no video of that time", "CAMERA/CAMERA-TIME.mkv in it")
+    print(f"{recording}: videos of {', '.join(found)}")
+    if missing:
+        print(f"  no video of that time: {', '.join(missing)}")
 
 
 def _check_free(dest: Path, overwrite: bool) -> None:

@@ -85,6 +85,9 @@ def camera(
     state: str | None = None,
     insecure: Annotated[bool | None, Parameter(negative="")] = None,
     pictures: Annotated[bool | None, Parameter(negative="")] = None,
+    videos: str | None = None,
+    videos_max_size: str | None = None,
+    videos_part: str | None = None,
     json_logs: Annotated[bool, Parameter(negative="")] = False,
     end_with_parent: Child = False,
 ) -> None:
@@ -142,6 +145,12 @@ def camera(
         Allow unencrypted tcp beyond this machine.
     pictures
         Let operators of the site see small pictures of what the camera looks at.
+    videos
+        Folder for videos of what the camera sees, one frame per slot. Default: none are recorded.
+    videos_max_size
+        Maximum size of its videos, such as 10GB; the oldest are deleted. Default: 10GB.
+    videos_part
+        Length of one video, such as 10min, best that of the site's recordings. Default: 10min.
     json_logs
         Log as JSON, one object per line.
     end_with_parent
@@ -158,7 +167,8 @@ def camera(
         "detector": detector, "model": model, "provider": provider, "threads": threads,
         "fps": fps, "pace": pace, "begin_s": begin_s, "wake_s": wake_s,
         "battery_wh": battery_wh, "meter": meter, "profile": profile, "state": state,
-        "insecure": insecure, "pictures": pictures,
+        "insecure": insecure, "pictures": pictures, "videos": videos,
+        "videos_max_size": videos_max_size, "videos_part": videos_part,
     }  # fmt: skip
     options = {key: value for key, value in given.items() if value is not None}
     if config is None:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from e3pose.wire.messages import Heartbeat
 
 RECKON_S = 60.0
+RECORDING = "recording"  # the part of a reading that recording video took, in a row of its own
 
 
 class EnergyLedger:
@@ -76,7 +77,12 @@ class EnergyLedger:
 
             source = "measured" if beat.measured else "modelled"
             spent_j = beat.energy_j - before.energy_j
-            self._keep(EnergyReading(beat.sent_edge_ns, beat.camera_id, spent_j, span_s, source))
+            video_j = min(max(beat.recording_j - before.recording_j, 0.0), spent_j)
+            rest_j = spent_j - video_j
+            self._keep(EnergyReading(beat.sent_edge_ns, beat.camera_id, rest_j, span_s, source))
+            if video_j > 0:  # rows differ in their time
+                end_ns = beat.sent_edge_ns + 1
+                self._keep(EnergyReading(end_ns, beat.camera_id, video_j, span_s, RECORDING))
 
     def change(self, budgets: Sequence[Budget], num_selected: float) -> None:
         """Go on with other budgets, from the next slot on.

@@ -6,15 +6,18 @@ import shutil
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
+from e3pose.camera.session_videos import attach_videos, note_session
 from e3pose.edge.gather import Arrival
 from e3pose.errors import InputError
 from e3pose.files.private import make_folder
 from e3pose.geometry.camera import Rig
 from e3pose.quantities import plural
+from e3pose.recording.videos import VIDEOS
 from e3pose.recording.writer import PARTIAL, RecordingWriter, finish_interrupted
 
 PART_S = 600.0
@@ -32,6 +35,7 @@ class RecorderSettings:
         folder: of the recordings.
         site: its name, for the description.
         cameras: `(num_cameras,)` whether the views of each are kept.
+        filmed: names of the cameras whose videos become part of the recordings.
         fps: slots a second of the scene.
         pace: seconds of the scene that pass in a second.
         skeleton: name of the skeleton.
@@ -49,6 +53,12 @@ class RecorderSettings:
     detector: str
     part_s: float = PART_S
     max_bytes: int = MAX_BYTES
+    filmed: Sequence[str] = ()
+
+    @property
+    def videos(self) -> Path:
+        """The folder in which cameras on this machine leave their videos."""
+        return self.folder / VIDEOS
 
 
 class Recorder:
@@ -70,7 +80,8 @@ class Recorder:
         self.settings, self.rig, self._tell = settings, rig, tell
         try:
             make_folder(settings.folder)
-            finish_interrupted(settings.folder)
+            for part in finish_interrupted(settings.folder):
+                self._attach(part)
         except OSError as error:
             raise InputError(f"record: {settings.folder}: {error.strerror}") from None
         self.dropped = 0
@@ -121,11 +132,10 @@ class Recorder:
                 self._trouble = ""
             except (OSError, InputError) as error:
                 self._fail(error)
-        if self._writer is not None:
-            try:
-                self._writer.finish()
-            except OSError as error:
-                self._fail(error)
+        try:
+            self._finish()
+        except (OSError, InputError) as error:
+            self._fail(error)
 
     def _write(self) -> None:
         while self._slots:
@@ -137,9 +147,10 @@ class Recorder:
 
     def _write_slot(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
         settings, writer = self.settings, self._writer
-        if writer is not None and slot - self._first[0] >= settings.part_s * settings.fps:
-            writer.finish()
-            writer = self._writer = None
+        slots = max(1, round(settings.part_s * settings.fps))
+        if writer is not None and slot // slots != self._first[0] // slots:
+            self._finish()
+            writer = None
         if writer is None:
             self._first = slot, time_ns
             writer = self._writer = self._begin(time_ns)
@@ -155,25 +166,42 @@ class Recorder:
         dest, number = settings.folder / name, 1
         while dest.exists() or dest.with_name(dest.name + PARTIAL).exists():
             dest, number = settings.folder / f"{name}-{number}", number + 1
-        return RecordingWriter(
+        writer = RecordingWriter(
             dest, self.rig, settings.fps, settings.skeleton, settings.detector,
             f"Recorded live at the site {settings.site} from {when:%Y-%m-%d %H:%M:%S} UTC. "
             "Views of cameras that were not selected are missing.",
         )  # fmt: skip
+        note_session(writer.folder, time_ns, settings.pace)
+        return writer
+
+    def _finish(self) -> None:
+        """End the recording that is being written, if there is one."""
+        writer, self._writer = self._writer, None
+        if writer is not None and (part := writer.finish()) is not None:
+            self._attach(part)
+
+    def _attach(self, part: Path) -> None:
+        """Put the cameras' videos into a recording, which is none the worse without them."""
+        if not self.settings.filmed:
+            return
+        try:
+            attach_videos(part, self.settings.videos, self.settings.filmed)
+        except (OSError, InputError) as error:
+            self._tell("record-trouble", f"no videos in {part.name}: {error}")
 
     def _trim(self) -> None:
         """Delete the oldest recordings beyond the space they may take."""
         parts = recordings_in(self.settings.folder)
         sizes = {part: _size(part) for part in parts}
-        left = sum(sizes.values()) + (self._writer.num_bytes if self._writer else 0)
+        left = sum(sizes.values()) + _size(self.settings.videos)
+        left += self._writer.num_bytes if self._writer else 0
         for part in parts:
             if left <= self.settings.max_bytes:
                 return
             shutil.rmtree(part, ignore_errors=True)
             left -= sizes[part]
         if left > self.settings.max_bytes and self._writer is not None:
-            self._writer.finish()  # it alone is larger: begin another, so that it can go
-            self._writer = None
+            self._finish()  # it alone is larger: begin another, so that it can go
 
     def _fail(self, error: Exception) -> None:
         reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
@@ -195,4 +223,8 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def _size(folder: Path) -> int:
-    return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    sizes = []
+    for file in folder.rglob("*"):
+        with suppress(FileNotFoundError):  # a camera deleted an old video
+            sizes.append(file.stat().st_size if file.is_file() else 0)
+    return sum(sizes)

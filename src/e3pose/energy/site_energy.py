@@ -44,6 +44,11 @@ class Beat(Protocol):
         ...
 
     @property
+    def recording_j(self) -> float:
+        """What of it recording video took."""
+        ...
+
+    @property
     def active_s(self) -> float:
         """Seconds active since the start."""
         ...
@@ -72,11 +77,13 @@ class CameraEnergy:
         cost: what was learned of its power.
         beat: the newest heartbeat.
         charging_w: what goes into its battery, averaged over ten minutes.
+        recording_w: what recording video draws in slots of every kind, averaged likewise.
     """
 
     cost: LearnedCost
     beat: Beat | None = None
     charging_w: float = 0.0
+    recording_w: float = 0.0
 
     def supply(self) -> Supply:
         """Return what the camera has to spend from; without a battery it is on mains."""
@@ -137,7 +144,24 @@ def hear(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
         )
     weight = 1 - np.exp(-span_s / SUN_S)
     charging_w = camera.charging_w + weight * (max(beat.charging_w, 0.0) - camera.charging_w)
-    return replace(camera, cost=cost, beat=beat, charging_w=float(charging_w))
+    video_w = max(beat.recording_j - before.recording_j, 0.0) / span_s
+    known_w = camera.recording_w or video_w
+    recording_w = known_w + weight * (video_w - known_w)
+    return replace(
+        camera,
+        cost=cost,
+        beat=beat,
+        charging_w=float(charging_w),
+        recording_w=float(recording_w),
+    )
+
+
+def _slot_cost(camera: CameraEnergy, interval_s: float) -> SlotCost:
+    """Return what slots cost a camera; what was measured has the recording of video in it."""
+    cost, video_j = slot_cost(camera.cost, interval_s), camera.recording_w * interval_s
+    if cost.measured or video_j == 0:
+        return cost
+    return replace(cost, active_j=cost.active_j + video_j, idle_j=cost.idle_j + video_j)
 
 
 def reckon(
@@ -156,7 +180,7 @@ def reckon(
         now_s: seconds since 1970.
         num_selected: cameras that are to be active in a slot.
     """
-    slots = tuple(slot_cost(camera.cost, interval_s) for camera in cameras)
+    slots = tuple(_slot_cost(camera, interval_s) for camera in cameras)
     active_j = np.array([slot.active_j for slot in slots])
     idle_j = np.array([slot.idle_j for slot in slots])
     supplies = [camera.supply() for camera in cameras]

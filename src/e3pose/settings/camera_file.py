@@ -12,6 +12,7 @@ from e3pose.family import beside
 from e3pose.files.bounded import read_toml
 from e3pose.files.table import entry, read_table
 from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.quantities import duration_s, size_bytes
 from e3pose.settings.limits import check_camera, check_source, check_within, near
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.wire.access import split_endpoint
@@ -47,6 +48,9 @@ class NodeTable:
         profile: power profile, for what is not measured.
         state: file that remembers the charge of a battery without a gauge; empty for none.
         pictures: whether operators may see small pictures of what it looks at.
+        videos: folder for videos of what it sees; without it none are recorded.
+        videos_max_bytes: the most to keep, such as `10GB`; the oldest videos go first.
+        videos_part_s: length of one video, such as `10min`, best that of the site's recordings.
         path: of the file, to which all others are relative; None without one.
 
     Raises:
@@ -74,6 +78,9 @@ class NodeTable:
     profile: str = "xavier-nx"
     state: str | None = None
     pictures: bool = False
+    videos: str | None = None
+    videos_max_bytes: int | None = entry(None, key="videos_max_size", read=size_bytes)
+    videos_part_s: float | None = entry(None, key="videos_part", read=duration_s)
     path: Path | None = field(default=None, metadata={"key": ""})
 
     def __post_init__(self) -> None:

@@ -155,7 +155,8 @@ class CameraTable:
         battery_wh: capacity; without it the camera is on mains.
         meter: how `e3pose up` lets it measure its power, `auto` or `model`, which is the default.
         budget: what it may spend, such as `4W` or `until 18:00`; by default that of the site.
-        record: what of it is kept as a recording; by default nothing.
+        record: what of it is kept: its views as recordings, what it sees as videos, or both; by
+            default nothing.
     """
 
     id: str = entry(write='"cam1"')
@@ -169,7 +170,7 @@ class CameraTable:
     battery_wh: float | None = None
     meter: Literal["auto", "model"] | None = None
     budget: str | None = None
-    record: Literal["keypoints"] | None = None
+    record: Literal["keypoints", "video", "both"] | None = None
 
     def __post_init__(self) -> None:
         try:

@@ -13,6 +13,7 @@ from e3pose.camera.base import LiveDetector, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, make_source
 from e3pose.camera.pictures import Pictures
+from e3pose.camera.video_recorder import MAX_BYTES, PART_S, VideoRecorder, VideoSettings
 from e3pose.clock import Clock, WallClock
 from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import ChargeFile
@@ -164,6 +165,8 @@ def open_camera(
         stack.callback(transport.close)
         made = make_camera(table, transport, clock, log.warning, power, detector)
         power.mode = lambda: made.mode
+        if (recorder := made.recorder) is not None:
+            power.beside_j = lambda: recorder.spent_j
         stack.enter_context(power)
         stack.enter_context(made)
         log.info("ready", source=table.source, endpoint=table.endpoint)
@@ -224,14 +227,37 @@ def make_camera(
         battery_wh=node.battery_wh,
     )
     pictures = Pictures(node.camera, clock) if node.pictures else None
+    recorder = _recorder(node, tell)
 
     def metered(mode: Any) -> dict[str, Any]:
         fields = meter(mode)
         if pictures is not None:
             pictures.watts = fields.get("power_w")
+        if recorder is not None:
+            fields["recording_j"] = recorder.spent_j
         return fields
 
-    return CameraNode(settings, source, looks, transport, clock, metered, tell, pictures)
+    return CameraNode(settings, source, looks, transport, clock, metered, tell, pictures, recorder)
+
+
+def _recorder(node: NodeTable, tell: Callable[[str], Any]) -> VideoRecorder | None:
+    """Return what records the camera's videos; None if nobody asked.
+
+    A second of encoding is charged what a second of looking draws beyond idling. That is too much
+    rather than too little: the network keeps more of the device busy than one thread can.
+    """
+    if node.videos is None:
+        return None
+    profile = load_profile(node.profile)
+    settings = VideoSettings(
+        folder=node.near(node.videos),
+        camera_id=node.camera,
+        part_s=node.videos_part_s or PART_S,
+        max_bytes=node.videos_max_bytes or MAX_BYTES,
+        pace=node.pace,
+        busy_w=profile.watts("active") - profile.watts("power-saving"),
+    )
+    return VideoRecorder(settings, tell)
 
 
 def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:

@@ -26,11 +26,17 @@ def check_sources(site: SiteTable, rig: Rig) -> Iterator[Finding]:
     from e3pose.detectors.weights import MODELS, is_installed
 
     for camera in site.cameras_of(rig).values():
+        what, filmed = f"camera {camera.id}", camera.record in ("video", "both")
         if camera.source is None:
+            if filmed:
+                found = f"record = {camera.record!r}: videos stay on its own machine"
+                yield Finding("warning", what, found, 'videos = "videos" in its camera file')
             continue
         kind = camera.source.partition(":")[0]
-        what = f"camera {camera.id}"
         recorded = kind == "recorded"
+        if recorded and filmed:
+            found = f"record = {camera.record!r}, but its source has keypoints, no images"
+            yield Finding("problem", what, found, 'record = "keypoints"')
         local = recorded or ("://" not in camera.source and kind not in ("usb", "gstreamer"))
         name = camera.source.partition(":")[2] if recorded else camera.source
         if local and not site.near(name).exists():

@@ -325,7 +325,7 @@ def open_recorder(live: LiveSite, news: News, stack: ExitStack) -> Recorder | No
         news: told what keeps it from recording.
         stack: closes it.
     """
-    cameras = [camera.record is not None for camera in live.cameras.values()]
+    cameras = [camera.record in ("keypoints", "both") for camera in live.cameras.values()]
     if not any(cameras):
         return None
     site, table = live.site, live.site.record
@@ -339,6 +339,7 @@ def open_recorder(live: LiveSite, news: News, stack: ExitStack) -> Recorder | No
         detector=noise_of(live.cameras),
         part_s=table.part_s or PART_S,
         max_bytes=table.max_bytes or MAX_BYTES,
+        filmed=[name for name, camera in live.cameras.items() if camera.record == "both"],
     )
     recorder = Recorder(settings, live.rig, news.tell)
     stack.callback(recorder.close)

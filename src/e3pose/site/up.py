@@ -10,9 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from e3pose.edge.recorder import MAX_BYTES
 from e3pose.errors import InputError
 from e3pose.files.private import append_to
 from e3pose.geometry.camera import Rig
+from e3pose.quantities import LEAST_SIZE_BYTES
+from e3pose.recording.videos import VIDEOS
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
@@ -72,11 +75,29 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
     ):
         if value is not None:
             command += [option, str(value)]
+    if camera.record in ("video", "both"):
+        command += _video_options(site, camera_id)
     if camera.battery_wh is not None:
         command += ["--state", str(site.near(BATTERIES) / f"{camera_id}.json")]
     if site.link.insecure:
         command.append("--insecure")
     return command
+
+
+def _video_options(site: SiteTable, camera_id: str) -> list[str]:
+    """Return the options of a camera that records videos; all share the size that is allowed."""
+    cameras = sum(camera.record in ("video", "both") for camera in site.camera)
+    folder = site.near(site.record.path) / VIDEOS / camera_id
+    size = (site.record.max_bytes or MAX_BYTES) // cameras
+    options = [
+        "--videos",
+        str(folder),
+        "--videos-max-size",
+        f"{max(size, LEAST_SIZE_BYTES) / 1e6:.6f}MB",
+    ]
+    if site.record.part_s is not None:
+        options += ["--videos-part", f"{site.record.part_s:g}s"]
+    return options
 
 
 @dataclass(eq=False)

@@ -99,6 +99,13 @@ def pack(array: NDArray[Any]) -> Array:
     return Array(name, shape, np.ascontiguousarray(array, dtype=code[name]).tobytes())
 
 
+def pack_poses(poses: Poses2D) -> tuple[Array, Array]:
+    """Return keypoints and scores as they travel: of more people than are accepted, the surest."""
+    surest = np.argsort(-poses.scores.sum(axis=1), kind="stable")[:MAX_PERSONS]
+    scores = np.clip(poses.scores[surest], 0, 1).astype(np.float32)
+    return pack(poses.keypoints_px[surest].astype(np.float32)), pack(scores)
+
+
 def unpack(array: Array) -> NDArray[Any]:
     """Return the numpy array, read-only; its message must have been checked by `decode`."""
     return np.frombuffer(array.data, dtype=f"<{array.dtype}").reshape(array.shape)
@@ -220,6 +227,7 @@ def _check_heartbeat(beat: Heartbeat, where: str) -> None:
         idle_s=beat.idle_s,
         battery_j=beat.battery_j,
         charging_w=beat.charging_w,
+        recording_j=beat.recording_j,
     )
     _check_numbers(where, *TEMPERATURES_C, temperature_c=beat.temperature_c)
     _check_text(where, beat.problem)

@@ -119,6 +119,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         gauge: whether a gauge says `battery_j`; otherwise a model says it.
         ends: whether this is its last word, as its program was told to end.
         temperature_c: of the device; None without a sensor.
+        recording_j: part of `energy_j` that recording video has taken, by a model.
     """
 
     camera_id: str
@@ -147,6 +148,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     gauge: bool = False
     ends: bool = False
     temperature_c: float | None = None
+    recording_j: float = 0.0
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):

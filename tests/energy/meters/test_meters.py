@@ -204,6 +204,21 @@ def test_sampler_adds_up_watts_and_states_what_is_measured(tmp_path: Path) -> No
     assert sampler()["energy_j"] < expected_j + 30
 
 
+def test_what_runs_beside_the_modes_is_added_to_models_alone(tmp_path: Path) -> None:
+    now_s, beside_j = [0.0], [0.0]
+    for measured in (False, True):
+        if measured:
+            lay_out(tmp_path, XAVIER_NX)
+        meter: Meter = choose_meter(GENERIC, tmp_path)
+        sampler = PowerSampler(meter, root=tmp_path, clock_s=lambda: now_s[0])
+        sampler.beside_j = lambda: beside_j[0]
+        before_j = float(sampler()["energy_j"])
+        now_s[0], beside_j[0] = now_s[0] + 1.0, beside_j[0] + 100.0
+        fields = sampler()
+        assert fields["measured"] is measured
+        assert (float(fields["energy_j"]) - before_j > 100.0) is not measured
+
+
 def test_sampler_thread_adds_up_by_itself(tmp_path: Path) -> None:
     import time
 

@@ -63,7 +63,12 @@ def add_reading(total: Total, reading: Reading, time_s: float) -> Total:
 
 
 class PowerSampler:
-    """Adds up what the device draws. Call it for the power fields of a heartbeat."""
+    """Adds up what the device draws. Call it for the power fields of a heartbeat.
+
+    Attributes:
+        mode: what the camera does now, for meters that are models.
+        beside_j: joules so far of what no mode has, such as recording video; models leave it out.
+    """
 
     def __init__(
         self,
@@ -89,6 +94,8 @@ class PowerSampler:
             charge_file = ChargeFile(None, "", capacity_wh, lambda line: None)
         self._charge_file, self._keep_s = charge_file, clock_s()
         self.mode = mode
+        self.beside_j: Callable[[], float] = lambda: 0.0
+        self._beside_j = 0.0
         self._meter, self._root, self._capacity_wh = meter, root, capacity_wh
         self._clock_s = clock_s
         self._lock = threading.Lock()
@@ -117,6 +124,11 @@ class PowerSampler:
             except MeterError:  # a meter without a model behind it
                 return self._total
             before_j, self._total = self._total.energy_j, add_reading(self._total, reading, time_s)
+            beside_j = self.beside_j()
+            if not reading.measured:
+                spent_j = self._total.energy_j + beside_j - self._beside_j
+                self._total = replace(self._total, energy_j=spent_j)
+            self._beside_j = beside_j
             if self._charge_file is not None:
                 self._charge_file.spend(self._total.energy_j - before_j)
             if time_s - self._charge_s >= CHARGE_PERIOD_S:

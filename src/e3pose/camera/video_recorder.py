@@ -1,0 +1,211 @@
+"""Record what a live camera sees as videos of some minutes each, within a bounded space.
+
+A frame a slot, whether the camera looks in it or not, on a thread of its own: a slow disk or
+encoder loses frames of the video, never of the camera.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from e3pose.camera.base import LiveFrame
+from e3pose.camera.video_file import VideoFile
+from e3pose.clock import SlotTimes
+from e3pose.errors import InputError
+from e3pose.files.private import make_folder
+from e3pose.recording.videos import video_name, videos_in
+
+PART_S = 600.0
+MAX_BYTES = 10**10
+QUEUE_FRAMES = 8
+TRIM_S = 5.0  # of the scene
+RETRY_S = 10.0  # after a disk that was full
+
+
+@dataclass(frozen=True, slots=True)
+class VideoSettings:
+    """What becomes of a camera's frames.
+
+    Attributes:
+        folder: of its videos.
+        camera_id: whose they are.
+        part_s: length of one, in seconds of the scene; they begin where the edge's recordings do.
+        max_bytes: of all videos in the folder; the oldest go first.
+        pace: seconds of the scene that pass in a second.
+        busy_w: what a second of processor time is taken to draw beyond an idle device.
+    """
+
+    folder: Path
+    camera_id: str
+    part_s: float = PART_S
+    max_bytes: int = MAX_BYTES
+    pace: float = 1.0
+    busy_w: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Taken:
+    frame: LiveFrame
+    edge_ns: int
+    part: tuple[int, int]  # session of the edge, number of the part
+    fps: float
+
+
+class VideoRecorder:
+    """Encodes on a thread of its own; `offer` returns at once.
+
+    Attributes:
+        recorded: frames written.
+        dropped: frames that found no room, as the encoder or the disk was too slow.
+        busy_s: processor time that converting and encoding took.
+    """
+
+    def __init__(self, settings: VideoSettings, tell: Callable[[str], None]) -> None:
+        """Begin without a file.
+
+        Args:
+            settings: what to record.
+            tell: called with what a person should know, from the recorder's thread.
+
+        Raises:
+            InputError: when the folder cannot be made.
+        """
+        self.settings, self._tell = settings, tell
+        try:
+            make_folder(settings.folder)
+        except OSError as error:
+            raise InputError(f"videos: {settings.folder}: {error.strerror}") from None
+        self.recorded = self.dropped = 0
+        self.busy_s = 0.0
+        self._told_dropped = False
+        self._frames: deque[_Taken] = deque()
+        self._change = threading.Condition()
+        self._closed = False
+        self._file: VideoFile | None = None
+        self._part = (0, -1)
+        self._begin_ns = self._trim_ns = self._retry_ns = 0
+        self._trouble = ""
+        self._thread = threading.Thread(target=self._work, name="video", daemon=True)
+        self._thread.start()
+
+    @property
+    def spent_j(self) -> float:
+        """Joules that recording took so far, by the model of its settings."""
+        return self.busy_s * self.settings.busy_w
+
+    def offer(
+        self, frame: LiveFrame, edge_ns: int, session: int, slot: int, times: SlotTimes
+    ) -> None:
+        """Take the frame of a slot; it is lost where there is no room.
+
+        Args:
+            frame: what was captured.
+            edge_ns: when, by the edge's clock.
+            session: of the edge, which counts its slots from 0.
+            slot: for which it stands.
+            times: where slots lie.
+        """
+        slots = max(1, round(self.settings.part_s * 1e9 / (times.interval_ns * self.settings.pace)))
+        fps = 1e9 / (times.interval_ns * self.settings.pace)
+        with self._change:
+            if len(self._frames) >= QUEUE_FRAMES:
+                self.dropped += 1
+                return
+            self._frames.append(_Taken(frame, edge_ns, (session, slot // slots), fps))
+            self._change.notify()
+
+    def close(self) -> None:
+        """Write what was taken and finish the video."""
+        with self._change:
+            self._closed = True
+            self._change.notify()
+        self._thread.join(timeout=10.0)
+
+    def _work(self) -> None:
+        while (taken := self._next()) is not None:
+            begun_s = time.thread_time()
+            if taken.edge_ns >= self._retry_ns and not self._write(taken):
+                self._retry_ns = taken.edge_ns + round(RETRY_S * 1e9)
+            self.busy_s += time.thread_time() - begun_s
+        self._try(self._finish)
+
+    def _next(self) -> _Taken | None:
+        with self._change:
+            while not self._frames and not self._closed:
+                self._change.wait()
+            return self._frames.popleft() if self._frames else None
+
+    def _write(self, taken: _Taken) -> bool:
+        """Write a frame; return whether that went well. Tells of trouble when it comes and goes."""
+        done = self._try(lambda: self._put(taken))
+        if done and self._trouble:
+            self._tell("recording video again")
+            self._trouble = ""
+        if self.dropped and not self._told_dropped:
+            self._told_dropped = True
+            self._tell("video: frames are left out, encoder or disk is too slow")
+        return done
+
+    def _try(self, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except (OSError, ValueError) as error:  # PyAV's errors are both
+            reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
+            if not self._trouble:
+                self._tell(f"not recording video: {reason.lower()}")
+            self._trouble, self._file = reason, None
+            return False
+        return True
+
+    def _put(self, taken: _Taken) -> None:
+        image = taken.frame.look()
+        if not (isinstance(image, np.ndarray) and image.ndim == 3):
+            raise ValueError("the source has keypoints, no images")
+        size = (image.shape[1], image.shape[0])
+        file = self._file
+        if file is None or taken.part != self._part or file.image_size != size:
+            self._finish()
+            self._part = taken.part
+            self._begin_ns = self._trim_ns = taken.edge_ns // 1000 * 1000
+            self._trim()
+            path = self.settings.folder / video_name(self.settings.camera_id, taken.edge_ns)
+            file = self._file = VideoFile(path, size, taken.fps)
+        file.add(image, (taken.edge_ns - self._begin_ns) / 1e9 * self.settings.pace)
+        self.recorded += 1
+        if taken.edge_ns - self._trim_ns > TRIM_S * 1e9 / self.settings.pace:
+            self._trim_ns = taken.edge_ns
+            if not self._trim():
+                self._finish()  # it alone is larger: begin another, so that it can go
+
+    def _finish(self) -> None:
+        file, self._file = self._file, None
+        if file is not None:
+            file.close()
+
+    def _trim(self) -> bool:
+        """Delete the oldest videos beyond the space; return whether the rest fits."""
+        videos = videos_in(self.settings.folder)
+        sizes = [_size(path) for path in videos]
+        left = sum(sizes)
+        for path, size in zip(videos, sizes, strict=True):
+            if left <= self.settings.max_bytes:
+                return True
+            if self._file is not None and path == self._file.path:
+                return False
+            path.unlink(missing_ok=True)
+            left -= size
+        return True
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:  # the edge moved it into its recording
+        return 0

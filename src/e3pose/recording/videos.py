@@ -1,0 +1,99 @@
+"""Videos that live cameras record: their names, and the recording that they belong to."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import tomli_w
+
+from e3pose.files.bounded import read_toml
+from e3pose.files.private import make_folder
+from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES
+
+VIDEOS = "videos"  # folder: in a recording, and beside recordings for those that belong to none yet
+SUFFIX = ".mkv"
+NAME = re.compile(r"(.+)-(\d{8}T\d{6}\.\d{6})Z")
+NAME_TIME = "%Y%m%dT%H%M%S.%f"
+BEGAN_1970 = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+def video_name(camera_id: str, begin_ns: int) -> str:
+    """Return the name of a video: the camera, and when its first frame was taken (UTC, to 1 us)."""
+    begin = BEGAN_1970 + timedelta(microseconds=begin_ns // 1000)
+    return f"{camera_id}-{begin.strftime(NAME_TIME)}Z{SUFFIX}"
+
+
+def begin_of(path: Path) -> int | None:
+    """Return when the first frame of a video was taken, nanoseconds since 1970, by its name.
+
+    None where the name does not say it.
+    """
+    found = NAME.fullmatch(path.stem)
+    if found is None:
+        return None
+    try:
+        begin = datetime.strptime(found[2], NAME_TIME).replace(tzinfo=timezone.utc)
+    except ValueError:
+        return None
+    return (begin - BEGAN_1970) // timedelta(microseconds=1) * 1000
+
+
+def videos_in(folder: Path) -> list[Path]:
+    """Return the videos that a camera recorded in a folder, oldest first."""
+    found = [(begin_of(path), path) for path in folder.glob(f"*{SUFFIX}")]
+    return [path for begin_ns, path in sorted((b, p) for b, p in found if b is not None)]
+
+
+def choose_video(videos: Sequence[Path], begin_ns: int, end_ns: int) -> Path | None:
+    """Return the video that shows most of a stretch of time; None if none shows any.
+
+    A video ends when it was last written to, and at the latest where the next one begins.
+
+    Args:
+        videos: of one camera, oldest first.
+        begin_ns: begin of the stretch, since 1970.
+        end_ns: its end.
+    """
+    best: tuple[int, Path] | None = None
+    for index, path in enumerate(videos):
+        begin = begin_of(path)
+        following = begin_of(videos[index + 1]) if index + 1 < len(videos) else None
+        if begin is None:
+            continue
+        last = path.stat().st_mtime_ns
+        shown = min(end_ns, last if following is None else min(last, following))
+        shown -= max(begin_ns, begin)
+        if shown > 0 and (best is None or shown > best[0]):
+            best = shown, path
+    return None if best is None else best[1]
+
+
+def take_videos(recording: Path, videos: Mapping[str, Path]) -> None:
+    """Move videos into a recording and name them in its header; those there already stay.
+
+    A video that is still being written goes on growing at its new place.
+
+    Args:
+        recording: its folder.
+        videos: by camera.
+
+    Raises:
+        OSError: when that cannot be done.
+    """
+    if not videos:
+        return
+    folder = recording / VIDEOS
+    make_folder(folder)
+    named: dict[str, str] = {}
+    for camera_id, path in videos.items():
+        named[camera_id] = f"{camera_id}{SUFFIX}"
+        os.replace(path, folder / named[camera_id])
+    table = dict(read_toml(recording / HEADER, MAX_HEADER_BYTES))
+    table[VIDEOS] = {**table.get(VIDEOS, {}), **named}
+    written = recording / f"{HEADER}.new"
+    written.write_text(tomli_w.dumps(table))
+    os.replace(written, recording / HEADER)

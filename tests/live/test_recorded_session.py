@@ -1,0 +1,161 @@
+"""A live site records what it sees, and that is a recording like any other, with its videos."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.live.processes import COMPILE_S, e3pose, run
+from tests.ports import free_port
+from tests.waiting import eventually
+
+from e3pose.camera.provenance import load_video_starts
+from e3pose.camera.source import open_video
+from e3pose.edge.recorder import recordings_in
+from e3pose.recording import Recording, load_recording
+from e3pose.recording.videos import begin_of, videos_in
+from e3pose.store import Store
+
+pytestmark = pytest.mark.live
+
+FPS = 10.0
+SITE = f"""
+format = "e3pose-site"
+version = 1
+name = "lab"
+calibration = "films/calibration.toml"
+fps = {FPS}
+[link]
+endpoint = "tcp/127.0.0.1:PORT"
+[store]
+path = "live.db"
+[record]
+part = "5s"
+[loop]
+policy = "round-robin"
+cameras = 2
+predictor = "zero-velocity"
+"""
+CAMERA = """
+[[camera]]
+id = "{id}"
+source = "films/videos/{id}.mp4"
+detector = "drawn"
+record = "{record}"
+"""
+RECORD = {"cam0": "both", "cam1": "both", "cam2": "keypoints", "cam3": "video"}
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a site that ran until two parts of its session were recorded."""
+    folder = tmp_path_factory.mktemp("session")
+    code, _, err = run(
+        "simulate", str(folder / "films"), "--people", "2", "--seconds", "6", "--fps", f"{FPS:g}",
+        "--cameras", "4", "--videos", seconds=120,
+    )  # fmt: skip
+    assert code == 0, err
+    site = SITE.replace("PORT", str(free_port()))
+    path = folder / "site.toml"
+    path.write_text(site + "".join(CAMERA.format(id=i, record=r) for i, r in RECORD.items()))
+    command = e3pose("up", str(path), "--quiet")
+    with subprocess.Popen(command, start_new_session=True) as program:
+        recordings = folder / "recordings"
+        try:
+            assert eventually(
+                lambda: program.poll() is not None or finished(recordings) >= 2, COMPILE_S
+            )
+            assert program.poll() is None
+        finally:
+            program.terminate()
+            program.wait(60)
+    return folder
+
+
+def finished(recordings: Path) -> int:
+    if not recordings.is_dir():
+        return 0
+    return sum(
+        "videos" in (part / "recording.toml").read_text() for part in recordings_in(recordings)
+    )
+
+
+def whole(session: Path) -> Path:
+    """Return a part that began and ended while the site ran."""
+    parts = [part for part in recordings_in(session / "recordings") if load_recording(part).videos]
+    return max(parts, key=lambda part: load_recording(part).num_slots)
+
+
+def test_session_is_a_recording_with_its_videos(session: Path) -> None:
+    part = whole(session)
+    recording = load_recording(part)
+    views = [len(series.slots) for series in recording.views]
+    assert min(views[:3]) > 0 and views[3] == 0
+    assert set(recording.videos) == {"cam0", "cam1"}
+    frames = list(open_video(part / "videos" / recording.videos["cam0"]).frames())
+    assert len(frames) > 1.5 * views[0]  # also of slots in which it was not selected
+    code, out, err = run("replay", str(part), seconds=COMPILE_S)
+    assert code == 0, err
+    code, out, err = run("info", str(part), seconds=60)
+    assert code == 0 and "missing-video" not in out, err
+
+
+def test_videos_show_what_was_seen_at_the_same_times(session: Path) -> None:
+    """Detected again from the video, people are where they were in the live session."""
+    part = whole(session)
+    recording = load_recording(part)
+    starts_s = load_video_starts(part)
+    for camera_id in ("cam0", "cam1"):
+        series = recording.views[recording.rig.index(camera_id)]
+        shown_s = [f.time_s for f in open_video(part / "videos" / f"{camera_id}.mkv").frames()]
+        video_s = series.times_s + starts_s[camera_id]
+        inside = (video_s > shown_s[0] - 1e-3) & (video_s < shown_s[-1] + 1e-3)
+        assert inside.sum() >= 5
+        off_s = np.abs(video_s[inside, None] - np.array(shown_s)).min(axis=1)
+        assert np.median(off_s) < 1e-3 and off_s.max() < 0.3 / FPS
+    again = session / "again"
+    offsets = [f"--offset={name}={-starts_s[name]}" for name in ("cam0", "cam1")]
+    videos = [str(part / "videos" / f"{name}.mkv") for name in ("cam0", "cam1")]
+    calibration = str(session / "films" / "calibration.toml")
+    code, _, err = run(
+        "detect", *videos, str(again), "--calibration", calibration, "--model", "drawn", *offsets,
+        seconds=120,
+    )  # fmt: skip
+    assert code == 0, err
+    assert compared(recording, load_recording(again)) > 10
+
+
+def compared(live: Recording, again: Recording) -> int:
+    """Return how many keypoints both have, which must agree."""
+    count = 0
+    for camera_id in again.rig.camera_ids:
+        before = live.views[live.rig.index(camera_id)]
+        after = again.views[again.rig.index(camera_id)]
+        for slot in np.intersect1d(before.slots, after.slots).tolist():
+            one, two = before.view(slot), after.view(slot)
+            assert one is not None and two is not None
+            if len(one) != len(two) or not len(one):
+                continue
+            off = np.linalg.norm(one.keypoints_px[:, None] - two.keypoints_px[None], axis=-1)
+            off = off[np.isfinite(off).sum(axis=-1) > 8]
+            count += len(off) > 0 and bool(np.nanmedian(off, axis=-1).min() < 1.0)
+    return count
+
+
+def test_video_alone_stays_beside_the_recordings(session: Path) -> None:
+    videos = videos_in(session / "recordings" / "videos" / "cam3")
+    assert videos and all(begin_of(path) for path in videos)
+    code, out, err = run(
+        "detect", *map(str, videos[-1:]), str(session / "third"), "--calibration",
+        str(session / "films" / "calibration.toml"), "--model", "drawn", seconds=120,
+    )  # fmt: skip
+    assert code == 0 and "cam3" in out, err
+
+
+def test_energy_of_recording_is_told_apart(session: Path) -> None:
+    rows = Store(session / "live.db").rows("energy")
+    table = {(row["camera_id"], row["source"]) for row in rows}
+    assert {("cam0", "recording"), ("cam3", "recording"), ("cam2", "modelled")} <= table
+    assert ("cam2", "recording") not in table
