@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -35,6 +35,7 @@ def simulate(
     calibration: Path | None = None,
     seed: Whole = 0,
     exact: bool = False,
+    skeleton: Literal["coco17", "body25", "halpe26"] = "coco17",
     videos: Annotated[bool, Parameter(negative="")] = False,
     overwrite: bool = False,
 ) -> None:
@@ -73,6 +74,8 @@ def simulate(
         Random seed.
     exact
         Perfect detections: every joint inside the image, without noise.
+    skeleton
+        Skeleton of detections and truth; body25 and halpe26 have feet.
     videos
         Also write a film per camera into the recording's `videos` folder: the detections drawn as
         coloured joints, which the detector `drawn` reads back. At most three people.
@@ -83,11 +86,14 @@ def simulate(
     from e3pose.recording import save_recording
     from e3pose.simulate import DetectorSettings, SceneSettings
     from e3pose.simulate import simulate as run
+    from e3pose.simulate.feet import with_skeleton
 
     check_free(dest, overwrite)
     if videos:
         from e3pose.simulate.films import check_people
 
+        if skeleton != "coco17":
+            raise InputError("--skeleton", f"{skeleton} with --videos", "coco17, which films show")
         check_people(people)
     rig = None
     if calibration is not None:
@@ -110,7 +116,7 @@ def simulate(
         detector=DetectorSettings(perfect=exact),
     )
     with _bar("simulate") as progress:
-        recording = run(settings, seed, progress)
+        recording = with_skeleton(run(settings, seed, progress), skeleton, seed)
     save_recording(recording, dest, overwrite)
     if videos:
         _write_films(recording, dest)

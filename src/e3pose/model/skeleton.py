@@ -78,6 +78,11 @@ left_ear"""
 _BODY25 = """nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist
 mid_hip right_hip right_knee right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear
 left_ear left_big_toe left_small_toe left_heel right_big_toe right_small_toe right_heel"""
+_HALPE26 = (
+    _COCO17
+    + """ top_head neck mid_hip left_big_toe right_big_toe left_small_toe
+right_small_toe left_heel right_heel"""
+)
 _SHELF14 = """right_ankle right_knee right_hip left_hip left_knee left_ankle right_wrist right_elbow
 right_shoulder left_shoulder left_elbow left_wrist bottom_head top_head"""
 _PANOPTIC19 = """neck nose mid_hip left_shoulder left_elbow left_wrist left_hip left_knee
@@ -108,10 +113,15 @@ _CMU_LIMBS = (
 COCO17 = _skeleton("coco17", _COCO17, (*BODY_LIMBS, *FACE_LIMBS))
 COCO18 = _skeleton("coco18", _COCO18, (*_NECK_LIMBS, *FACE_LIMBS))
 BODY25 = _skeleton("body25", _BODY25, (*_NECK_LIMBS, *FACE_LIMBS, *_FEET_LIMBS))
+HALPE26 = _skeleton(
+    "halpe26",
+    _HALPE26,
+    (*_NECK_LIMBS, *FACE_LIMBS, ("neck", "top_head"), *_FEET_LIMBS),
+)
 SHELF14 = _skeleton("shelf14", _SHELF14, (*BODY_LIMBS, ("bottom_head", "top_head")))
 PANOPTIC19 = _skeleton("panoptic19", _PANOPTIC19, (*_NECK_LIMBS, *FACE_LIMBS))
 CMU31 = _skeleton("cmu31", _CMU31, _CMU_LIMBS)
-SKELETONS = {s.name: s for s in (COCO17, COCO18, BODY25, SHELF14, PANOPTIC19, CMU31)}
+SKELETONS = {s.name: s for s in (COCO17, COCO18, BODY25, HALPE26, SHELF14, PANOPTIC19, CMU31)}
 
 
 def skeleton_by_name(name: str) -> Skeleton:

@@ -42,6 +42,9 @@ TRUNK, SPINE, GIRDLE = Habit(4.3, 0.78), Habit(3.0, 0.4), Habit(2.4, 0.4)
 HEAD, FACE = Habit(2.9, 0.4), Habit(1.6, 0.4)
 ELBOW, WRIST = Habit(6.2, 0.25, 6.0), Habit(8.2, 0.2, 12.0)
 KNEE, ANKLE = Habit(6.2, 0.25, 12.0), Habit(8.2, 0.2, 12.0)
+# A foot turns as CMU's motion capture does beside the ankle, by the distance from it, half as
+# strongly again, as the ankle's habit is to CMU's.
+TOE, SMALL_TOE, HEEL = Habit(9.0, 0.15), Habit(4.0, 0.15), Habit(3.5, 0.15)
 OTHER = Habit(8.2, 0.2)  # a joint of no name known here
 # Each joint's parent, the first one that the skeleton has, and how it moves beside it.
 PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
@@ -58,6 +61,10 @@ PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
     **{f"{s}_wrist": ((f"{s}_elbow",), WRIST) for s in ("left", "right")},
     **{f"{s}_knee": ((f"{s}_hip",), KNEE) for s in ("left", "right")},
     **{f"{s}_ankle": ((f"{s}_knee",), ANKLE) for s in ("left", "right")},
+    **{f"{s}_big_toe": ((f"{s}_ankle",), TOE) for s in ("left", "right")},
+    **{f"{s}_small_toe": ((f"{s}_big_toe",), SMALL_TOE) for s in ("left", "right")},
+    **{f"{s}_heel": ((f"{s}_ankle",), HEEL) for s in ("left", "right")},
+    "top_head": (("nose", "neck"), HEAD),
 }
 
 
