@@ -298,3 +298,28 @@ def test_page_opens_at_a_moment_like_most_others() -> None:
     assert scene(recording(len(run)), awake)["start"] == 6
     assert scene(recording(2), [record(0), record(1)])["start"] == 0
     assert scene(recording(2), [record(0), record(1, [4])])["start"] == 1
+
+
+def moment(slot: int, places_m: Sequence[float], sigma_m: float) -> SlotRecord:
+    """Return a slot with people at some places along x, as sure of each."""
+    made = record(slot, list(range(1, len(places_m) + 1)))
+    joints = made.poses.joints_m.copy()
+    joints[..., 0] = np.array(places_m)[:, None]
+    covariance = np.broadcast_to(sigma_m**2 * np.eye(3), (*joints.shape[:2], 3, 3)).copy()
+    return replace(made, poses=Poses3D(joints, made.poses.scores), covariance_m2=covariance)
+
+
+def test_page_opens_where_people_move_apart_and_the_error_is_usual() -> None:
+    run = [
+        moment(0, (0.0, 3.0), 0.02),
+        moment(1, (0.0, 3.0), 0.02),  # as usual, and nobody moves
+        moment(2, (0.1, 3.1), 0.10),
+        moment(3, (0.2, 3.2), 0.025),
+        moment(4, (0.3, 0.33), 0.02),  # one in the other: a ghost, perhaps
+        moment(5, (0.3, 3.3), 0.06),
+        moment(6, (0.3, 3.3), 0.02),
+        moment(7, (0.4, 3.4), 0.001),
+    ]
+    assert scene(recording(len(run)), run)["start"] == 3
+    only_near = [moment(slot, (0.1 * slot, 0.1 * slot + 0.05), 0.02) for slot in range(4)]
+    assert scene(recording(4), only_near)["start"] in range(1, 4)

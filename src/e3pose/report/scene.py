@@ -14,6 +14,7 @@ from e3pose.model.skeleton import Skeleton
 from e3pose.model.uncertainty import distance_within_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth
+from e3pose.report.opening import opening_slot
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
         "numSlots": len(records),
         "slots": [record.slot for record in shown],
         "times": [round(record.time_s, 4) for record in shown],
-        "start": _telling(recording.rig, shown),
+        "start": opening_slot(recording.rig, shown),
         "tracks": track_ids,
         "colours": [chosen[track_id] for track_id in track_ids],
         "limbs": [list(limb) for limb in recording.skeleton.limbs],
@@ -161,22 +162,6 @@ def _all_joints(records: Sequence[SlotRecord]) -> Floats:
     joints = np.concatenate([record.poses.joints_m.reshape(-1, 3) for record in records])
     with np.errstate(invalid="ignore"):
         return np.asarray(joints[(np.abs(joints) < MAX_COORDINATE_M).all(axis=-1)])
-
-
-def _telling(rig: Rig, records: Sequence[SlotRecord]) -> int:
-    """Return which slot to open the page at: one like most others, with cameras asleep if any are.
-
-    It shows as many people as slots with anybody mostly do, so that no moment is chosen for
-    somebody who is not there, and is half way through those that do.
-    """
-    counts = np.array([len(record.poses) for record in records], dtype=np.int64)
-    if not counts.any():
-        return 0
-    often = np.bincount(counts[counts > 0])
-    usual = counts == len(often) - 1 - int(often[::-1].argmax())
-    asleep = usual & np.array([record.selected.sum() < len(rig) for record in records])
-    rows = np.flatnonzero(asleep if asleep.any() else usual)
-    return int(rows[len(rows) // 2])
 
 
 def neck(skeleton: Skeleton) -> list[int]:
