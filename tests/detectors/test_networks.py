@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import struct
-import sys
-import types
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +12,6 @@ from numpy.typing import NDArray
 from e3pose.detectors import DETECTORS, identify, make_detector
 from e3pose.detectors.inference import choose_providers, load_network
 from e3pose.detectors.recorded import Recorded
-from e3pose.detectors.rtmlib_adapter import RtmlibBody, make_rtmlib
 from e3pose.detectors.yolo import keep_people
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
@@ -170,7 +166,7 @@ def test_a_truncated_network_is_named(tmp_path: Path) -> None:
         ("openpose-thin", "gone.onnx", r"gone\.onnx: no such file"),
         ("gone.onnx", None, r"gone\.onnx: no such file"),
         ("openpose-thin", "model.h5", "found suffix '.h5'"),
-        ("rtmlib", "model.h5", "rtmlib brings its own weights"),
+        ("rtmpose", "model.h5", r"model\.h5: found a file, expected a folder"),
     ],
 )
 def test_wrong_names_and_files(
@@ -197,6 +193,9 @@ def test_the_best_provider_is_taken_and_a_forced_one_must_be_there(tmp_path: Pat
     assert names("tensorrt", cpu, cuda, tensorrt) == [tensorrt, cuda]
     options = choose_providers("tensorrt", [tensorrt], tmp_path)[0][1]
     assert isinstance(options, dict) and options["trt_engine_cache_path"] == str(tmp_path)
+    assert options["trt_fp16_enable"]
+    openvino = choose_providers("openvino", ["OpenVINOExecutionProvider"], tmp_path)
+    assert openvino == [("OpenVINOExecutionProvider", {"cache_dir": str(tmp_path)})]
     with pytest.raises(InputError, match="cuda is not in this ONNX Runtime, which has cpu"):
         names("cuda", cpu)
     with pytest.raises(
@@ -219,56 +218,6 @@ def test_forcing_a_provider_that_is_absent_is_one_clear_line(tmp_path: Path) -> 
         load_network(graph, "cuda")
     with pytest.raises(InputError, match="threads: found 0"):
         load_network(path, threads=0)
-
-
-class FakeBody:
-    """Stands for rtmlib.Body: its person detector and its pose model."""
-
-    one_stage = False
-
-    def __init__(self, keypoints: NDArray[Any], scores: NDArray[Any]) -> None:
-        self.answer = keypoints, scores
-        self.boxes: list[list[float]] = [[0, 0, 9, 9]] * len(keypoints)
-        self.seen: NDArray[Any] = np.zeros(0)
-
-    def det_model(self, image: NDArray[Any]) -> list[list[float]]:
-        self.seen = image
-        return self.boxes
-
-    def pose_model(self, image: NDArray[Any], bboxes: Any = None) -> Any:
-        assert bboxes is None or len(bboxes), "without boxes it invents a person"
-        return self.answer
-
-
-def test_rtmlib_people_are_taken_over() -> None:
-    truth = people_in((640, 480), 2)
-    body = FakeBody(truth, np.full((2, 17), 1.3))
-    image = IMAGE.copy()
-    image[..., 0] = 200
-    poses = RtmlibBody(body).detect(image)
-    np.testing.assert_allclose(poses.keypoints_px, truth)
-    assert (poses.scores == 1).all() and body.seen[0, 0].tolist() == [50, 50, 200]  # BGR
-    body.boxes = []
-    assert len(RtmlibBody(body).detect(image)) == 0
-    body.one_stage = True
-    assert len(RtmlibBody(body).detect(image)) == 2
-
-
-def test_rtmlib_absent_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rtmlib", None)
-    with pytest.raises(InputError, match="expected `pip install rtmlib`"):
-        make_detector("rtmlib")
-
-
-def test_rtmlib_without_its_weights_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    def body(**_options: Any) -> None:
-        raise OSError("no route to host")
-
-    monkeypatch.setitem(sys.modules, "rtmlib", types.SimpleNamespace(Body=body))
-    with pytest.raises(InputError, match="could not fetch its weights: no route to host"):
-        make_rtmlib()
-    with pytest.raises(InputError, match="provider: found 'tensorrt'"):
-        make_rtmlib("tensorrt")
 
 
 def test_recorded_plays_back_slot_by_slot() -> None:

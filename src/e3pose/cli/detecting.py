@@ -58,8 +58,8 @@ def detect(
         `e3pose calibrate intrinsics`. Without it, cameras are named after their videos, and
         `e3pose calibrate extrinsics` finds lenses and positions from the people.
     model
-        A name from `e3pose models list`, the path of an .onnx or .pb file, or your own detector as
-        module:Name.
+        A name from `e3pose models list`, the path of an .onnx or .pb file, a folder with the two
+        files of a top-down detector, or your own detector as module:Name.
     family
         With a model path: the detector that runs it. Default: from the model's inputs and outputs.
     provider
@@ -141,7 +141,8 @@ def _detector(
         detector, family = make_detector(model, None, provider, threads), identify(path)
     else:
         detector = make_detector(family, path, provider, threads)
-    return detector, f"{family} {file_sha256(path)[:16]}"
+    files = sorted(path.glob("*.onnx")) if path.is_dir() else [path]
+    return detector, " ".join([family, *(file_sha256(file)[:16] for file in files)])
 
 
 def camera_seconds(option: str, words: Sequence[str]) -> dict[str, float]:

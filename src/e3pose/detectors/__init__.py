@@ -52,12 +52,12 @@ def _drawn(model: Path | None, provider: str, threads: int | None) -> Detector:
     return Drawn()
 
 
-def _rtmlib(model: Path | None, provider: str, threads: int | None) -> Detector:
-    from e3pose.detectors.rtmlib_adapter import make_rtmlib
+def _top_down(name: str, model: Path | None, provider: str, threads: int | None) -> Detector:
+    from e3pose.detectors.top_down import open_top_down
 
-    if model is not None:
-        raise InputError(f"{model}: rtmlib brings its own weights, expected no model file")
-    return make_rtmlib(provider)
+    if model is None:
+        raise InputError("model", "none", f"the folder with the two networks of {name}")
+    return open_top_down(model, name, provider, threads)[1]
 
 
 GROUP = "e3pose.detectors"  # the entry points of other packages
@@ -69,11 +69,12 @@ DETECTORS: dict[str, Factory] = {
     "rtmo": partial(_rtmo, "rtmo"),
     "rtmo-m": partial(_rtmo, "rtmo-m"),
     "rtmo-l": partial(_rtmo, "rtmo-l"),
-    "rtmlib": _rtmlib,
+    "rtmpose": partial(_top_down, "rtmpose"),
+    "vitpose": partial(_top_down, "vitpose"),
     "drawn": _drawn,
 }
 
-# What each outputs, known before its weights are there.
+# What each outputs, where that is known before its weights are there.
 SKELETONS: dict[str, Skeleton] = {
     "movenet-multipose": COCO17,
     "openpose-thin": COCO18,
@@ -82,7 +83,6 @@ SKELETONS: dict[str, Skeleton] = {
     "rtmo": COCO17,
     "rtmo-m": COCO17,
     "rtmo-l": COCO17,
-    "rtmlib": COCO17,
     "drawn": COCO17,
 }
 
@@ -93,11 +93,11 @@ def make_detector(
     """Load a detector.
 
     Args:
-        name: a key of `DETECTORS`, or the path of a network file, whose kind is then told from its
-            inputs and outputs.
+        name: a key of `DETECTORS`, or the path of a network file, or of a folder with the two of a
+            top-down detector, whose kind is then told from inputs and outputs.
         model: a network file to use instead of the one that `name` has in the user's cache.
-        provider: `auto` (TensorRT, CUDA, CPU, whichever is there first), or one of `tensorrt`,
-            `cuda`, `cpu`, which must then be there.
+        provider: `auto` for the first of `inference.PROVIDERS` that is there, or one of them,
+            which must then be there.
         threads: CPU threads for the network; None uses all cores.
 
     Raises:
@@ -115,12 +115,12 @@ def make_detector(
 
 
 def is_network(path: Path) -> bool:
-    """Return whether a path is meant as the file of a network."""
-    return path.suffix in (".onnx", ".pb") or path.is_file()
+    """Return whether a path is meant as the file of a network, or the folder of several."""
+    return path.suffix in (".onnx", ".pb") or path.is_file() or any(path.glob("*.onnx"))
 
 
 def identify(path: Path) -> str:
-    """Tell which detector a network file is for from its inputs and outputs.
+    """Tell which detector a network file, or a folder of two, is for from inputs and outputs.
 
     Raises:
         InputError: when it is for none.
@@ -132,6 +132,10 @@ def identify(path: Path) -> str:
     from e3pose.detectors.topology import TOPOLOGIES
     from e3pose.detectors.yolo import YoloPose
 
+    if path.is_dir():
+        from e3pose.detectors.top_down import open_top_down
+
+        return open_top_down(path, provider="cpu", threads=1)[0]
     if path.suffix == ".pb":
         return "openpose-thin"  # the only one published as a TensorFlow graph
     network = load_network(path, "cpu", 1)
@@ -152,6 +156,26 @@ def identify(path: Path) -> str:
         f"{[list(shape) for shape in network.output_shapes]}, expected a network of one of "
         f"{', '.join(checks)}"
     )
+
+
+def skeleton_of(name: str, model: Path | None = None) -> Skeleton | None:
+    """Return the skeleton of a detector's poses; None where nothing says it before it runs.
+
+    Args:
+        name: as of `make_detector`.
+        model: likewise.
+
+    Raises:
+        InputError: when a network file that says it cannot be used.
+    """
+    path = Path(name) if name not in DETECTORS and is_network(Path(name)) else model
+    if name in SKELETONS or path is None or not path.exists():
+        return SKELETONS.get(name)
+    if not path.is_dir():
+        return SKELETONS.get(identify(path))
+    from e3pose.detectors.top_down import open_top_down
+
+    return open_top_down(path, provider="cpu", threads=1)[1].skeleton
 
 
 def _weights(name: str, model: Path | None) -> Path:

@@ -20,6 +20,7 @@ PROVIDERS = {
     "coreml": "CoreMLExecutionProvider",
     "cpu": "CPUExecutionProvider",
 }
+FLOATS = {"float": np.float32, "float16": np.float16}  # element types of an image's input
 MAX_MODEL_BYTES = 2**31  # protobuf's own limit
 ERRORS_ONLY = 3  # ONNX Runtime's log severity
 
@@ -65,8 +66,8 @@ def choose_providers(
     Args:
         provider: `auto` or a key of `PROVIDERS`.
         available: the providers this installation has.
-        engine_cache: folder for TensorRT's engines, which take minutes to build and fit one device
-            and version only.
+        engine_cache: folder for what TensorRT and OpenVINO build, in minutes and seconds, for one
+            device and version.
 
     Raises:
         InputError: when the provider is unknown or not installed.
@@ -81,16 +82,19 @@ def choose_providers(
             f"provider: {provider} is not in this ONNX Runtime, which has {', '.join(have)}; "
             "onnxruntime-gpu brings cuda and tensorrt, onnxruntime-openvino brings openvino"
         )
-    options = {
-        "trt_fp16_enable": True,
-        "trt_engine_cache_enable": True,
-        "trt_engine_cache_path": str(engine_cache),
+    options: dict[str, dict[str, Any]] = {
+        "tensorrt": {
+            "trt_fp16_enable": True,
+            "trt_engine_cache_enable": True,
+            "trt_engine_cache_path": str(engine_cache),
+        },
+        "openvino": {"cache_dir": str(engine_cache)},
     }
     # TensorRT hands what it cannot do to the next provider, so a forced one keeps CUDA behind it.
     if present == ["tensorrt"] and PROVIDERS["cuda"] in available:
         present.append("cuda")
     return [
-        (PROVIDERS[name], options) if name == "tensorrt" else PROVIDERS[name] for name in present
+        (PROVIDERS[name], options[name]) if name in options else PROVIDERS[name] for name in present
     ]
 
 
@@ -156,7 +160,7 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
 
     from e3pose.detectors.weights import cache_folder
 
-    engine_cache = cache_folder() / "tensorrt"
+    engine_cache = cache_folder() / "engines"
     providers = choose_providers(provider, onnxruntime.get_available_providers(), engine_cache)
     if any(isinstance(entry, tuple) for entry in providers):
         engine_cache.mkdir(parents=True, exist_ok=True)

@@ -28,7 +28,7 @@ class MoveNet:
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
-        self._network = network
+        self._network, self.provider = network, network.provider
         shape = network.input_shape
         if len(shape) != 4 or shape[3] not in (3, None) or network.input_dtype != "int32":
             raise InputError(

@@ -32,7 +32,7 @@ class OpenPose:
     def __init__(self, network: Network, topology: Topology) -> None:
         check_maps(network, topology)
         self.skeleton = topology.skeleton
-        self._network = network
+        self._network, self.provider = network, network.provider
         self._topology = topology
         self._joints = [topology.parts.index(joint) for joint in self.skeleton.joints]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import letterbox
-from e3pose.detectors.inference import Network
+from e3pose.detectors.inference import FLOATS, Network
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
@@ -22,7 +22,6 @@ SIDE = 640  # pixels, where the network leaves it free
 GREY = 114  # beyond the image, as in training
 MIN_PERSON_SCORE = 0.3  # of the publisher's example
 MIN_KEYPOINT_SCORE = 0.3
-DTYPES = {"float": np.float32, "float16": np.float16}
 
 
 class Rtmo:
@@ -36,9 +35,9 @@ class Rtmo:
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
-        self._network = network
+        self._network, self.provider = network, network.provider
         shape = network.input_shape
-        if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in DTYPES:
+        if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in FLOATS:
             raise InputError(
                 f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected float "
                 f"[1, 3, height, width] for {NAME}"
@@ -51,7 +50,7 @@ class Rtmo:
         height, width = self._network.input_shape[2:]
         fit = letterbox(size, (width or SIDE, height or SIDE))
         pixels = fit.apply(image, GREY)[..., ::-1].transpose(2, 0, 1)[None]
-        dtype = DTYPES[self._network.input_dtype]
+        dtype = FLOATS[self._network.input_dtype]
         outputs = self._network.run(np.ascontiguousarray(pixels, dtype=dtype))
         boxes, points = outputs[self._boxes], outputs[self._points]
         if boxes.ndim != 3 or points.shape != (1, boxes.shape[1], len(COCO17), 3):

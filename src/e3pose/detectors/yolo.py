@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import letterbox
-from e3pose.detectors.inference import Network
+from e3pose.detectors.inference import FLOATS, Network
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
@@ -33,9 +33,9 @@ class YoloPose:
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
-        self._network = network
+        self._network, self.provider = network, network.provider
         shape = network.input_shape
-        if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in _DTYPES:
+        if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in FLOATS:
             raise InputError(
                 f"{network.path}: input: found {network.input_dtype} {list(shape)}, expected float "
                 f"[1, 3, height, width] for {NAME}"
@@ -50,7 +50,7 @@ class YoloPose:
         height, width = self._network.input_shape[2:]
         fit = letterbox(size, (width or SIDE, height or SIDE), centred=True)
         pixels = fit.apply(image, GREY).transpose(2, 0, 1)[None] / np.float32(255)
-        dtype = _DTYPES[self._network.input_dtype]
+        dtype = FLOATS[self._network.input_dtype]
         rows = self._rows(self._network.run(np.ascontiguousarray(pixels, dtype=dtype))[0])
         rows = rows[keep_people(rows[:, :4], rows[:, 4])]
         triples = rows[:, 5:].reshape(-1, 17, 3)
@@ -70,9 +70,6 @@ class YoloPose:
             f"{self._network.path}: output: found {list(found)}, expected [1, {VALUES}, N] or "
             f"[1, N, {VALUES}] for {NAME}"
         )
-
-
-_DTYPES = {"float": np.float32, "float16": np.float16}
 
 
 def keep_people(boxes: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.int64]:

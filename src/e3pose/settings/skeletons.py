@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 
-from e3pose.detectors import SKELETONS, identify, is_network
+from e3pose.detectors import DETECTORS, skeleton_of
 from e3pose.errors import InputError
 from e3pose.model.skeleton import COCO17, Skeleton, lacking, skeleton_by_name
 from e3pose.recording.folder import read_skeleton
@@ -34,12 +33,12 @@ def camera_skeleton(site: SiteTable, camera: CameraTable) -> Skeleton | None:
     name = detector_of(camera)
     if name is None:
         return None
-    if name not in SKELETONS and is_network(Path(name)) and site.near(name).is_file():
-        try:
-            name = identify(site.near(name))
-        except (InputError, ImportError):  # told by the camera, which runs it
-            return None
-    return SKELETONS.get(name)
+    model = None if camera.model is None else site.near(camera.model)
+    try:
+        own = name not in DETECTORS and site.near(name).exists()
+        return skeleton_of(str(site.near(name)) if own else name, model)
+    except (InputError, ImportError):  # told by the camera, which runs it
+        return None
 
 
 def camera_skeletons(site: SiteTable, cameras: Mapping[str, CameraTable]) -> dict[str, Skeleton]:

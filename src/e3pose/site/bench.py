@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.detectors import make_detector
-from e3pose.detectors.inference import Network
+from e3pose.detectors import is_network, make_detector
 from e3pose.energy.meters.base import Meter, Reading
 from e3pose.energy.profiles import Mode
 
@@ -66,7 +65,7 @@ def measure(
     """
     path = Path(name)
     detector = make_detector(
-        str(path.resolve()) if path.is_file() else name, None, provider, threads
+        str(path.resolve()) if is_network(path) and path.exists() else name, None, provider, threads
     )
     width, height = image_size
     grey = np.random.default_rng(0).integers(0, 256, (height, width, 1), dtype=np.uint8)
@@ -87,8 +86,7 @@ def measure(
     active_w, reading = _watts(meter, "active", looks)
     look_s = float(np.median(took_s))
     energy_j = max(active_w - idle_w, 0.0) * look_s if reading.measured else None
-    network: Network | None = getattr(detector, "_network", None)
-    runs_on = "" if network is None else network.provider
+    runs_on = getattr(detector, "provider", "")
     return Cost(name, image_size, look_s, first_s, energy_j, reading.how, runs_on)
 
 

@@ -169,7 +169,9 @@ def open_camera(
             power.beside_j = lambda: recorder.spent_j
         stack.enter_context(power)
         stack.enter_context(made)
-        log.info("ready", source=table.source, endpoint=table.endpoint)
+        runs_on = getattr(made.detector, "provider", "")  # a recording has no network
+        told = {"provider": runs_on} if runs_on else {}
+        log.info("ready", source=table.source, endpoint=table.endpoint, **told)
         return Camera(made, EdgeWatch(log.info, table.endpoint), clock, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 

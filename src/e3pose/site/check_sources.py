@@ -51,12 +51,12 @@ def check_sources(site: SiteTable, rig: Rig) -> Iterator[Finding]:
             continue
         detector = camera.detector or DEFAULT_DETECTOR
         if camera.model is not None:
-            if not site.near(camera.model).is_file():
+            if not site.near(camera.model).exists():
                 yield Finding("problem", what, f"model {site.near(camera.model)} does not exist")
         elif detector in MODELS and not is_installed(detector):
             advice = f"e3pose models pull {detector}"
             yield Finding("problem", what, f"network {detector} is not installed", advice)
-        elif not (detector in DETECTORS or is_own(detector) or site.near(detector).is_file()):
+        elif not (detector in DETECTORS or is_own(detector) or site.near(detector).exists()):
             known = ", ".join(DETECTORS)
             yield Finding("problem", what, f"unknown detector {detector}", f"one of {known}")
 

@@ -115,6 +115,18 @@ RTMO_L = Model(
     size_bytes=175_926_543,
     sha256="293b4b10165b3862fc00b81a9473803838a22046115d54d80f8fdc24daa9a030",
 )
+RTMPOSE = Model(
+    name="rtmpose",
+    title="a folder with RTMDet (people) and RTMPose (17 or 26 keypoints), as .onnx of MMDeploy",
+    licence="its own (OpenMMLab's: Apache-2.0)",
+    source=None,
+)
+VITPOSE = Model(
+    name="vitpose",
+    title="a folder with RTMDet (people) and a network of heatmaps, such as ViTPose, as .onnx",
+    licence="its own (ViTPose's: Apache-2.0)",
+    source=None,
+)
 RTMO = Model(
     name="rtmo",
     title="any RTMO .onnx (t, s, m, l) with outputs dets and keypoints",
@@ -124,5 +136,15 @@ RTMO = Model(
 
 MODELS = {
     model.name: model
-    for model in (MOVENET, OPENPOSE_THIN, RTMO_M, RTMO_L, RTMO, TRT_POSE, YOLO_POSE)
+    for model in (
+        MOVENET,
+        OPENPOSE_THIN,
+        RTMO_M,
+        RTMO_L,
+        RTMO,
+        RTMPOSE,
+        VITPOSE,
+        TRT_POSE,
+        YOLO_POSE,
+    )
 }

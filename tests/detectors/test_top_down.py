@@ -1,0 +1,174 @@
+"""Top-down detectors on networks whose outputs follow from what they are shown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
+
+from e3pose.detectors import identify, make_detector, skeleton_of
+from e3pose.detectors.keypoint_heads import read_heatmaps, read_simcc
+from e3pose.detectors.top_down import crop
+from e3pose.errors import InputError
+from e3pose.model.skeleton import COCO17, HALPE26
+
+DOTS = ((420.0, 90.0), (380.0, 200.0), (450.0, 330.0))  # red, green, blue; pixels of the image
+BOX = (340.0, 60.0, 500.0, 360.0)
+OTHER = (40.0, 100.0, 140.0, 300.0)
+
+
+def write(path: Path, nodes: list[Any], inputs: list[Any], outputs: list[Any], *more: Any) -> Path:
+    graph = helper.make_graph(nodes, "test", inputs, outputs, list(more))
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    onnx.checker.check_model(model)
+    path.parent.mkdir(exist_ok=True)
+    onnx.save(model, path)
+    return path
+
+
+def floats(name: str, *shape: int | str) -> Any:
+    return helper.make_tensor_value_info(name, TensorProto.FLOAT, shape)
+
+
+def constant(name: str, value: NDArray[Any]) -> Any:
+    return numpy_helper.from_array(value, name)
+
+
+def write_boxes(path: Path, rows: list[list[float]], labels: list[int]) -> Path:
+    """Write a network that finds these boxes whatever it is shown: pixels of 320 x 320."""
+    dets, kinds = np.array([rows], np.float32), np.array([labels], np.int64)
+    nodes = [helper.make_node("Identity", [a], [b]) for a, b in (("d", "dets"), ("l", "labels"))]
+    outputs = [
+        floats("dets", *dets.shape),
+        helper.make_tensor_value_info("labels", TensorProto.INT64, kinds.shape),
+    ]
+    image = floats("input", 1, 3, 320, 320)
+    return write(path, nodes, [image], outputs, constant("d", dets), constant("l", kinds))
+
+
+def write_keypoints(path: Path, count: int, heatmaps: bool = False) -> Path:
+    """Write a network whose keypoint k is where red, green or blue (k mod 3) is brightest."""
+    weights = np.zeros((count, 3, 1, 1), np.float32)
+    weights[np.arange(count), np.arange(count) % 3] = 4.0
+    bias = np.full(count, -4.0, np.float32)
+    nodes = [
+        helper.make_node("Conv", ["input", "w", "b"], ["c"]),
+        helper.make_node("Sigmoid", ["c"], ["maps"]),
+    ]
+    image, more = floats("input", 1, 3, 256, 192), [constant("w", weights), constant("b", bias)]
+    if heatmaps:
+        pool = helper.make_node("AveragePool", ["maps"], ["h"], kernel_shape=[4, 4], strides=[4, 4])
+        return write(path, [*nodes, pool], [image], [floats("h", 1, count, 64, 48)], *more)
+    sides = {"x": (2, 192), "y": (3, 256)}
+    for name, (axis, side) in sides.items():
+        more += [
+            constant(f"s{name}", np.array([1, count, side, 1], np.int64)),
+            constant(f"t{name}", np.array([1, 1, 1, 2], np.int64)),
+            constant(f"e{name}", np.array([1, count, 2 * side], np.int64)),
+        ]
+        nodes += [
+            helper.make_node("ReduceMax", ["maps"], [f"m{name}"], axes=[axis], keepdims=0),
+            helper.make_node("Reshape", [f"m{name}", f"s{name}"], [f"r{name}"]),
+            helper.make_node("Tile", [f"r{name}", f"t{name}"], [f"d{name}"]),
+            helper.make_node("Reshape", [f"d{name}", f"e{name}"], [f"simcc_{name}"]),
+        ]
+    outputs = [floats(f"simcc_{name}", 1, count, 2 * side) for name, (_, side) in sides.items()]
+    return write(path, nodes, [image], outputs, *more)
+
+
+def picture() -> NDArray[np.uint8]:
+    """Return 640 x 480 with a soft red, a green and a blue dot."""
+    rows, columns = np.mgrid[:480, :640]
+    image = np.zeros((480, 640, 3))
+    for channel, (x, y) in enumerate(DOTS):
+        image[..., channel] = 255 * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 8.0**2))
+    return np.asarray(image.round(), dtype=np.uint8)
+
+
+def in_network(box: tuple[float, ...]) -> list[float]:
+    """Return a box in the 320 x 320 input, half the size of the image."""
+    return [side / 2 for side in box]
+
+
+@pytest.mark.parametrize(("count", "skeleton"), [(17, COCO17), (26, HALPE26)])
+@pytest.mark.parametrize("heatmaps", [False, True])
+def test_keypoints_are_where_they_are_in_the_image(
+    tmp_path: Path, count: int, skeleton: Any, heatmaps: bool
+) -> None:
+    folder = tmp_path / "networks"
+    rows = [[*in_network(OTHER), 0.9], [*in_network(BOX), 0.8], [*in_network(BOX), 0.2]]
+    write_boxes(folder / "a.onnx", rows, [56, 0, 0])  # a chair, a person, one too unsure
+    write_keypoints(folder / "b.onnx", count, heatmaps)
+    kind = "vitpose" if heatmaps else "rtmpose"
+    assert identify(folder) == kind and skeleton_of(kind, folder) == skeleton
+    for detector in (make_detector(str(folder), None, "cpu", 1), make_detector(kind, folder)):
+        assert detector.skeleton == skeleton
+        poses = detector.detect(picture())
+        assert poses.keypoints_px.shape == (1, count, 2)
+        expected = np.array([DOTS[k % 3] for k in range(count)])
+        # A heatmap's cell is 4 pixels of the input, and those are 1.5 of the image.
+        assert np.abs(poses.keypoints_px[0] - expected).max() < (3.5 if heatmaps else 1.0)
+        assert (poses.scores > 0.9).all()
+
+
+def test_nobody_in_the_boxes_is_nobody(tmp_path: Path) -> None:
+    write_boxes(tmp_path / "a.onnx", [[10, 10, 50, 90, 0.1]], [0])
+    write_keypoints(tmp_path / "b.onnx", 26)
+    poses = make_detector("rtmpose", tmp_path).detect(picture())
+    assert len(poses) == 0 and poses.keypoints_px.shape == (0, 26, 2)
+
+
+def test_a_box_fills_the_input_with_its_margin() -> None:
+    box = np.array([100.0, 50.0, 200.0, 250.0])
+    for whole, size in ((False, (192, 256)), (True, (191, 255))):
+        to_input = crop(box, (192, 256), whole_cells=whole)
+        middle = to_input @ [149.5, 149.5, 1]
+        assert middle == pytest.approx(np.array(size) / 2)
+        top = to_input @ [149.5, 149.5 - 1.25 * 100, 1]
+        assert top[1] == pytest.approx(0) and to_input[0, 0] == to_input[1, 1]
+
+
+def test_peaks_between_cells_are_found() -> None:
+    rows, columns = np.mgrid[:64, :48]
+    places = np.array([[10.3, 20.8], [0.0, 63.0], [46.9, 5.5]])  # cells
+    maps = np.stack(
+        [np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / (2 * 2.0**2)) for x, y in places]
+    )
+    keypoints, scores = read_heatmaps(maps, (192, 256))
+    assert keypoints / [191 / 47, 255 / 63] == pytest.approx(places, abs=0.11)
+    assert keypoints[:2] / [191 / 47, 255 / 63] == pytest.approx(places[:2], abs=1e-6)
+    assert (scores > 0.9).all()
+    assert read_heatmaps(np.zeros((2, 64, 48)), (192, 256))[1].tolist() == [0, 0]
+
+
+def test_classes_are_half_pixels_and_the_lower_score_counts() -> None:
+    x, y = np.zeros((2, 384)), np.zeros((2, 512))
+    x[0, 101], y[0, 300], x[1, 0], y[1, 511] = 0.9, 0.4, 0.2, 0.8
+    keypoints, scores = read_simcc(x, y, (192, 256))
+    assert keypoints.tolist() == [[50.5, 150.0], [0.0, 255.5]] and scores.tolist() == [0.4, 0.2]
+
+
+def test_wrong_folders_are_one_line_each(tmp_path: Path) -> None:
+    folder = tmp_path / "networks"
+    boxes = write_boxes(folder / "a.onnx", [[0, 0, 9, 9, 0.9]], [0])
+    with pytest.raises(InputError, match=r"networks: found 1 \.onnx files, expected two"):
+        make_detector("rtmpose", folder)
+    (folder / "b.onnx").write_bytes(boxes.read_bytes())
+    with pytest.raises(InputError, match=r"b\.onnx: found input .* of K = 17 or 26 keypoints"):
+        make_detector("rtmpose", folder)
+    write_keypoints(folder / "b.onnx", 133)
+    with pytest.raises(InputError, match=r"b\.onnx: found input .* of K = 17 or 26 keypoints"):
+        identify(folder)
+    write_keypoints(folder / "b.onnx", 17)
+    with pytest.raises(InputError, match="a network of the kind rtmpose, expected vitpose"):
+        make_detector("vitpose", folder)
+    write_keypoints(folder / "a.onnx", 17)
+    with pytest.raises(InputError, match=r"\.onnx: found input .* dets \[1, N, 5\] and labels"):
+        make_detector("rtmpose", folder)
+    with pytest.raises(InputError, match="model: found none, expected the folder"):
+        make_detector("rtmpose")
