@@ -18,9 +18,12 @@ from e3pose.simulate import SceneSettings, simulate
 Floats = NDArray[np.float64]
 
 
-def walk(seed: int, people: int = 1, seconds: float = 20.0, fps: float = 10.0) -> Recording:
-    """Return people before four cameras on a ring."""
-    return simulate(SceneSettings(people=people, seconds=seconds, cameras=4, fps=fps), seed=seed)
+def walk(
+    seed: int, people: int = 1, seconds: float = 20.0, fps: float = 10.0, cameras: int = 4
+) -> Recording:
+    """Return people before cameras on a ring."""
+    settings = SceneSettings(people=people, seconds=seconds, cameras=cameras, fps=fps)
+    return simulate(settings, seed=seed)
 
 
 def without_calibration(recording: Recording) -> Recording:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from e3pose.calibrate.bundle import placed
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
 from e3pose.calibrate.same_people import (
-    Pairing,
+    Evidence,
     Seen,
     group,
     pair_by_essential,
@@ -30,6 +30,7 @@ MIN_SCORE = 0.3
 FOCAL_SIGMA = 0.25  # of a lens that is assumed
 ROUGH_SIGMAS = (25.0, 10.0, 5.0)  # tolerances of matching, from a rough start
 FINE_SIGMAS = (4.0, 3.0)
+DOUBTED_SIGMAS = 15.0  # of a rig that may be off
 FINAL_POINTS = 8000
 
 
@@ -176,18 +177,17 @@ def gather(recording: Recording, noise: Noise, seen: Seen, groups: list[list[int
     )
 
 
-def match_people(recording: Recording, noise: Noise, rig: Rig, tolerance_sigmas: float) -> Joints:
-    """Match the people of a recording across views by a rig that is known.
+def match_people(recording: Recording, noise: Noise, rig: Rig) -> Joints:
+    """Match the people of a recording across views by a rig that is known, but may be off.
 
     Args:
         recording: detections.
         noise: what scores promise.
         rig: the calibration to match by.
-        tolerance_sigmas: distance to the epipolar line up to which a joint agrees.
     """
     seen = observe_people(recording, noise)
     everyone = np.ones(len(rig), dtype=bool)
-    return _rematch(recording, noise, seen, rig, everyone, tolerance_sigmas)[0]
+    return _rematch(recording, noise, seen, rig, everyone, DOUBTED_SIGMAS, FINE_SIGMAS[0])[0]
 
 
 def _from_nothing(
@@ -198,13 +198,13 @@ def _from_nothing(
     told: Callable[[str, int, int], None],
 ) -> PeopleRig | None:
     pairs = list(combinations(range(len(recording.rig)), 2))
-    pairings: list[Pairing] = []
+    evidences: list[Evidence] = []
     for number, (a, b) in enumerate(pairs):
         found = pair_by_essential(seen, a, b)
         if found is not None:
-            pairings.append(found[1])
+            evidences.append(found[1])
         told("pairs of cameras", number + 1, len(pairs))
-    joints = gather(recording, noise, seen, group(seen, pairings))
+    joints = gather(recording, noise, seen, group(seen, evidences))
     if not len(joints.slot):
         return None
     home = Rig(tuple(placed(c, np.eye(3), np.zeros(3)) for c in recording.rig.cameras))
@@ -242,16 +242,17 @@ def _rematch(
     rig: Rig,
     done: NDArray[np.bool_],
     tolerance: float,
+    least: float | None = None,
 ) -> tuple[Joints, int]:
-    pairings = []
+    evidences = []
     for a, b in combinations(np.flatnonzero(done).tolist(), 2):
         first, second = rig.cameras[a], rig.cameras[b]
         R = second.R @ first.R.T
         t = second.t - R @ first.t
         length = float(np.linalg.norm(t))
         if length > 0:
-            pairings.append(pair_by_rig(seen, a, b, R, t / length, tolerance))
-    groups = group(seen, pairings)
+            evidences.append(pair_by_rig(seen, a, b, R, t / length, tolerance, least))
+    groups = group(seen, evidences)
     return gather(recording, noise, seen, groups), len(groups)
 
 

@@ -22,7 +22,6 @@ from e3pose.recording.record import Recording
 
 Floats = NDArray[np.float64]
 
-MATCH_SIGMAS = 15.0  # tolerance of matching: a calibration that is off must still be judged
 MIN_JOINTS = 100
 ENOUGH_S = 10.0  # of recording, to solve the rig anew from its halves
 MIN_INLIERS = 0.6  # share of keypoints that a rig solved anew must explain
@@ -75,7 +74,7 @@ def judge(
         InputError: when too few joints are seen by several cameras.
     """
     rig = recording.rig
-    joints = match_people(recording, noise, rig, MATCH_SIGMAS)
+    joints = match_people(recording, noise, rig)
     pixels, sigma = joints.keypoints_px, joints.sigma_px
     seen = np.isfinite(pixels[..., 0])
     if int((seen.sum(axis=0) >= 2).sum()) < MIN_JOINTS:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,8 +18,8 @@ Floats = NDArray[np.float64]
 MIN_COMMON = 60  # joints that two tracklets share before they are compared
 MOST_COMMON = 400
 MOST_HYPOTHESES = 24  # tracklet pairs, of one pair of cameras, that may propose its pose
-SAME_SHARE = 0.55  # of joints near the epipolar lines, from which two tracklets may be one person
 TOLERANCE_SIGMAS = 3.0
+TOLERANCE_PER_MEDIAN = 4.5  # three standard deviations, from the median of what is normal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,10 +52,15 @@ class Seen:
         return p[both], q[both], sigma[both]
 
 
-Pairing = dict[tuple[int, int], float]  # tracklets to how well they fit, larger is better
+Evidence = dict[tuple[int, int], float]
+"""Pairs of tracklets that show joints together, to how far those say one person: below 0 is two.
+
+Of `n` joints, the sum of `1 - min((e / tolerance)^2, 2)` over their epipolar distances `e`. It is
+graded, as under a wide tolerance two people are both within it: the nearer must count for more.
+"""
 
 
-def pair_by_essential(seen: Seen, first: int, second: int) -> tuple[RelativePose, Pairing] | None:
+def pair_by_essential(seen: Seen, first: int, second: int) -> tuple[RelativePose, Evidence] | None:
     """Find the relative pose of two cameras that lets most people be seen by both.
 
     Each promising pair of tracklets proposes a pose; all people of both views judge it.
@@ -68,30 +74,35 @@ def pair_by_essential(seen: Seen, first: int, second: int) -> tuple[RelativePose
     if not common:
         return None
     promising = sorted(common, key=lambda pair: -_motion(*common[pair]))[:MOST_HYPOTHESES]
-    best: tuple[float, RelativePose, Pairing] | None = None
+    best: tuple[float, RelativePose, Evidence] | None = None
     for pair in promising:
         p, q, sigma = common[pair]
         pose = relative_pose(p, q, TOLERANCE_SIGMAS * float(np.median(sigma)))
         for _ in range(2):  # once more with everybody who agrees
             if pose is None:
                 break
-            pairing = _pairing(common, pose.R, pose.t, TOLERANCE_SIGMAS)
-            total = sum(len(common[k][0]) * (share - 0.4) for k, share in pairing.items())
-            if best is None or total > best[0]:
-                best = (total, pose, pairing)
-            if not pairing:
+            evidence = _evidence(common, pose.R, pose.t, TOLERANCE_SIGMAS)
+            pairs = one_to_one(evidence)
+            total = sum(evidence[k] for k in pairs)
+            if pairs and (best is None or total > best[0]):
+                best = (total, pose, evidence)
+            if not pairs:
                 break
-            p, q, sigma = (np.concatenate([common[k][i] for k in pairing]) for i in range(3))
+            p, q, sigma = (np.concatenate([common[k][i] for k in pairs]) for i in range(3))
             pose = relative_pose(p, q, TOLERANCE_SIGMAS * float(np.median(sigma)))
-    if best is None or not best[2]:
-        return None
-    return best[1], best[2]
+    return None if best is None else best[1:]
 
 
 def pair_by_rig(
-    seen: Seen, first: int, second: int, R: Floats, t: Floats, tolerance_sigmas: float
-) -> Pairing:
-    """Pair the tracklets of two cameras whose relative pose is known.
+    seen: Seen,
+    first: int,
+    second: int,
+    R: Floats,
+    t: Floats,
+    tolerance_sigmas: float,
+    least_sigmas: float | None = None,
+) -> Evidence:
+    """Compare the tracklets of two cameras whose relative pose is known.
 
     Args:
         seen: the tracklets.
@@ -100,22 +111,66 @@ def pair_by_rig(
         R: `(3, 3)` first camera to second.
         t: `(3,)` likewise.
         tolerance_sigmas: distance to the epipolar line up to which a joint agrees.
+        least_sigmas: where given, the tolerance is narrowed towards this as far as the people who
+            fit best allow: a wide one is for cameras that are off, and lets two people pass for
+            one elsewhere.
     """
-    return _pairing(_all_common(seen, first, second), R, t, tolerance_sigmas)
+    common = _all_common(seen, first, second)
+    if least_sigmas is not None:
+        nearest = TOLERANCE_PER_MEDIAN * _nearest_sigmas(common, R, t)
+        tolerance_sigmas = min(tolerance_sigmas, max(nearest, least_sigmas))
+    return _evidence(common, R, t, tolerance_sigmas)
 
 
-def group(seen: Seen, pairings: Sequence[Pairing]) -> list[list[int]]:
-    """Join paired tracklets into people: best pairs first, never two of a view at one time."""
-    owner = list(range(len(seen.tracklets)))
-    members = {i: [i] for i in owner}
-    links = [(share, pair) for pairing in pairings for pair, share in pairing.items()]
-    for _, (a, b) in sorted(links, key=lambda link: -link[0]):
-        one, other = owner[a], owner[b]
-        if one == other or _clash(seen, members[one], members[other]):
+def one_to_one(evidence: Evidence) -> list[tuple[int, int]]:
+    """Return the pairs of two cameras' tracklets that are one person: best partners first."""
+    rows = sorted({a for a, _ in evidence})
+    columns = sorted({b for _, b in evidence})
+    gain = np.zeros((len(rows), len(columns)))
+    for (a, b), value in evidence.items():
+        gain[rows.index(a), columns.index(b)] = max(value, 0.0)
+    pairs = []
+    # A long tracklet may pair with several short ones: rounds of one-to-one pairs, as `group` asks.
+    for _ in range(3):
+        for i, j in zip(*linear_sum_assignment(-gain), strict=True):
+            if gain[i, j] > 0:
+                pairs.append((rows[i], columns[j]))
+                gain[i, j] = 0.0
+    return pairs
+
+
+def group(seen: Seen, evidences: Sequence[Evidence]) -> list[list[int]]:
+    """Join tracklets into people, never two of a view at one time.
+
+    Those that most evidence joins come first; all pairs of two groups count, those that speak
+    against it too, so that one pair that agrees by chance joins nobody.
+
+    Args:
+        seen: the tracklets.
+        evidences: of pairs of cameras.
+    """
+    members = {i: [i] for i in range(len(seen.tracklets))}
+    between: dict[int, dict[int, float]] = {i: {} for i in members}
+    waiting: list[tuple[float, int, int]] = []
+    for evidence in evidences:
+        for (a, b), value in evidence.items():
+            between[a][b] = between[b][a] = value
+            waiting.append((-value, a, b))
+    heapq.heapify(waiting)
+    while waiting and waiting[0][0] < 0:
+        value, a, b = heapq.heappop(waiting)
+        if a not in members or b not in members or between[a].get(b) != -value:
+            continue  # one was joined to others meanwhile
+        if _clash(seen, members[a], members[b]):
+            del between[a][b], between[b][a]
             continue
-        for tracklet in members.pop(other):
-            owner[tracklet] = one
-            members[one].append(tracklet)
+        members[a] += members.pop(b)
+        for other, more in between.pop(b).items():
+            del between[other][b]
+            if other != a:
+                total = between[a].get(other, 0.0) + more
+                between[a][other] = between[other][a] = total
+                heapq.heappush(waiting, (-total, a, other))
     return [sorted(people) for people in members.values() if len(people) > 1]
 
 
@@ -147,29 +202,25 @@ def _motion(p: Floats, q: Floats, sigma: Floats) -> float:
     return float(np.sqrt(len(sigma)) * np.sqrt(p.std(axis=0).prod() * q.std(axis=0).prod()))
 
 
-def _pairing(
+def _nearest_sigmas(
+    common: dict[tuple[int, int], tuple[Floats, Floats, Floats]], R: Floats, t: Floats
+) -> float:
+    """Return the median over tracklets of the first view of their best partner's median error."""
+    best: dict[int, float] = {}
+    for (a, _), (p, q, sigma) in common.items():
+        error = float(np.median(epipolar_errors(R, t, p, q) / sigma))
+        best[a] = min(best.get(a, np.inf), error)
+    return float(np.median(list(best.values()))) if best else 0.0
+
+
+def _evidence(
     common: dict[tuple[int, int], tuple[Floats, Floats, Floats]],
     R: Floats,
     t: Floats,
     tolerance_sigmas: float,
-) -> Pairing:
-    """Give each tracklet its best partners, one at a time each."""
-    if not common:
-        return {}
-    rows = sorted({a for a, _ in common})
-    columns = sorted({b for _, b in common})
-    share = np.zeros((len(rows), len(columns)))
-    gain = np.zeros_like(share)
-    for (a, b), (p, q, sigma) in common.items():
-        near = epipolar_errors(R, t, p, q) <= tolerance_sigmas * sigma
-        place = rows.index(a), columns.index(b)
-        share[place] = near.mean()
-        gain[place] = len(p) * max(0.0, near.mean() - SAME_SHARE)
-    paired = {}
-    # A long tracklet may pair with several short ones: rounds of one-to-one pairs, as `group` asks.
-    for _ in range(3):
-        for i, j in zip(*linear_sum_assignment(-gain), strict=True):
-            if gain[i, j] > 0:
-                paired[rows[i], columns[j]] = float(share[i, j])
-                gain[i, j] = 0.0
-    return paired
+) -> Evidence:
+    found = {}
+    for pair, (p, q, sigma) in common.items():
+        squares = (epipolar_errors(R, t, p, q) / (tolerance_sigmas * sigma)) ** 2
+        found[pair] = float((1 - np.minimum(squares, 2.0)).sum())
+    return found

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from e3pose.calibrate.essential import epipolar_errors
-from e3pose.calibrate.same_people import Pairing, Seen, pair_by_essential, pair_by_rig
+from e3pose.calibrate.same_people import Seen, one_to_one, pair_by_essential, pair_by_rig
 from e3pose.calibrate.tracklets import Tracklet
 from e3pose.geometry.camera import Rig
 from e3pose.recording.record import Recording
@@ -123,9 +123,9 @@ def shift_by_geometry(
         found = _relative(rig, moved, a, b)
         if found is None:
             return None
-        R, t, pairing = found
+        R, t, pairs = found
         fractions = np.arange(-REACH, REACH + STEP / 2, STEP)
-        costs = np.array([_cost(moved, pairing, R, t, f) for f in fractions])
+        costs = np.array([_cost(moved, pairs, R, t, f) for f in fractions])
         if not np.isfinite(costs).all():
             return None
         best = int(np.argmin(costs))
@@ -145,22 +145,24 @@ def _moved(seen: Seen, camera: int, slots: int) -> Seen:
     return Seen(tracklets, seen.ideal, seen.sigma)
 
 
-def _relative(rig: Rig, seen: Seen, a: int, b: int) -> tuple[Floats, Floats, Pairing] | None:
+def _relative(
+    rig: Rig, seen: Seen, a: int, b: int
+) -> tuple[Floats, Floats, list[tuple[int, int]]] | None:
     if rig.placed:
         first, second = rig.cameras[a], rig.cameras[b]
         R = second.R @ first.R.T
         t = second.t - R @ first.t
         t = t / max(float(np.linalg.norm(t)), 1e-9)
-        pairing = pair_by_rig(seen, a, b, R, t, 8.0)
-        return (R, t, pairing) if pairing else None
+        pairs = one_to_one(pair_by_rig(seen, a, b, R, t, 8.0))
+        return (R, t, pairs) if pairs else None
     found = pair_by_essential(seen, a, b)
-    return None if found is None else (found[0].R, found[0].t, found[1])
+    return None if found is None else (found[0].R, found[0].t, one_to_one(found[1]))
 
 
-def _cost(seen: Seen, pairing: Pairing, R: Floats, t: Floats, fraction: float) -> float:
+def _cost(seen: Seen, pairs: list[tuple[int, int]], R: Floats, t: Floats, fraction: float) -> float:
     """Return the mean of bounded squared epipolar errors when the second view is shifted."""
     total, count = 0.0, 0
-    for a, b in pairing:
+    for a, b in pairs:
         first, second = seen.tracklets[a], seen.tracklets[b]
         wanted = first.slots - fraction  # where in the second view's slots
         below = np.searchsorted(second.slots, wanted, side="right") - 1

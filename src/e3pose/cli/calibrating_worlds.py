@@ -193,7 +193,7 @@ def _people_floor(path: Path, stature_m: float, seconds: float) -> tuple[Move, s
 
     recording = first_seconds(load_recording(path), seconds)
     noise = load_noise(detector_of(recording))
-    joints = match_people(recording, noise, recording.rig, 6.0)
+    joints = match_people(recording, noise, recording.rig)
     people = place_people(recording.rig, joints, recording.skeleton, recording.fps)
     floor = floor_from_people(people, stature_m)
     words = (
