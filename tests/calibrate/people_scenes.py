@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from e3pose.calibrate.bundle import Cameras
+from e3pose.calibrate.bundle import Cameras, placed
 from e3pose.calibrate.rotations import angles_between, similarity
 from e3pose.geometry.camera import Rig
 from e3pose.recording.calibration.world import assumed_rig
@@ -53,6 +53,27 @@ def disturbed(rig: Rig, degrees: float, metres: float, seed: int) -> Rig:
     centers = rig.centers_m + metres * aside
     translations = -np.einsum("cij,cj->ci", rotations, centers)
     return Cameras(rotations, translations, np.zeros(len(rig))).rig(rig)
+
+
+def knocked(calm: Recording, index: int, degrees: float, seed: int, from_s: float) -> Recording:
+    """Return a recording in which a camera is turned about a random axis from some time on."""
+    axis = np.random.default_rng([seed, index]).normal(size=3)
+    turn = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis)).as_matrix()
+    camera, series = calm.rig.cameras[index], calm.views[index]
+    first = int(series.starts[np.searchsorted(series.slots, round(from_s * calm.fps))])
+    ideal = camera.normalise(series.keypoints_px[first:])
+    rays = np.concatenate([ideal, np.ones_like(ideal[..., :1])], axis=-1) @ turn.T
+    pixels = placed(camera, np.eye(3), np.zeros(3)).project(rays)
+    with np.errstate(invalid="ignore"):
+        inside = ((pixels >= 0) & (pixels < camera.image_size)).all(axis=-1)
+    seen = inside & (series.scores[first:] > 0)
+    pixels = np.concatenate([
+        series.keypoints_px[:first], np.where(seen[..., None], pixels, np.nan)
+    ])  # fmt: skip
+    scores = np.concatenate([series.scores[:first], np.where(seen, series.scores[first:], 0.0)])
+    views = list(calm.views)
+    views[index] = replace(series, keypoints_px=pixels, scores=scores)
+    return replace(calm, views=tuple(views), truth=None)
 
 
 def every(recording: Recording, step: int, begins: tuple[int, ...]) -> Recording:

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.calibrate.people_scenes import distances, walk, without_calibration
+from tests.calibrate.people_scenes import distances, knocked, walk, without_calibration
 from tests.cli.commands import run
 
 from e3pose.calibrate.align import Move
 from e3pose.recording import load_recording, save_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.record import Recording
+from e3pose.site.example import write_recorded
 
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
@@ -135,3 +136,25 @@ def test_wrong_input_is_one_line(
     assert run("calibrate", *(word.format(top=folders) for word in words)) == 2
     captured = capsys.readouterr()
     assert named in captured.err and captured.err.count("\n") == 1
+
+
+def test_one_camera_is_placed_anew_from_what_a_site_recorded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calm = walk(701, people=2, seconds=21.0)
+    turned = knocked(calm, 2, 2.0, 701, 0.0)
+    site = write_recorded(tmp_path / "room", calm)
+    assert run("calibrate", "extrinsics", site, "--only", "cam2") == 2
+    assert 'set record = "keypoints"' in capsys.readouterr().err
+    save_recording(turned, tmp_path / "room" / "recordings" / "20260101T000000Z.partial")
+    kept = (tmp_path / "room" / "rig.toml").read_bytes()
+    assert run("calibrate", "extrinsics", site, "--only", "cam2", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["turned_deg"] == pytest.approx(2.0, abs=0.3)
+    assert (tmp_path / "room" / "rig.before.toml").read_bytes() == kept
+    dest = tmp_path / "other.toml"
+    recording = tmp_path / "room" / "recording"
+    assert run("calibrate", "extrinsics", recording, dest, "--only", "cam0") == 0
+    assert "the other cameras as they were" in capsys.readouterr().out
+    assert run("calibrate", "extrinsics", recording, dest, "--only", "cam0", "--update") == 2
+    assert run("calibrate", "extrinsics", recording, "--only", "cam0") == 2

@@ -218,6 +218,13 @@ def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:
     assert found[3].what == "camera cam2" and found[3].found == "never seen"
 
 
+def test_camera_that_was_knocked_is_a_warning_with_the_command_that_mends_it() -> None:
+    camera = CameraStatus("cam1", True, turned_deg=2.0)
+    found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))
+    assert found[-1].level == "warning" and "turned by 2.0 degrees" in found[-1].found
+    assert found[-1].advice == "e3pose calibrate extrinsics SITE --only cam1"
+
+
 def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
     for gauge, told in ((False, "battery.json"), (True, "see its log")):
         camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)

@@ -99,6 +99,13 @@ def test_the_screen_tells_of_a_shifted_camera_unless_something_is_worse() -> Non
     assert "views come late" in told
 
 
+def test_screen_tells_of_a_camera_that_was_knocked_and_what_mends_it() -> None:
+    camera = CameraStatus("cam2", True, last_seen_s=0.1, shift_px=9.0, turned_deg=1.44)
+    told = drawn(Status("lab", 1, 20.0, 2, 1, (camera,)), 0.1)
+    assert "cam2: has moved: turned by 1.4 degrees or more" in told
+    assert "e3pose calibrate extrinsics SITE --only cam2" in told and "px off" not in told
+
+
 def test_screen_marks_what_a_model_says() -> None:
     told = []
     for gauge in (True, False):

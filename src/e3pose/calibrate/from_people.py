@@ -177,17 +177,21 @@ def gather(recording: Recording, noise: Noise, seen: Seen, groups: list[list[int
     )
 
 
-def match_people(recording: Recording, noise: Noise, rig: Rig) -> Joints:
+def match_people(
+    recording: Recording, noise: Noise, rig: Rig, most_sigmas: float = DOUBTED_SIGMAS
+) -> Joints:
     """Match the people of a recording across views by a rig that is known, but may be off.
 
     Args:
         recording: detections.
         noise: what scores promise.
         rig: the calibration to match by.
+        most_sigmas: distance to the epipolar line up to which a joint may agree, between cameras
+            that are off.
     """
     seen = observe_people(recording, noise)
     everyone = np.ones(len(rig), dtype=bool)
-    return _rematch(recording, noise, seen, rig, everyone, DOUBTED_SIGMAS, FINE_SIGMAS[0])[0]
+    return _rematch(recording, noise, seen, rig, everyone, most_sigmas, FINE_SIGMAS[0])[0]
 
 
 def _from_nothing(

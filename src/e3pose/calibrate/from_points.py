@@ -169,7 +169,7 @@ def adjust_all(
     used = np.flatnonzero(there & (views >= 2))
     if len(used) < MIN_SHARED:
         return None
-    used = _chosen(used, views[used], most_points)
+    used = thinned(used, views[used], most_points)
     free = done.copy()
     free[int(np.flatnonzero(done)[0])] = False
     focal = np.where(done, focal_sigma, 0.0)
@@ -180,8 +180,8 @@ def adjust_all(
     return PointRig(adjusted, used, done.copy())
 
 
-def _chosen(used: NDArray[np.int64], views: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """Thin points evenly; those seen by three or more views count double."""
+def thinned(used: NDArray[np.int64], views: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Return so many of the points `used`, evenly; those of three or more `views` count double."""
     if len(used) <= most:
         return used
     many, few = used[views >= 3], used[views < 3]

@@ -16,6 +16,12 @@ def first_seconds(recording: Recording, seconds: float) -> Recording:
     return between(recording, 0, min(recording.num_slots, max(1, round(seconds * recording.fps))))
 
 
+def last_seconds(recording: Recording, seconds: float) -> Recording:
+    """Return the end of a recording, without its truth."""
+    first = max(0, recording.num_slots - max(1, round(seconds * recording.fps)))
+    return between(recording, first, recording.num_slots)
+
+
 def between(recording: Recording, first: int, end: int) -> Recording:
     """Return the slots from `first` to before `end` of a recording, without its truth."""
     views = []

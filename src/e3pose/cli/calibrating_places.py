@@ -36,6 +36,7 @@ def extrinsics(
     seconds: float = 120.0,
     noise: str | None = None,
     update: Annotated[bool, Parameter(negative="")] = False,
+    only: str | None = None,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
     """Calibrate camera positions and orientations from a board, a ball, points or people.
@@ -46,12 +47,13 @@ def extrinsics(
     other; not all need to. With --ball, a ball of a colour, or a light, in the place of the board.
     From a .csv or .npz of points per view. Or from a recording of people who walk about, made by
     `e3pose detect` without a calibration: `e3pose calibrate extrinsics walk rig.toml`
+    A camera that was knocked is placed anew alone: `e3pose calibrate extrinsics room --only cam2`
 
     Parameters
     ----------
     paths
         VIDEO... DEST, POINTS DEST, or RECORDING DEST: the sources, then the calibration file to
-        write (.toml).
+        write (.toml). With --only, SITE or RECORDING, and DEST if it is not the site's own file.
     intrinsics
         The lenses, from `e3pose calibrate intrinsics` or any calibration. With a recording, in the
         place of its own.
@@ -75,17 +77,27 @@ def extrinsics(
     rate
         Look at the films so many times a second.
     seconds
-        With a recording: how much of it to use, from its start.
+        With a recording: how much of it to use, from its start; with --only, from its end.
     noise
         With a recording: how far off its detector's keypoints are, as for `e3pose replay`.
     update
         With a recording: put the calibration into it too, so that it can be replayed.
+    only
+        Place this camera alone, which was knocked, by the people whom the others see with it: of a
+        recording made with the calibration, or of what a site keeps with `record = "keypoints"`.
     json_output
         Print JSON in the place of lines.
     """
     from e3pose.calibrate.recordings import known_lenses
     from e3pose.recording.calibration import load_rig, save_rig
 
+    if only is not None:
+        from e3pose.cli.calibrating_one import place_again
+
+        if intrinsics or ball or start or height or distance or limb or offset or update:
+            raise InputError("--only: expected with --seconds, --noise and --json at most")
+        place_again(paths, only, seconds, noise, json_output)
+        return
     if len(paths) < 2:
         given = plural(len(paths), "path")
         raise InputError(

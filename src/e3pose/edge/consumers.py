@@ -19,6 +19,7 @@ from e3pose.wire.transport import Transport
 
 if TYPE_CHECKING:
     from e3pose.edge.gather import Arrival
+    from e3pose.edge.knock_watch import KnockWatch
     from e3pose.edge.recorder import Recorder
     from e3pose.store.writer import WriterStatus
 
@@ -85,6 +86,7 @@ class Consumers:
         ledger: reckons what cameras spend and may spend.
         controls: what operators ask for.
         recorder: keeps what cameras saw, as recordings.
+        watch: notices that a camera was knocked.
         on_beat: called with every heartbeat, on a thread of the transport.
     """
 
@@ -93,6 +95,7 @@ class Consumers:
     ledger: EnergyLedger | None = None
     controls: Controls | None = None
     recorder: Recorder | None = None
+    watch: KnockWatch | None = None
     on_beat: Callable[[Heartbeat], None] = lambda beat: None
 
     def paused(self) -> frozenset[str]:
@@ -111,10 +114,18 @@ class Consumers:
             self.ledger.take(beat)
         self.on_beat(beat)
 
-    def saw(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
-        """Hand on the views of a slot, by camera."""
+    def saw(self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
+        """Hand on the views of a slot, by camera, and who was found in them."""
         if self.recorder is not None:
-            self.recorder.keep(slot, time_ns, arrivals)
+            self.recorder.keep(record.slot, time_ns, arrivals)
+        if self.watch is not None:
+            self.watch.saw(record, {camera: one.poses for camera, one in arrivals.items()})
+
+    @property
+    def turned(self) -> tuple[int, float] | None:
+        """The camera that was knocked and degrees, if one was."""
+        knock = None if self.watch is None else self.watch.knock
+        return None if knock is None else (knock.camera, knock.degrees)
 
     def keep(self, record: SlotRecord, time_ns: int) -> None:
         """Hand on a slot that was computed."""
@@ -139,6 +150,8 @@ class Consumers:
         if self.controls is not None:
             pipeline, lines = self.controls.applied(pipeline)
             events += [("control", line, None) for line in lines]
+        if self.watch is not None:
+            events += self.watch.news()
         if self.ledger is not None:
             pipeline, news = self.ledger.reckoned(pipeline)
             events += [("energy", line, camera_id) for camera_id, line in news]

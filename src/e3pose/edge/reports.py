@@ -82,6 +82,7 @@ def camera_status(
     shift_px: float = np.nan,
     why: Outlined = NOTHING,
     budget: float | None = None,
+    turned_deg: float | None = None,
 ) -> CameraStatus:
     """Return what the edge knows of a camera.
 
@@ -98,6 +99,7 @@ def camera_status(
         shift_px: how far all of its keypoints are off the same way; NaN if unknown.
         why: it was or was not selected.
         budget: share of the slots in which it may be active.
+        turned_deg: by how much it was turned since it was calibrated; None if it was not.
     """
     beat, capacity_wh = life.beat, life.hello.battery_wh if life.hello else None
     charge = beat.battery_j if beat else None
@@ -128,6 +130,7 @@ def camera_status(
         temperature_c=beat.temperature_c if beat else None,
         paused=trouble == PAUSED,
         budget=None if budget is None else min(max(budget, 0.0), 1.0),
+        turned_deg=turned_deg,
     )
 
 
@@ -149,6 +152,7 @@ class Moment:
         pipeline: the parts that work now.
         counts: of slots, views and times.
         events: what was told last.
+        turned: index of a camera that was knocked, and degrees; None if none was.
     """
 
     site: str
@@ -164,6 +168,7 @@ class Moment:
     pipeline: Pipeline
     counts: Counts
     events: Sequence[str]
+    turned: tuple[int, float] | None = None
 
 
 def site_status(moment: Moment) -> Status:
@@ -190,6 +195,7 @@ def site_status(moment: Moment) -> Status:
             float(np.hypot(*shifts_px[index])),
             outlined(record, index),
             float(moment.pipeline.budget[index]),
+            moment.turned[1] if moment.turned and moment.turned[0] == index else None,
         )
         for index, life in enumerate(moment.lives)
     )

@@ -180,8 +180,7 @@ class EdgeServer:
 
     def oddities(self) -> list[str]:
         """Return, camera by camera, why one that can be chosen is of no use; empty where it is."""
-        late_by_s, interval_s = self.gather.late_by_s(), self.pipeline.interval_s
-        found = oddities(self.state.silence, late_by_s, interval_s)
+        found = oddities(self.state.silence, self.gather.late_by_s(), self.pipeline.interval_s)
         for camera, why in lagging(self.lead).items():
             found[camera] = why
         return found
@@ -203,6 +202,7 @@ class EdgeServer:
                 lead_slots=self.lead.slots,
                 pipeline=self.pipeline,
                 counts=self.counts,
+                turned=self.consumers.turned,
                 events=[event.message for event in self.news.recent],
             )
         )
@@ -309,7 +309,7 @@ class EdgeServer:
         self.counts.ordered += wanted
         self.counts.missed += wanted & ~record.arrived
         self.counts.looked(record.selected)
-        self.consumers.saw(slot, time_ns, arrivals)
+        self.consumers.saw(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
         took_ns += self.publisher.tell_again(busy=self.load.level > 0)
         self._improve(times, record)

@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import IO, Any
 
 import tomli_w
@@ -161,6 +163,15 @@ def finish_interrupted(folder: Path) -> list[Path]:
         os.replace(partial, dest)
         found.append(dest)
     return found
+
+
+@contextmanager
+def as_far_as_written(partial: Path) -> Iterator[Path | None]:
+    """Yield a copy of a recording that is still being written; None if it has no view yet."""
+    with TemporaryDirectory(prefix="e3pose-") as place:
+        shutil.copytree(partial, Path(place) / partial.name)
+        found = finish_interrupted(Path(place))
+        yield found[0] if found else None
 
 
 def _drop_torn(path: Path) -> int:

@@ -313,6 +313,10 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
             if camera.battery == 0 and not camera.gauge:
                 advice = "charge it, then delete NAME.battery.json beside its camera file"
             yield Finding("problem", what, camera.why, advice)
+        elif camera.turned_deg is not None:
+            found = f"has moved: turned by {camera.turned_deg:.1f} degrees or more"
+            advice = f"e3pose calibrate extrinsics SITE --only {camera.camera_id}"
+            yield Finding("warning", what, found, advice)
         elif abs(camera.clock_offset_ms) > CLOCK_MS:
             found = f"clock offset {camera.clock_offset_ms:+.1f} ms"
             yield Finding("warning", what, found, "corrected; for fast motion use chrony or PTP")

@@ -13,6 +13,7 @@ from e3pose import __version__
 from e3pose.clock import Clock, WallClock
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.edge.knock_watch import KnockWatch
 from e3pose.edge.news import News
 from e3pose.edge.recorder import MAX_BYTES, PART_S, Recorder, RecorderSettings
 from e3pose.edge.server import EdgeServer
@@ -278,7 +279,8 @@ def make_edge(
     controls = SiteControls(live, ledger)
     recorder = open_recorder(live, news, stack)
     kept = ZoneSink(sink, Zones(site.zone)) if sink is not None and site.zone else sink
-    consumers = Consumers(kept, learner, ledger, controls, recorder)
+    watch = KnockWatch(live.rig)
+    consumers = Consumers(kept, learner, ledger, controls, recorder, watch)
     return EdgeServer(pipeline, transport, settings, clock, state_file, news, consumers)
 
 

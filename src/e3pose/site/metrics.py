@@ -56,6 +56,11 @@ class EdgeCollector:
                 "how far all of its keypoints are off the same way, which is taken off",
                 [c.shift_px for c in status.cameras],
             ),
+            (
+                "camera_turned_degrees",
+                "by how much, at least, it was turned since it was calibrated",
+                [c.turned_deg or 0.0 for c in status.cameras],
+            ),
             ("camera_watts", "what it draws", [c.power_w for c in status.cameras]),
             ("camera_battery", "share of its charge left", [c.battery for c in status.cameras]),
             ("camera_ordered_views", "views asked for in time", counts.ordered.tolist()),

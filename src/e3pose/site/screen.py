@@ -9,6 +9,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
+from e3pose.edge.knock_watch import moved_words
 from e3pose.quantities import plural
 from e3pose.wire.messages import CameraStatus, Status
 
@@ -156,6 +157,8 @@ def _row(camera: CameraStatus, bars: bool) -> list[Text]:
 
 def _remark(camera: CameraStatus) -> str:
     """Return why a camera is excluded, or what is odd about it; empty if nothing."""
+    if camera.turned_deg is not None and not camera.why:
+        return moved_words(_within(camera.turned_deg, 180.0), camera.camera_id)
     shift_px = _within(camera.shift_px or 0.0, 999.0)
     if camera.why or shift_px < TELLING_SHIFT_PX:
         return camera.why

@@ -265,6 +265,8 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         temperature_c: of the device, by its own sensor; None where there is none.
         paused: whether an operator had it left out.
         budget: share of the slots in which it may be active, as a mean.
+        turned_deg: by how much, at least, it was turned since it was calibrated; None if it
+            stands as calibrated as far as can be seen.
     """
 
     camera_id: str
@@ -289,6 +291,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     temperature_c: float | None = None
     paused: bool = False
     budget: float | None = None
+    turned_deg: float | None = None
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):

@@ -1,0 +1,133 @@
+"""`e3pose calibrate extrinsics --only`: a camera that was knocked, placed anew."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from e3pose.cli.calibrating_lenses import toml_path
+from e3pose.errors import InputError
+from e3pose.quantities import plural
+
+if TYPE_CHECKING:
+    from e3pose.geometry.camera import Rig
+    from e3pose.recording import Recording
+
+
+ENOUGH_S = 20.0  # of a recording
+
+
+def place_again(
+    paths: Sequence[str], camera_id: str, seconds: float, noise: str | None, as_json: bool
+) -> None:
+    """Place one camera of a site or a recording anew, and write the calibration.
+
+    Args:
+        paths: the site or the recording, and where to write if not to the site's own file.
+        camera_id: which camera.
+        seconds: how much to use, from the end.
+        noise: name or file of the noise model; by default the detector's.
+        as_json: print JSON in the place of lines.
+    """
+    from e3pose.calibrate.one_camera import place_one
+    from e3pose.model.noises import detector_of, load_noise
+    from e3pose.recording.calibration import save_rig
+
+    if not 1 <= len(paths) <= 2:
+        given = plural(len(paths), "path")
+        raise InputError(f"--only: found {given}, expected SITE, or a recording and DEST")
+    source = Path(paths[0])
+    if (source / "recording.toml").is_file():
+        if len(paths) < 2:
+            raise InputError("--only: found a recording alone, expected the file to write after it")
+        recording, rig, dest = *_of_recording(source, seconds), toml_path(paths[1])
+    else:
+        recording, rig, own = _of_site(source, seconds)
+        dest = toml_path(paths[1]) if len(paths) == 2 else own
+    found = place_one(recording, load_noise(noise or detector_of(recording)), rig, camera_id)
+    kept = _set_aside(dest)
+    save_rig(found.rig, dest)
+    if as_json:
+        values = {
+            "camera": camera_id,
+            "turned_deg": found.degrees,
+            "moved_m": found.metres,
+            "reprojection_error_px": found.error_px,
+            "inliers": found.inliers,
+            "joints": found.points,
+        }
+        print(json.dumps(values, indent=2))
+        return
+    print(
+        f"{camera_id}: turned by {found.degrees:.2f} degrees, moved by {1000 * found.metres:.0f} "
+        f"mm; {found.error_px:.1f} px, {100 * (1 - found.inliers):.0f} % outliers of {found.points}"
+    )
+    before = f"; the one before is {kept}" if kept else ""
+    print(f"{dest}: written, the other cameras as they were{before}")
+    if len(paths) == 1:
+        print("restart the edge to use it")
+
+
+def _of_recording(path: Path, seconds: float) -> tuple[Recording, Rig]:
+    from e3pose.calibrate.recordings import last_seconds
+    from e3pose.recording import load_recording
+
+    recording = load_recording(path)
+    if not recording.rig.placed:
+        raise InputError(f"{path}: has no calibration, expected the one from before --only")
+    return last_seconds(recording, seconds), recording.rig
+
+
+def _of_site(path: Path, seconds: float) -> tuple[Recording, Rig, Path]:
+    """Return the newest of what a site recorded, its calibration and the file of that."""
+    from dataclasses import replace
+
+    from e3pose.recording.calibration import load_rig
+    from e3pose.settings.site_file import load_site
+
+    site = load_site(path)
+    own = site.near(site.calibration)
+    rig = load_rig(own)
+    folder = site.near(site.record.path)
+    recording = _newest(folder, seconds)
+    if recording is None:
+        raise InputError(
+            f"{folder}: found no recording of {ENOUGH_S:.0f} s, expected what the cameras saw "
+            'since: set record = "keypoints" in [[camera]] of the site file, or stop the edge and '
+            f"run e3pose record {path} walk --for 60"
+        )
+    rig = rig.subset([rig.index(name) for name in recording.rig.camera_ids])
+    return replace(recording, rig=rig), rig, toml_path(str(own))
+
+
+def _newest(folder: Path, seconds: float) -> Recording | None:
+    """Return the end of the newest recording in a folder, the one that is being written first."""
+    from e3pose.calibrate.recordings import last_seconds
+    from e3pose.recording import load_recording
+    from e3pose.recording.writer import PARTIAL, as_far_as_written
+
+    parts = folder.iterdir() if folder.is_dir() else ()
+    for part in sorted(parts, key=lambda part: part.name.removesuffix(PARTIAL), reverse=True):
+        found = None
+        if part.name.endswith(PARTIAL):
+            with as_far_as_written(part) as copy:
+                found = None if copy is None else load_recording(copy)
+        elif (part / "recording.toml").is_file():
+            found = load_recording(part)
+        if found is not None and found.num_slots >= ENOUGH_S * found.fps:
+            return last_seconds(found, seconds)
+    return None
+
+
+def _set_aside(dest: Path) -> Path | None:
+    """Keep the file that is about to be replaced beside it."""
+    from e3pose.files.atomic import atomic_file
+
+    if not dest.is_file():
+        return None
+    kept = dest.with_name(f"{dest.stem}.before{dest.suffix}")
+    with atomic_file(kept) as temporary:
+        temporary.write_bytes(dest.read_bytes())
+    return kept

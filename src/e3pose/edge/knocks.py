@@ -1,0 +1,200 @@
+"""Notice that a camera was knocked, from where published people appear in its views.
+
+Every person and every 2D pose of a view whose joints differ by one offset vote for it, whether they
+are one person or not. Where the camera stands as calibrated, votes gather around zero; where it was
+turned, around that turn, which one small rotation of the camera explains for the whole picture.
+Votes of two different people scatter. The estimator's own corrections of small shifts do not matter
+here, as what the detector found is compared; nor does its outlier rejection, which would not let
+the views of a camera that was turned by degrees count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.pose import Poses2D, Poses3D
+
+Floats = NDArray[np.float64]
+
+WINDOW_S = 20.0  # votes older than this are forgotten
+SPAN_S = 8.0  # of votes, before they are asked: people who stand say little
+MOST_VOTES = 300  # of a camera
+MIN_VOTES = 30
+MIN_JOINTS = 6
+MIN_SCORE = 0.3
+MOST_SIGMA_M = 0.1  # of joints that are compared
+ALIKE = 0.1  # of a person's size: scatter of the joints' offsets in a vote
+MOST_OFFSET = 0.25  # normalised: 14 degrees
+NEAR = 0.012  # normalised: votes that agree, 0.7 degrees
+MIN_SHARE = 0.4  # of the poses of a view whose votes the rotation must explain
+ROLL_SIGMA = 0.03  # radians, as people in the middle of the picture say little of it
+PARTS = 4  # of the window, in time, that must agree
+# Cameras of simulated rigs that stand as calibrated seem turned by up to 0.1 degrees, those of
+# a published calibration of a real room by up to 0.2.
+MOVED_DEG = 0.25
+LEAST_DEG = 0.12  # that each part of the window must say
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Watch:
+    """What cameras voted for lately.
+
+    Attributes:
+        votes: by camera `(n, 6)`: seconds, number of the 2D pose, x, y and offset, normalised.
+    """
+
+    votes: tuple[Floats, ...]
+
+    @classmethod
+    def begin(cls, num_cameras: int) -> Watch:
+        """Return nothing seen."""
+        return cls((np.zeros((0, 6)),) * num_cameras)
+
+
+@dataclass(frozen=True, slots=True)
+class Knock:
+    """A camera that does not stand as calibrated.
+
+    Attributes:
+        camera: its index.
+        degrees: by how much it seems turned.
+    """
+
+    camera: int
+    degrees: float
+
+
+def look(
+    watch: Watch,
+    rig: Rig,
+    time_s: float,
+    views: Mapping[int, Poses2D],
+    poses: Poses3D,
+    covariance_m2: Floats,
+) -> Watch:
+    """Take in a slot.
+
+    Args:
+        watch: what was seen before.
+        rig: the calibration in question.
+        time_s: of the slot, in the scene.
+        views: by camera, pixels of the real image.
+        poses: the people published for the slot.
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of their joints.
+    """
+    sigma_m = np.sqrt(np.trace(covariance_m2, axis1=-2, axis2=-1) / 3)
+    joints_m = np.where((sigma_m < MOST_SIGMA_M)[..., None], poses.joints_m, np.nan)
+    votes = list(watch.votes)
+    for index, view in views.items():
+        fresh = _votes(rig.cameras[index], view, joints_m)
+        fresh = np.column_stack([np.full(len(fresh), time_s), fresh])
+        kept = votes[index]
+        kept = kept[kept[:, 0] > time_s - WINDOW_S]
+        kept = np.concatenate([kept, fresh])
+        if len(kept) > MOST_VOTES:  # thinned, so that a crowd does not shorten the window
+            kept = kept[np.linspace(0, len(kept) - 1, MOST_VOTES).astype(int)]
+        votes[index] = kept
+    return Watch(tuple(votes))
+
+
+def _votes(camera: Camera, view: Poses2D, joints_m: Floats) -> Floats:
+    """Return `(n, 5)`: number of the 2D pose, x, y and offset of people and poses that match."""
+    in_camera = joints_m @ camera.R.T + camera.t
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ahead = in_camera[..., 2:] > 0.1
+        expected = np.where(ahead, in_camera[..., :2] / in_camera[..., 2:], np.nan)
+    good = (view.scores >= MIN_SCORE)[..., None]
+    found = camera.normalise(np.where(good, view.keypoints_px, np.nan))
+    offsets = found[None] - expected[:, None]  # (num_persons, num_poses, num_joints, 2)
+    known = np.isfinite(offsets[..., 0])
+    persons, numbers = np.nonzero(known.sum(axis=-1) >= MIN_JOINTS)
+    if not len(persons):
+        return np.zeros((0, 5))
+    offsets, places = offsets[persons, numbers], found[numbers]
+    middle = _medians(offsets)
+    scatter = _medians(np.abs(offsets - middle[:, None]).max(axis=-1, keepdims=True))[:, 0]
+    place = _medians(places)
+    height = 2 * _medians(np.abs(places - place[:, None]).max(axis=-1, keepdims=True))[:, 0]
+    alike = (scatter < ALIKE * height) & (np.linalg.norm(middle, axis=1) < MOST_OFFSET)
+    return np.asarray(np.column_stack([numbers, place, middle])[alike])
+
+
+def _medians(values: Floats) -> Floats:
+    """Return medians over the second axis of what is known there, the lower of two."""
+    known = np.isfinite(values)
+    ranked = np.sort(np.where(known, values, np.inf), axis=1)
+    middle = (known.sum(axis=1, keepdims=True) - 1) // 2
+    return np.asarray(np.take_along_axis(ranked, np.maximum(middle, 0), axis=1)[:, 0])
+
+
+def turned_deg(watch: Watch) -> tuple[Floats, Floats]:
+    """Return `(num_cameras,)` by how many degrees each camera seems turned, and its lower bound.
+
+    NaN where too little is seen; the bound is the least of what parts of the window say.
+    """
+    found = np.array([_turn(votes) for votes in watch.votes])
+    return found[:, 0], found[:, 1]
+
+
+def moved(degrees: Floats, least: Floats) -> Knock | None:
+    """Return the camera that stands elsewhere than calibrated most clearly, if one does.
+
+    One at a time: people are drawn along by a camera that was knocked, so that the others seem
+    turned too, by less.
+
+    Args:
+        degrees: as `turned_deg` returns them.
+        least: likewise.
+    """
+    worst = int(np.nan_to_num(degrees).argmax())
+    sure = degrees[worst] > MOVED_DEG and least[worst] > LEAST_DEG
+    return Knock(worst, float(degrees[worst])) if sure else None
+
+
+def _turn(votes: Floats) -> tuple[float, float]:
+    poses = len(np.unique(votes[:, :2], axis=0))
+    if poses < MIN_VOTES or np.ptp(votes[:, 0]) < SPAN_S:
+        return np.nan, np.nan
+    offsets = votes[:, 4:]
+    near = np.linalg.norm(offsets[:, None] - offsets[None], axis=-1) < NEAR
+    middle = offsets[near.sum(axis=1).argmax()]
+    good = np.linalg.norm(offsets - middle, axis=1) < 2 * NEAR
+    rotation = np.zeros(3)
+    for _ in range(4):
+        rotation = _rotation(votes[good])
+        good = np.linalg.norm(offsets - _offsets(votes, rotation), axis=1) < 2 * NEAR
+        if good.sum() < MIN_VOTES / 2:
+            return np.nan, np.nan
+    if good.sum() < MIN_SHARE * poses:
+        return np.nan, np.nan
+    size = float(np.linalg.norm(rotation))
+    parts = np.array_split(np.flatnonzero(good), PARTS)
+    along = [float(_rotation(votes[part]) @ rotation) / max(size, 1e-9) for part in parts]
+    return float(np.degrees(size)), float(np.degrees(min(along)))
+
+
+def _slopes(places: Floats) -> Floats:
+    """Return `(n, 2, 3)`: how normalised places move with a small turn of the camera."""
+    x, y = places.T
+    return np.stack([
+        np.stack([x * y, -(1 + x * x), y], axis=-1),
+        np.stack([1 + y * y, -x * y, -x], axis=-1),
+    ], axis=1)  # fmt: skip
+
+
+def _offsets(votes: Floats, rotation: Floats) -> Floats:
+    return np.asarray(_slopes(votes[:, 2:4]) @ rotation)
+
+
+def _rotation(votes: Floats) -> Floats:
+    """Return the turn `(3,)` in radians that explains votes best, by least squares."""
+    slopes = _slopes(votes[:, 2:4])
+    normal = np.einsum("nui,nuj->ij", slopes, slopes)
+    gradient = np.einsum("nui,nu->i", slopes, votes[:, 4:])
+    normal[2, 2] += (NEAR / ROLL_SIGMA) ** 2
+    return np.asarray(np.linalg.solve(normal + 1e-12 * np.eye(3), gradient))

@@ -1,0 +1,97 @@
+"""A camera that was knocked is noticed by where published people appear in its views."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from tests.calibrate.people_scenes import knocked, walk
+
+from e3pose.edge.knock_watch import KnockWatch
+from e3pose.edge.knocks import Watch, moved, turned_deg
+from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
+from e3pose.recording.record import Recording
+
+pytestmark = pytest.mark.slow
+
+Floats = NDArray[np.float64]
+
+FROM_S = 15.0
+RNG_SEED = 5
+
+
+@pytest.fixture(scope="module")
+def calm() -> Recording:
+    return walk(703, people=2, seconds=50.0)
+
+
+def told(
+    recording: Recording, awake: int
+) -> tuple[list[tuple[float, str, str | None]], KnockWatch]:
+    """Return seconds, kind and camera of all that was told."""
+    watch, found = KnockWatch(recording.rig), []
+    policy = "all" if awake == len(recording.rig) else "round-robin"
+    for record in replay(recording, ReplaySettings(policy=policy, num_selected=awake)):
+        watch.saw(record, selected_views(recording, record.slot, record.arrived))
+        found += [(record.time_s, kind, camera) for kind, _, camera in watch.news()]
+    return found, watch
+
+
+@pytest.mark.parametrize("awake", [2, 4])
+def test_knock_is_told_of_the_right_camera_and_nothing_before(calm: Recording, awake: int) -> None:
+    found, watch = told(knocked(calm, 1, 2.0, 703, FROM_S), awake)
+    assert [(kind, camera) for _, kind, camera in found] == [("camera-moved", "cam1")]
+    assert FROM_S < found[0][0] < FROM_S + 35
+    assert watch.knock is not None and 0.8 < watch.knock.degrees < 2.3
+
+
+def test_nothing_is_told_of_cameras_that_stand_still(calm: Recording) -> None:
+    found, watch = told(calm, 2)
+    assert found == [] and watch.knock is None
+
+
+def voted(turn_deg: float, others: float, seconds: float = 20.0) -> Floats:
+    """Return votes of a camera that was turned, and a share of two people who were mixed up."""
+    rng = np.random.default_rng(RNG_SEED)
+    places = rng.uniform(-0.4, 0.4, (200, 2))
+    turn = Rotation.from_rotvec(np.radians(turn_deg) * np.array([0.6, 0.8, 0.0])).as_matrix()
+    rays = np.column_stack([places, np.ones(200)]) @ turn.T
+    offsets = rays[:, :2] / rays[:, 2:] - places + rng.normal(0, 0.003, (200, 2))
+    wrong = rng.random(200) < others
+    offsets[wrong] = rng.uniform(-0.2, 0.2, (int(wrong.sum()), 2))
+    return np.column_stack([np.linspace(0, seconds, 200), np.zeros(200), places, offsets])
+
+
+@pytest.mark.parametrize("degrees", [0.0, 0.5, 2.0, 8.0])
+def test_turn_is_found_among_votes_of_mixed_people(degrees: float) -> None:
+    found, least = turned_deg(Watch((voted(degrees, 0.4),)))
+    assert found[0] == pytest.approx(degrees, abs=0.1)
+    assert least[0] <= found[0] + 1e-9
+    assert (moved(found, least) is not None) == (degrees > 0.25)
+
+
+def test_few_votes_or_seconds_say_nothing() -> None:
+    assert np.isnan(turned_deg(Watch((voted(2.0, 0.0)[::8],)))[0][0])
+    assert np.isnan(turned_deg(Watch((voted(2.0, 0.0, seconds=3.0),)))[0][0])
+
+
+def test_worst_camera_alone_is_named() -> None:
+    found = moved(np.array([0.4, 1.5, np.nan]), np.array([0.3, 1.2, np.nan]))
+    assert found is not None and found.camera == 1
+    assert moved(np.full(3, np.nan), np.full(3, np.nan)) is None
+
+
+def test_camera_counts_as_moved_until_it_is_seen_to_be_back(calm: Recording) -> None:
+    turned = knocked(calm, 1, 2.0, 703, 0.0)
+    watch, kinds = KnockWatch(calm.rig), []
+    start_s = 0.0
+    for recording in (turned, calm):
+        for record in replay(recording, ReplaySettings(policy="all")):
+            later = replace(record, time_s=record.time_s + start_s)
+            watch.saw(later, selected_views(recording, record.slot, record.arrived))
+            kinds += [kind for kind, _, _ in watch.news()]
+        start_s += recording.num_slots / recording.fps
+    assert kinds == ["camera-moved", "camera-in-place"]

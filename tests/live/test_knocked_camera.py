@@ -1,0 +1,76 @@
+"""A live site whose camera was turned: it says so, and the camera alone is placed anew."""
+
+from __future__ import annotations
+
+import io
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.calibrate.people_scenes import knocked, walk
+from tests.waiting import eventually
+
+from e3pose.calibrate.rotations import angles_between
+from e3pose.geometry.camera import Rig
+from e3pose.recording import save_recording
+from e3pose.recording.calibration import load_rig
+from e3pose.site.example import Example, write_example
+
+pytestmark = [pytest.mark.live, pytest.mark.slow]
+
+COMPILE_S = 240.0  # what a machine that never ran this may take
+NOTICE_S = 120.0
+ENVIRONMENT = {**os.environ, "OMP_NUM_THREADS": "1", "COLUMNS": "160"}
+
+
+def run(folder: Path, *words: str) -> str:
+    command = [sys.executable, "-m", "e3pose", *words]
+    done = subprocess.run(
+        command, cwd=folder, capture_output=True, text=True, env=ENVIRONMENT, timeout=120
+    )
+    return done.stdout + done.stderr
+
+
+def angle(rig: Rig, other: Rig) -> float:
+    """Return by how many degrees cam2 is turned between two rigs."""
+    return float(np.degrees(angles_between(rig.cameras[2].R[None], other.cameras[2].R[None])[0]))
+
+
+def test_turned_camera_is_told_and_placed_anew_while_the_site_runs(tmp_path: Path) -> None:
+    calm = walk(701, people=2, seconds=40.0)
+    turned = knocked(calm, 2, 3.0, 701, 0.0)
+    room = tmp_path / "room"
+    save_recording(turned, room / "recording")
+    sources = dict.fromkeys(calm.rig.camera_ids, "recorded:recording")
+    example = Example("room", sources, calm.fps, calm.skeleton.name, camera={"record": "keypoints"})
+    write_example(room, example, calm.rig)
+    program = subprocess.Popen(
+        [sys.executable, "-m", "e3pose", "up", "room"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=ENVIRONMENT,
+    )  # fmt: skip
+    try:
+        told = io.StringIO()
+
+        def noticed() -> bool:
+            told.seek(0)
+            told.truncate()
+            told.write(run(tmp_path, "top", "room", "--once"))
+            return "cam2: has moved: turned by" in told.getvalue()
+
+        assert eventually(noticed, COMPILE_S + NOTICE_S), told.getvalue()
+        assert "calibrate extrinsics SITE --only cam2" in told.getvalue()
+        assert "has moved: turned by" in run(tmp_path, "check", "room")
+        said = run(tmp_path, "calibrate", "extrinsics", "room", "--only", "cam2")
+        assert "cam2: turned by" in said and "the one before is" in said, said
+    finally:
+        program.send_signal(signal.SIGINT)
+        output = program.communicate(timeout=60)[0].decode()
+    assert "Traceback" not in output
+    found = load_rig(room / "rig.toml")
+    before = load_rig(room / "rig.before.toml")
+    assert angle(before, calm.rig) == pytest.approx(0.0, abs=1e-4)
+    assert angle(found, calm.rig) == pytest.approx(3.0, abs=0.4)
