@@ -43,16 +43,20 @@ def anchors(text: str) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", h.lower().strip()).replace(" ", "-") for h in headings}
 
 
-def commands() -> list[str]:
-    """Return every whole call of the program in the pages' blocks, without comments."""
+def commands_of(text: str) -> list[str]:
+    """Return every whole call of the program in a page's blocks, without comments."""
     found = []
-    for text in TEXTS.values():
-        indented = re.findall(r"(?:^ {4}e3pose .*\n)+", FENCE.sub("", text), re.M)
-        for block in [*blocks(text, "", "sh", "bash", "console"), *indented]:
-            for line in re.sub(r" *\\\n *", " ", block).splitlines():
-                if COMMAND.match(line) and not PLACEHOLDER.search(line.partition("  #")[0]):
-                    found.append(COMMAND.sub("", line).partition("  #")[0].strip())
-    return sorted(set(found))
+    indented = re.findall(r"(?:^ {4}e3pose .*\n)+", FENCE.sub("", text), re.M)
+    for block in [*blocks(text, "", "sh", "bash", "console"), *indented]:
+        for line in re.sub(r" *\\\n *", " ", block).splitlines():
+            if COMMAND.match(line) and not PLACEHOLDER.search(line.partition("  #")[0]):
+                found.append(COMMAND.sub("", line).partition("  #")[0].strip())
+    return found
+
+
+def commands() -> list[str]:
+    """Return the commands of all pages."""
+    return sorted({command for text in TEXTS.values() for command in commands_of(text)})
 
 
 @pytest.mark.parametrize("page", BY_PAGE)

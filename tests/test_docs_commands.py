@@ -1,0 +1,239 @@
+"""The commands in the pages do what the pages say: those that can run here run, literally.
+
+`RUNS` are run in a folder with a recording, a store and what else they name. `ELSEWHERE` run in
+another test, and `HERE_NOT` cannot run here, each with its reason. A command that is new in a page
+and in none of them fails.
+"""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tests.calibrate.people_scenes import walk
+from tests.cli.commands import run
+from tests.test_docs import BY_PAGE, ROOT, commands_of
+
+from e3pose.calibrate.recordings import between
+from e3pose.recording import save_recording
+from e3pose.recording.calibration import save_rig
+from e3pose.site.example import write_recorded
+
+pytestmark = pytest.mark.slow
+
+# Commands of measurements repeat these with other words, for minutes to hours.
+MEASUREMENTS = ("docs/research/", "docs/experiments/")
+FOUR_CAMERAS = "tests/live/test_four_cameras.py"  # runs all of its page
+MADE_ANEW = {
+    "simulate walk": "walk",
+    "keys init": "keys",
+    "store copy site.toml": "backup.db",
+}
+BEFORE = {"keys add cam1 --again": "keys add cam1", "keys revoke cam1": "keys add cam1"}
+
+RUNS = (
+    "--help",
+    "--version",
+    "calibrate align walk room.toml --origin cam1 --x-axis cam2",
+    "calibrate align walk room/rig.toml",
+    "calibrate align yup.toml room.toml --up=y",
+    "calibrate board --paper a3",
+    "calibrate check walk --picture error.png",
+    "calibrate extrinsics walk rig.toml --height 178cm --update",
+    "calibrate noise my-recording --out my-noise.toml --plot my-noise.svg",
+    "evaluate clip --policies all,round-robin,e3pose --cameras 2,3",
+    "evaluate walk --policies round-robin,information --cameras 1,2 --lead 4 --seeds 2",
+    "export live.db angles.csv --angles --track 0",
+    "export live.db walk.c3d --smooth butterworth --cutoff 6Hz",
+    "export live.db walk.trc --smooth rts --fill 200ms",
+    "export poses.parquet walk.glb",
+    "info walk",
+    "keys add cam1",
+    "keys add cam1 --again",
+    "keys add desk --operator",
+    "keys add hall --router --host hall.local",
+    "keys add wall --viewer",
+    "keys init lab --host edge.local --host 192.168.1.10",
+    "keys list",
+    "keys revoke cam1",
+    "models list",
+    "power",
+    "query live.db --from -10min --parquet last.parquet",
+    "query live.db --from 10 --to 20 --track 2 --joint left_wrist",
+    "query live.db --what slots --csv selections.csv",
+    "query try --from -10s",
+    "query try --what slots --from -5s",
+    "query try/live.db --from -10s",
+    "query demo-output/site/live.db --what slots",
+    "replay my-recording --pipeline memory --noise my-noise.toml",
+    "replay shelf --cameras 2",
+    "replay shelf --lifetime 6h --battery-wh 50,cam1=60",
+    "replay shelf --store live.db",
+    "replay shelf --target-error 40mm",
+    "replay walk --cameras 1 --smooth rts --poses poses.parquet --report walk.html",
+    "replay walk --cameras 2 --poses poses.parquet --report walk.html",
+    "replay walk --cameras 2 --report walk.html",
+    "replay walk --policy examples/02_own_policy.py:PlainView",
+    "replay walk --policy mine:PlainView",
+    "replay walk --report walk.html",
+    "replay walk --target-error 40mm",
+    "simulate walk --scene one-sided --seconds 12 --seed 7",
+    "store copy backup.db poses.db",
+    "store copy site.toml backup.db",
+    "sync walk walk-in-step",
+)
+
+ELSEWHERE = {
+    "calibrate extrinsics room --only cam2": "tests/live/test_knocked_camera.py",
+    "calibrate intrinsics cam1.mp4 cam2.mp4 lenses.toml --board charuco-5x7-54mm "
+    "--picture coverage.png": "tests/cli/test_calibrating_lenses.py",
+    "detect demo-output/site/videos/*.mp4 clip --calibration demo-output/site/rig.toml": (
+        "tests/cli/test_detecting.py"
+    ),
+    "up try --example": "tests/live/test_programs.py",
+    "up demo-output/site/site.toml": "tests/live/test_programs.py",
+    "top site.toml": "tests/live/test_programs.py",
+    "top site.toml --once": "tests/live/test_programs.py",
+    "router hall --edge tls/edge.local:7447": "tests/live/test_programs.py",
+    "up room --view": "tests/live/test_view_page.py",
+    "up try --example --view": "tests/live/test_view_page.py",
+    "view site.toml": "tests/live/test_view_page.py",
+    "learn versions learned": "tests/cli/test_learn_command.py",
+    "learn rollback learned": "tests/cli/test_learn_command.py",
+    "models path openpose-thin": "tests/cli/test_models.py",
+    "demo": "tests/cli/test_demonstrating.py",
+    "import shelf Shelf shelf-truth": "tests/cli/test_importing.py",
+    "reproduce reproduced --data data": "tests/cli/test_reproducing.py",
+}
+LIVE = "asks a site that runs; tests/live/test_four_cameras.py runs the same with its site"
+FILMS = "needs films of people and a network that is downloaded"
+BOARD = "needs films of a board; tests/calibrate/test_from_boards.py has the method"
+DATA = "needs a data set that the project does not ship"
+TRAINS = "trains for minutes with torch; tests/learn train for seconds"
+DAY = "asks for poses of one afternoon"
+HERE_NOT = {
+    "--install-completion": "writes to the start-up file of the shell",
+    "calibrate align rig.toml room.toml --floor cam1=floor1.png --board charuco-5x7-54mm": BOARD,
+    "calibrate extrinsics cam1.mp4 cam2.mp4 cam3.mp4 rig.toml --intrinsics lenses.toml "
+    "--board charuco-5x7-54mm": BOARD,
+    "check /var/lib/e3pose/site.toml": "names a file of an installed system",
+    "detect Shelf/Camera0 Shelf/Camera1 Shelf/Camera2 Shelf/Camera3 Shelf/Camera4 found "
+    "--calibration shelf-truth/calibration.toml --fps 25": DATA,
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 cam4.mp4 walk --model openpose-thin": FILMS,
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 recordings/walk --calibration Calib.toml "
+    "--model openpose-thin": FILMS,
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration calibration.toml "
+    "--model openpose-thin": FILMS,
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration room.toml": FILMS,
+    "evaluate my-recording --policies round-robin,e3pose,information --cameras 1,2 --leads 1,4": (
+        "two others of `evaluate` run, in a quarter of the time"
+    ),
+    "evaluate recordings/shelf --policies e3pose-mv,e3pose --cameras 3 --leads 1,2,3,5,8,10 "
+    "--json leads.json": DATA,
+    "evaluate shelf --policies e3pose-mv,e3pose --leads 1,2,3,4,5,6,7,8,9,10": DATA,
+    "evaluate shelf --policies round-robin --cameras 1.02,2 --predictor attention-lstm": DATA,
+    "evaluate-predictor recordings/cmu/* --json figures.json --plot curves.html": DATA,
+    "export lab walk.parquet --from -1h --smooth rts --angles": LIVE,
+    "export live.db walk.trc --from 2026-11-21T14:00 --to 2026-11-21T14:05 --smooth rts": DAY,
+    "import cmu cmu_mocap.npz recordings/cmu": DATA,
+    "import shelf Shelf shelf --detections found": DATA,
+    "import human36m h36m walking --subject 9 --action 14 --subaction 1": DATA,
+    "init room usb:0 usb:2 usb:4 usb:6": "needs four webcams",
+    "keys add desk --viewer --keys /etc/house": "writes to /etc",
+    "keys init house --host house.local --out /etc/house": "writes to /etc",
+    "learn replay monday tuesday --out learned --paced": TRAINS,
+    "learn replay monday tuesday wednesday --out learned": TRAINS,
+    "models bench openpose-thin --resolution 1280x720": FILMS,
+    "models pull movenet-multipose": "downloads a network",
+    "models pull openpose-thin": "downloads a network",
+    "power --watch": "goes on until it is stopped; `power` runs",
+    "replay recordings/thursday --pipeline paper --predictor published/attention-lstm.onnx": TRAINS,
+    "replay recordings/thursday --predictor predictor/attention-lstm.onnx": TRAINS,
+    "replay thursday --predictor learned/versions/000001.onnx": TRAINS,
+    "simulate films --people 2 --cameras 4 --seconds 30 --videos": (
+        "draws films for minutes; the same for one person runs in tests/live/test_four_cameras.py"
+    ),
+    "simulate my-room --calibration room.toml --seconds 120": "takes a minute; others run",
+    "simulate my-scene --scene crossing --people 6 --cameras 8 --seed 3": "takes a minute",
+    "store copy backup.db postgresql://e3pose@db.local/lab": "needs a PostgreSQL server",
+    "stream site.toml osc://127.0.0.1:9000 mcap:today.mcap": (
+        "goes on until it is stopped; tests/streams have its outputs"
+    ),
+    "top try --once": LIVE,
+    "train my-room --published --out published": TRAINS,
+    "train my-room --start shipped --minutes 10": TRAINS,
+    "train recordings/monday recordings/tuesday --validate recordings/wednesday "
+    "--out predictor": TRAINS,
+}
+
+
+@pytest.fixture(scope="module")
+def stock(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with what the commands of the pages take for granted, all of it small."""
+    top = tmp_path_factory.mktemp("stock")
+    recording = replace(walk(761, seconds=12.0, fps=15.0), name="example")
+    save_recording(recording, top / "walk")
+    short = between(recording, 0, 40)
+    for name in ("my-recording", "shelf", "clip"):
+        save_recording(short, top / name)
+    save_rig(recording.rig, top / "yup.toml")
+    save_rig(recording.rig, top / "room" / "rig.toml")
+    write_recorded(top / "try", short)
+    shutil.copytree(ROOT / "examples", top / "examples")
+    shutil.copy(top / "examples" / "02_own_policy.py", top / "mine.py")
+    shutil.copy(ROOT / "src/e3pose/model/noises/simulated.toml", top / "my-noise.toml")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(top)
+        words = ("--store", "live.db", "--poses", "poses.parquet")
+        assert run("replay", "shelf", "--cameras", 2, *words) == 0
+        assert run("keys", "init", "lab", "--host", "localhost") == 0
+    for place in ("try", "demo-output/site"):
+        (top / place).mkdir(parents=True, exist_ok=True)
+        shutil.copy(top / "live.db", top / place)
+    shutil.copy(top / "try" / "site.toml", top)
+    shutil.copy(top / "live.db", top / "backup.db")
+    yield top
+
+
+@pytest.mark.parametrize("command", RUNS)
+def test_command_of_a_page_runs(
+    command: str,
+    stock: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    folder = tmp_path / "here"
+    shutil.copytree(stock, folder)
+    for made in MADE_ANEW:
+        if command.startswith(made):
+            gone = folder / MADE_ANEW[made]
+            shutil.rmtree(gone) if gone.is_dir() else gone.unlink()
+    monkeypatch.chdir(folder)
+    if command in BEFORE:
+        assert run(*shlex.split(BEFORE[command])) == 0
+    code = run(*shlex.split(command))
+    said = capfd.readouterr()
+    assert code == 0, said.err
+    assert said.out or any(folder.iterdir()), "nothing was said or made"
+
+
+def test_every_command_of_a_page_runs_somewhere_or_says_why_not() -> None:
+    four = set(commands_of(BY_PAGE["docs/tutorial/four-cameras.md"]))
+    known = {*RUNS, *ELSEWHERE, *HERE_NOT, *four}
+    told = {
+        command: page
+        for page, text in BY_PAGE.items()
+        if not page.startswith(MEASUREMENTS)
+        for command in commands_of(text)
+    }
+    new = {command: page for command, page in told.items() if command not in known}
+    assert not new, f"run them in RUNS, or say why not: {new}"
+    gone = {command for command in known if command not in told}
+    assert not gone, "no page has these any more"
+    for place in {FOUR_CAMERAS, *ELSEWHERE.values()}:
+        assert (ROOT / place).is_file(), place
