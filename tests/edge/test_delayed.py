@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +15,23 @@ from e3pose.errors import InputError
 from e3pose.estimate.base import People
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.smoothed import smooth_records
+from e3pose.recording import Recording
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.wire.codec import unpack
 
-SCENE = simulate(SceneSettings(scene="ring", people=2, seconds=2, fps=12.5), seed=701)
+
+@cache
+def scene() -> Recording:
+    return simulate(SceneSettings(scene="ring", people=2, seconds=2, fps=12.5), seed=701)
 
 
 def test_messages_are_those_of_the_smoother_with_that_lag() -> None:
     people: list[People] = []
-    records = list(replay(SCENE, ReplaySettings(num_selected=2), tell=people.append))
+    records = list(replay(scene(), ReplaySettings(num_selected=2), tell=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
-    wanted = smooth_records(records, posteriors, SCENE.skeleton, 3)
-    delayed = DelayedPoses(SCENE.skeleton.joints, 3)
+    wanted = smooth_records(records, posteriors, scene().skeleton, 3)
+    delayed = DelayedPoses(scene().skeleton.joints, 3)
     found = [delayed.push(slot, 40 * slot, each, lambda: 7) for slot, each in enumerate(people)]
     assert found[:3] == [None] * 3
     for slot, message in enumerate(found[3:]):

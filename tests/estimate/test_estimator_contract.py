@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,12 +21,16 @@ from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
 
-SCENE = simulate(SceneSettings(scene="ring", people=3, seconds=4, cameras=5), seed=3)
+
+@cache
+def scene() -> Recording:
+    return simulate(SceneSettings(scene="ring", people=3, seconds=4, cameras=5), seed=3)
 
 
 def run(
-    name: str, slots: Sequence[Mapping[int, Poses2D]], recording: Recording = SCENE
+    name: str, slots: Sequence[Mapping[int, Poses2D]], recording: Recording | None = None
 ) -> list[People]:
+    recording = recording or scene()
     estimator = make_estimator(
         name,
         EstimatorSettings(
@@ -45,7 +50,7 @@ def run(
 
 
 def views_of(slot: int, cameras: tuple[int, ...] = (0, 1, 2, 3, 4)) -> dict[int, Poses2D]:
-    views = {camera: SCENE.view(slot, camera) for camera in cameras}
+    views = {camera: scene().view(slot, camera) for camera in cameras}
     return {camera: view for camera, view in views.items() if view is not None}
 
 
@@ -78,7 +83,7 @@ def test_the_same_views_give_the_same_people(name: str) -> None:
 def test_memory_finds_with_one_camera_what_the_paper_cannot() -> None:
     slots = [views_of(slot, (slot * 2 % 5,)) for slot in range(60)]
     assert all(len(people.poses) == 0 for people in run("paper", slots))
-    truth = SCENE.truth
+    truth = scene().truth
     assert truth is not None
     for slot, people in list(enumerate(run("memory", slots)))[40:]:
         there = np.isfinite(truth.joints_m[slot]).all(axis=(1, 2))
@@ -90,7 +95,7 @@ def test_memory_finds_with_one_camera_what_the_paper_cannot() -> None:
 
 def test_a_replay_with_memory_counts_the_right_people() -> None:
     settings = ReplaySettings(pipeline="memory", policy="round-robin", num_selected=2)
-    records = list(replay(SCENE, settings))
+    records = list(replay(scene(), settings))
     assert set(records[-1].stage_s) == {"estimate", "predict", "occlusion", "select"}
     assert all(record.arrived.sum() <= 2 for record in records[10:])
     poses = [record.poses for record in records]
@@ -99,7 +104,7 @@ def test_a_replay_with_memory_counts_the_right_people() -> None:
 
 def test_unknown_estimator_is_refused() -> None:
     settings = EstimatorSettings(
-        SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings(), noise=SIMULATED
+        scene().rig, scene().skeleton, 0.04, 5, FusionSettings(), noise=SIMULATED
     )
     with pytest.raises(InputError, match="found 'oracle', expected one of paper, memory"):
         make_estimator("oracle", settings)
@@ -121,13 +126,15 @@ def test_every_joint_has_a_covariance_and_says_whether_it_was_measured(name: str
 def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str) -> None:
     estimator = make_estimator(
         name,
-        EstimatorSettings(SCENE.rig, SCENE.skeleton, 0.04, 5, FusionSettings(), noise=SIMULATED),
+        EstimatorSettings(
+            scene().rig, scene().skeleton, 0.04, 5, FusionSettings(), noise=SIMULATED
+        ),
     )
     memory = estimator.begin()
     for slot in range(20):
         memory, people = estimator.estimate(memory, views_of(slot), slot * 0.04, lambda: 0.0)
     soon, late = (estimator.outlook(memory, ahead_s) for ahead_s in (0.04, 0.4))
-    foresights = [foresee(SCENE.rig, soon, 0.04, np.zeros((n, 5), dtype=bool)) for n in (0, 9)]
+    foresights = [foresee(scene().rig, soon, 0.04, np.zeros((n, 5), dtype=bool)) for n in (0, 9)]
     assert set(people.history_ids.tolist()) <= set(soon.track_ids.tolist())
     assert people.history_m.shape[1] == len(people.history_ids)
     assert np.isfinite(soon.joints_m).all()
@@ -143,7 +150,7 @@ def test_the_outlook_grows_less_certain_and_names_those_of_the_history(name: str
 def test_the_stated_uncertainty_is_honest(name: str) -> None:
     """About nine of ten joints lie within the band, and the expected error is not far off."""
     settings = ReplaySettings(pipeline=name, policy="round-robin", num_selected=3)
-    figures = expected_figures(SCENE, list(replay(SCENE, settings)))
+    figures = expected_figures(scene(), list(replay(scene(), settings)))
     assert figures.coverage_90 is not None and 80 < figures.coverage_90 < 99
     assert figures.actual_mm is not None and figures.matched_mm is not None
     assert 0.6 < figures.actual_mm / figures.matched_mm < 1.4
@@ -152,7 +159,7 @@ def test_the_stated_uncertainty_is_honest(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(ESTIMATORS))
 def test_ids_left_out_are_given_to_nobody(name: str) -> None:
     settings = EstimatorSettings(
-        SCENE.rig, SCENE.skeleton, SCENE.interval_s, 5, FusionSettings(), noise=SIMULATED
+        scene().rig, scene().skeleton, scene().interval_s, 5, FusionSettings(), noise=SIMULATED
     )
     estimator = make_estimator(name, settings)
     found = []
@@ -160,7 +167,7 @@ def test_ids_left_out_are_given_to_nobody(name: str) -> None:
         memory = estimator.leave_out_ids(estimator.begin(), count)
         for slot in range(12):
             memory, people = estimator.estimate(
-                memory, views_of(slot), slot * SCENE.interval_s, lambda: 0.0
+                memory, views_of(slot), slot * scene().interval_s, lambda: 0.0
             )
         found.append(people.track_ids)
     assert len(found[0]) == 3

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,9 +17,12 @@ from e3pose.recording import Recording
 from e3pose.settings.bad_day import BadDay, Kill
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
-SCENE = simulate(
-    SceneSettings(people=2, seconds=4, cameras=4, detector=DetectorSettings(perfect=True)), 5
-)
+
+@cache
+def scene() -> Recording:
+    return simulate(
+        SceneSettings(people=2, seconds=4, cameras=4, detector=DetectorSettings(perfect=True)), 5
+    )
 
 
 def run(recording: Recording, **settings: object) -> list[SlotRecord]:
@@ -46,7 +50,7 @@ def test_what_is_no_kill_is_refused(text: str) -> None:
 
 
 def test_the_earliest_death_counts_and_each_takes_the_phase() -> None:
-    recording = replace(SCENE, dies_at_s={"cam1": 2.0, "cam2": 1.0})
+    recording = replace(scene(), dies_at_s={"cam1": 2.0, "cam2": 1.0})
     kills = [Kill("cam1", slot=25), Kill("cam2", time_s=3.0), Kill("each", time_s=0.5)]
     assert deaths_s(recording, kills, phase=7).tolist() == [np.inf, 1.0, 1.0, 0.5]
     with pytest.raises(InputError, match="--kill-camera: found 'eve', expected one of cam0"):
@@ -55,7 +59,7 @@ def test_the_earliest_death_counts_and_each_takes_the_phase() -> None:
 
 def test_a_dead_camera_is_never_selected_again() -> None:
     for day in (BadDay((Kill("cam1", slot=30),)), BadDay((Kill("cam1", time_s=1.2),))):
-        awake = np.stack([record.selected for record in run(SCENE, bad_day=day)])
+        awake = np.stack([record.selected for record in run(scene(), bad_day=day)])
         assert awake[:30, 1].mean() > 0.4
         assert not awake[30:, 1].any()
         # From the order on that could know of it, the others take its turns.
@@ -63,25 +67,25 @@ def test_a_dead_camera_is_never_selected_again() -> None:
 
 
 def test_a_death_of_the_recording_counts_too() -> None:
-    awake = np.stack([r.selected for r in run(replace(SCENE, dies_at_s={"cam3": 2.0}))])
+    awake = np.stack([r.selected for r in run(replace(scene(), dies_at_s={"cam3": 2.0}))])
     assert awake[:50, 3].any() and not awake[50:, 3].any()
 
 
 def test_lost_views_cost_energy_but_do_not_arrive() -> None:
-    records = run(SCENE, policy="all", bad_day=BadDay(loss=0.3))
+    records = run(scene(), policy="all", bad_day=BadDay(loss=0.3))
     selected = np.stack([record.selected for record in records])
     arrived = np.stack([record.arrived for record in records])
     assert selected.mean() > 0.9  # but for cameras that seem dead for a moment
     assert 0.25 < (selected & ~arrived).sum() / selected.sum() < 0.35
-    again = np.stack([r.arrived for r in run(SCENE, policy="all", bad_day=BadDay(loss=0.3))])
-    other = run(SCENE, policy="all", seed=1, bad_day=BadDay(loss=0.3))
+    again = np.stack([r.arrived for r in run(scene(), policy="all", bad_day=BadDay(loss=0.3))])
+    other = run(scene(), policy="all", seed=1, bad_day=BadDay(loss=0.3))
     assert (again == arrived).all()
     assert (np.stack([record.arrived for record in other]) != arrived).any()
 
 
 def test_policies_lose_the_same_views() -> None:
     every = np.stack([arriving(4, 0.4, 3, slot) for slot in range(100)])
-    turns = run(SCENE, seed=3, bad_day=BadDay(loss=0.4))
+    turns = run(scene(), seed=3, bad_day=BadDay(loss=0.4))
     for record, came in zip(turns, every, strict=True):
         assert (record.arrived == record.selected & came).all()
 
@@ -89,19 +93,19 @@ def test_policies_lose_the_same_views() -> None:
 @pytest.mark.parametrize("loss", [-0.1, 1.1, float("nan")])
 def test_a_loss_is_a_share(loss: float) -> None:
     with pytest.raises(InputError, match="--loss: found"):
-        next(replay(SCENE, ReplaySettings(bad_day=BadDay(loss=loss))))
+        next(replay(scene(), ReplaySettings(bad_day=BadDay(loss=loss))))
 
 
 def test_everything_may_be_lost() -> None:
-    records = run(SCENE, bad_day=BadDay(loss=1.0))
+    records = run(scene(), bad_day=BadDay(loss=1.0))
     assert not any(record.arrived.any() for record in records)
     gone = BadDay(tuple(Kill(f"cam{i}", slot=20) for i in range(4)))
-    assert not any(record.selected.any() for record in run(SCENE, bad_day=gone)[20:])
+    assert not any(record.selected.any() for record in run(scene(), bad_day=gone)[20:])
 
 
 def test_empty_batteries_end_cameras() -> None:
     """12 W active and 6 W idle for 4 s: 36 J are 3 s of activity, or 6 s of idleness."""
-    recording = replace(SCENE, battery_wh={"cam0": 36 / 3600, "cam1": 36 / 3600})
+    recording = replace(scene(), battery_wh={"cam0": 36 / 3600, "cam1": 36 / 3600})
     assert capacity_j(recording).tolist() == pytest.approx([36, 36, np.inf, np.inf])
     watts = ((12.0,) * 4, (6.0,) * 4)
     always = np.stack(
@@ -113,14 +117,15 @@ def test_empty_batteries_end_cameras() -> None:
 
 
 def test_thinning_keeps_views_times_and_truth_together() -> None:
-    slow = thinned(replace(SCENE, scored_slots=(10, 60)), 10)
+    slow = thinned(replace(scene(), scored_slots=(10, 60)), 10)
     assert slow.fps == 10 and slow.num_slots == 40 and slow.truth is not None
-    assert SCENE.truth is not None
+    truth = scene().truth
+    assert truth is not None
     for slot in range(slow.num_slots):
         before = int(np.rint(slot * 2.5))
-        np.testing.assert_array_equal(slow.truth.joints_m[slot], SCENE.truth.joints_m[before])
+        np.testing.assert_array_equal(slow.truth.joints_m[slot], truth.joints_m[before])
         for camera in range(4):
-            old, new = SCENE.view(before, camera), slow.view(slot, camera)
+            old, new = scene().view(before, camera), slow.view(slot, camera)
             assert old is not None and new is not None
             np.testing.assert_array_equal(old.keypoints_px, new.keypoints_px)
             time_s = slow.views[camera].times_s[slot]
@@ -136,13 +141,13 @@ def test_thinning_keeps_losses_lost() -> None:
 
 
 def test_thinning_to_the_same_rate_changes_nothing_and_no_rate_is_made_up() -> None:
-    assert thinned(SCENE, SCENE.fps) is SCENE
+    assert thinned(scene(), scene().fps) is scene()
     for fps in (0.0, 30.0, -1.0, float("nan")):
         with pytest.raises(InputError, match="--fps: found"):
-            thinned(SCENE, fps)
+            thinned(scene(), fps)
 
 
 def test_a_rig_of_one_camera_can_lose_it() -> None:
-    alone = replace(SCENE, rig=Rig(SCENE.rig.cameras[:1]), views=SCENE.views[:1])
+    alone = replace(scene(), rig=Rig(scene().rig.cameras[:1]), views=scene().views[:1])
     records = run(alone, num_selected=1, bad_day=BadDay((Kill("each", slot=5),)))
     assert [bool(record.selected.any()) for record in records] == [True] * 5 + [False] * 95

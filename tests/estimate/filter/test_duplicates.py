@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,14 +15,23 @@ from e3pose.estimate.filter.estimator import FilterStep
 from e3pose.estimate.filter.kernels.step import StepKernel
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
+from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 SPREAD = 1.5
-SCENE = simulate(SceneSettings("ring", people=1, seconds=4, cameras=4, fps=25), seed=3)
-MODEL = Model(SCENE.rig, SCENE.skeleton, SIMULATED)
+
+
+@cache
+def scene() -> Recording:
+    return simulate(SceneSettings("ring", people=1, seconds=4, cameras=4, fps=25), seed=3)
+
+
+@cache
+def model() -> Model:
+    return Model(scene().rig, scene().skeleton, SIMULATED)
 
 
 def people_shown(
@@ -34,17 +44,18 @@ def people_shown(
     Somebody walks, and there is what may be somebody else: a view shows the rows of the two that
     `rows_of` its camera gives.
     """
-    assert SCENE.truth is not None and SCENE.truth.skeleton == SCENE.skeleton
-    rng, belief, numbers = np.random.default_rng(1), Belief.empty(MODEL), []
-    for slot in range(SCENE.num_slots):
-        person = wide(SCENE.truth.joints_m[slot, 0])
+    truth = scene().truth
+    assert truth is not None and truth.skeleton == scene().skeleton
+    rng, belief, numbers = np.random.default_rng(1), Belief.empty(model()), []
+    for slot in range(scene().num_slots):
+        person = wide(truth.joints_m[slot, 0])
         views = {}
-        for index, camera in enumerate(SCENE.rig.cameras):
+        for index, camera in enumerate(scene().rig.cameras):
             pair = camera.project(np.stack([person, other_of(person)]))
             pair += rng.normal(scale=3.0, size=pair.shape)
             rows = rows_of(index)
             views[index] = Poses2D(pair[rows], np.full(pair[rows].shape[:2], 0.8))
-        belief, estimate = advance(MODEL, belief, views, slot / SCENE.fps)
+        belief, estimate = advance(model(), belief, views, slot / scene().fps)
         numbers.append(len(estimate))
     return numbers
 
@@ -58,9 +69,9 @@ def wide(person: Floats) -> Floats:
 def mirrored(person: Floats) -> Floats:
     """Return the joints of somebody of whom a detector takes the front for the back."""
     swap = {"left": "right", "right": "left"}
-    names = [name.split("_", 1) for name in SCENE.skeleton.joints]
+    names = [name.split("_", 1) for name in scene().skeleton.joints]
     others = ["_".join([swap.get(name[0], name[0]), *name[1:]]) for name in names]
-    return np.asarray(person[[SCENE.skeleton.index(name) for name in others]])
+    return np.asarray(person[[scene().skeleton.index(name) for name in others]])
 
 
 @pytest.mark.parametrize("advance", [step, StepKernel()])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from tests.estimate.filter.room import step
@@ -9,28 +11,36 @@ from tests.reference.filter_update import predict
 
 from e3pose.estimate.filter import Belief, Model, outlook, wait_s
 from e3pose.model.noises import load_noise
+from e3pose.recording import Recording
 from e3pose.select.expected_information import foresee
 from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
 
-SCENE = simulate(SceneSettings("ring", people=3, seconds=1, cameras=4), seed=8)
-MODEL = Model(SCENE.rig, SCENE.skeleton, SIMULATED)
+
+@cache
+def scene() -> Recording:
+    return simulate(SceneSettings("ring", people=3, seconds=1, cameras=4), seed=8)
+
+
+@cache
+def model() -> Model:
+    return Model(scene().rig, scene().skeleton, SIMULATED)
 
 
 @pytest.mark.parametrize("ahead_s", [0.0, 0.04, 0.5])
 def test_outlook_is_the_prediction_of_the_filter(ahead_s: float) -> None:
-    belief = Belief.empty(MODEL)
+    belief = Belief.empty(model())
     for slot in range(12):
-        views = {camera: SCENE.view(slot, camera) for camera in range(4)}
+        views = {camera: scene().view(slot, camera) for camera in range(4)}
         seen = {camera: view for camera, view in views.items() if view is not None}
-        belief, _ = step(MODEL, belief, seen, slot / SCENE.fps)
+        belief, _ = step(model(), belief, seen, slot / scene().fps)
     assert len(belief) == 3
-    found, then = outlook(MODEL, belief, ahead_s), predict(belief, ahead_s, MODEL)
+    found, then = outlook(model(), belief, ahead_s), predict(belief, ahead_s, model())
     np.testing.assert_allclose(found.joints_m, then.state[..., :3])
     if ahead_s > 0:
-        nobody = np.zeros((0, len(SCENE.rig)), dtype=bool)
-        prior = foresee(SCENE.rig, found, ahead_s, nobody).prior
+        nobody = np.zeros((0, len(scene().rig)), dtype=bool)
+        prior = foresee(scene().rig, found, ahead_s, nobody).prior
         rows, columns = np.triu_indices(3)
         inverse = np.empty((*prior.shape[:2], 3, 3))
         inverse[..., rows, columns] = inverse[..., columns, rows] = prior
@@ -39,19 +49,19 @@ def test_outlook_is_the_prediction_of_the_filter(ahead_s: float) -> None:
         # Every joint is carried by itself, as one process for all that its body does.
         assert (np.sqrt(spread / expected) > 0.95).all()
         assert (np.sqrt(spread / expected) < 1.1).all()
-        root = MODEL.tree.levels[0][0]
+        root = model().tree.levels[0][0]
         np.testing.assert_allclose(spread[:, root], expected[:, root], rtol=1e-6)
 
 
 def test_only_the_newest_look_of_a_camera_says_who_is_unexplained() -> None:
     """Two people seen three times by a camera are two people."""
-    belief = Belief.empty(MODEL)
+    belief = Belief.empty(model())
     for slot in range(3):
-        view = SCENE.view(slot, 1)
+        view = scene().view(slot, 1)
         assert view is not None
-        belief, _ = step(MODEL, belief, {1: view}, slot / SCENE.fps)
+        belief, _ = step(model(), belief, {1: view}, slot / scene().fps)
     assert len(belief.leftovers) == 6
-    found = outlook(MODEL, belief, 0.1)
+    found = outlook(model(), belief, 0.1)
     assert found.unexplained.tolist() == [0, 2, 0, 0]
     assert found.unexplained_s.tolist() == [np.inf, 0.0, np.inf, np.inf]
 

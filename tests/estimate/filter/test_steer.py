@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,41 +14,58 @@ from tests.estimate.filter.room import step
 from e3pose.estimate.filter import Belief, Model, outlook
 from e3pose.estimate.filter.motion import fading, places
 from e3pose.estimate.filter.steer import GAIN, LEAST_SHARE, MOST_SHARE, SQUARES, steer, unforeseen
+from e3pose.estimate.filter.tree import Tree
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
+from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]
 
-SCENE = simulate(SceneSettings("ring", people=3, seconds=1, cameras=4), seed=8)
-MODEL = Model(SCENE.rig, SCENE.skeleton, SIMULATED)
+
+@cache
+def scene() -> Recording:
+    return simulate(SceneSettings("ring", people=3, seconds=1, cameras=4), seed=8)
+
+
+@cache
+def model() -> Model:
+    return Model(scene().rig, scene().skeleton, SIMULATED)
+
+
 # Without swing: how far limbs swing depends on the speed of the root, which is steered, too.
-TREE = replace(MODEL.tree, swing_per_s2=np.zeros(len(MODEL.skeleton)))
+
+
+@cache
+def tree() -> Tree:
+    return replace(model().tree, swing_per_s2=np.zeros(len(model().skeleton)))
+
+
 AHEAD_S = 0.08
 SHARE = 0.6
 
 
 def views_of(slot: int) -> Mapping[int, Poses2D]:
-    views = {camera: SCENE.view(slot, camera) for camera in range(4)}
+    views = {camera: scene().view(slot, camera) for camera in range(4)}
     return {camera: view for camera, view in views.items() if view is not None}
 
 
 def known() -> Belief:
-    belief = Belief.empty(MODEL)
+    belief = Belief.empty(model())
     for slot in range(12):
-        belief, _ = step(MODEL, belief, views_of(slot), slot / SCENE.fps)
+        belief, _ = step(model(), belief, views_of(slot), slot / scene().fps)
     assert len(belief) == 3
     return belief
 
 
 def test_the_prediction_moves_by_the_gain_and_the_positions_stay() -> None:
     belief = known()
-    own_m = places(TREE, belief.state, AHEAD_S)[..., :3]
+    own_m = places(tree(), belief.state, AHEAD_S)[..., :3]
     foreseen_m = own_m[[0, 2]] + [0.10, -0.04, 0.02]
-    found = steer(TREE, belief, np.array([0, 2]), foreseen_m, AHEAD_S, SHARE)
-    moved = places(TREE, found.state, AHEAD_S)[..., :3] - own_m
+    found = steer(tree(), belief, np.array([0, 2]), foreseen_m, AHEAD_S, SHARE)
+    moved = places(tree(), found.state, AHEAD_S)[..., :3] - own_m
     np.testing.assert_allclose(moved[[0, 2]], GAIN * (foreseen_m - own_m[[0, 2]]), atol=1e-12)
     np.testing.assert_array_equal(found.state[1], belief.state[1])
     np.testing.assert_array_equal(found.state[..., :3], belief.state[..., :3])
@@ -58,10 +76,10 @@ def test_the_prediction_moves_by_the_gain_and_the_positions_stay() -> None:
 
 def test_joints_that_nobody_foresees_keep_their_velocity() -> None:
     belief = known()
-    foreseen_m = places(TREE, belief.state, AHEAD_S)[..., :3][:1] + 0.1
+    foreseen_m = places(tree(), belief.state, AHEAD_S)[..., :3][:1] + 0.1
     foreseen_m[0, 5] = np.nan
     foreseen_m[0, 6, 2] = np.nan
-    found = steer(TREE, belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
+    found = steer(tree(), belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
     np.testing.assert_array_equal(found.state[0, 5:7], belief.state[0, 5:7])
     assert (found.state[0, :5, 3:] != belief.state[0, :5, 3:]).all()
     np.testing.assert_array_equal(found.drift_share[0, 5:7], 1.0)
@@ -74,28 +92,28 @@ def test_without_a_prediction_or_time_people_move_by_themselves(
 ) -> None:
     belief = known()
     steered = replace(belief, drift_share=np.full_like(belief.drift_share, SHARE))
-    foreseen_m = np.full((1, len(MODEL.skeleton), 3), joints_m)
-    found = steer(TREE, steered, np.array([0]), foreseen_m, ahead_s, SHARE)
+    foreseen_m = np.full((1, len(model().skeleton), 3), joints_m)
+    found = steer(tree(), steered, np.array([0]), foreseen_m, ahead_s, SHARE)
     np.testing.assert_array_equal(found.state, belief.state)
     np.testing.assert_array_equal(found.drift_share, belief.drift_share)
 
 
 def test_less_is_unknown_of_motion_that_is_foretold() -> None:
     belief = known()
-    foreseen_m = places(TREE, belief.state, AHEAD_S)[..., :3][:1]
-    steered = steer(TREE, belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
+    foreseen_m = places(tree(), belief.state, AHEAD_S)[..., :3][:1]
+    steered = steer(tree(), belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)
     time_s = belief.time_s + AHEAD_S
-    alone, found = (step(MODEL, each, {}, time_s)[0] for each in (belief, steered))
+    alone, found = (step(model(), each, {}, time_s)[0] for each in (belief, steered))
     apart = alone.covariance - found.covariance
     assert (np.linalg.eigvalsh(apart[0])[:, 1:] > 0).all()
     np.testing.assert_array_equal(apart[1:], 0.0)
-    outlooks = [outlook(MODEL, each, 0.0).drift_m2ps3 for each in (belief, steered)]
+    outlooks = [outlook(model(), each, 0.0).drift_m2ps3 for each in (belief, steered)]
     np.testing.assert_allclose(outlooks[1][0], SHARE * outlooks[0][0])
 
 
 def grown(shares: float, interval_s: float) -> Floats:
     """Return errors of two slots that grow by a share of what the filter's motion leaves open."""
-    drift, lasts_s = MODEL.alone
+    drift, lasts_s = model().alone
     first, second = (3 * fading(drift, lasts_s, n * interval_s)[1][:, 0, 0] for n in (1, 2))
     error_m = np.full((2, 1, len(drift)), 0.02)
     error_m[1] = np.sqrt(error_m[0] ** 2 + shares * (second - first) / SQUARES)
@@ -105,8 +123,8 @@ def grown(shares: float, interval_s: float) -> Floats:
 @pytest.mark.parametrize("interval_s", [1 / 60, 0.04, 0.2])
 def test_noise_is_left_where_the_predictor_foresees_its_error_to_grow(interval_s: float) -> None:
     for shares, expected in ((0.0, LEAST_SHARE), (0.3, LEAST_SHARE + 0.3), (9.0, MOST_SHARE)):
-        found = unforeseen(MODEL, grown(shares, interval_s), interval_s)
+        found = unforeseen(model(), grown(shares, interval_s), interval_s)
         np.testing.assert_allclose(found, expected, rtol=1e-9)
-    shrinking = unforeseen(MODEL, grown(0.5, interval_s)[::-1], interval_s)
+    shrinking = unforeseen(model(), grown(0.5, interval_s)[::-1], interval_s)
     np.testing.assert_array_equal(shrinking, LEAST_SHARE)
-    assert np.isnan(unforeseen(MODEL, np.full((2, 1, 17), np.nan), interval_s)).all()
+    assert np.isnan(unforeseen(model(), np.full((2, 1, 17), np.nan), interval_s)).all()

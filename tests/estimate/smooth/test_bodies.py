@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from tests.reference.filter_motion import spread
@@ -16,17 +18,22 @@ from e3pose.evaluate.smoothed import smooth_records
 from e3pose.evaluate.summary import accuracy
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
+from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
 TREE = grow(COCO17)
-SCENE = simulate(SceneSettings(scene="ring", people=3, seconds=8, fps=12.5), seed=701)
+
+
+@cache
+def scene() -> Recording:
+    return simulate(SceneSettings(scene="ring", people=3, seconds=8, fps=12.5), seed=701)
 
 
 @pytest.fixture(scope="module")
 def replayed() -> tuple[list[SlotRecord], list[Posterior]]:
     people: list[People] = []
     settings = ReplaySettings(policy="round-robin", num_selected=1, seed=1, phase=1)
-    records = list(replay(SCENE, settings, tell=people.append))
+    records = list(replay(scene(), settings, tell=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     assert len(posteriors) == len(records)
     return records, posteriors
@@ -122,8 +129,8 @@ def test_waiting_lowers_error_and_jitter_with_one_camera(
     jitter: float,
 ) -> None:
     records, posteriors = replayed
-    before = accuracy(SCENE, records)
-    after = accuracy(SCENE, smooth_records(records, posteriors, SCENE.skeleton, lag))
+    before = accuracy(scene(), records)
+    after = accuracy(scene(), smooth_records(records, posteriors, scene().skeleton, lag))
     assert (after.mpjpe_mm or 99) < error * (before.mpjpe_mm or 0)
     assert (after.acceleration_error_mps2 or 99) < jitter * (before.acceleration_error_mps2 or 0)
     assert (after.recall_500mm or 0) >= (before.recall_500mm or 1)
@@ -134,7 +141,7 @@ def test_people_who_come_and_go_are_smoothed_by_themselves(
 ) -> None:
     records, posteriors = replayed
     for record, late in zip(
-        records, smooth_records(records, posteriors, SCENE.skeleton), strict=True
+        records, smooth_records(records, posteriors, scene().skeleton), strict=True
     ):
         assert record.track_ids.tolist() == late.track_ids.tolist()
         apart = np.linalg.norm(record.poses.joints_m - late.poses.joints_m, axis=-1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,18 @@ from e3pose.evaluate.prediction.skeleton_picture import draw_skeletons
 from e3pose.evaluate.prediction.windows import Window, choose_windows, ranked_lead, sample_windows
 from e3pose.model.skeleton import COCO17
 from e3pose.predict import make_predictor
+from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
 SVG = "{http://www.w3.org/2000/svg}"
 LEADS = (1, 5, 10)
-RECORDING = simulate(SceneSettings(people=1, seconds=0.1, cameras=2), seed=0)
+
+
+@cache
+def recording() -> Recording:
+    return simulate(SceneSettings(people=1, seconds=0.1, cameras=2), seed=0)
 
 
 def texts(path: Path) -> list[str]:
@@ -49,7 +55,7 @@ def walk(speed_mps: float, slots: int = 40) -> Motion:
     body = np.random.default_rng(0).uniform(0, 1.7, (17, 3))
     way = speed_mps * (np.arange(slots) / 25) ** 2
     joints_m = body + np.stack([way, 0 * way, 0 * way], axis=-1)[:, None]
-    return Motion("walk", "truth", COCO17, RECORDING.rig, 1 / 25, (joints_m,))
+    return Motion("walk", "truth", COCO17, recording().rig, 1 / 25, (joints_m,))
 
 
 def test_curve_has_the_heights_of_the_numbers(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -37,7 +38,9 @@ def scene(seconds: float = 2.0, cameras: int = 4, exact: bool = False) -> Record
     return simulate(settings, seed=5)
 
 
-NOISY = scene()
+@cache
+def noisy() -> Recording:
+    return scene()
 
 
 def distances_to_truth(recording: Recording, clip: Clip) -> Floats:
@@ -55,11 +58,11 @@ def distances_to_truth(recording: Recording, clip: Clip) -> Floats:
 
 
 def test_the_target_is_near_the_truth_that_was_never_looked_at() -> None:
-    blind = replace(NOISY, truth=None)
+    blind = replace(noisy(), truth=None)
     clips = estimated_clips(blind, 15, [(0, blind.num_slots)], REFERENCE, ALONE)
     assert len(clips) >= 2
     assert sum(len(c.joints_m) for c in clips) > 40  # of 80 that two people could have
-    errors = np.concatenate([distances_to_truth(NOISY, clip) for clip in clips])
+    errors = np.concatenate([distances_to_truth(noisy(), clip) for clip in clips])
     assert errors.mean() < 0.025  # OpenPose-like detections in four views
 
 
@@ -72,7 +75,7 @@ def test_exact_detections_give_estimates_without_error() -> None:
 
 
 def test_estimates_differ_from_combination_to_combination() -> None:
-    clips = estimated_clips(NOISY, 15, [(0, NOISY.num_slots)], REFERENCE, ALONE)
+    clips = estimated_clips(noisy(), 15, [(0, noisy().num_slots)], REFERENCE, ALONE)
     errors = clips[0].errors_m
     assert errors is not None and errors.shape[1:] == (11, NUM_COMMON, 3)  # 6 + 4 + 1 of 4 cameras
     by_joint = np.moveaxis(errors, 1, -1).reshape(-1, 11).astype(np.float64)
@@ -101,7 +104,7 @@ def test_many_cameras_are_sampled_with_a_seed() -> None:
 def test_the_result_does_not_depend_on_who_works() -> None:
     settings = replace(REFERENCE, combinations=4)  # drawn at random
     alone, together = (
-        estimated_clips(NOISY, 15, [(0, NOISY.num_slots)], settings, Workers(jobs))
+        estimated_clips(noisy(), 15, [(0, noisy().num_slots)], settings, Workers(jobs))
         for jobs in (1, 2)
     )
     assert len(alone) == len(together) > 0
@@ -112,7 +115,7 @@ def test_the_result_does_not_depend_on_who_works() -> None:
 
 
 def test_nobody_is_followed_through_slots_that_are_left_out() -> None:
-    poisoned = replace(NOISY, views=tuple(_only(v, range(15, 30)) for v in NOISY.views))
+    poisoned = replace(noisy(), views=tuple(_only(v, range(15, 30)) for v in noisy().views))
     assert follow(poisoned, 0, 15, REFERENCE) == []
     assert estimated_clips(poisoned, 5, [(0, 15), (30, 40)], REFERENCE, ALONE) == []
     assert len(estimated_clips(poisoned, 5, [(15, 30)], REFERENCE, ALONE)) > 0
@@ -129,7 +132,7 @@ def _only(series: ViewSeries, slots: range) -> ViewSeries:
 
 
 def test_scored_slots_are_left_out_unless_asked_for() -> None:
-    scored = replace(NOISY, scored_slots=(15, 28))
+    scored = replace(noisy(), scored_slots=(15, 28))
     assert free_stretches(scored, False) == [(0, 15), (28, 40)]
     assert free_stretches(scored, True) == [(0, 40)]
     targets: tuple[Target, ...] = ("truth", "estimates")
@@ -145,18 +148,18 @@ def test_scored_slots_are_left_out_unless_asked_for() -> None:
 
 def test_a_recording_scored_from_end_to_end_teaches_nothing() -> None:
     with pytest.raises(InputError, match=r"not scored.*--include-scored"):
-        lessons(replace(NOISY, scored_slots=(0, 40)), 5, LessonSettings(), ALONE)
+        lessons(replace(noisy(), scored_slots=(0, 40)), 5, LessonSettings(), ALONE)
 
 
 def test_auto_takes_truth_where_there_is_some_to_learn() -> None:
     settings = LessonSettings(estimates=replace(REFERENCE, combinations=2))
-    assert lessons(NOISY, 5, settings, ALONE)[0].errors_m is None
-    assert lessons(replace(NOISY, truth=None), 5, settings, ALONE)[0].errors_m is not None
+    assert lessons(noisy(), 5, settings, ALONE)[0].errors_m is None
+    assert lessons(replace(noisy(), truth=None), 5, settings, ALONE)[0].errors_m is not None
 
 
 def test_one_camera_cannot_teach() -> None:
     nothing = ViewSeries.from_views([], [], [], 17)
-    single = replace(NOISY, truth=None, views=(NOISY.views[0], nothing, nothing, nothing))
+    single = replace(noisy(), truth=None, views=(noisy().views[0], nothing, nothing, nothing))
     with pytest.raises(InputError, match="found those of 1 cameras"):
         lessons(single, 5, LessonSettings(estimates=REFERENCE), ALONE)
 
@@ -207,8 +210,8 @@ def test_held_out_ends_keep_their_estimates() -> None:
 def test_recordings_without_truth_are_gathered() -> None:
     settings = LessonSettings(target="estimates", estimates=replace(REFERENCE, combinations=2))
     learned, groups = gather(
-        [NOISY],
-        [replace(NOISY, name="another", truth=None)],
+        [noisy()],
+        [replace(noisy(), name="another", truth=None)],
         0.2,
         15,
         lambda recording, shortest: lessons(recording, shortest, settings, ALONE),

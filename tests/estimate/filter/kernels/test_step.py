@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -96,8 +97,14 @@ def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 3) -> R
     )
 
 
-RING = scene("ring")
-MODEL = Model(RING.rig, RING.skeleton, SIMULATED)
+@cache
+def ring() -> Recording:
+    return scene("ring")
+
+
+@cache
+def model() -> Model:
+    return Model(ring().rig, ring().skeleton, SIMULATED)
 
 
 def through_lenses(recording: Recording, slots: Slots) -> tuple[Model, Slots]:
@@ -169,8 +176,8 @@ def test_equals_the_reference_through_every_kind_of_lens() -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_equals_the_reference_when_all_goes_wrong(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    slots = list(spoilt(seen(RING, int(rng.integers(1, 6)), seed)[:60], rng))
-    _, births = follow(MODEL, slots)
+    slots = list(spoilt(seen(ring(), int(rng.integers(1, 6)), seed)[:60], rng))
+    _, births = follow(model(), slots)
     assert births > 3
 
 
@@ -188,37 +195,37 @@ def test_equals_the_reference_on_a_real_recording(cameras: int) -> None:
 
 
 def test_backends_may_take_turns() -> None:
-    slots = seen(RING, 2)
-    plain = turns = Belief.empty(MODEL)
+    slots = seen(ring(), 2)
+    plain = turns = Belief.empty(model())
     for slot, (views, time_s) in enumerate(slots):
-        plain, _ = step(MODEL, plain, views, time_s)
+        plain, _ = step(model(), plain, views, time_s)
         advance = step if slot // 7 % 2 else KERNEL
-        turns, _ = advance(MODEL, turns, views, time_s)
+        turns, _ = advance(model(), turns, views, time_s)
     assert_agree(turns, plain)
     assert len(turns) >= 3
 
 
 def test_saved_and_restored_goes_on_exactly() -> None:
-    slots = seen(RING, 2)
-    straight = resumed = Belief.empty(MODEL)
+    slots = seen(ring(), 2)
+    straight = resumed = Belief.empty(model())
     for views, time_s in slots:
-        straight, _ = KERNEL(MODEL, straight, views, time_s)
+        straight, _ = KERNEL(model(), straight, views, time_s)
         file = io.BytesIO()
         np.savez(file, **belief_to_arrays(resumed))  # type: ignore[arg-type]
         file.seek(0)
         with np.load(file, allow_pickle=False) as arrays:
-            restored = belief_from_arrays(arrays, MODEL)
-        resumed, _ = StepKernel()(MODEL, restored, views, time_s)
+            restored = belief_from_arrays(arrays, model())
+        resumed, _ = StepKernel()(model(), restored, views, time_s)
     for name, array in belief_to_arrays(straight).items():
         np.testing.assert_array_equal(belief_to_arrays(resumed)[name], array)
 
 
 def test_results_are_not_overwritten_and_arguments_not_changed() -> None:
-    slots = seen(RING, 3)
-    belief = Belief.empty(MODEL)
+    slots = seen(ring(), 3)
+    belief = Belief.empty(model())
     kept, before = [], []
     for views, time_s in slots[:30]:
-        belief, estimate = KERNEL(MODEL, belief, views, time_s)
+        belief, estimate = KERNEL(model(), belief, views, time_s)
         kept.append((belief, estimate))
         before.append([np.array(a) for a in belief_to_arrays(belief).values()])
         before[-1] += [np.array(getattr(estimate, item.name)) for item in fields(Estimate)]
@@ -230,9 +237,9 @@ def test_results_are_not_overwritten_and_arguments_not_changed() -> None:
 
 
 def test_views_of_read_only_and_strided_arrays_compile_nothing_new() -> None:
-    views, time_s = seen(RING, 5)[10]
-    belief, _ = KERNEL(MODEL, Belief.empty(MODEL), views, 0.0)
-    expected, _ = KERNEL(MODEL, belief, views, time_s)
+    views, time_s = seen(ring(), 5)[10]
+    belief, _ = KERNEL(model(), Belief.empty(model()), views, 0.0)
+    expected, _ = KERNEL(model(), belief, views, time_s)
     versions = len(step_slot.signatures)  # type: ignore[attr-defined]
     strided = {}
     for camera, view in views.items():
@@ -241,34 +248,34 @@ def test_views_of_read_only_and_strided_arrays_compile_nothing_new() -> None:
         strided[camera] = Poses2D(keypoints, np.asfortranarray(view.scores))
     frozen = replace(belief, state=np.asfortranarray(belief.state))
     frozen.covariance.flags.writeable = False
-    found, _ = KERNEL(MODEL, frozen, strided, time_s)
+    found, _ = KERNEL(model(), frozen, strided, time_s)
     assert_agree(found, expected)
     assert len(step_slot.signatures) == versions  # type: ignore[attr-defined]
 
 
 def test_one_kernel_serves_several_models() -> None:
     other = scene("crossing", cameras=3)
-    models = (MODEL, Model(other.rig, other.skeleton, SIMULATED))
-    slots = (seen(RING, 2), seen(other, 2))
-    beliefs = [Belief.empty(model) for model in models]
+    models = (model(), Model(other.rig, other.skeleton, SIMULATED))
+    slots = (seen(ring(), 2), seen(other, 2))
+    beliefs = [Belief.empty(each) for each in models]
     for number in range(40):
-        for index, model in enumerate(models):
-            beliefs[index], _ = KERNEL(model, beliefs[index], *slots[index][number])
-    for index, model in enumerate(models):
-        alone, kernel = Belief.empty(model), StepKernel()
+        for index, each in enumerate(models):
+            beliefs[index], _ = KERNEL(each, beliefs[index], *slots[index][number])
+    for index, each in enumerate(models):
+        alone, kernel = Belief.empty(each), StepKernel()
         for slot in slots[index][:40]:
-            alone, _ = kernel(model, alone, *slot)
+            alone, _ = kernel(each, alone, *slot)
         assert_agree(beliefs[index], alone)
 
 
 def test_kernels_of_several_threads_do_not_disturb_each_other() -> None:
-    slots = seen(RING, 3)
+    slots = seen(ring(), 3)
     results: list[Belief] = []
 
     def work() -> None:
-        belief, kernel = Belief.empty(MODEL), StepKernel()
+        belief, kernel = Belief.empty(model()), StepKernel()
         for views, time_s in slots:
-            belief, _ = kernel(MODEL, belief, views, time_s)
+            belief, _ = kernel(model(), belief, views, time_s)
         results.append(belief)
 
     threads = [threading.Thread(target=work) for _ in range(4)]
@@ -295,7 +302,7 @@ def test_wrong_input_is_the_same_clear_line(
 ) -> None:
     for advance in (step, KERNEL):
         with pytest.raises(InputError, match=message):
-            advance(MODEL, Belief.empty(MODEL), views, time_s)
+            advance(model(), Belief.empty(model()), views, time_s)
 
 
 def noise(people: int, rng: np.random.Generator) -> Poses2D:
@@ -307,12 +314,12 @@ def noise(people: int, rng: np.random.Generator) -> Poses2D:
 
 def test_views_full_of_noise_are_bounded_and_equal() -> None:
     rng = np.random.default_rng(1)
-    plain = fast = Belief.empty(MODEL)
+    plain = fast = Belief.empty(model())
     for slot in range(4):
         views = {camera: noise(3000, rng) for camera in range(5)}
-        plain, _ = step(MODEL, plain, views, slot / 25)
+        plain, _ = step(model(), plain, views, slot / 25)
         start = time.thread_time()
-        fast, _ = KERNEL(MODEL, fast, views, slot / 25)
+        fast, _ = KERNEL(model(), fast, views, slot / 25)
         # Tens of milliseconds; without bounds the pairs alone would take minutes.
         assert time.thread_time() - start < 1.0
         assert_agree(fast, plain)
@@ -322,18 +329,18 @@ def test_views_full_of_noise_are_bounded_and_equal() -> None:
 
 def test_one_noisy_view_keeps_nobody_from_being_born() -> None:
     rng = np.random.default_rng(2)
-    plain = fast = Belief.empty(MODEL)
-    for views, time_s in seen(RING, 5)[:20]:
+    plain = fast = Belief.empty(model())
+    for views, time_s in seen(ring(), 5)[:20]:
         crowded = {**views, 0: noise(80, rng)}
-        plain, _ = step(MODEL, plain, crowded, time_s)
-        fast, found = KERNEL(MODEL, fast, crowded, time_s)
+        plain, _ = step(model(), plain, crowded, time_s)
+        fast, found = KERNEL(model(), fast, crowded, time_s)
         assert_agree(fast, plain)
     assert len(found) >= 3
 
 
 def test_more_tracks_than_anybody_starts_are_still_stepped() -> None:
-    views, _ = seen(RING, 5)[0]
-    belief, _ = step(MODEL, Belief.empty(MODEL), views, 0.0)
+    views, _ = seen(ring(), 5)[0]
+    belief, _ = step(model(), Belief.empty(model()), views, 0.0)
     copies = 200
     columns = {
         name: np.repeat(column[:1], copies, axis=0) for name, column in belief.columns().items()
@@ -343,15 +350,15 @@ def test_more_tracks_than_anybody_starts_are_still_stepped() -> None:
     state[..., 0] += 0.5 * np.arange(copies)[:, None]
     columns["state"] = state
     many = replace(belief, next_id=copies, **columns)  # type: ignore[arg-type]
-    expected, _ = step(MODEL, many, views, 0.04)
-    found, _ = KERNEL(MODEL, many, views, 0.04)
+    expected, _ = step(model(), many, views, 0.04)
+    found, _ = KERNEL(model(), many, views, 0.04)
     assert_agree(found, expected)
     assert len(found) > MAX_TRACKS
 
 
 def test_noise_of_a_detector_is_that_of_the_model() -> None:
-    sharp = replace(MODEL, noise=replace(MODEL.noise, sigma_px=MODEL.noise.sigma_px / 3))
-    people, _ = follow(sharp, seen(RING, 2)[:50])
+    sharp = replace(model(), noise=replace(model().noise, sigma_px=model().noise.sigma_px / 3))
+    people, _ = follow(sharp, seen(ring(), 2)[:50])
     assert people > 0
 
 
@@ -382,14 +389,14 @@ def test_equals_the_reference_with_other_skeletons(kind: str) -> None:
         skeleton = Skeleton("anything", tuple(f"joint{number}" for number in range(12)), ())
     slots: Slots = [
         ({c: Poses2D(v.keypoints_px[:, 5:], v.scores[:, 5:]) for c, v in views.items()}, time_s)
-        for views, time_s in seen(RING, 2)
+        for views, time_s in seen(ring(), 2)
     ]
-    people, _ = follow(Model(RING.rig, skeleton, SIMULATED), slots)
+    people, _ = follow(Model(ring().rig, skeleton, SIMULATED), slots)
     assert people > 50
 
 
 def test_single_camera_rig_never_starts_anybody() -> None:
-    camera: Camera = RING.rig.cameras[0]
-    model = Model(Rig((camera,)), RING.skeleton, SIMULATED)
-    slots = [({c: v for c, v in views.items() if c == 0}, t) for views, t in seen(RING, 5)]
+    camera: Camera = ring().rig.cameras[0]
+    model = Model(Rig((camera,)), ring().skeleton, SIMULATED)
+    slots = [({c: v for c, v in views.items() if c == 0}, t) for views, t in seen(ring(), 5)]
     assert follow(model, slots[:30]) == (0, 0)
