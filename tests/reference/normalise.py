@@ -13,7 +13,7 @@ from e3pose.predict.kernels.history import (
     SPEED_CEILING_M,
     SPEED_FLOOR_M,
 )
-from e3pose.predict.normalise import LEFT_RIGHT, NUM_COMMON, NUM_FEATURES, Normalised
+from e3pose.predict.normalise import LEFT_RIGHT, NUM_COMMON, NUM_FEATURES, Normalised, last_slots
 
 Floats = NDArray[np.float64]
 
@@ -55,11 +55,8 @@ def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> 
 
     See `e3pose.predict.normalise.normalise`.
     """
-    history_m = history_m[-num_slots:]
+    history_m = last_slots(history_m, num_slots)
     num_tracks = history_m.shape[1]
-    if len(history_m) < num_slots:
-        lacking = np.full((num_slots - len(history_m), *history_m.shape[1:]), np.nan)
-        history_m = np.concatenate([lacking, history_m])
     filled, measured = fill_gaps(history_m)
     seen: NDArray[np.bool_] = np.asarray(measured.any(axis=0))
     weight = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)

@@ -104,6 +104,15 @@ def fill_gaps(history_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     return filled, measured
 
 
+def last_slots(history_m: Floats, num_slots: int) -> Floats:
+    """Return `(num_slots, num_tracks, num_joints, 3)`: the newest slots, NaN before the first."""
+    history_m = history_m[-num_slots:]
+    if len(history_m) == num_slots:
+        return history_m
+    lacking = np.full((num_slots - len(history_m), *history_m.shape[1:]), np.nan)
+    return np.concatenate([lacking, history_m])
+
+
 def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> Normalised:
     """Express histories as the network takes them.
 
@@ -116,11 +125,8 @@ def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> 
     """
     from e3pose.predict.kernels.history import describe
 
-    history_m = history_m[-num_slots:]
+    history_m = last_slots(history_m, num_slots)
     num_tracks = history_m.shape[1]
-    if len(history_m) < num_slots:
-        lacking = np.full((num_slots - len(history_m), *history_m.shape[1:]), np.nan)
-        history_m = np.concatenate([lacking, history_m])
     filled, measured = fill_gaps(history_m)
     normal = Normalised(
         features=np.empty((num_slots, num_tracks, NUM_FEATURES), dtype=np.float32),
