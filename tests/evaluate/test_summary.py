@@ -96,6 +96,7 @@ def test_selection_energy_deficits_and_times() -> None:
     energy = figures["energy"]
     assert energy["saving_percent"] == pytest.approx(100 * 0.375 * 4.8 / 7.8)
     assert energy["device_saving_percent"] == pytest.approx(37.5 * 0.48)
+    assert energy["watts_spread"] == pytest.approx((8.8 - 7.6) / 2**0.5)
     assert energy["cameras"]["right"]["mean_watts"] == pytest.approx(7.6)
     assert energy["cameras"]["right"]["energy_j"] == pytest.approx(7.6 * 0.4)
     assert energy["cameras"]["right"]["battery_hours"] == pytest.approx(52 / 7.6)

@@ -68,7 +68,7 @@ def summary(**more: Any) -> Summary:
         name: CameraEnergy(20.0, watts, 10.0, watts * 4, 50.0, 5.0)
         for name, watts in (("left", 10.0), ("right", 8.0))
     }
-    energy = Energy("generic", "power-saving", 31.4, 20.0, {}, cameras, 50.0, 5.0, {})
+    energy = Energy("generic", "power-saving", 31.4, 20.0, 0.5, {}, cameras, 50.0, 5.0, {})
     base = bare(policy="e3pose", settings=ReplaySettings(num_selected=1, policy="e3pose"))
     return replace(base, slots=3, energy=energy, **more)
 

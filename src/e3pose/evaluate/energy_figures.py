@@ -49,6 +49,7 @@ def energy_figures(
         idle_mode=idle_mode,
         saving_percent=saved.paper_percent,
         device_saving_percent=saved.device_percent,
+        watts_spread=float(np.std(saved.camera_watts, ddof=1)) if len(duty) > 1 else 0.0,
         components={
             group: Saving(saved.group_percent[group])
             for group in GROUPS

@@ -115,12 +115,16 @@ class DeviceSaving:
 
 @dataclass(frozen=True, slots=True)
 class Energy:
-    """What the selection spent and saved against all cameras always awake."""
+    """What the selection spent and saved against all cameras always awake.
+
+    `watts_spread` is the standard deviation of the cameras' mean powers.
+    """
 
     profile: str
     idle_mode: str
     saving_percent: float
     device_saving_percent: float
+    watts_spread: float
     components: Mapping[str, Saving]
     cameras: Mapping[str, CameraEnergy]
     battery_wh: float

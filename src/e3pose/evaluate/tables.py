@@ -35,6 +35,7 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("expected mm", ("expected", "error_mm"), 1),
     ("in 90 %", ("expected", "coverage_90"), 1),
     ("saving %", ("energy", "saving_percent"), 1),
+    ("spread W", ("energy", "watts_spread"), 2),
     ("ms/slot", ("stage_ms", "slot", "median"), 2),
 )
 ENERGY_TITLE = (
@@ -61,6 +62,7 @@ FIGURE_NAMES = {
     "expected mm": "expected joint error, mm",
     "in 90 %": "joints inside the 90 % confidence radius, %",
     "saving %": "energy saved (CPU, GPU, WiFi, DDR), %",
+    "spread W": "standard deviation of the cameras' mean powers, W",
     "ms/slot": "edge computing time per slot, median ms",
 }
 
