@@ -24,6 +24,7 @@ PREDICTOR_COLOURS: Mapping[str, str] = {
     "zero-velocity": PALE,
 }
 MARKERS = ("o", "s", "^", "D", "v", "P")
+TAG = re.compile(r"<[^>]*>")  # what stands between them is text that people read
 DECIMALS = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is finer than any screen
 
 LOOK: Mapping[str, Any] = {
@@ -81,7 +82,8 @@ def picture(path: Path, width_in: float, height_in: float) -> Iterator[Figure]:
         with atomic_file(path) as temporary:
             figure.savefig(temporary, format="svg", metadata={"Date": None, "Creator": None})
             text = temporary.read_text(encoding="utf-8")
-            temporary.write_text(DECIMALS.sub(r"\1", text), encoding="utf-8")
+            short = TAG.sub(lambda tag: DECIMALS.sub(r"\1", tag[0]), text)
+            temporary.write_text(short, encoding="utf-8")
 
 
 def legend_above(figure: Figure, columns: int = 6) -> None:

@@ -69,7 +69,7 @@ def _lines(axes: Axes, panel: Panel, one: bool) -> None:
     if panel.logarithmic:
         axes.set_xscale("log")
     if panel.from_zero:
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
 
 
 def _bars(axes: Axes, panel: Panel, one: bool) -> None:

@@ -73,10 +73,11 @@ def section(scale: Scale, made: Made) -> Section:
         f"{gap[WEIGHTS[-1]]:.3f} (least: {floor:.3f}) while the longest queue grows from "
         f"{_queue(runs, WEIGHTS[0]):.1f} to {_queue(runs, WEIGHTS[-1]):.1f} slots.",
         why="Without a memory more cameras mean more joints seen by two of them, which outweighs "
-        "their occlusion. The default V makes occlusion a tie-breaker between queues: E_n then "
-        "changes little. The queue grows as O(V) and the gap to the least occlusion shrinks as "
-        "O(1/V), as the theory of drift plus penalty says, until 301 slots are too short for the "
-        "queues to settle. At E = 0.6 = C/N budgets leave no choice in the long run.",
+        "their occlusion. At the default V queues weigh as much as occlusion, so that a larger "
+        "E_n lets clear views win; at a large V they win in any case. The queue grows as O(V) and "
+        "the gap to the least occlusion shrinks as O(1/V), as the theory of drift plus penalty "
+        "says, until 301 slots are too short for the queues to settle. At E = 0.6 = C/N budgets "
+        "leave no choice in the long run.",
         how=f"Measured on Shelf (PCP, shares of slots), {scale.seeds(10, 1)} seeds; power modelled "
         "for two Xavier NX and three TX2 (CPU, GPU, WiFi, memory). E_n = 0.8 where C is varied, 1 "
         "with five cameras, which is SA. Occlusion: eq. (4) of the detected boxes, summed over "
@@ -173,8 +174,8 @@ def _panels(
             "trade-offs-e", "Energy constraint E", "E", "PCP, %",
             (accuracy(_by_budget(None), "PCP, default V"),
              accuracy(_by_budget(HIGH), f"PCP, V = {HIGH:g}"),
-             uneven(_by_budget(HIGH), f"spread of power, V = {HIGH:g}, right")),
-            y_second="standard deviation of power, W",
+             uneven(_by_budget(HIGH), "spread of power, right")),
+            y_second=f"sd of power at V = {HIGH:g}, W",
         ),
         Panel(
             "trade-offs-v", "Occlusion and queues by V", "V", "occlusion of the selected",
