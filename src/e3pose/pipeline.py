@@ -28,6 +28,7 @@ from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.motion_2d import LastView, look, own_occlusion
 from e3pose.select.occlusion import Spread, expected_views
 from e3pose.select.policies.base import Policy, Selection, Situation
+from e3pose.select.stated_error import recent_error_m
 
 Floats = NDArray[np.float64]
 
@@ -96,6 +97,7 @@ class SlotState:
         last_views: what every camera remembers of its own views.
         spread: of the occlusion over cameras, as far as it was foreseen.
         shown: the people of the slot before; None before the first.
+        stated_m: mean error that the estimator stated in the last seconds, after the warm-up.
     """
 
     slot: int
@@ -106,6 +108,7 @@ class SlotState:
     last_views: tuple[LastView, ...]
     spread: Spread = field(default_factory=Spread)
     shown: People | None = None
+    stated_m: float = float("nan")
 
 
 def initial_state(pipeline: Pipeline) -> SlotState:
@@ -161,7 +164,8 @@ def step(
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     spread = state.spread.after(occlusion, pipeline.interval_s)
-    state = replace(state, memory=memory, silence=silence, spread=spread)
+    stated_m = _stated_m(pipeline, state, people)
+    state = replace(state, memory=memory, silence=silence, spread=spread, stated_m=stated_m)
     last_views = _look(pipeline, state.last_views, views, slot)
     ordered = _in_flight(pipeline, state, online)
     situation = _situation(pipeline, state, (occlusion, visibility), last_views, online, ordered)
@@ -197,8 +201,8 @@ def step(
         shifts_px=people.shifts_px,
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
-    after = SlotState(slot + 1, selections, deficit, silence, memory, last_views, spread, shown)
-    return after, record
+    after = replace(state, slot=slot + 1, selections=selections, deficit=deficit, shown=shown)
+    return replace(after, last_views=last_views), record
 
 
 def _look_ahead(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, Floats]:
@@ -213,6 +217,13 @@ def _look_ahead(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any
             soon = steering.predict(history_m, pipeline.interval_s, STEER_SLOTS)
         memory = pipeline.estimator.steer(memory, soon, pipeline.interval_s)
     return memory, prediction.joints_m[pipeline.lead_slots - 1]
+
+
+def _stated_m(pipeline: Pipeline, state: SlotState, people: People) -> float:
+    """Return `SlotState.stated_m` after this slot, where the policy asks for it."""
+    if not pipeline.foresees or state.slot < pipeline.warmup_slots:
+        return state.stated_m
+    return recent_error_m(state.stated_m, people.covariance_m2, pipeline.interval_s)
 
 
 def _situation(
@@ -241,6 +252,7 @@ def _situation(
         deficit=state.deficit,
         budget=pipeline.budget,
         price=state.deficit if cost_j is None else price(state.deficit, cost_j),
+        stated_error_m=state.stated_m,
     )
 
 

@@ -164,6 +164,18 @@ def test_slots_take_turns_between_two_numbers_for_a_target_between() -> None:
     assert expected == pytest.approx(target_m, rel=0.01)
 
 
+def test_what_was_stated_moves_the_number_of_cameras() -> None:
+    seen = foresight([300.0] * 6)
+    errors = [float(seen.expected_error_m(np.arange(6)[None] < n)[0]) for n in range(1, 6)]
+    policy = Information(3, target_error_m=errors[2] * 1.001)
+
+    def count(stated_error_m: float) -> int:
+        return int(policy.select(situation(seen, stated_error_m=stated_error_m)).sum())
+
+    assert count(np.nan) == count(errors[2]) == 3
+    assert count(errors[0]) > 3 > count(errors[4])
+
+
 def test_cameras_that_no_longer_help_stay_asleep_when_the_target_is_beyond_reach() -> None:
     seen = foresight([900, 800, 0.1, 0.1, 0.1])
     assert chosen(Information(3, target_error_m=0.001).select(situation(seen))) == [0, 1]

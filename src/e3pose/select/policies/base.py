@@ -35,6 +35,8 @@ class Situation:
         spread: how much `occlusion` usually differs between cameras here, the unit of V of the
             paper's policies; 0 where nobody has hidden anybody yet.
         foresight: what each camera is expected to tell; None where nobody asked for it.
+        stated_error_m: mean error that the estimator stated in the last seconds, after the warm-up;
+            NaN where it states none yet.
     """
 
     slot: int
@@ -49,6 +51,7 @@ class Situation:
     price: Floats
     spread: float = 0.0
     foresight: Foresight | None = None
+    stated_error_m: float = float("nan")
 
 
 class Policy(Protocol):

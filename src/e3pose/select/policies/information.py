@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from e3pose.select.expected_information import Foresight
 from e3pose.select.policies.base import Selection, Situation, count_at
+from e3pose.select.stated_error import aim_m
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -44,8 +45,8 @@ class Information:
     Attributes:
         num_selected: cameras a slot; a mean if it is no whole number.
         quality_weight: the paper's V; larger prefers information to even batteries.
-        target_error_m: wake the fewest cameras whose expected error meets this as a mean over the
-            slots, in place of `num_selected`.
+        target_error_m: wake the fewest cameras whose expected error, corrected by what was stated
+            lately, meets this as a mean over the slots, in place of `num_selected`.
         phase: which camera wins a tie.
     """
 
@@ -60,7 +61,8 @@ class Information:
         if foresight is None:
             raise ValueError("the policy needs a foresight")
         if self.target_error_m is not None:
-            return self._fewest(situation, foresight, self.target_error_m)
+            aim = aim_m(self.target_error_m, situation.stated_error_m)
+            return self._fewest(situation, foresight, aim)
         count = count_at(situation.slot, self.num_selected)
         return self._best(situation, foresight, situation.online, count)
 
