@@ -57,6 +57,34 @@ def test_calibration_names_the_cameras(films: Path, capsys: pytest.CaptureFixtur
     assert "found images of 64 x 48, expected 1000 x 800" in capsys.readouterr().err
 
 
+class Terminal(io.StringIO):
+    """Somebody who types."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_terminal_is_asked_for_cameras_and_other_sources(
+    films: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("e3pose.camera.probe.find_devices", lambda: {"usb:0": "a webcam"})
+    monkeypatch.setattr("sys.stdin", Terminal("n\nc0.mp4\nc1.mp4\n\n"))
+    assert run("init", "room", "--detector", "napper.py:Napper") == 0
+    said = capsys.readouterr().out
+    assert "found usb:0: a webcam" in said and "use usb:0? [Y/n]" in said
+    sources = [camera.source or "" for camera in load_site(films / "room").camera]
+    assert [Path(source).name for source in sources] == ["c0.mp4", "c1.mp4"]
+
+
+def test_terminal_that_is_closed_is_one_line(
+    films: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("c0.mp4\n"))
+    assert run("init", "room", "--detector", "napper.py:Napper") == 2
+    assert "SOURCE: the input ended" in capsys.readouterr().err
+    assert not (films / "room").exists()
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [

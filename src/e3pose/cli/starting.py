@@ -111,6 +111,15 @@ def _asked() -> list[str]:
                 "more sources: usb:0, rtsp://HOST/PATH, http://HOST/PATH or a video"
             )
         return list(devices)
+    try:
+        return _answers(list(devices))
+    except EOFError:
+        raise InputError(
+            "SOURCE: the input ended, expected an empty line after the last source"
+        ) from None
+
+
+def _answers(devices: list[str]) -> list[str]:
     chosen = []
     for source in devices:
         if input(f"use {source}? [Y/n] ").strip().lower() in ("", "y", "yes"):
