@@ -71,7 +71,7 @@ async def _pass_on(
     async def send() -> None:
         while (item := await due.get())[1]:
             await asyncio.sleep(max(0.0, item[0] - loop.time()))
-            with contextlib.suppress(OSError):
+            if not target.is_closing():  # the other end may be gone
                 target.write(item[1])
         target.close()
 
