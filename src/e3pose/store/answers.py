@@ -90,8 +90,10 @@ def stored_poses(
         InputError: when a blob has not the size of its shape, or a score is none.
     """
     place = f"{where}: poses: run {rows[0].run_id}, slots from {rows[0].slot}" if rows else where
+    # Turned as a whole: asking a thousand rows for each of their columns takes ten times as long.
+    columns = dict(zip(rows[0]._fields, zip(*rows, strict=True), strict=True)) if rows else {}
     joints_m, scores, sigma_m, bits = (
-        stack_blobs([getattr(row, name) for row in rows], dtype, shape, f"{place}: {name}")
+        stack_blobs(columns.get(name, ()), dtype, shape, f"{place}: {name}")
         for name, dtype, shape in (
             ("joints_m", "<f4", (num_joints, 3)),
             ("scores", "<f2", (num_joints,)),
@@ -105,7 +107,7 @@ def stored_poses(
     names = ("run_id", "slot", "time_ns", "track_id")
     try:
         run_ids, slots, time_ns, track_ids = (
-            np.array([getattr(row, name) for row in rows], dtype=np.int64) for name in names
+            np.array(columns.get(name, ()), dtype=np.int64) for name in names
         )
     except (ValueError, TypeError, OverflowError):
         raise InputError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -239,7 +239,9 @@ def flags_text(flags: NDArray[np.bool_]) -> str:
     return "".join("1" if flag else "0" for flag in flags.tolist())
 
 
-def stack_blobs(blobs: list[Any], dtype: str, shape: tuple[int, ...], where: str) -> NDArray[Any]:
+def stack_blobs(
+    blobs: Sequence[Any], dtype: str, shape: tuple[int, ...], where: str
+) -> NDArray[Any]:
     """Return blobs as one `(num_blobs, *shape)` array; one that may be missing is NaN.
 
     Raises:
@@ -247,6 +249,8 @@ def stack_blobs(blobs: list[Any], dtype: str, shape: tuple[int, ...], where: str
     """
     size = np.dtype(dtype).itemsize * int(np.prod(shape, dtype=np.int64))
     empty = np.full(shape, np.nan, dtype=dtype).tobytes() if dtype[1] == "f" else None
+    if blobs and set(map(type, blobs)) == {bytes} and set(map(len, blobs)) == {size}:
+        return np.frombuffer(b"".join(blobs), dtype=dtype).reshape(len(blobs), *shape)
     parts = []
     for blob in blobs:
         part = empty if blob is None else blob
