@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import socket
 import ssl
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from tests.site.tables import write_site
 from e3pose.errors import InputError
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import live_site
-from e3pose.view.program import address_of, open_view
+from e3pose.view.program import _listen, address_of, open_view
 from e3pose.wire.keys.folder import init_keys
 from e3pose.wire.memory import Hub
 
@@ -55,6 +56,12 @@ def test_port_that_is_taken_is_an_error_that_names_it(tmp_path: Path) -> None:
             open_view(live, f"127.0.0.1:{port}", transport=Hub().join())
     with open_view(live, f"127.0.0.1:{port}", transport=Hub().join()) as view:  # it is free again
         assert view.running()
+
+
+def test_answers_leave_at_once(tmp_path: Path) -> None:
+    """Else the last part of an answer waits for the other side to say that it has the others."""
+    with _listen(address_of(write_site(tmp_path), "127.0.0.1:0")) as listening:
+        assert listening.proto == socket.IPPROTO_TCP  # which asyncio looks at
 
 
 def test_beyond_loopback_it_is_https_with_the_certificate_of_the_edge_and_a_token(
