@@ -9,8 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.camera.slots import SlotGrid, frames_in_slots
-from e3pose.camera.source import Frame, open_video
+from e3pose.camera.slot_reader import SlotReader, video_path
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera
 from e3pose.model.pose import Poses3D
@@ -78,17 +77,20 @@ def overlay_images(
     if not chosen or any(name not in recording.videos for name in chosen):
         raise InputError(f"recording {recording.name}: no videos of {chosen or 'any camera'}")
     starts_s = video_starts_s or {}
-    readers: dict[str, _SlotReader] = {}
+    readers: dict[str, SlotReader] = {}
     for drawing in drawings:
         panels = []
         for name in chosen:
             if name not in readers:
-                path = _video_path(recording, name, folder)
+                path = video_path(recording, name, folder)
                 start_s = starts_s.get(name, 0.0)
-                readers[name] = _SlotReader(path, recording.fps, start_s, drawing.slot)
+                readers[name] = SlotReader(path, recording.fps, start_s, drawing.slot)
             index = recording.rig.index(name)
             camera = recording.rig.cameras[index]
-            image = readers[name].image(drawing.slot, camera)
+            image = readers[name].newest(drawing.slot)
+            if image is None:
+                width, height = camera.image_size
+                image = np.zeros((height, width, 3), dtype=np.uint8)
             panels.append(_panel(image, drawing, camera, recording, index, height_px))
         yield _side_by_side(panels)
 
@@ -101,39 +103,6 @@ def stack_strip(images: Sequence[Image]) -> Image:
     if not rows:
         raise InputError("strip: found no image, expected at least one")
     return np.concatenate(rows[:-1])
-
-
-def _video_path(recording: Recording, camera_id: str, folder: Path | None) -> Path:
-    path = Path(recording.videos[camera_id])
-    if path.is_absolute():
-        return path
-    if folder is None or path.name != str(path):
-        raise InputError(
-            f"recording {recording.name}: videos: {camera_id}: found {str(path)[:80]!r}, expected "
-            "an absolute path or the name of a file in the recording's videos folder"
-        )
-    return folder / "videos" / path
-
-
-class _SlotReader:
-    """Hands out a video's images by rising slot; the last one again where a slot has none."""
-
-    def __init__(self, path: Path, fps: float, start_s: float, first_slot: int) -> None:
-        grid = SlotGrid(fps, start_s)
-        source = open_video(path)
-        frames = source.frames(max(0.0, grid.video_time_s(first_slot, 0.0)))
-        self._frames = frames_in_slots(frames, grid, 0.0, first_slot)
-        self._next = next(self._frames, None)
-        self._frame: Frame | None = None
-
-    def image(self, slot: int, camera: Camera) -> Image:
-        while self._next is not None and self._next[0] <= slot:
-            self._frame = self._next[2]
-            self._next = next(self._frames, None)
-        if self._frame is None:
-            width, height = camera.image_size
-            return np.zeros((height, width, 3), dtype=np.uint8)
-        return self._frame.image
 
 
 def _panel(
