@@ -127,6 +127,47 @@ def test_a_decision_is_used_lead_slots_later() -> None:
         np.testing.assert_array_equal(earlier.next_selection, later.selected)
 
 
+def test_nobody_is_told_of_anybody_without_feedback() -> None:
+    records = run(make("all"), [scene(slot) for slot in range(20)])
+    assert all(record.expected is None for record in records)
+
+
+def test_cameras_are_told_whom_to_expect_but_for_one_look_in_so_many() -> None:
+    records = run(make("all", whole_every=5), [scene(slot) for slot in range(40)])
+    told = [record.expected is not None for record in records]
+    assert not any(told[:2])  # the warm-up, two slots ahead
+    first = told.index(True)
+    assert told[first:] == ([True] * 4 + [False]) * 7 + [True] * (len(told) - first - 35)
+
+
+def test_people_are_expected_where_they_are_in_the_slot_of_the_order() -> None:
+    records = run(make("all", whole_every=1000), [scene(slot) for slot in range(30)])
+    for record in records[-10:]:
+        assert record.expected is not None
+        for camera, view in enumerate(record.expected):
+            truth = scene(record.slot + 2)[camera].keypoints_px
+            assert len(view) == len(truth) == 2
+            off = np.linalg.norm(view.keypoints_px[:, None] - truth[None], axis=-1).mean(axis=-1)
+            assert off.min(axis=1).max() < 5.0 and set(off.argmin(axis=1)) == {0, 1}
+
+
+def test_cameras_selected_together_look_at_all_of_their_image_together() -> None:
+    records = run(make("round-robin", whole_every=4), [scene(slot) for slot in range(80)])
+    looks = np.zeros(NUM_CAMERAS, dtype=int)
+    for record in records[4:]:
+        chosen = record.next_selection
+        looks = np.where(chosen, 0 if record.expected is None else looks + 1, looks)
+        assert looks.max() < 4  # nobody goes on longer without a whole look
+    shares = [record.expected is None for record in records[20:]]
+    assert 1 / 4 <= np.mean(shares) <= 1 / 2
+
+
+def test_nobody_expected_is_a_look_at_the_whole_image() -> None:
+    nobody = {index: Poses2D.empty(NUM_JOINTS) for index in range(NUM_CAMERAS)}
+    records = run(make("all", whole_every=5), [nobody] * 20)
+    assert all(record.expected is None for record in records)
+
+
 def test_queues_follow_the_paper() -> None:
     records = run(make(), [scene(slot) for slot in range(25)])
     deficit = np.zeros(NUM_CAMERAS)

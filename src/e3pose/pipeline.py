@@ -18,13 +18,15 @@ from numpy.typing import NDArray
 from e3pose.energy.queues import advance_deficit, price
 from e3pose.estimate.base import STEER_SLOTS, Estimator, People
 from e3pose.geometry.camera import Rig
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import Reasons as Reasons
 from e3pose.model.slot_record import SlotRecord as SlotRecord
-from e3pose.predict.base import Predictor
+from e3pose.predict.base import Prediction, Predictor
 from e3pose.select.blind_places import discount_blind_cameras
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.failure_detector import Silence, listen
+from e3pose.select.feedback import expected_in_views, reach_m
 from e3pose.select.motion_2d import LastView, look, own_occlusion
 from e3pose.select.occlusion import Spread, expected_views
 from e3pose.select.policies.base import Policy, Selection, Situation
@@ -57,6 +59,8 @@ class Pipeline:
         as_published: charge the queue alone, eq. (9), whatever cameras cost, and decide first in
             slot M, for slot M + tau, as Algorithm 1 does.
         waking: makes the policy for another number of cameras a slot; None where it has none.
+        whole_every: cameras are told whom to expect where, and look at all of their image in one
+            of so many looks; 0 tells them nothing.
         clock: seconds, for stage times only.
     """
 
@@ -77,6 +81,7 @@ class Pipeline:
     own_boxes: bool = True
     as_published: bool = False
     waking: Callable[[float], Policy] | None = None
+    whole_every: int = 0
 
     def with_predictor(self, predictor: Predictor) -> Pipeline:
         """Return the pipeline with another predictor, which steers where one did."""
@@ -98,6 +103,7 @@ class SlotState:
         spread: of the occlusion over cameras, as far as it was foreseen.
         shown: the people of the slot before; None before the first.
         stated_m: mean error that the estimator stated in the last seconds, after the warm-up.
+        focused: `(num_cameras,)` looks since each camera looked at all of its image.
     """
 
     slot: int
@@ -109,6 +115,7 @@ class SlotState:
     spread: Spread = field(default_factory=Spread)
     shown: People | None = None
     stated_m: float = float("nan")
+    focused: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def initial_state(pipeline: Pipeline) -> SlotState:
@@ -121,6 +128,7 @@ def initial_state(pipeline: Pipeline) -> SlotState:
         silence=Silence.none(num_cameras),
         memory=pipeline.estimator.begin(),
         last_views=(LastView.none(),) * num_cameras,
+        focused=np.zeros(num_cameras, dtype=np.int64),
     )
 
 
@@ -156,7 +164,7 @@ def step(
     tell(shown)
     times = [clock()]
 
-    memory, predicted_m = _look_ahead(pipeline, memory, people.history_m)
+    memory, predicted_m, surest = _look_ahead(pipeline, memory, people.history_m)
     times.append(clock())
 
     arrived = np.zeros(len(online), dtype=bool)
@@ -180,6 +188,8 @@ def step(
     else:
         decision = pipeline.policy.select(situation)
         deficit = advance_deficit(state.deficit, pipeline.budget, decision)
+    soon = deciding < pipeline.warmup_slots
+    focused, expected = _feedback(pipeline, state, soon, decision, surest, people.history_ids)
     times.append(clock())
 
     stages = ("predict", "occlusion", "select")
@@ -199,24 +209,63 @@ def step(
         stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
         noise_factors=people.noise_factors,
         shifts_px=people.shifts_px,
+        expected=expected,
     )
     selections = np.concatenate([state.selections[1:], decision[None]])
     after = replace(state, slot=slot + 1, selections=selections, deficit=deficit, shown=shown)
-    return replace(after, last_views=last_views), record
+    return replace(after, last_views=last_views, focused=focused), record
 
 
-def _look_ahead(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, Floats]:
-    """Steer the estimator; return what it remembers and where people are in the slot decided."""
+def _look_ahead(
+    pipeline: Pipeline, memory: Any, history_m: Floats
+) -> tuple[Any, Floats, Prediction]:
+    """Steer the estimator.
+
+    Returns:
+        What it remembers, where the policy's predictor has people in the slot decided, and the
+        prediction of the better predictor, which steers where one does.
+    """
     predictor, steering = pipeline.predictor, pipeline.steering
     both = steering is predictor
     ahead = max(pipeline.lead_slots, STEER_SLOTS * both)
-    prediction = predictor.predict(history_m, pipeline.interval_s, ahead)
+    prediction = surest = predictor.predict(history_m, pipeline.interval_s, ahead)
     if steering is not None:
-        soon = prediction
         if not both:
-            soon = steering.predict(history_m, pipeline.interval_s, STEER_SLOTS)
-        memory = pipeline.estimator.steer(memory, soon, pipeline.interval_s)
-    return memory, prediction.joints_m[pipeline.lead_slots - 1]
+            soon = max(STEER_SLOTS, pipeline.lead_slots * (pipeline.whole_every > 0))
+            surest = steering.predict(history_m, pipeline.interval_s, soon)
+        memory = pipeline.estimator.steer(memory, surest, pipeline.interval_s)
+    return memory, prediction.joints_m[pipeline.lead_slots - 1], surest
+
+
+def _feedback(
+    pipeline: Pipeline,
+    state: SlotState,
+    warming_up: bool,
+    decision: Selection,
+    surest: Prediction,
+    predicted_ids: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], tuple[ExpectedView, ...] | None]:
+    """Return the looks since each camera's last whole one, and what they are told to expect.
+
+    Once one of the cameras selected is due for a whole look, all of them get one: two must see a
+    newcomer at about the same time. People whom the estimator follows but does not show, as too few
+    cameras have seen them, are expected as well, or they would be seen in whole looks alone.
+    """
+    if not pipeline.whole_every:
+        return state.focused, None
+    due = decision & (state.focused >= pipeline.whole_every - 1)
+    if due.any() or warming_up:
+        return np.where(decision, 0, state.focused), None
+    ahead_s = pipeline.lead_slots * pipeline.interval_s
+    outlook = pipeline.estimator.outlook(state.memory, ahead_s)
+    hidden_m = outlook.joints_m[~np.isin(outlook.track_ids, predicted_ids)]
+    joints_m = np.concatenate([surest.joints_m[pipeline.lead_slots - 1], hidden_m])
+    if not len(joints_m):
+        return np.where(decision, 0, state.focused), None
+    unknown_m = np.full(hidden_m.shape[:2], np.nan)
+    error_m = np.concatenate([surest.error_m[pipeline.lead_slots - 1], unknown_m])
+    expected = expected_in_views(pipeline.rig, joints_m, reach_m(error_m, ahead_s))
+    return state.focused + decision, expected
 
 
 def _stated_m(pipeline: Pipeline, state: SlotState, people: People) -> float:

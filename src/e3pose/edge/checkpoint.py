@@ -35,7 +35,7 @@ MAX_NS = 2**62  # the year 2116: what is added to it still fits 64 bits
 MAX_ID = 2**53
 MAX_VALUE = 1e15  # in whatever unit
 ABOUT = "about"
-FORGOTTEN = {"shown"}  # of the slot before, which is history when the edge is back
+FORGOTTEN = {"shown", "focused"}  # of the slots before, which are history when the edge is back
 DAMAGE = (*BROKEN, struct.error)  # what archives raise that are none, or no longer
 Arrays = dict[str, NDArray[Any]]
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses3D
 
 Floats = NDArray[np.float64]
@@ -55,6 +56,9 @@ class SlotRecord:
             states; NaN where too little is seen, None of an estimator that does not learn it.
         shifts_px: `(num_cameras, 2)` pixels right and down that every keypoint of a camera is off,
             as learned and taken off; NaN and None as above.
+        expected: `(num_cameras,)` what each camera is expected to see in slot + lead, for those
+            selected to look in part of their image; None without feedback, and where they look at
+            all of it.
     """
 
     slot: int
@@ -72,6 +76,7 @@ class SlotRecord:
     stage_s: Mapping[str, float] = field(default_factory=dict)
     noise_factors: Floats | None = None
     shifts_px: Floats | None = None
+    expected: tuple[ExpectedView, ...] | None = None
 
     def __post_init__(self) -> None:
         shape = self.poses.scores.shape

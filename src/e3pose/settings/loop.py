@@ -29,6 +29,9 @@ BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of
 # Of the camera slots that a lifetime affords: the rest lets the choice among the cameras be free.
 LIFETIME_SHARE = 0.95
 MAX_LEAD = 1000
+WHOLE_EVERY = 5  # looks; simulated scenes: docs/research/camera-selection.md
+MAX_WHOLE_EVERY = 1000
+FEEDBACK = "+feedback"  # after the name of a policy
 MAX_TARGET_M = 1.0
 MAX_SEED = 2**31 - 1
 
@@ -83,6 +86,8 @@ class LoopSettings:
         occlusion_limit: threshold of `independent`.
         round_trip_s: network and server delay that `central-2d` waits for.
         foresees: work out what each camera is expected to tell even if the policy does not ask.
+        feedback: tell cameras whom to expect where, so that they look there and closer.
+        whole_every: with feedback, cameras look at all of their image once in so many looks.
         cost_j: energy of an active slot beyond that of an idle one, of each camera; all alike by
             default, and only the proportions matter.
         noise: of the detector's keypoints, a name or file for `load_noise`; by default that of the
@@ -111,6 +116,8 @@ class LoopSettings:
     occlusion_limit: float = 0.1
     round_trip_s: float = entry(0.05, key="round_trip_ms", read=milliseconds_s)
     foresees: bool = entry(False, key="")
+    feedback: bool = False
+    whole_every: int = WHOLE_EVERY
     cost_j: tuple[float, ...] | None = entry(None, key="")
     noise: str | None = None
     estimator: Estimator[Any] | None = entry(None, key="")
@@ -129,6 +136,8 @@ class LoopSettings:
         for thing, number in (("seed", self.seed), ("phase", self.phase)):
             if not 0 <= number <= MAX_SEED:
                 raise InputError(thing, number, f"0 to {MAX_SEED}")
+        if not 1 <= self.whole_every <= MAX_WHOLE_EVERY:
+            raise InputError("whole_every", self.whole_every, f"1 to {MAX_WHOLE_EVERY} looks")
         target_m = self.target_error_m
         if target_m is not None and not 0 < target_m <= MAX_TARGET_M:
             raise InputError("target_error", f"{1000 * target_m:g} mm", "1 mm to 1 m")
@@ -143,6 +152,11 @@ class LoopSettings:
         if self.policy is None:
             return pipeline_row(self.pipeline)[1]
         return self.policy if isinstance(self.policy, str) else type(self.policy).__name__
+
+    @property
+    def row_name(self) -> str:
+        """The policy that decides and whether cameras are told whom to expect."""
+        return self.policy_name + FEEDBACK * self.feedback
 
     def for_rig(
         self: Settings,

@@ -93,6 +93,7 @@ def make_pipeline(
         foresees=row.foresees or settings.foresees,
         own_boxes=row.own_boxes,
         steering=steering,
+        whole_every=settings.whole_every if settings.feedback else 0,
     )
 
 

@@ -1,0 +1,27 @@
+"""What a camera is expected to see in a slot: the feedback that the edge sends with its orders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpectedView:
+    """Where the people in one camera's view will be.
+
+    Attributes:
+        keypoints_px: `(num_persons, num_joints, 2)` pixels of the real image, also beyond its
+            border; NaN for joints that are behind the camera or unknown.
+        reach_px: `(num_persons,)` how far off nine of ten keypoints are at most, pixels.
+    """
+
+    keypoints_px: Floats
+    reach_px: Floats
+
+    def __len__(self) -> int:
+        return len(self.reach_px)
