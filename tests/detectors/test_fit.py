@@ -51,3 +51,12 @@ def test_what_nobody_should_believe_is_missing() -> None:
     assert len(poses) == 1  # the other one is wholly outside
     np.testing.assert_array_equal(poses.scores[0], [1, 0, 0, 0])
     np.testing.assert_array_equal(np.isnan(poses.keypoints_px[0, :, 0]), [False, True, True, True])
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("kind", FITS)
+def test_places_in_the_input_are_those_of_the_image(kind: str, size: tuple[int, int]) -> None:
+    fit: Fit = FITS[kind](size)
+    points = np.array([[-0.5, -0.5], [3.0, 40.0], [size[0] - 0.5, size[1] - 0.5]])
+    np.testing.assert_allclose(fit.to_image(fit.to_input(points)), points)
+    np.testing.assert_allclose(fit.to_input(points[0]), np.array(fit.corner) - 0.5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.detectors.openpose import OpenPose
-from e3pose.detectors.part_affinity import decode, find_peaks
+from e3pose.detectors.part_affinity import Prior, agreement, decode, find_peaks
 from e3pose.detectors.topology import OPENPOSE_THIN, TOPOLOGIES, TRT_POSE
 from e3pose.errors import InputError
 
@@ -288,3 +289,52 @@ def test_what_is_no_image_is_refused(shape: tuple[int, ...]) -> None:
     network = FakeNetwork([np.zeros((1, 57, 8, 8), np.float32)])
     with pytest.raises(InputError, match="image: found"):
         OpenPose(network, OPENPOSE_THIN).detect(np.zeros(shape, np.uint8))
+
+
+def crossing() -> tuple[Maps, Maps, Floats]:
+    """Two elbows that could each belong to either of two shoulders, about as well by the field.
+
+    Returns heatmaps, affinity and the `(2, 2, 2)` cells of each person's shoulder and elbow.
+    """
+    size, places = 40, np.array([[[10.0, 10], [14, 30]], [[14.0, 10], [10, 30]]])
+    heatmaps = np.zeros((18, size, size), dtype=np.float32)
+    affinity = np.zeros((38, size, size), dtype=np.float32)
+    rows, columns = np.mgrid[:size, :size]
+    shoulder, elbow = COCO.index("right_shoulder"), COCO.index("right_elbow")
+    for person in places:
+        for part, (x, y) in zip((shoulder, elbow), person, strict=True):
+            spot = np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 2)
+            heatmaps[part] = np.maximum(heatmaps[part], spot)
+    affinity[15] = 1.0  # all limbs point down
+    return heatmaps, affinity, places
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_expected_people_break_a_tie_between_limbs(swapped: bool) -> None:
+    heatmaps, affinity, people = crossing()
+    shoulder, elbow = COCO.index("right_shoulder"), COCO.index("right_elbow")
+    wanted = np.stack([people[:, 0], people[::-1, 1] if swapped else people[:, 1]], axis=1)
+    places = np.full((2, 18, 2), np.nan)
+    places[:, [shoulder, elbow]] = wanted + 0.3  # nobody is expected exactly
+    topology = replace(OPENPOSE_THIN, min_parts=2)
+    found, _ = decode(heatmaps, affinity, topology, Prior(places, np.array([1.0, 1.0])))
+    pairs = found[:, [shoulder, elbow]]
+    for pair in wanted:
+        assert np.abs(pairs - pair).max(axis=(1, 2)).min() < 0.5
+
+
+def test_prior_makes_no_limb_that_the_field_does_not_show() -> None:
+    heatmaps, affinity, people = crossing()
+    places = np.full((2, 18, 2), np.nan)
+    places[:, [COCO.index("right_shoulder"), COCO.index("right_elbow")]] = people
+    topology = replace(OPENPOSE_THIN, min_parts=2)
+    found, _ = decode(heatmaps, 0 * affinity, topology, Prior(places, np.array([2.0, 2.0])))
+    assert len(found) == 0
+
+
+def test_agreement_is_one_on_the_spot_and_nothing_for_unknown_parts() -> None:
+    cells = np.array([[3.0, 4.0], [6.0, 8.0], [9.0, 9.0]])
+    places = np.array([[[3.0, 4.0], [6.0, 8.0], [np.nan, np.nan]]])
+    prior = Prior(places, np.array([1.0]))
+    parts, first, second = np.arange(3), np.array([0, 0]), np.array([1, 2])
+    np.testing.assert_allclose(agreement(prior, parts, cells, first, second), [1, 0])

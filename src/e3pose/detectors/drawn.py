@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
+from e3pose.detectors.focus import Part
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 
@@ -32,15 +34,24 @@ FAR_PX = 10_000
 class Drawn:
     """Finds the people that `draw` drew; at most three."""
 
+    person_px, long_side, multiple = np.inf, 1, 1  # it reads the pixels as they are
+
     def __init__(self) -> None:
         self.skeleton = COCO17
 
     def detect(self, image: Image) -> Poses2D:
         """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
+        width, height = check_image(image)
+        return self.detect_part(image, Part(0, 0, width, height, self.long_side))
+
+    def detect_part(
+        self, image: Image, part: Part, expected: ExpectedView | None = None
+    ) -> Poses2D:
+        """See `Focusing.detect_part`; colours leave no ties."""
         import cv2
 
         size = check_image(image)
-        colors = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2HSV))
+        colors = np.asarray(cv2.cvtColor(part.cut(image), cv2.COLOR_RGB2HSV))
         hue, saturation, level = (colors[..., channel] for channel in range(3))
         bright = (saturation >= SATURATED) & (level > LEVELS[-1] // 2)
         # A codec mixes the colours along an edge.
@@ -56,7 +67,8 @@ class Drawn:
         label = np.where(away.min(axis=1) <= LEVEL_TOLERANCE, person * len(COCO17) + joint, -1)
         keypoints, found = _centres(label, columns, rows, _radius(size[1]))
         found &= found.sum(axis=1, keepdims=True) >= FEWEST
-        return poses_in_image(keypoints, np.where(found, SCORE, 0.0), size)
+        scores = np.where(found, SCORE, 0.0)
+        return part.in_image(poses_in_image(keypoints, scores, part.size))
 
 
 def draw(image: Image, people: Sequence[NDArray[np.float64]]) -> Image:

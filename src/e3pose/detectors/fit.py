@@ -52,6 +52,12 @@ class Fit:
         scale = np.asarray(self.image_size) / np.asarray(self.content_size)
         return np.asarray(content * scale - 0.5)
 
+    def to_input(self, points: NDArray[Any]) -> Floats:
+        """Map `(*batch, 2)` image pixels to input pixels; the inverse of `to_image`."""
+        scale = np.asarray(self.content_size) / np.asarray(self.image_size)
+        content = (np.asarray(points, dtype=np.float64) + 0.5) * scale
+        return np.asarray(content + np.asarray(self.corner) - 0.5)
+
 
 def stretch(image_size: tuple[int, int], input_size: tuple[int, int]) -> Fit:
     """Fill the whole input, whatever that does to the image's proportions."""

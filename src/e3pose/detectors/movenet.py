@@ -6,14 +6,17 @@ import numpy as np
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import letterbox, letterbox_to_side
+from e3pose.detectors.focus import Part
 from e3pose.detectors.inference import Network
 from e3pose.errors import InputError
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 
 NAME = "movenet-multipose"
 LONG_SIDE = 512  # pixels; more finds smaller people and costs in proportion to its square
 MULTIPLE = 32
+PERSON_PX = 160.0  # MoveNet Lightning's own crops: 192 pixels, 1.2 times the person
 VALUES = 56  # 17 x (y, x, score), four of a box, a person's score
 MIN_PERSON_SCORE = 0.2
 MIN_KEYPOINT_SCORE = 0.2
@@ -25,6 +28,8 @@ class MoveNet:
     Raises:
         InputError: when the network's input or output is another.
     """
+
+    person_px, long_side, multiple = PERSON_PX, LONG_SIDE, MULTIPLE
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
@@ -41,20 +46,28 @@ class MoveNet:
 
     def detect(self, image: Image) -> Poses2D:
         """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        size = check_image(image)
+        width, height = check_image(image)
+        return self.detect_part(image, Part(0, 0, width, height, LONG_SIDE))
+
+    def detect_part(
+        self, image: Image, part: Part, expected: ExpectedView | None = None
+    ) -> Poses2D:
+        """See `Focusing.detect_part`; the network leaves no ties."""
+        check_image(image)
         height, width = self._network.input_shape[1:3]
         if height is None or width is None:
-            fit = letterbox_to_side(size, LONG_SIDE, MULTIPLE)
+            fit = letterbox_to_side(part.size, part.long_side, MULTIPLE)
         else:
-            fit = letterbox(size, (width, height))
-        people = self._network.run(fit.apply(image, 0)[None].astype(np.int32))[0]
+            fit = letterbox(part.size, (width, height))
+        people = self._network.run(fit.apply(part.cut(image), 0)[None].astype(np.int32))[0]
         if people.ndim != 3 or people.shape[2] != VALUES:
             raise self._error(people.shape)
         people = people[0][people[0, :, 55] > MIN_PERSON_SCORE]
         triples = people[:, :51].reshape(-1, 17, 3).astype(np.float64)
         # Fractions of the padded input, 0 at the outer edge of the first pixel.
         keypoints = fit.to_image(triples[..., 1::-1] * fit.input_size - 0.5)
-        return poses_in_image(keypoints, triples[..., 2], size, MIN_KEYPOINT_SCORE)
+        found = poses_in_image(keypoints, triples[..., 2], part.size, MIN_KEYPOINT_SCORE)
+        return part.in_image(found)
 
     def _error(self, found: tuple[int | None, ...]) -> InputError:
         return InputError(

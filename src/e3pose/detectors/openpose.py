@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import Fit, letterbox, letterbox_to_side, stretch
+from e3pose.detectors.focus import Part
 from e3pose.detectors.inference import Network
-from e3pose.detectors.part_affinity import decode
+from e3pose.detectors.part_affinity import Prior, decode
 from e3pose.detectors.topology import Topology
 from e3pose.errors import InputError
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 
+PERSON_PX = 200.0  # OpenPose was trained with people of 0.6 x 368 pixels, head and feet included
 PAD = 0  # both networks saw black beyond the border in training
 
 
@@ -34,27 +37,49 @@ class OpenPose:
         self.skeleton = topology.skeleton
         self._network, self.provider = network, network.provider
         self._topology = topology
+        self.person_px, self.long_side = PERSON_PX, topology.long_side
+        self.multiple = topology.multiple
         self._joints = [topology.parts.index(joint) for joint in self.skeleton.joints]
 
     def detect(self, image: Image) -> Poses2D:
         """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        size = check_image(image)
-        fit = self._fit(size)
-        maps = self._maps(self._tensor(fit.apply(image, PAD)))
+        width, height = check_image(image)
+        return self.detect_part(image, Part(0, 0, width, height, self.long_side))
+
+    def detect_part(
+        self, image: Image, part: Part, expected: ExpectedView | None = None
+    ) -> Poses2D:
+        """See `Focusing.detect_part`."""
+        check_image(image)
+        fit = self._fit(part)
+        maps = self._maps(self._tensor(fit.apply(part.cut(image), PAD)))
         parts = len(self._topology.parts)
         heatmaps, affinity = maps[:parts], maps[self._topology.affinity_start :]
-        cells, scores = decode(heatmaps, affinity, self._topology)
         stride = np.asarray(fit.input_size) / (maps.shape[2], maps.shape[1])
+        prior = None if expected is None else self._prior(expected, part, fit, stride)
+        cells, scores = decode(heatmaps, affinity, self._topology, prior)
         keypoints = fit.to_image((cells + 0.5) * stride - 0.5)
-        return poses_in_image(keypoints[:, self._joints], scores[:, self._joints], size)
+        found = poses_in_image(keypoints[:, self._joints], scores[:, self._joints], part.size)
+        return part.in_image(found)
 
-    def _fit(self, size: tuple[int, int]) -> Fit:
-        row = self._topology
+    def _prior(self, expected: ExpectedView, part: Part, fit: Fit, stride: Any) -> Prior | None:
+        """Return in map cells who is expected; None of another skeleton's."""
+        points = expected.keypoints_px
+        if points.shape[1] != len(self.skeleton):
+            return None
+        places = np.full((len(points), len(self._topology.parts), 2), np.nan)
+        inputs = fit.to_input(points - (part.left, part.top))
+        places[:, self._joints] = (inputs + 0.5) / stride - 0.5
+        scale = fit.content_size[0] / fit.image_size[0] / float(np.mean(stride))
+        return Prior(places, expected.reach_px * scale)
+
+    def _fit(self, part: Part) -> Fit:
+        row, size = self._topology, part.size
         height, width = self._network.input_shape[2:]
         if height is None or width is None:
             if row.keep_proportions:
-                return letterbox_to_side(size, row.long_side, row.multiple)
-            return stretch(size, (row.long_side, row.long_side))
+                return letterbox_to_side(size, part.long_side, row.multiple)
+            return stretch(size, (part.long_side, part.long_side))
         return (letterbox if row.keep_proportions else stretch)(size, (width, height))
 
     def _tensor(self, pixels: Image) -> NDArray[np.float32]:

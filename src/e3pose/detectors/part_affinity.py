@@ -6,6 +6,8 @@ fields" (2017), over any `Topology`.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,15 +18,33 @@ Maps = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
 MAX_PEAKS = 64  # of one part; bounds the work on noise
+PRIOR_WEIGHT = 0.25  # of a limb exactly where it is expected; a perfect field has strength 1
+LEAST_REACH = 0.5  # cells: peaks are no more exact
 
 
-def decode(heatmaps: Maps, affinity: Maps, topology: Topology) -> tuple[Floats, Floats]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Prior:
+    """Where people are expected.
+
+    Attributes:
+        places: `(num_people, num_parts, 2)` map cells; NaN where unknown.
+        reach: `(num_people,)` cells that nine of ten parts are off at most.
+    """
+
+    places: Floats
+    reach: Floats
+
+
+def decode(
+    heatmaps: Maps, affinity: Maps, topology: Topology, prior: Prior | None = None
+) -> tuple[Floats, Floats]:
     """Find the people in a network's maps.
 
     Args:
         heatmaps: `(num_parts, height, width)`, about 1 where a part is.
         affinity: `(num_affinity, height, width)` components of unit vectors along limbs.
         topology: what the channels mean.
+        prior: who is expected, which breaks ties between limbs; the field alone says what is one.
 
     Returns:
         `(num_persons, num_parts, 2)` map cells, counted from cell centres, NaN where missing, and
@@ -34,6 +54,8 @@ def decode(heatmaps: Maps, affinity: Maps, topology: Topology) -> tuple[Floats, 
         heatmaps, topology.upsample, topology.blur_cells, topology.peak_threshold
     )
     limbs, first, second, strengths = score_limbs(parts, cells, affinity, topology)
+    if prior is not None and len(prior.places):
+        strengths = strengths + PRIOR_WEIGHT * agreement(prior, parts, cells, first, second)
     people = assemble(parts, limbs, first, second, strengths, len(topology.parts))
     people = people[(people >= 0).sum(axis=1) >= topology.min_parts]
     found = people >= 0
@@ -125,6 +147,22 @@ def score_limbs(
         & (length > 0)
     )
     return limb[passed], first[passed], second[passed], strength[passed]
+
+
+def agreement(prior: Prior, parts: Ints, cells: Floats, first: Ints, second: Ints) -> Floats:
+    """Return how well limbs agree with one of the people expected, [0, 1].
+
+    Args:
+        prior: at least one person.
+        parts: `(num_peaks,)` part of each peak.
+        cells: `(num_peaks, 2)`.
+        first: `(num_limbs,)` peak at one end.
+        second: `(num_limbs,)` peak at the other.
+    """
+    off = np.linalg.norm(cells - prior.places[:, parts], axis=-1)  # (num_people, num_peaks)
+    off = np.where(np.isfinite(off), off / np.maximum(prior.reach, LEAST_REACH)[:, None], np.inf)
+    both = off[:, first] ** 2 + off[:, second] ** 2
+    return np.asarray(np.exp(-0.5 * both).max(axis=0))
 
 
 def assemble(

@@ -1,0 +1,150 @@
+"""Look at a part of an image: where people are expected, at the network's best scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, sqrt
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.detectors.base import Image
+from e3pose.model.expected import ExpectedView
+from e3pose.model.pose import Poses2D
+
+MARGIN = 0.15  # of a person's size, around keypoints: heads and feet reach beyond
+LARGEST_SCALE = 2.0  # enlarging more shows no more
+SMALLEST_PERSON_PX = 16.0  # somebody smaller is not what the scale is chosen for
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A rectangle of an image, and how large the network gets it.
+
+    Attributes:
+        left: first column.
+        top: first row.
+        width: columns.
+        height: rows.
+        long_side: of the network's input in pixels, where the network leaves it free.
+    """
+
+    left: int
+    top: int
+    width: int
+    height: int
+    long_side: int
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """`(width, height)`."""
+        return self.width, self.height
+
+    def cut(self, image: Image) -> Image:
+        """Return the part of a `(height, width, 3)` image."""
+        columns = slice(self.left, self.left + self.width)
+        return image[self.top : self.top + self.height, columns]
+
+    def in_image(self, poses: Poses2D) -> Poses2D:
+        """Return poses in pixels of the part as those of the image."""
+        return Poses2D(poses.keypoints_px + (self.left, self.top), poses.scores)
+
+
+@runtime_checkable
+class Focusing(Protocol):
+    """A detector that can look at a part of an image.
+
+    Attributes:
+        person_px: at which size in its input, between the keypoints farthest apart, it finds people
+            best.
+        long_side: of its input for a whole image, pixels.
+        multiple: the sides of its input are multiples of this.
+    """
+
+    person_px: float
+    long_side: int
+    multiple: int
+
+    def detect_part(
+        self, image: Image, part: Part, expected: ExpectedView | None = None
+    ) -> Poses2D:
+        """Return the people in a part of `image`, in pixels of `image`.
+
+        Those who are expected may break ties between candidates.
+        """
+        ...
+
+
+def detect_expected(detector: Any, image: Any, expected: ExpectedView | None) -> Poses2D:
+    """Return the people in an image, of whom some are expected.
+
+    Args:
+        detector: a `Detector`; one that is not `Focusing` looks at the whole image.
+        image: what it detects in.
+        expected: who is expected where; None looks at the whole image.
+    """
+    part = None
+    if expected is not None and isinstance(detector, Focusing):
+        height, width = image.shape[:2]
+        part = part_with(expected, (width, height), detector)
+    if part is None:
+        whole: Poses2D = detector.detect(image)
+        return whole
+    found: Poses2D = detector.detect_part(image, part, expected)
+    return found
+
+
+def part_with(
+    expected: ExpectedView, image_size: tuple[int, int], detector: Focusing
+) -> Part | None:
+    """Return the part of an image with everybody who is expected.
+
+    It is enlarged or shrunk so that people have the network's best size in their geometric mean, as
+    far as that costs no more than a look at the whole image.
+
+    Args:
+        expected: who is expected where.
+        image_size: `(width, height)` in pixels.
+        detector: what looks.
+
+    Returns:
+        The part; None to look at the whole image, as nobody is expected or the part is no smaller.
+    """
+    boxes = _boxes(expected)
+    limits = np.array([*image_size, *image_size])
+    inside = np.clip(boxes, 0, limits)
+    seen = np.asarray((inside[:, 2:] > inside[:, :2]).all(axis=1))
+    if not seen.any():
+        return None
+    left, top = np.floor(inside[seen, :2].min(axis=0)).astype(int).tolist()
+    right, bottom = np.ceil(inside[seen, 2:].max(axis=0)).astype(int).tolist()
+    width, height = max(right - left, 1), max(bottom - top, 1)
+    whole = detector.long_side / max(image_size)
+    most = whole * sqrt(image_size[0] * image_size[1] / (width * height))
+    scale = min(detector.person_px / _mean_px(expected, seen), LARGEST_SCALE, most)
+    side = ceil(scale * max(width, height) / detector.multiple) * detector.multiple
+    if (width, height) == image_size and side >= detector.long_side:
+        return None
+    return Part(left, top, width, height, side)
+
+
+def _boxes(expected: ExpectedView) -> NDArray[np.float64]:
+    """Return `(num_persons, 4)` left, top, right, bottom in pixels with margins; NaN of nobody."""
+    points = expected.keypoints_px
+    known = np.isfinite(points)
+    low = np.where(known, points, np.inf).min(axis=1)
+    high = np.where(known, points, -np.inf).max(axis=1)
+    margin = MARGIN * (high - low).max(axis=1) + expected.reach_px
+    with np.errstate(invalid="ignore"):
+        return np.concatenate([low - margin[:, None], high + margin[:, None]], axis=1)
+
+
+def _mean_px(expected: ExpectedView, seen: NDArray[np.bool_]) -> float:
+    """Return the geometric mean of people's sizes, between the keypoints farthest apart."""
+    points = expected.keypoints_px[seen]
+    known = np.isfinite(points)
+    low = np.where(known, points, np.inf).min(axis=1)
+    high = np.where(known, points, -np.inf).max(axis=1)
+    sizes = np.maximum((high - low).max(axis=1), SMALLEST_PERSON_PX)
+    return float(np.exp(np.log(sizes).mean()))
