@@ -44,11 +44,12 @@ class Site:
     deadline_s: float = 0.15
     num_selected: int = 2
     smooth_delay_s: float = 0.0
+    feedback: bool = False
 
     def start_edge(self) -> EdgeServer:
         settings = ReplaySettings(
             pipeline="memory", policy="round-robin", num_selected=self.num_selected,
-            predictor="zero-velocity",
+            predictor="zero-velocity", feedback=self.feedback,
         )  # fmt: skip
         edge_settings = EdgeSettings(
             "lab",
@@ -108,6 +109,7 @@ def site_at_work(
     deadline_s: float = 0.15,
     num_selected: int = 2,
     smooth_delay_s: float = 0.0,
+    feedback: bool = False,
 ) -> Iterator[Site]:
     """Run a site of which some slots are done."""
     made = Site(
@@ -116,6 +118,7 @@ def site_at_work(
         deadline_s=deadline_s,
         num_selected=num_selected,
         smooth_delay_s=smooth_delay_s,
+        feedback=feedback,
     )
     viewer = made.hub.join()
     viewer.subscribe("e3pose/lab/poses", lambda t, p: made.poses.append(decode(p, Poses, "edge")))

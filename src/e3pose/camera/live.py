@@ -24,7 +24,9 @@ from e3pose.camera.pictures import Pictures
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.clock import Clock
+from e3pose.detectors.focus import detect_expected
 from e3pose.errors import InputError
+from e3pose.model.expected import ExpectedView
 from e3pose.wire import topics
 from e3pose.wire.codec import decode, encode, one_line, pack_poses
 from e3pose.wire.messages import (
@@ -52,6 +54,7 @@ class CameraCounts:
 
     captured: int = 0
     detected: int = 0
+    focused: int = 0
     sent: int = 0
     active_ns: int = 0
     idle_ns: int = 0
@@ -64,6 +67,7 @@ class _Seen:
     frame: LiveFrame
     slot: int
     edge_ns: int
+    expected: ExpectedView | None = None
 
 
 class CameraNode:
@@ -258,18 +262,19 @@ class CameraNode:
         active = schedule.is_active(slot)
         self.mode = "active" if active else "power-saving"
         if active:
-            self._frames.put(_Seen(frame, slot, edge_ns))
+            self._frames.put(_Seen(frame, slot, edge_ns, schedule.expected.get(slot)))
 
     # Detecting.
 
     def _run_detect(self) -> None:
         while (seen := self._frames.take()) is not None:
             begun_ns = self.clock.now_ns()
-            poses = self.detector.detect(image := seen.frame.look())
+            poses = detect_expected(self.detector, image := seen.frame.look(), seen.expected)
             if self.pictures is not None:
                 self.pictures.offer(image, seen.slot)
             done_ns = self.clock.now_ns()
             self.counts.detected += 1
+            self.counts.focused += seen.expected is not None
             keypoints, scores = pack_poses(poses)
             self._views.put(
                 View(
@@ -379,6 +384,7 @@ class CameraNode:
             problem=one_line(self.problem),
             order_delay_ns=max(delay_ns, 0),
             ends=ends,
+            focused=counts.focused,
             **self._meter(self.mode),
         )
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from e3pose.clock import SlotTimes
+from e3pose.model.expected import ExpectedView
+from e3pose.wire.expected import expected_view
 from e3pose.wire.messages import CameraMode, Order
 
 KEPT_SLOTS = 4  # of the past: a frame may be dealt with after its slot
@@ -22,6 +24,7 @@ class Schedule:
         session: of the edge that gave them; 0 before the first.
         times: where slots lie; None before the first order.
         active: slot to whether to look in it, for slots that were told of.
+        expected: slot to who is expected in it, for slots in which only that is looked at.
         idle_mode: what to do otherwise.
         orders: how many came.
         late: how many came after their slot had begun, and so were ignored.
@@ -30,6 +33,7 @@ class Schedule:
     session: int = 0
     times: SlotTimes | None = None
     active: Mapping[int, bool] = field(default_factory=dict)
+    expected: Mapping[int, ExpectedView] = field(default_factory=dict)
     idle_mode: CameraMode = "power-saving"
     orders: int = 0
     late: int = 0
@@ -62,15 +66,20 @@ def take_order(schedule: Schedule, order: Order, now_edge_ns: int) -> Schedule:
     times = SlotTimes(order.origin_edge_ns, order.interval_ns)
     fresh = order.session > schedule.session or times != schedule.times
     active = {} if fresh else dict(schedule.active)
+    expected = {} if fresh else dict(schedule.expected)
     here = times.slot_at(now_edge_ns)
     late = now_edge_ns > times.begin_ns(order.slot)
     if not late and order.slot - here <= MAX_AHEAD:
         active[order.slot] = order.active
+        expected.pop(order.slot, None)
+        if (view := expected_view(order)) is not None:
+            expected[order.slot] = view
     return replace(
         schedule,
         session=order.session,
         times=times,
         active={slot: look for slot, look in active.items() if slot >= here - KEPT_SLOTS},
+        expected={slot: view for slot, view in expected.items() if slot >= here - KEPT_SLOTS},
         idle_mode=order.idle_mode,
         orders=schedule.orders + 1,
         late=schedule.late + late,

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from e3pose.clock import Clock, SlotTimes
 from e3pose.edge.outbox import Outbox
+from e3pose.model.expected import ExpectedView
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
+from e3pose.wire.expected import packed_expected
 from e3pose.wire.messages import CameraMode, Order
 
 
@@ -36,7 +38,14 @@ class Orders:
     clock: Clock
     _sent_ns: dict[int, int] = field(default_factory=dict)
 
-    def give(self, times: SlotTimes, slot: int, decision: NDArray[np.bool_], lead: int) -> None:
+    def give(
+        self,
+        times: SlotTimes,
+        slot: int,
+        decision: NDArray[np.bool_],
+        lead: int,
+        expected: Sequence[ExpectedView] | None = None,
+    ) -> None:
         """Tell every camera what to do in a slot.
 
         Args:
@@ -44,9 +53,13 @@ class Orders:
             slot: which.
             decision: `(num_cameras,)` who is to look.
             lead: how many slots ahead orders are given at present.
+            expected: `(num_cameras,)` what each that looks will see; None if it is to look at all
+                of its image.
         """
         sent_ns = self._sent_ns[slot] = self.clock.now_ns()
         for index, camera_id in enumerate(self.camera_ids):
+            told = None if expected is None or not decision[index] else expected[index]
+            expected_px, reach_px = packed_expected(told)
             order = Order(
                 camera_id=camera_id,
                 slot=slot,
@@ -57,6 +70,8 @@ class Orders:
                 sent_edge_ns=sent_ns,
                 session=self.session,
                 lead=lead,
+                expected_px=expected_px,
+                reach_px=reach_px,
             )
             self.outbox.put(topics.of_order(self.site, camera_id), encode(order), slot)
 

@@ -128,6 +128,7 @@ def camera_status(
         gain_nats=why.gain_nats,
         price=why.price,
         temperature_c=beat.temperature_c if beat else None,
+        focused=beat.focused if beat else 0,
         paused=trouble == PAUSED,
         budget=None if budget is None else min(max(budget, 0.0), 1.0),
         turned_deg=turned_deg,

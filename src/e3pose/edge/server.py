@@ -301,7 +301,7 @@ class EdgeServer:
         took_ns = self.clock.now_ns() - begun_ns
         self.counts.stepping.add(took_ns)
         lead = self.pipeline.lead_slots
-        self.orders.give(times, slot + lead, record.next_selection, lead)
+        self.orders.give(times, slot + lead, record.next_selection, lead, record.expected)
         self.orders.forget_before(slot)
         self.newest = record
         self.counts.slots += 1

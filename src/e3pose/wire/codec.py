@@ -33,6 +33,7 @@ from e3pose.wire.messages import (
 MAX_BYTES = 2**20  # 256 people with 133 joints take 0.6 MB
 MAX_PERSONS = 256
 MAX_JOINTS = 512
+MAX_EXPECTED = 32  # people; where there are more, their part of the image is most of it
 MAX_SLOT = 2**53
 MAX_TIME_NS = 2**62
 MAX_PIXEL = 1e6
@@ -137,10 +138,10 @@ def _check_array(array: Array, where: str, dtype: str, *shape: int | None) -> ND
     return unpack(array)
 
 
-def _check_persons(array: Array, where: str) -> int:
+def _check_persons(array: Array, where: str, most: int = MAX_PERSONS) -> int:
     persons = array.shape[0] if array.shape else -1
-    if not 0 <= persons <= MAX_PERSONS:
-        raise InputError(f"{where}: found {persons} people, expected at most {MAX_PERSONS}")
+    if not 0 <= persons <= most:
+        raise InputError(f"{where}: found {persons} people, expected at most {most}")
     return persons
 
 
@@ -212,6 +213,7 @@ def _check_heartbeat(beat: Heartbeat, where: str) -> None:
         orders=beat.orders,
         clock_error_ns=beat.clock_error_ns,
         order_delay_ns=beat.order_delay_ns,
+        focused=beat.focused,
     )
     _check_numbers(where, -1e6, 1e6, clock_drift_ppm=beat.clock_drift_ppm)
     _check_numbers(
@@ -245,6 +247,15 @@ def _check_order(order: Order, where: str) -> None:
     _check_numbers(where, -MAX_TIME_NS, MAX_TIME_NS, origin_edge_ns=order.origin_edge_ns)
     _check_numbers(where, 1e6, 3.6e12, interval_ns=order.interval_ns)
     _check_numbers(where, 1, 1000, lead=order.lead)
+    if order.expected_px is None or order.reach_px is None:
+        return
+    persons = _check_persons(order.reach_px, where, MAX_EXPECTED)
+    reach_px = _check_array(order.reach_px, f"{where}: reach", "f4", persons)
+    expected_px = _check_array(order.expected_px, f"{where}: expected", "f4", persons, None, 2)
+    if not ((reach_px >= 0) & (reach_px <= MAX_PIXEL)).all():  # NaN fails too
+        raise InputError(f"{where}: reach: found one outside 0 to {MAX_PIXEL:g} pixels")
+    if (np.abs(expected_px) > MAX_PIXEL).any():  # NaN is a joint that nobody knows of
+        raise InputError(f"{where}: expected: found one beyond {MAX_PIXEL:g} pixels")
 
 
 def _check_question(question: ClockQuestion, where: str) -> None:
@@ -336,7 +347,7 @@ def _check_status(status: Status, where: str) -> None:
 
 def _check_camera_status(camera: CameraStatus, where: str) -> None:
     _check_text(where, camera.why)
-    _check_whole(where, late=camera.late, lost=camera.lost)
+    _check_whole(where, late=camera.late, lost=camera.lost, focused=camera.focused)
     _check_numbers(where, 0, 1, duty=camera.duty, battery=camera.battery)
     _check_numbers(where, 0, MAX_FIGURE, power_w=camera.power_w)
     _check_numbers(

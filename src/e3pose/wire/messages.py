@@ -101,8 +101,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         dropped: frames and views that a newer one replaced before they were dealt with.
         late_orders: orders that came after the slot they were for.
         orders: orders that came.
-        order_margin_ns: how long before its slot the tightest order since the heartbeat before
-            came; negative if late.
+        order_margin_ns: the least time, since the heartbeat before, from an order to its slot.
         clock_offset_ns: edge time minus camera time.
         clock_drift_ppm: how fast that grows, millionths.
         clock_error_ns: how far it may be off.
@@ -114,12 +113,12 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
         battery_j: charge that is left; None on mains or where unknown.
         charging_w: power that the battery is given.
         problem: what keeps it from working, in words; empty if nothing.
-        order_delay_ns: the longest, since the heartbeat before, from the middle of the slot that
-            an order was made from until it came; 0 if none came.
+        order_delay_ns: the longest, since then, from the slot of an order's making to its arrival.
         gauge: whether a gauge says `battery_j`; otherwise a model says it.
         ends: whether this is its last word, as its program was told to end.
         temperature_c: of the device; None without a sensor.
         recording_j: part of `energy_j` that recording video has taken, by a model.
+        focused: of the detected frames, those in which it was told whom to expect where.
     """
 
     camera_id: str
@@ -149,13 +148,13 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     ends: bool = False
     temperature_c: float | None = None
     recording_j: float = 0.0
+    focused: int = 0
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
     """The edge tells a camera what to do in a slot, and where slots lie in time.
 
-    Replaced by a newer one for the same camera and slot. Every order says all of it, so that a
-    camera that was just started needs no other.
+    Replaced by a newer one for the same camera and slot; a camera just started needs no other.
 
     Attributes:
         camera_id: who is told.
@@ -167,6 +166,8 @@ class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
         sent_edge_ns: when the order left.
         session: of the edge; orders of an older session count no more.
         lead: how many slots ahead orders are given at present.
+        expected_px: `(num_persons, num_joints, 2)` f4 pixels where people will be; None: anywhere.
+        reach_px: `(num_persons,)` f4 how far off nine of ten of those are at most.
     """
 
     camera_id: str
@@ -178,6 +179,8 @@ class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
     sent_edge_ns: int
     session: int
     lead: int = 1
+    expected_px: Array | None = None
+    reach_px: Array | None = None
 
 
 class ClockQuestion(msgspec.Struct, array_like=True, frozen=True, tag="clock?"):
@@ -254,19 +257,17 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         lost: views that were ordered and never came.
         clock_offset_ms: edge time minus camera time.
         gauge: whether the battery's gauge says what is left; otherwise a model does.
-        noise_factor: sigma of its keypoints over what the noise file states, as the edge learned
-            it; None if unknown.
-        shift_px: how far all of its keypoints are off the same way, as the edge learned it and
-            takes it off; None if unknown.
+        noise_factor: sigma of its keypoints over the noise file's, as learned; None if unknown.
+        shift_px: how far all of its keypoints are off, as learned and taken off; None if unknown.
         occlusion: of the people in its view, predicted for the slot decided last, [0, 1].
-        gain_nats: information a joint that it adds to the other cameras of that slot; None of a
-            policy that does not work it out.
+        gain_nats: information a joint that it adds to the others; None if not worked out.
         price: what its energy queue asks for it, on the same scale.
         temperature_c: of the device, by its own sensor; None where there is none.
         paused: whether an operator had it left out.
         budget: share of the slots in which it may be active, as a mean.
         turned_deg: by how much, at least, it was turned since it was calibrated; None if it
             stands as calibrated as far as can be seen.
+        focused: frames in which it was told whom to expect where, since it started.
     """
 
     camera_id: str
@@ -292,6 +293,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     paused: bool = False
     budget: float | None = None
     turned_deg: float | None = None
+    focused: int = 0
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
