@@ -13,6 +13,7 @@ from e3pose.camera.image_folder import ImageFolder, Source, open_sources
 from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import SlotGrid, frames_in_slots
+from e3pose.camera.together import Room, detect_together
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
 from e3pose.errors import InputError
@@ -105,6 +106,9 @@ def detect_videos(
     """
     settings = settings or DetectSettings()
     check_free(dest, settings.overwrite)
+    if settings.feedback and (rig is None or not rig.placed):
+        found = "it without the places of the cameras"
+        raise InputError("feedback", found, "--calibration with a file of the whole rig")
     paths = name_videos(videos) if rig is None else pair_videos(videos, rig)
     settings = replace(settings, offsets_s={**_begins_s(paths), **settings.offsets_s})
     sources = open_sources(paths, settings.fps)
@@ -122,9 +126,9 @@ def detect_videos(
     with hold(dest):
         identity = _identity(settings, seen_rig, sources, grid, detector, detector_name)
         work = Unfinished(folder, identity, restart=settings.overwrite)
-        run = _Run(work, grid, settings, detector, sources, progress)
+        run = _Run(work, grid, settings, detector, sources, progress, detector_name)
         try:
-            damages = {camera_id: run.detect(camera_id) for camera_id in sources}
+            damages = run.detect_together(seen_rig) if settings.feedback else run.detect_each()
         except BaseException:
             if run.done == 0:
                 work.remove()  # there is nothing to continue
@@ -156,7 +160,7 @@ def _begins_s(paths: Mapping[str, Path]) -> dict[str, float]:
 
 
 class _Run:
-    """Walks the videos one after the other, appending a line a frame."""
+    """Walks the videos one after the other, or slot by slot, appending a line a frame."""
 
     def __init__(
         self,
@@ -166,13 +170,42 @@ class _Run:
         detector: Detector,
         sources: Mapping[str, Source],
         progress: Progress,
+        detector_name: str,
     ) -> None:
         self.work, self.grid, self.detector, self.progress = work, grid, detector, progress
         self.sources, self.offsets_s = sources, settings.offsets_s
+        self.whole_every, self.detector_name = settings.whole_every, detector_name
         self.expected = dict(zip(sources, _expected(settings, sources, grid), strict=True))
         self.before = self.done = self.resumed = 0
 
-    def detect(self, camera_id: str) -> str:
+    def detect_each(self) -> dict[str, str]:
+        """Look at one video after the other; return what was damaged in each."""
+        return {camera_id: self._detect(camera_id) for camera_id in self.sources}
+
+    def detect_together(self, rig: Rig) -> dict[str, str]:
+        """Look at all videos slot by slot, told who is where; return what was damaged in each."""
+        skeleton, reached = self.detector.skeleton, dict.fromkeys(self.sources, 0)
+        room = Room(rig, skeleton, 1 / self.grid.fps, self.detector_name.partition(" ")[0])
+
+        def tell(camera_id: str, slots: int) -> None:
+            reached[camera_id] = slots
+            self.done = sum(reached.values())
+            self.progress(self.done, max(self.done, sum(self.expected.values())))
+
+        self.resumed = detect_together(
+            self.work,
+            self.grid,
+            self.sources,
+            self.offsets_s,
+            room,
+            self.detector,
+            self.whole_every,
+            lambda camera_id: _series(self.work.path(camera_id), len(skeleton)),
+            tell,
+        )
+        return {camera_id: self.work.damage(camera_id) or "" for camera_id in self.sources}
+
+    def _detect(self, camera_id: str) -> str:
         """Look at what is left of one video; return what was damaged in it."""
         source, offset_s = self.sources[camera_id], self.offsets_s.get(camera_id, 0.0)
         first = self.work.last_slot(camera_id, len(self.detector.skeleton)) + 1
@@ -272,6 +305,8 @@ def _identity(
         "start": f"{grid.start_s:.9g} s",
         "max slots": str(grid.max_slots),
     }
+    if settings.feedback:
+        identity["feedback"] = f"whole looks every {settings.whole_every}"
     for camera_id, source in sources.items():
         size = source.path.stat().st_size
         identity[f"video of {camera_id}"] = f"{source.path.name} ({size} bytes)"

@@ -13,6 +13,7 @@ from cyclopts import Parameter
 from e3pose.cli.options import Whole, as_typed
 from e3pose.errors import InputError
 from e3pose.quantities import plural
+from e3pose.settings.loop import WHOLE_EVERY
 
 if TYPE_CHECKING:
     from e3pose.camera.detect import DetectReport
@@ -35,6 +36,8 @@ def detect(
     max_slots: Whole | None = None,
     offset: Annotated[list[str] | None, Parameter(negative="")] = None,
     threads: Whole | None = None,
+    feedback: Flag = False,
+    whole_every: Whole = WHOLE_EVERY,
     link_videos: Flag = False,
     copy_videos: Flag = False,
     overwrite: Flag = False,
@@ -77,6 +80,11 @@ def detect(
         together; repeatable.
     threads
         CPU threads of the network. Default: all cores.
+    feedback
+        Detect where people are expected, by what all cameras found before, and enlarge or shrink
+        that part of the image to the size the network finds people best at. Needs --calibration.
+    whole_every
+        With --feedback, detect in the whole image once in this many frames.
     link_videos
         Link the videos into the recording. Default: store their paths.
     copy_videos
@@ -104,13 +112,15 @@ def detect(
         offsets_s=camera_seconds("--offset", offset or []),
         keep_videos="link" if link_videos else "copy" if copy_videos else "refer",
         overwrite=overwrite,
+        feedback=feedback,
+        whole_every=whole_every,
     )
     check_free(dest, overwrite)
     rig = None
     if calibration is not None:
         rig = load_rig(calibration)
     detector, name = _detector(model, family, provider, threads)
-    with _resumable(dest), frame_bar() as progress:
+    with _resumable(dest), as_typed({"feedback": "--feedback"}), frame_bar() as progress:
         report = detect_videos(videos, rig, detector, dest, settings, name, progress)
     _print(dest, report)
     if rig is None or not rig.placed:

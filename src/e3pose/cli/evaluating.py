@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -40,6 +41,7 @@ def evaluate(
     energy: EnergyOptions = ENERGY,
     bad_day: BadDayOptions = BAD_DAY,
     jobs: Whole = -1,
+    detector: str | None = None,
     json_file: JsonFile = None,
     plot: Path | None = None,
 ) -> None:
@@ -59,8 +61,9 @@ def evaluate(
         Recording folder.
     policies
         Comma-separated: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
-        information. Default: all, round-robin, e3pose, information; with --pipeline paper the
-        paper's rows; with --target-error, information only.
+        information; each also with feedback, such as all+feedback. Default: all, round-robin,
+        e3pose, information; with --pipeline paper the paper's rows; with --target-error,
+        information only.
     cameras
         Cameras per slot C, comma-separated; a mean such as 1.15 is allowed. Default: 2, and 3 with
         --pipeline paper.
@@ -69,6 +72,9 @@ def evaluate(
         combination is compared.
     seeds
         Repetitions per policy.
+    detector
+        Detect anew in the recording's videos with this one: a name from `e3pose models list`, or
+        the path of a network. Default: the recording's keypoints; with feedback, its detector.
     jobs
         Parallel processes. Default: one per processor core.
     json_file
@@ -83,8 +89,10 @@ def evaluate(
     from e3pose.evaluate.compare import compare, rows, tasks
     from e3pose.evaluate.drawing import check_svg
     from e3pose.evaluate.lead_picture import draw_leads
+    from e3pose.evaluate.pixels import open_pixels, replay_stored
     from e3pose.evaluate.tables import print_comparison
     from e3pose.select.policies import policy_row
+    from e3pose.settings.loop import FEEDBACK
     from e3pose.settings.parts import make_pipeline, noise_warning
 
     if not 1 <= seeds <= MAX_SEEDS:
@@ -101,23 +109,28 @@ def evaluate(
     counts = [None] if cameras is None else [*numbers_of("--cameras", cameras, "1.15,2")]
     loops = _balances(loop)
     ahead = [] if leads is None else _counts("--leads", leads)
-    with as_typed({**options_of(LoopOptions, EnergyOptions, more=("cameras",)), **POLICIES}):
+    with as_typed(
+        {**options_of(LoopOptions, EnergyOptions, more=("cameras", "detector")), **POLICIES}
+    ):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
         day = bad_day.day(source, plan.watts)
         settings = [
             each
             for name in names
-            for count in (counts if policy_row(name).asks_count else counts[:1])
-            for one in (loops if policy_row(name).budgeted else loops[:1])
+            for row in [policy_row(name.removesuffix(FEEDBACK))]
+            for count in (counts if row.asks_count else counts[:1])
+            for one in (loops if row.budgeted else loops[:1])
             for each in tasks(
-                replace(one.settings(None, count).for_rig(len(source.rig), plan), bad_day=day),
-                [name],
+                replace(one.settings(name, count).for_rig(len(source.rig), plan), bad_day=day),
+                [name.removesuffix(FEEDBACK)],
                 seeds,
                 ahead,
             )
         ]
         for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
             make_pipeline(source, each)
+        if detector is not None or any(each.feedback for each in settings):
+            open_pixels(source, recording, detector, threads=1)
     warn(noise_warning(source, settings[0]))
     summaries = compare(
         source,
@@ -126,6 +139,7 @@ def evaluate(
         idle_mode=plan.idle_mode,
         battery_wh=plan.battery_wh,
         jobs=min(jobs, len(settings)),
+        run=partial(replay_stored, folder=recording, detector=detector),
     )
     figures = rows(list(track_progress(summaries, len(settings), "evaluate")))
     if plot is not None:

@@ -16,7 +16,7 @@ from e3pose.cli.output import STDOUT
 from e3pose.errors import InputError
 from e3pose.files.table import read_table
 from e3pose.settings.energy import EnergySettings, IdleMode
-from e3pose.settings.loop import ReplaySettings
+from e3pose.settings.loop import FEEDBACK, ReplaySettings
 
 LOOP, ENERGY = ReplaySettings(), EnergySettings()
 
@@ -120,6 +120,12 @@ class LoopOptions:
     noise: str | None = None
     """Keypoint noise model: a detector name, or a file from `e3pose calibrate noise`. Default:
     the model of the recording's detector."""
+    feedback: Annotated[bool, Parameter(negative="")] = LOOP.feedback
+    """Semantic feedback: detect anew in the videos of the recording, only where people are
+    expected, enlarged or shrunk to the size the network finds people best at. Same as +feedback
+    after the name of a policy."""
+    whole_every: Whole = LOOP.whole_every
+    """With feedback, detect in the whole image once in this many looks."""
     matcher: str | None = None
     """How the pipeline `paper` finds the views of one person: `epipolar` (the paper's own,
     default) or `rays`."""
@@ -143,6 +149,8 @@ class LoopOptions:
             InputError: naming the option.
         """
         given = {item.name: getattr(self, item.name) for item in fields(self)}
+        if policy is not None and policy.endswith(FEEDBACK):
+            policy, given["feedback"] = policy.removesuffix(FEEDBACK), True
         numbers = {name: _one(name, given[name]) for name in ("budget", "quality_weight")}
         table = {**given, **numbers, "policy": policy, "cameras": cameras}
         written = {key: value for key, value in table.items() if value is not None}

@@ -33,6 +33,7 @@ def replay(
     bad_day: BadDayOptions = BAD_DAY,
     store: StoreOptions = STORE,
     smooth: SmoothOptions = SMOOTH,
+    detector: str | None = None,
     poses: Path | None = None,
     report: Path | None = None,
     json_file: JsonFile = None,
@@ -57,6 +58,9 @@ def replay(
         information. Default: set by --pipeline.
     cameras
         Cameras per slot C; a mean such as 1.5 is allowed. Default: 2, and 3 with --pipeline paper.
+    detector
+        Detect anew in the recording's videos with this one: a name from `e3pose models list`, or
+        the path of a network. Default: the recording's keypoints; with feedback, its detector.
     poses
         Write the 3D poses here (.parquet or .csv).
     report
@@ -68,6 +72,7 @@ def replay(
     from e3pose.cli.progress import track_progress
     from e3pose.cli.storing import stored
     from e3pose.evaluate.figures import as_json
+    from e3pose.evaluate.pixels import open_pixels
     from e3pose.evaluate.poses_table import check_poses_path, write_poses
     from e3pose.evaluate.replay import replay as run_replay
     from e3pose.evaluate.summary import summarise
@@ -95,19 +100,21 @@ def replay(
             posteriors.append(people.posterior)
 
     asked = loop.settings(policy, cameras)
-    with as_typed(options_of(LoopOptions, EnergyOptions, more=("cameras", "policy"))):
+    with as_typed(options_of(LoopOptions, EnergyOptions, more=("cameras", "policy", "detector"))):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
         settings = replace(
             asked.for_rig(len(source.rig), plan),
             foresees=report is not None and loop.pipeline != "paper",
             bad_day=bad_day.day(source, plan.watts),
         )
-        replayed = run_replay(source, settings, tell=heard)
+        anew = settings.feedback or detector is not None
+        look = open_pixels(source, recording, detector) if anew else None
+        replayed = run_replay(source, settings, tell=heard, look=look)
     slots = stored(
         replayed,
         store,
         source,
-        f"replay {settings.policy_name}",
+        f"replay {settings.row_name}",
         plan.profiles,
         plan.idle_mode,
     )
@@ -128,7 +135,8 @@ def replay(
         idle_mode=plan.idle_mode,
         battery_wh=plan.battery_wh,
     )
-    summary = replace(summary, smooth=smoothing.method)
+    notes = () if look is None else (look.words(),)
+    summary = replace(summary, smooth=smoothing.method, notes=(*summary.notes, *notes))
     if poses is not None:
         write_poses(records, source.skeleton, poses)
     if report is not None:
@@ -139,6 +147,8 @@ def replay(
         write_json(json_file, as_json(summary))
         return
     print_summary(summary)
+    for note in notes:
+        print(note)
     for path in (poses, report, store.file()):
         wrote(path)
     write_json(json_file, as_json(summary))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from e3pose.errors import InputError
 from e3pose.estimate.base import Estimator, People
 from e3pose.evaluate.bad_days import arriving, capacity_j, deaths_s
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.predict.base import Predictor
@@ -22,14 +23,22 @@ from e3pose.settings.bad_day import BadDay
 from e3pose.settings.loop import ReplaySettings as ReplaySettings
 from e3pose.settings.parts import make_pipeline as make_pipeline
 
+# What a camera sees in a slot, given whom it is told to expect; None where it sees nothing.
+Look = Callable[[int, int, ExpectedView | None], Poses2D | None]
+Expected = tuple[ExpectedView, ...] | None
+
 
 def selected_views(recording: Recording, slot: int, selection: Selection) -> Mapping[int, Poses2D]:
     """Return the views of `slot` from selected cameras only; a lost view is simply not there."""
+    return _seen(_recorded(recording), slot, selection, None)
+
+
+def _seen(look: Look, slot: int, selection: Selection, expected: Expected) -> Mapping[int, Poses2D]:
     views = {}
-    for camera in np.flatnonzero(selection):
-        view = recording.view(slot, int(camera))
+    for camera in np.flatnonzero(selection).tolist():
+        view = look(slot, camera, None if expected is None else expected[camera])
         if view is not None:
-            views[int(camera)] = view
+            views[camera] = view
     return views
 
 
@@ -42,6 +51,7 @@ def replay(
     policy: str | Policy | None = None,
     predictor: str | Predictor | None = None,
     estimator: Estimator[Any] | None = None,
+    look: Look | None = None,
 ) -> Iterator[SlotRecord]:
     """Run the recording through `pipeline.step` and yield one record per slot.
 
@@ -56,6 +66,8 @@ def replay(
         policy: in place of that of the settings: a name, or any object that can `select`.
         predictor: likewise: a name, or any object that can `predict`.
         estimator: in place of that of the pipeline: an `estimate.base.Estimator`.
+        look: what cameras see, such as `evaluate.pixels.PixelViews`; by default the views of the
+            recording. Feedback needs it: what was detected before knows of no feedback.
 
     Raises:
         InputError: naming the setting that cannot be had for this recording.
@@ -67,15 +79,24 @@ def replay(
         predictor=asked.predictor if predictor is None else predictor,
         estimator=asked.estimator if estimator is None else estimator,
     )
+    if settings.feedback and look is None:
+        raise InputError("feedback", "it without pixels", "a recording with videos")
     pipeline = make_pipeline(recording, settings, clock)
     day = settings.bad_day
     gone_s = deaths_s(recording, day.kills, settings.phase)
     arriving(len(recording.rig), day.loss, settings.seed, 0)
-    return _run(recording, pipeline, day, gone_s, settings.seed, tell)
+    if look is None:
+        return _run(recording, _recorded(recording), pipeline, day, gone_s, settings.seed, tell)
+    return _run(recording, look, pipeline, day, gone_s, settings.seed, tell)
+
+
+def _recorded(recording: Recording) -> Look:
+    return lambda slot, camera, expected: recording.view(slot, camera)
 
 
 def _run(
     recording: Recording,
+    look: Look,
     pipeline: Pipeline,
     day: BadDay,
     gone_s: NDArray[np.float64],
@@ -84,14 +105,18 @@ def _run(
 ) -> Iterator[SlotRecord]:
     state = initial_state(pipeline)
     left_j = capacity_j(recording)
+    expected: dict[int, Expected] = {}
     for slot in range(recording.num_slots):
         online = (slot * recording.interval_s < gone_s - 1e-9) & (left_j > 0)
         came = online & arriving(len(online), day.loss, seed, slot)
-        views = selected_views(recording, slot, state.selections[0] & came)
+        awake = state.selections[0] & came
+        views = _seen(look, slot, awake, expected.pop(slot, None))
         try:
             state, record = step(pipeline, state, views, online, tell)
         except InputError as error:
             raise InputError(f"{recording.name}: slot {slot}: {error}") from None
+        if record.expected is not None:
+            expected[slot + pipeline.lead_slots] = record.expected
         if day.watts is not None:
             left_j = left_j - np.where(record.selected, *day.watts) * recording.interval_s
         yield record

@@ -60,7 +60,7 @@ def summarise(
     return Summary(
         recording=recording.name,
         slots=len(records),
-        policy=settings.policy_name,
+        policy=settings.row_name,
         settings=settings.for_rig(len(recording.rig)),
         identities=len({track_id for r in records for track_id in r.track_ids.tolist()}),
         metrics=accuracy(recording, records),

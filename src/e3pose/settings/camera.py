@@ -9,6 +9,7 @@ from typing import Literal
 
 from e3pose.errors import InputError
 from e3pose.recording.record import MAX_FPS, MIN_FPS
+from e3pose.settings.loop import WHOLE_EVERY
 
 MAX_SLOTS = 100_000_000
 
@@ -26,6 +27,9 @@ class DetectSettings:
             seconds; 0 if not given.
         keep_videos: `refer` to the videos where they are, `link` or `copy` them into the recording.
         overwrite: replace a recording at the destination, and unfinished work of other settings.
+        feedback: look at the parts of images in which people are expected, by what all cameras
+            found before; needs cameras whose places are known.
+        whole_every: with feedback, one of so many looks is at the whole image.
     """
 
     fps: float | None = None
@@ -35,6 +39,8 @@ class DetectSettings:
     offsets_s: Mapping[str, float] = field(default_factory=dict)
     keep_videos: Literal["refer", "link", "copy"] = "refer"
     overwrite: bool = False
+    feedback: bool = False
+    whole_every: int = WHOLE_EVERY
 
     def __post_init__(self) -> None:
         if self.fps is not None and not MIN_FPS <= self.fps <= MAX_FPS:

@@ -1,0 +1,136 @@
+"""What cameras see in the videos of a recording, looking anew in every slot."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from e3pose.camera.provenance import load_video_starts
+from e3pose.camera.slot_reader import SlotReader, video_path
+from e3pose.detectors import make_detector
+from e3pose.detectors.focus import detect_expected
+from e3pose.errors import InputError
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.model.expected import ExpectedView
+from e3pose.model.pose import Poses2D
+from e3pose.pipeline import SlotRecord
+from e3pose.recording import Recording
+
+
+class PixelViews:
+    """Looks at the videos of a recording with a detector; slots must not fall.
+
+    Attributes:
+        looks_s: of each look, its slot, camera, whether it was at a part of the image, and seconds.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        detector: Any,
+        folder: Path | None = None,
+        starts_s: Mapping[str, float] | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        """Open the videos.
+
+        Args:
+            recording: with a video for every camera.
+            detector: what looks.
+            folder: of the recording, for videos that stand in it.
+            starts_s: for each camera, which time in its video is the recording's zero; 0 if not
+                given.
+            clock: seconds, for the time of looks only.
+
+        Raises:
+            InputError: when a video is missing, or the detector finds other joints.
+        """
+        check_pixels(recording)
+        if detector.skeleton != recording.skeleton:
+            raise InputError(
+                "detector",
+                f"one of {detector.skeleton.name}",
+                f"one of {recording.skeleton.name}, as the recording",
+            )
+        self._detector, self._clock = detector, clock
+        starts = starts_s or {}
+        self._readers = [
+            SlotReader(video_path(recording, name, folder), recording.fps, starts.get(name, 0.0), 0)
+            for name in recording.rig.camera_ids
+        ]
+        self.looks_s: list[tuple[int, int, bool, float]] = []
+
+    def __call__(self, slot: int, camera: int, expected: ExpectedView | None) -> Poses2D | None:
+        """Return what a camera sees in a slot; None where its video has no frame."""
+        image = self._readers[camera].image(slot)
+        if image is None:
+            return None
+        begun_s = self._clock()
+        poses = detect_expected(self._detector, image, expected)
+        self.looks_s.append((slot, camera, expected is not None, self._clock() - begun_s))
+        return poses
+
+    def words(self) -> str:
+        """Return how many looks were at parts of images, and how long looks took."""
+        parts = [seconds for _, _, part, seconds in self.looks_s if part]
+        wholes = [seconds for _, _, part, seconds in self.looks_s if not part]
+        count = f"{len(parts)} of {len(self.looks_s)} told whom to expect"
+        times = [
+            f"{1000 * median(taken):.3g} ms {what}"
+            for taken, what in ((parts, "each"), (wholes, "each at the whole image"))
+            if taken
+        ]
+        return f"looks: {', '.join([count, *times])} (median, this machine)"
+
+
+def check_pixels(recording: Recording) -> None:
+    """Raise `InputError` unless every camera of a recording has a video."""
+    lacking = [name for name in recording.rig.camera_ids if name not in recording.videos]
+    if lacking:
+        raise InputError(
+            "feedback",
+            f"no video of {', '.join(lacking)[:200]} in recording {recording.name[:80]}",
+            "a recording that e3pose detect made, with its videos",
+        )
+
+
+def open_pixels(
+    recording: Recording, folder: Path, model: str | None = None, threads: int | None = None
+) -> PixelViews:
+    """Return what looks at the videos of a stored recording.
+
+    Args:
+        recording: with videos.
+        folder: where it is stored.
+        model: a detector; by default the one that the recording names.
+        threads: of the processor for the network; all cores by default.
+
+    Raises:
+        InputError: when a video or the detector is missing.
+    """
+    check_pixels(recording)
+    name = model or recording.detector
+    if not name:
+        raise InputError("detector", "none named by the recording", "--detector NAME")
+    detector = make_detector(name, threads=threads)
+    return PixelViews(recording, detector, folder, load_video_starts(folder))
+
+
+def replay_stored(
+    recording: Recording, settings: ReplaySettings, folder: Path, detector: str | None = None
+) -> Iterator[SlotRecord]:
+    """Replay a stored recording; with feedback, look anew at its videos on one thread.
+
+    Args:
+        recording: what is stored.
+        settings: how to run it.
+        folder: where it is stored.
+        detector: looks anew, with feedback or without; by default that of the recording does with
+            feedback, and nobody does without.
+    """
+    anew = settings.feedback or detector is not None
+    look = open_pixels(recording, folder, detector, threads=1) if anew else None
+    return replay(recording, settings, look=look)
