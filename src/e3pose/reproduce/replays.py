@@ -24,6 +24,7 @@ from e3pose.simulate import SceneSettings, simulate
 Floats = NDArray[np.float64]
 
 SHELF, FRAGMENT, MOTION = "shelf", "panoptic-fragment", "panoptic-motion"
+TOLD = "shelf-feedback"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class Asked:
     """What to replay and how.
 
     Attributes:
-        recording: `SHELF`, `FRAGMENT`, `MOTION`, or the name of a simulated scene.
+        recording: `SHELF`, `TOLD`, `FRAGMENT`, `MOTION`, or the name of a simulated scene.
         policy: who decides.
         pipeline: a name of `settings.loop.PIPELINES`.
         cameras: the paper's C.
@@ -209,6 +210,9 @@ def recording_of(sources: Sources, asked: Asked) -> Recording:
     if asked.recording == SHELF:
         assert sources.shelf is not None, "items say what they need"
         return sources.shelf
+    if asked.recording == TOLD:
+        assert sources.told is not None, "items say what they need"
+        return sources.told
     if asked.recording == FRAGMENT:
         assert sources.panoptic is not None, "items say what they need"
         return with_detections(sources.panoptic, asked.seed)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from e3pose.reproduce.items.base import Item, Scale
 from e3pose.reproduce.records import Basis, Cell, Headline, Line, Panel, Section, Spread, Table
-from e3pose.reproduce.replays import SHELF, Asked, Run, over_seeds
+from e3pose.reproduce.replays import SHELF, TOLD, Asked, Run, over_seeds
 from e3pose.reproduce.work import AnyPiece, Made
 
 # PCP of actors 1-3 and their average, and what found the keypoints.
@@ -68,6 +68,12 @@ ROWS = (
         for count in MEMORY_CAMERAS
     ),
 )
+SEMANTIC = Row("SA + feedback", Asked(TOLD, "all"))
+NO_PIXELS = (
+    " SA + feedback (RSS 2021) is not measured: it needs the images of Shelf, which are not with "
+    "the detections that these rows use; docs/how-to/reproduce.md says how to add it."
+)
+PIXELS = " SA + feedback has detections of its own, from the images; docs/how-to/reproduce.md."
 ACTORS = ("actor1", "actor2", "actor3", "average")
 
 
@@ -75,15 +81,21 @@ def _seeds(scale: Scale, row: Row) -> int:
     return 1 if row.asked.policy == "all" else scale.seeds(20, 2)
 
 
+def _rows(scale: Scale) -> tuple[Row, ...]:
+    """Return the rows that can be measured."""
+    return (*ROWS[:1], SEMANTIC, *ROWS[1:]) if TOLD in scale.data else ROWS
+
+
 def pieces(scale: Scale) -> Sequence[AnyPiece]:
     """Return a replay per row and seed."""
-    return [piece for row in ROWS for piece in over_seeds(row.asked, _seeds(scale, row))]
+    return [piece for row in _rows(scale) for piece in over_seeds(row.asked, _seeds(scale, row))]
 
 
 def section(scale: Scale, made: Made) -> Section:
     """Return the table, and PCP against V."""
-    runs = {row: [made(p) for p in over_seeds(row.asked, _seeds(scale, row))] for row in ROWS}
-    averages = {row.name: Spread.of([run.average for run in runs[row]]) for row in ROWS}
+    rows = _rows(scale)
+    runs = {row: [made(p) for p in over_seeds(row.asked, _seeds(scale, row))] for row in rows}
+    averages = {row.name: Spread.of([run.average for run in runs[row]]) for row in rows}
     found = averages["E3Pose"]
     best = max((averages[f"E3Pose, V = {v:g}"].mean, v) for v in WEIGHTS)
     gap = averages["SA: all five"].mean - found.mean
@@ -105,7 +117,7 @@ def section(scale: Scale, made: Made) -> Section:
         "paper's matcher and the published network unless another is named (`own predictor`: the "
         "network with this system's changes, which `memory` uses), lead 1, warm-up slots with all "
         "cameras included. Published rows have other detectors and are cited from the paper's "
-        "table.",
+        "table." + (PIXELS if SEMANTIC in runs else NO_PIXELS),
         tables=(_table(runs, averages),),
         panels=(_over_weights(averages), _bars(averages)),
         headlines=(
@@ -123,6 +135,8 @@ def _table(runs: dict[Row, list[Run]], averages: dict[str, Spread]) -> Table:
     rows: list[tuple[Cell, ...]] = [
         (f"{name} (published)", "all 5", *figures, None) for name, *figures in PUBLISHED
     ]  # fmt: skip
+    if SEMANTIC not in runs:
+        rows.append((f"{SEMANTIC.name}: not measured, no images", *(None,) * 6))
     for row, found in runs.items():
         actors = (Spread.of([run.pcp[actor] for run in found]) for actor in ACTORS[:3])
         mean = sum(run.cameras for run in found) / len(found)
