@@ -64,7 +64,7 @@ PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
     **{f"{s}_big_toe": ((f"{s}_ankle",), TOE) for s in ("left", "right")},
     **{f"{s}_small_toe": ((f"{s}_big_toe",), SMALL_TOE) for s in ("left", "right")},
     **{f"{s}_heel": ((f"{s}_ankle",), HEEL) for s in ("left", "right")},
-    "top_head": (("nose", "neck"), HEAD),
+    "top_head": (("neck", "nose"), HEAD),
 }
 
 
