@@ -1,0 +1,124 @@
+"""Skeletons with feet, live from end to end: edge, store, report and exports."""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+import pytest
+from tests.live.processes import COMPILE_S, e3pose, run
+from tests.ports import free_port
+from tests.waiting import eventually
+
+from e3pose.model.skeleton import skeleton_by_name
+from e3pose.recording import load_recording
+from e3pose.store import Store
+
+pytestmark = pytest.mark.live
+
+FPS = 20.0
+SITE = """
+format = "e3pose-site"
+version = 1
+name = "lab"
+calibration = "feet/calibration.toml"
+fps = {fps}
+[link]
+endpoint = "tcp/127.0.0.1:{port}"
+[store]
+path = "live.db"
+[loop]
+policy = "round-robin"
+cameras = 3
+"""
+CAMERA = """
+[[camera]]
+id = "{id}"
+source = "recorded:{source}"
+"""
+NEAR_M = 0.12  # of the median joint of a foot, from three cameras a slot
+
+
+@pytest.mark.parametrize(
+    ("name", "fewer"), [("body25", ""), ("halpe26", "cam3")], ids=["body25", "mixed"]
+)
+def test_feet_are_followed_stored_and_exported(tmp_path: Path, name: str, fewer: str) -> None:
+    """In the mixed site, one camera's detector knows no feet, and the site takes what it has."""
+    for folder, skeleton in (("feet", name), ("none", "coco17")):
+        code, _, err = run(
+            "simulate", str(tmp_path / folder), "--people", "2", "--seconds", "8", "--fps",
+            f"{FPS:g}", "--cameras", "4", "--seed", "701", "--skeleton", skeleton, seconds=120,
+        )  # fmt: skip
+        assert code == 0, err
+    content = SITE.format(fps=FPS, port=free_port())
+    if fewer:  # without a word, a site takes the joints that all cameras have
+        content = content.replace("[link]", f'skeleton = "{name}"\n[link]')
+    for camera in range(4):
+        source = "none" if f"cam{camera}" == fewer else "feet"
+        content += CAMERA.format(id=f"cam{camera}", source=source)
+    site, store = tmp_path / "site.toml", tmp_path / "live.db"
+    site.write_text(content)
+    if fewer:
+        code, out, _ = run("check", str(site), seconds=120)
+        said = " ".join(out.split())
+        assert f"camera {fewer}" in said and "coco17, converted, without" in said, out
+        assert code == 0, out
+    with subprocess.Popen(e3pose("up", str(site), "--quiet"), start_new_session=True) as program:
+        try:
+            assert eventually(lambda: program.poll() is not None or stored(store) > 150, COMPILE_S)
+            assert program.poll() is None
+        finally:
+            program.terminate()
+            program.wait(60)
+    assert error_m(tmp_path, name) < NEAR_M
+    feet = skeleton_by_name(name)
+    heels = {feet.index(f"{side}_heel") for side in ("left", "right")}
+    exported(tmp_path, [limb for limb in feet.limbs if set(limb) & heels])
+
+
+def stored(store: Path) -> int:
+    """Return how many poses are stored so far."""
+    try:
+        return len(Store(store).query().time_ns)
+    except Exception:  # it is being made
+        return 0
+
+
+def error_m(folder: Path, name: str) -> float:
+    """Return the median error of the stored joints of feet."""
+    truth = load_recording(folder / "feet").truth
+    assert truth is not None
+    found = Store(folder / "live.db").query()
+    skeleton = skeleton_by_name(name)
+    assert found.joints == skeleton.joints
+    feet = [i for i, joint in enumerate(skeleton.joints) if joint.endswith(("toe", "heel"))]
+    length_ns = round(len(truth.joints_m) / FPS * 1e9)
+    slot = np.round(found.time_ns % length_ns / 1e9 * FPS).astype(int) % len(truth.joints_m)
+    off = truth.joints_m[slot][:, :, feet] - found.joints_m[:, None, feet]
+    distance = np.linalg.norm(off, axis=-1)  # (num_rows, num_persons, 6)
+    assert np.isfinite(distance).any(axis=1).mean() > 0.5
+    return float(np.nanmedian(np.nanmin(np.nanmedian(distance, axis=2), axis=1)))
+
+
+def exported(folder: Path, foot_limbs: list[tuple[int, int]]) -> None:
+    """Export the stored run to TRC, C3D and glTF, make its report, and look for feet in each."""
+    assert foot_limbs
+    for file in ("poses.trc", "poses.c3d", "poses.glb"):
+        code, _, err = run("export", str(folder / "live.db"), str(folder / file), seconds=120)
+        assert code == 0, err
+    trc = next(folder.glob("poses*.trc")).read_text()
+    assert "left_heel" in trc or "LHeel" in trc
+    points = ezc3d.c3d(str(next(folder.glob("poses*.c3d"))))["parameters"]["POINT"]["LABELS"]
+    assert any("heel" in label.lower() for label in points["value"])
+    data = next(folder.glob("poses*.glb")).read_bytes()
+    (length,) = struct.unpack("<I", data[12:16])
+    nodes = [node.get("name", "") for node in json.loads(data[20 : 20 + length])["nodes"]]
+    assert any("left_big_toe" in node for node in nodes), nodes
+    page = folder / "page.html"
+    code, _, err = run("report", str(folder / "site.toml"), str(page), seconds=120)
+    assert code == 0, err
+    assert all(f"[{a},{b}]" in page.read_text().replace(" ", "") for a, b in foot_limbs)
