@@ -94,6 +94,8 @@ ELSEWHERE = {
     "detect demo-output/site/videos/*.mp4 clip --calibration demo-output/site/rig.toml": (
         "tests/cli/test_detecting.py"
     ),
+    "import videos recordings/20261122T150000Z collected": "tests/edge/test_recorder.py",
+    "replay recordings/20261122T150000Z": "tests/live/test_recorded_session.py",
     "up try --example": "tests/live/test_programs.py",
     "up demo-output/site/site.toml": "tests/live/test_programs.py",
     "top site.toml": "tests/live/test_programs.py",
@@ -129,6 +131,11 @@ HERE_NOT = {
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration calibration.toml "
     "--model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration room.toml": FILMS,
+    "detect Shelf/Camera* found --fps 25 --calibration rig/calibration.toml --feedback": DATA,
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --feedback": FILMS,
+    "detect recordings/videos/*/*-20261122T15*.mkv again --calibration rig.toml "
+    "--model openpose-thin": FILMS,
+    "evaluate walk --policies all,all+feedback,information,information+feedback": FILMS,
     "evaluate my-recording --policies round-robin,e3pose,information --cameras 1,2 --leads 1,4": (
         "two others of `evaluate` run, in a quarter of the time"
     ),
@@ -140,6 +147,8 @@ HERE_NOT = {
     "export lab walk.parquet --from -1h --smooth rts --angles": LIVE,
     "export live.db walk.trc --from 2026-11-21T14:00 --to 2026-11-21T14:05 --smooth rts": DAY,
     "import cmu cmu_mocap.npz recordings/cmu": DATA,
+    "import shelf Shelf data/shelf-feedback --detections found": DATA,
+    "import shelf Shelf rig": DATA,
     "import shelf Shelf shelf --detections found": DATA,
     "import human36m h36m walking --subject 9 --action 14 --subaction 1": DATA,
     "init room usb:0 usb:2 usb:4 usb:6": "needs four webcams",
@@ -151,6 +160,7 @@ HERE_NOT = {
     "models pull movenet-multipose": "downloads a network",
     "models pull openpose-thin": "downloads a network",
     "power --watch": "goes on until it is stopped; `power` runs",
+    "replay walk --feedback": FILMS,
     "replay recordings/thursday --pipeline paper --predictor published/attention-lstm.onnx": TRAINS,
     "replay recordings/thursday --predictor predictor/attention-lstm.onnx": TRAINS,
     "replay thursday --predictor learned/versions/000001.onnx": TRAINS,

@@ -15,6 +15,7 @@ from e3pose.errors import InputError
 from e3pose.files.table import entries
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
+from e3pose.quantities import size_bytes
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.camera_file import NodeTable, load_node
@@ -75,6 +76,8 @@ def test_page_explains_every_key_and_its_default(table: Any) -> None:
             assert told == "", name
         else:
             shown = str(default).lower() if isinstance(default, bool) else f"{default}"
+            if item.read is size_bytes:
+                shown = f"{default // 10**6}MB"
             assert told in (f"`{shown}`", f"`{shown.removesuffix('.0')}`"), name
 
 

@@ -127,7 +127,11 @@ SITES: list[tuple[str, Break, str]] = [
     ("edge", new(SITE, PATH, 'path = "rig.toml"'), "no database"),
     ("up", new(SITE, PATH, 'path = "recording"'), "found a folder, expected a file"),
     ("check", new(SITE, PATH, 'path = "no/such.db"'), "found no folder"),
-    ("edge", new(SITE, PATH, 'path = "foo://bar"'), "foo://bar: cannot be opened"),
+    (
+        "edge",
+        new(SITE, PATH, 'path = "foo://bar"'),
+        "foo://bar: found foo, expected a file or postgresql",
+    ),
     (
         "edge",
         new(SITE, PATH, 'path = "postgresql://u:s3cret@h:x/y"'),
@@ -270,7 +274,7 @@ WORDS: list[tuple[str, str]] = [
     ("query", "STORE"),
     ("query nosuch", "no such file"),
     ("query rec", "found a folder"),
-    ("query foo://bar", "cannot be opened"),
+    ("query foo://bar", "found foo, expected a file or postgresql"),
     ("query postgresql://u:secret@127.0.0.1:1/x", r"^e3pose: postgresql://u:\*\*\*@"),
     ("query postgresql://u:s3cret@h:port/x", r"^e3pose: postgresql://\*\*\*@h:port/x: expected"),
     ("query s.db --csv nodir/a.csv", r"nodir/a.csv: found no folder nodir, expected one \(mkdir"),

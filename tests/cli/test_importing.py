@@ -104,7 +104,8 @@ def test_a_file_that_is_no_archive_is_named(
 
 
 def test_every_importer_has_a_command() -> None:
-    assert {name for name in import_app if not name.startswith("-")} == set(IMPORTERS)
+    commands = {name for name in import_app if not name.startswith("-")}
+    assert commands - {"videos"} == set(IMPORTERS)  # videos go into a recording that is there
 
 
 @needs_shared

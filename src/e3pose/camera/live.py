@@ -54,8 +54,8 @@ class CameraCounts:
 
     captured: int = 0
     detected: int = 0
-    focused: int = 0
     sent: int = 0
+    focused: int = 0
     active_ns: int = 0
     idle_ns: int = 0
     margin_ns: int | None = None

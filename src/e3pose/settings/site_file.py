@@ -64,7 +64,7 @@ class StoreTable:
     path: str = entry(write='"poses.db"')
     keep_s: float | None = entry(None, key="keep", read=age_s)
     max_bytes: int | None = entry(None, key="max_size", read=size_bytes)
-    spool_bytes: int = entry(32 * 2**20, key="spool", read=size_bytes)
+    spool_bytes: int = entry(32_000_000, key="spool", read=size_bytes)
 
     def __post_init__(self) -> None:
         check_within("spool", self.spool_bytes, 1_000_000, 1_000_000_000)
