@@ -5,10 +5,13 @@ from __future__ import annotations
 import threading
 import time
 
+import pytest
+
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings
 from e3pose.camera.live_source import RecordedDetector
-from e3pose.clock import WallClock
+from e3pose.camera.schedule import Schedule
+from e3pose.clock import SlotTimes, WallClock
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.wire.memory import Hub
@@ -56,3 +59,14 @@ def test_failing_source_is_told_once_and_its_return_once() -> None:
         while node.counts.captured < 3 and time.monotonic() < end_s:
             time.sleep(0.02)
     assert told[1:] == ["frames from the source again"] and node.problem == ""
+
+
+@pytest.mark.parametrize(("delay_ms", "slot"), [(0, 7), (200, 5)])
+def test_what_a_frame_is_late_by_is_taken_off_its_time(delay_ms: int, slot: int) -> None:
+    joints = tuple(map(str, range(17)))
+    settings = NodeSettings("lab", "cam0", joints, delay_ns=delay_ms * 10**6)
+    node = CameraNode(settings, Unplugged(), RecordedDetector(), Hub().join(), WallClock())
+    times = SlotTimes(0, 10**8)
+    node.schedule = Schedule(session=1, times=times, active={slot: True})
+    node._take(LiveFrame(times.middle_ns(7), (640, 480), lambda: Poses2D.empty(17)))
+    assert node.mode == "active"

@@ -11,6 +11,7 @@ from tests.calibrate.people_scenes import distances, knocked, walk, without_cali
 from tests.cli.commands import run
 
 from e3pose.calibrate.align import Move
+from e3pose.calibrate.synchronise import with_offsets
 from e3pose.recording import load_recording, save_recording
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.record import Recording
@@ -116,6 +117,20 @@ def test_sync_of_films_in_step_says_so(folders: Path, capsys: pytest.CaptureFixt
     printed = capsys.readouterr().out
     assert "--offset cam0=0.0000" in printed and "again: written" in printed
     assert load_recording(folders / "again").num_slots == 120
+
+
+def test_sync_says_by_how_much_a_live_camera_is_late(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    late_s = np.zeros(len(recording.rig))
+    late_s[1] = 0.16  # of slots of 0.1 s
+    save_recording(with_offsets(recording, late_s), tmp_path / "late")
+    assert run("sync", tmp_path / "late", "--max-shift", "1", "--json") == 0
+    delays_ms = json.loads(capsys.readouterr().out)["delays_ms"]
+    assert delays_ms.pop("cam1") == pytest.approx(160, abs=25)  # a quarter of a slot
+    assert all(0 <= delay_ms < 25 for delay_ms in delays_ms.values())
+    assert run("sync", tmp_path / "late", "--max-shift", "1") == 0
+    assert "to add to their delay_ms: cam0" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

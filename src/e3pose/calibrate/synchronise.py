@@ -70,6 +70,14 @@ class Synchrony:
     sure_s: Floats
     pairs: tuple[PairShift, ...]
 
+    @property
+    def delays_ms(self) -> Floats:
+        """By how much each camera's times are late, `(num_cameras,)`; 0 of the one that is least.
+
+        A live camera that reports frames late seems to have begun earlier than it did.
+        """
+        return np.asarray(1e3 * (self.offsets_s.max() - self.offsets_s))
+
 
 def synchronise(
     recording: Recording,
@@ -91,6 +99,26 @@ def synchronise(
     Raises:
         InputError: naming the cameras whose motion fits no other's.
     """
+    found = _in_slots(recording, noise, max_shift_s, told)
+    offsets_s = found.offsets_s - _beside_slots(recording)
+    return replace(found, offsets_s=offsets_s - offsets_s[0])
+
+
+def _beside_slots(recording: Recording) -> Floats:
+    """Return how long after the middles of its slots each camera usually takes its frames."""
+    return np.array([
+        np.median(series.times_s - series.slots / recording.fps) if len(series.slots) else 0.0
+        for series in recording.views
+    ])  # fmt: skip
+
+
+def _in_slots(
+    recording: Recording,
+    noise: Noise,
+    max_shift_s: float,
+    told: Callable[[str, int, int], None],
+) -> Synchrony:
+    """Find the offsets of the slots that views stand in, whatever their times."""
     first = _synchronise(recording, noise, max_shift_s, told)
     if recording.rig.placed:
         return first
@@ -119,7 +147,7 @@ def _synchronise(
     recording: Recording,
     noise: Noise,
     max_shift_s: float,
-    told: Callable[[str, int, int], None] = lambda what, done, total: None,
+    told: Callable[[str, int, int], None],
 ) -> Synchrony:
     seen = observe_people(recording, noise)
     signals = [motion_signals(recording, camera, seen) for camera in range(len(recording.rig))]

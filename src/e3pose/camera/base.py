@@ -76,6 +76,7 @@ class NodeSettings:
         camera_id: its name there.
         joints: that its detector finds.
         wake_s: from aggressive power-saving to the first frame.
+        delay_ns: how long after the moment it shows a frame has its time.
         detector: name of the network.
         battery_wh: capacity; None on mains.
     """
@@ -84,5 +85,6 @@ class NodeSettings:
     camera_id: str
     joints: tuple[str, ...]
     wake_s: float = 0.0
+    delay_ns: int = 0
     detector: str = ""
     battery_wh: float | None = None

@@ -249,7 +249,7 @@ class CameraNode:
         schedule = self.schedule
         if schedule.times is None:
             return
-        edge_ns = self.offset.offset.edge_ns(frame.captured_ns)
+        edge_ns = self.offset.offset.edge_ns(frame.captured_ns - self.settings.delay_ns)
         interval_ns = round(1e9 / self.source.fps)
         newest = (schedule.session, self._newest[1] if self._newest[0] == schedule.session else -1)
         slot = slot_of_frame(schedule.times, edge_ns, newest[1], interval_ns)

@@ -79,6 +79,7 @@ def camera(
     pace: float | None = None,
     begin_s: float | None = None,
     wake_s: float | None = None,
+    delay_ms: float | None = None,
     battery_wh: float | None = None,
     meter: str | None = None,
     profile: str | None = None,
@@ -132,6 +133,8 @@ def camera(
         so that all cameras show the same moment.
     wake_s
         Seconds from aggressive power-saving to the first frame.
+    delay_ms
+        Milliseconds from the moment that a frame shows to its arrival; `e3pose sync` finds them.
     battery_wh
         Battery capacity. Default: mains power.
     meter
@@ -165,7 +168,7 @@ def camera(
     given = {
         "site": site, "camera": name, "source": source, "endpoint": endpoint, "keys": keys,
         "detector": detector, "model": model, "provider": provider, "threads": threads,
-        "fps": fps, "pace": pace, "begin_s": begin_s, "wake_s": wake_s,
+        "fps": fps, "pace": pace, "begin_s": begin_s, "wake_s": wake_s, "delay_ms": delay_ms,
         "battery_wh": battery_wh, "meter": meter, "profile": profile, "state": state,
         "insecure": insecure, "pictures": pictures, "videos": videos,
         "videos_max_size": videos_max_size, "videos_part": videos_part,

@@ -95,6 +95,11 @@ def sync(
         for name, offset_s in zip(loaded.rig.camera_ids, found.offsets_s, strict=True)
     )
     print(f"for e3pose detect and e3pose calibrate extrinsics: {options}")
+    delays = ", ".join(
+        f"{name} {delay_ms:.0f}"
+        for name, delay_ms in zip(loaded.rig.camera_ids, found.delays_ms, strict=True)
+    )
+    print(f"for cameras of a live site, to add to their delay_ms: {delays}")
     if dest is not None:
         print(f"{dest}: written with the views in the slots in which they were taken")
 
@@ -103,6 +108,7 @@ def _values(recording: Recording, found: Synchrony) -> dict[str, object]:
     names = recording.rig.camera_ids
     return {
         "offsets_s": dict(zip(names, found.offsets_s.tolist(), strict=True)),
+        "delays_ms": dict(zip(names, found.delays_ms.tolist(), strict=True)),
         "agreement_s": {
             name: None if np.isnan(value) else float(value)
             for name, value in zip(names, found.sure_s, strict=True)

@@ -43,6 +43,7 @@ class NodeTable:
         begin_s: seconds since 1970 at which a round of it begins, and before which nothing is
             shown; by default rounds are counted from 1970.
         wake_s: seconds from aggressive power-saving to the first frame.
+        delay_ms: how long after the moment it shows a frame arrives, which is taken off its time.
         battery_wh: capacity; without it the camera is on mains.
         meter: how its power is measured.
         profile: power profile, for what is not measured.
@@ -73,6 +74,7 @@ class NodeTable:
     pace: float = 1.0
     begin_s: float = 0.0
     wake_s: float = 0.5
+    delay_ms: float = 0.0
     battery_wh: float | None = None
     meter: Literal["auto", "model"] = "auto"
     profile: str = "xavier-nx"
@@ -94,7 +96,7 @@ class NodeTable:
             check_within("fps", self.fps, 0.1, 1000)
         check_within("pace", self.pace, 1e-3, 1)
         check_within("begin_s", self.begin_s, 0, 1e10)
-        check_camera(self.wake_s, self.battery_wh, self.threads)
+        check_camera(self.wake_s, self.delay_ms, self.battery_wh, self.threads)
         check_source(self.source)
         if self.state and not self.state.endswith(".json"):  # it is replaced again and again
             raise InputError("state", repr(self.state[:80]), "a name that ends in .json, or ''")

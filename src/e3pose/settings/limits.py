@@ -13,9 +13,12 @@ def check_within(thing: str, value: float, low: float, high: float) -> None:
         raise InputError(thing, f"{value:g}", f"{low:g} to {high:g}")
 
 
-def check_camera(wake_s: float, battery_wh: float | None, threads: int | None) -> None:
+def check_camera(
+    wake_s: float, delay_ms: float, battery_wh: float | None, threads: int | None
+) -> None:
     """Raise `InputError` for what no camera has."""
     check_within("wake_s", wake_s, 0, 3600)
+    check_within("delay_ms", delay_ms, 0, 10_000)
     if threads is not None:
         check_within("threads", threads, 1, 1024)
     if battery_wh is not None:

@@ -152,6 +152,7 @@ class CameraTable:
         provider: where it runs.
         threads: of the processor for the network; all cores by default.
         wake_s: seconds from aggressive power-saving to its first frame.
+        delay_ms: how long after the moment it shows a frame arrives, which is taken off its time.
         battery_wh: capacity; without it the camera is on mains.
         meter: how `e3pose up` lets it measure its power, `auto` or `model`, which is the default.
         budget: what it may spend, such as `4W` or `until 18:00`; by default that of the site.
@@ -167,6 +168,7 @@ class CameraTable:
     provider: str = "auto"
     threads: int | None = None
     wake_s: float = 0.5
+    delay_ms: float = 0.0
     battery_wh: float | None = None
     meter: Literal["auto", "model"] | None = None
     budget: str | None = None
@@ -177,7 +179,7 @@ class CameraTable:
             check_camera_id(self.id)
         except InputError as error:
             raise error.at(thing="id") from None
-        check_camera(self.wake_s, self.battery_wh, self.threads)
+        check_camera(self.wake_s, self.delay_ms, self.battery_wh, self.threads)
         check_source(self.source or "")
 
 

@@ -225,6 +225,7 @@ def make_camera(
         camera_id=node.camera,
         joints=joints,
         wake_s=node.wake_s,
+        delay_ns=round(node.delay_ms * 1e6),
         detector=name,
         battery_wh=node.battery_wh,
     )

@@ -70,6 +70,7 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
         ("--detector", camera.detector),
         ("--model", None if camera.model is None else str(site.near(camera.model))),
         ("--threads", camera.threads),
+        ("--delay-ms", camera.delay_ms or None),
         ("--pace", None if site.pace == 1 else site.pace),
         ("--battery-wh", camera.battery_wh),
     ):
