@@ -17,12 +17,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from tests.calibrate.people_scenes import (
-    distances,
-    disturbed,
-    every,
-    without_calibration,
-)
 
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.from_boards import solve_boards
@@ -36,6 +30,15 @@ from e3pose.model.noises import detector_of, load_noise
 from e3pose.recording import load_recording
 from e3pose.recording.record import Recording
 from e3pose.simulate import SceneSettings, simulate
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # scenes of the tests
+
+from tests.calibrate.people_scenes import (
+    distances,
+    disturbed,
+    every,
+    without_calibration,
+)
 
 BOARD = Board.parse("charuco-5x7-54mm")
 CORNER_NOISE_PX = 0.3

@@ -10,16 +10,21 @@ by so many degrees about a random axis, while the calibration stays as it was.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.calibrate.people_scenes import knocked
 
 from e3pose.edge.knock_watch import KnockWatch
 from e3pose.evaluate.replay import ReplaySettings, replay, selected_views
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # scenes of the tests
+
+from tests.calibrate.people_scenes import knocked
 
 Floats = NDArray[np.float64]
 

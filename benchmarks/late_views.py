@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import argparse
 import random
+import sys
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # scenes of the tests
+
 from tests.edge.one_process import site_at_work
 
 QUIET_S = 20.0  # so that the lead remembers quick orders
