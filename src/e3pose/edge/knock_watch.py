@@ -41,8 +41,10 @@ class KnockWatch:
         """
         now_s = record.time_s
         fresh = {i: view for i, view in views.items() if now_s - self._looked_s[i] >= LOOK_S}
-        self._looked_s |= dict.fromkeys(fresh, now_s)
-        self._watch = look(self._watch, self.rig, now_s, fresh, record.poses, record.covariance_m2)
+        if fresh:
+            self._looked_s |= dict.fromkeys(fresh, now_s)
+            people = record.poses, record.covariance_m2
+            self._watch = look(self._watch, self.rig, now_s, fresh, *people)
         if now_s - self._ask_s >= ASK_S:
             self._ask_s = now_s
             self._answers = [*self._answers[1:], self._ask()]

@@ -25,6 +25,7 @@ WINDOW_S = 20.0  # votes older than this are forgotten
 SPAN_S = 8.0  # of votes, before they are asked: people who stand say little
 MOST_VOTES = 300  # of a camera
 MIN_VOTES = 30
+MOST_TRIED = 60  # votes around which others may gather
 MIN_JOINTS = 6
 MIN_SCORE = 0.3
 MOST_SIGMA_M = 0.1  # of joints that are compared
@@ -161,8 +162,9 @@ def _turn(votes: Floats) -> tuple[float, float]:
     if poses < MIN_VOTES or np.ptp(votes[:, 0]) < SPAN_S:
         return np.nan, np.nan
     offsets = votes[:, 4:]
-    near = np.linalg.norm(offsets[:, None] - offsets[None], axis=-1) < NEAR
-    middle = offsets[near.sum(axis=1).argmax()]
+    tried = offsets[:: -(-len(offsets) // MOST_TRIED)]
+    near = np.linalg.norm(tried[:, None] - offsets[None], axis=-1) < NEAR
+    middle = tried[near.sum(axis=1).argmax()]
     good = np.linalg.norm(offsets - middle, axis=1) < 2 * NEAR
     rotation = np.zeros(3)
     for _ in range(4):
