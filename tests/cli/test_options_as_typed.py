@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 from tests.cli.commands import run
 
+from e3pose.errors import InputError
 from e3pose.recording import save_recording
+from e3pose.settings.site_file import SiteTable
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import write_recorded
 
@@ -82,3 +84,38 @@ def test_key_of_a_site_is_not_called_an_option(
     assert run("check", path) == 2
     err = capsys.readouterr().err
     assert f"{path}: energy.battery_wh: found camera 'cam9'" in err and "--" not in err, err
+
+
+@pytest.mark.parametrize(
+    ("delay", "told"),
+    [("5s", "expected 0 to 2000"), ("soon", "expected"), ("-200ms", "expected")],
+)
+def test_delay_of_an_edge_is_named_as_typed(
+    delay: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_recorded(
+        tmp_path, simulate(SceneSettings(people=1, seconds=0.2, cameras=2), seed=0)
+    )
+    for verb in ("edge", "up"):
+        assert run(verb, path, f"--delay={delay}") == 2
+        err = capsys.readouterr().err
+        assert err.startswith("e3pose: --delay: found") and told in err, err
+        assert err.count("\n") == 1, err
+
+
+def test_delay_of_an_edge_takes_the_place_of_that_of_its_site(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_recorded(
+        tmp_path, simulate(SceneSettings(people=1, seconds=0.2, cameras=2), seed=0)
+    )
+    opened: list[float] = []
+
+    def stop(site: SiteTable, *_: object) -> None:
+        opened.append(site.smooth_delay_ms)
+        raise InputError("", "enough", "")
+
+    monkeypatch.setattr("e3pose.site.edge_program.open_edge", stop)
+    assert run("edge", path, "--delay", "200ms") == 2
+    assert run("edge", path) == 2
+    assert opened == [200.0, 0.0]

@@ -71,6 +71,14 @@ def test_page_shows_the_newest_run(site: Path, capsys: pytest.CaptureFixture[str
     assert shown(page)["numSlots"] == 40
 
 
+def test_page_can_be_smoothed(site: Path) -> None:
+    for name, words in (("as-stored", ()), ("smooth", ("--smooth", "rts"))):
+        assert run("report", site, site / f"{name}.html", *words) == 0
+    stored, smooth = (shown(site / f"{name}.html") for name in ("as-stored", "smooth"))
+    assert smooth != stored and smooth["numSlots"] == stored["numSlots"]
+    assert run("report", site, site / "no.html", "--cutoff", "6Hz") == 2
+
+
 @pytest.mark.parametrize(
     ("words", "slots"),
     [

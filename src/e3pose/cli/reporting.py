@@ -9,8 +9,11 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import as_typed
 from e3pose.cli.output import wrote
+from e3pose.cli.smoothing import SmoothOptions
 from e3pose.errors import MISSING, InputError
 from e3pose.quantities import plural
+
+SMOOTH = SmoothOptions()
 
 
 def report(
@@ -20,13 +23,15 @@ def report(
     *,
     from_: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
     to: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    smooth: SmoothOptions = SMOOTH,
 ) -> None:
     """Write the report page of any stretch of a live site: 3D player, camera selection, energy.
 
     Example: `e3pose report site.toml morning.html --from 09:00 --to 09:30`
 
     The page is that of `e3pose replay --report`, of what the edge stored. It works while the site
-    runs. Of several runs in that time, the newest is shown.
+    runs. Of several runs in that time, the newest is shown. With `--smooth`, poses also use later
+    slots; what was selected is shown as it was.
 
     Parameters
     ----------
@@ -49,11 +54,12 @@ def report(
     if dest.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"DEST: found {str(dest)!r}, expected a name ending in .html")
     check_output(dest)
+    smoothing = smooth.settings()
     table = load_site(site)
     if table.store_place is None:
         wanted = '[store] path = "poses.db", without which a site keeps nothing'
         raise InputError("", MISSING, wanted, str(table.path))
     store = Store(table.store_place)
     with as_typed({"time": "--from, --to"}, store.where):
-        slots = write_stretch(live_site(table), store, dest, from_, to)
+        slots = write_stretch(live_site(table), store, dest, from_, to, smoothing)
     wrote(dest, plural(slots, "slot"))

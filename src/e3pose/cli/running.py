@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +12,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed, warn
 from e3pose.errors import MISSING, InputError
-from e3pose.quantities import check_seconds
+from e3pose.quantities import check_seconds, duration_s
 
 if TYPE_CHECKING:
     from e3pose.settings.live import LiveSite
@@ -25,6 +26,7 @@ def edge(
     site: Path,
     /,
     *,
+    delay: str | None = None,
     json_logs: Annotated[bool, Parameter(negative="")] = False,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
     end_with_parent: Child = False,
@@ -41,6 +43,9 @@ def edge(
     ----------
     site
         Site file, or the folder that contains site.toml.
+    delay
+        Publish poses a second time, smoothed, this much later, such as 200ms. Default:
+        `smooth_delay_ms` of the site file.
     json_logs
         Log as JSON, one object per line.
     for_s
@@ -55,7 +60,7 @@ def edge(
     from e3pose.site.logs import open_log
     from e3pose.site.summary import edge_summary
 
-    table = load_site(site)
+    table = _delayed(load_site(site), delay)
     with open_edge(table, open_log("edge", json_logs, site=table.name)) as opened:
         opened.run(for_s)
         counts = opened.server.counts
@@ -201,6 +206,7 @@ def up(
     *,
     example: Annotated[bool, Parameter(negative="")] = False,
     view: Annotated[bool, Parameter(negative="")] = False,
+    delay: str | None = None,
     logs: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
@@ -221,6 +227,9 @@ def up(
         Create the folder first, with four cameras that play a simulated scene.
     view
         Also run `e3pose view`: the live page, at the printed address.
+    delay
+        Publish poses a second time, smoothed, this much later, such as 200ms. Default:
+        `smooth_delay_ms` of the site file.
     logs
         Folder for the logs of the programs. Default: `logs` beside the site file.
     for_s
@@ -245,7 +254,7 @@ def up(
 
     if example:
         make_example(site)
-    table = load_site(site)
+    table = _delayed(load_site(site), delay)
     checked = check_edge(table)  # what is wrong is told here, not in a log
     edge_link(table)
     warn(checked.world_warning())
@@ -254,7 +263,8 @@ def up(
     folder = logs or table.path.parent / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
-    programs = [Program("edge", edge_command(table.path), folder / "edge.log")] + [
+    options = () if delay is None else ("--delay", delay)
+    programs = [Program("edge", edge_command(table.path, *options), folder / "edge.log")] + [
         Program(i, camera_command(table, i, rig), folder / f"{i}.log") for i in rig.camera_ids
     ]
     console = Console(quiet=quiet)
@@ -313,6 +323,14 @@ def _check_looks(site: SiteTable, live: LiveSite) -> None:
     for finding in check_looks(site, times, selected):
         if finding.level != "ok":
             warn(f"{finding.what}: {finding.found}: {finding.advice}")
+
+
+def _delayed(site: SiteTable, delay: str | None) -> SiteTable:
+    """Return a site that publishes poses a second time after what `--delay` says."""
+    if delay is None:
+        return site
+    with as_typed({"": "--delay", "smooth_delay_ms": "--delay"}):
+        return replace(site, smooth_delay_ms=1e3 * duration_s(delay))
 
 
 def _look_after_parent(asked: bool) -> None:

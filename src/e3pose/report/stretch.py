@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import datetime, timezone
 from pathlib import Path
 
 from e3pose.errors import InputError
+from e3pose.estimate.smooth import SmoothSettings
+from e3pose.evaluate.smoothed import smooth_poses
 from e3pose.evaluate.summary import summarise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import skeleton_by_name
@@ -21,11 +23,17 @@ from e3pose.store import Store
 from e3pose.store.query import Time
 from e3pose.store.records import slot_records
 
+AS_STORED = SmoothSettings()
 MOST_SLOTS = 200_000  # of a page: two hours at 25 slots a second
 
 
 def write_stretch(
-    live: LiveSite, store: Store, path: Path, start: Time = None, end: Time = None
+    live: LiveSite,
+    store: Store,
+    path: Path,
+    start: Time = None,
+    end: Time = None,
+    smoothing: SmoothSettings = AS_STORED,
 ) -> int:
     """Write the page of what a site stored between two times; return how many slots it shows.
 
@@ -37,6 +45,7 @@ def write_stretch(
         path: the `.html` file to write.
         start: see `Store.query`.
         end: likewise.
+        smoothing: of the poses.
 
     Raises:
         InputError: when nothing was stored in that time, too much for a page, or of other cameras.
@@ -80,6 +89,9 @@ def write_stretch(
         idle_mode=live.plan.idle_mode,
         battery_wh=live.plan.battery_wh,
     )
+    if smoothing.method is not None:
+        records = smooth_poses(records, skeleton, run.run.interval_s, smoothing)
+        summary = replace(summary, smooth=smoothing.method)
     write_report(recording, records, summary, path)
     return len(records)
 

@@ -26,9 +26,9 @@ BATTERIES = "batteries"  # folder of what is left in those of cameras on this ma
 CHILD = "--end-with-parent"
 
 
-def edge_command(path: Path) -> list[str]:
+def edge_command(path: Path, *options: str) -> list[str]:
     """Return the command line of the edge of a site."""
-    return [sys.executable, "-m", "e3pose", "edge", str(path), CHILD]
+    return [sys.executable, "-m", "e3pose", "edge", str(path), *options, CHILD]
 
 
 def view_command(path: Path) -> list[str]:
