@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from e3pose.recording import Recording
 
 
-ENOUGH_S = 20.0  # of a recording
+ENOUGH_S = 20.0  # of looks by the camera
 
 
 def place_again(
@@ -44,7 +44,7 @@ def place_again(
             raise InputError("--only: found a recording alone, expected the file to write after it")
         recording, rig, dest = *_of_recording(source, seconds), toml_path(paths[1])
     else:
-        recording, rig, own = _of_site(source, seconds)
+        recording, rig, own = _of_site(source, camera_id, seconds)
         dest = toml_path(paths[1]) if len(paths) == 2 else own
     found = place_one(recording, load_noise(noise or detector_of(recording)), rig, camera_id)
     kept = _set_aside(dest)
@@ -80,7 +80,7 @@ def _of_recording(path: Path, seconds: float) -> tuple[Recording, Rig]:
     return last_seconds(recording, seconds), recording.rig
 
 
-def _of_site(path: Path, seconds: float) -> tuple[Recording, Rig, Path]:
+def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig, Path]:
     """Return the newest of what a site recorded, its calibration and the file of that."""
     from dataclasses import replace
 
@@ -91,7 +91,14 @@ def _of_site(path: Path, seconds: float) -> tuple[Recording, Rig, Path]:
     own = site.near(site.calibration)
     rig = load_rig(own)
     folder = site.near(site.record.path)
-    recording = _newest(folder, seconds)
+    rig.index(camera_id)
+    recording, longest_s = _newest(folder, camera_id, seconds)
+    if recording is None and longest_s > 0:
+        raise InputError(
+            str(folder),
+            f"{longest_s:.0f} s of what {camera_id} saw",
+            f"{ENOUGH_S:.0f} s; if the site runs, try again in a while",
+        )
     if recording is None:
         raise InputError(
             f"{folder}: found no recording of {ENOUGH_S:.0f} s, expected what the cameras saw "
@@ -102,12 +109,16 @@ def _of_site(path: Path, seconds: float) -> tuple[Recording, Rig, Path]:
     return replace(recording, rig=rig), rig, toml_path(str(own))
 
 
-def _newest(folder: Path, seconds: float) -> Recording | None:
-    """Return the end of the newest recording in a folder, the one that is being written first."""
+def _newest(folder: Path, camera_id: str, seconds: float) -> tuple[Recording | None, float]:
+    """Return the end of the newest recording in a folder, the one that is being written first.
+
+    None where the camera looked too seldom in all of them, and for how many seconds at most.
+    """
     from e3pose.calibrate.recordings import last_seconds
     from e3pose.recording import load_recording
     from e3pose.recording.writer import PARTIAL, as_far_as_written
 
+    longest_s = 0.0
     parts = folder.iterdir() if folder.is_dir() else ()
     for part in sorted(parts, key=lambda part: part.name.removesuffix(PARTIAL), reverse=True):
         found = None
@@ -116,9 +127,13 @@ def _newest(folder: Path, seconds: float) -> Recording | None:
                 found = None if copy is None else load_recording(copy)
         elif (part / "recording.toml").is_file():
             found = load_recording(part)
-        if found is not None and found.num_slots >= ENOUGH_S * found.fps:
-            return last_seconds(found, seconds)
-    return None
+        if found is None or camera_id not in found.rig.camera_ids:
+            continue
+        looked_s = len(found.views[found.rig.index(camera_id)].slots) / found.fps
+        longest_s = max(longest_s, looked_s)
+        if looked_s >= ENOUGH_S:
+            return last_seconds(found, seconds), longest_s
+    return None, longest_s
 
 
 def _set_aside(dest: Path) -> Path | None:
