@@ -9,6 +9,7 @@ from e3pose.camera.source import Frame, open_video
 from e3pose.detectors.base import Image
 from e3pose.errors import InputError
 from e3pose.recording import Recording
+from e3pose.recording.videos import VIDEOS
 
 
 def video_path(recording: Recording, camera_id: str, folder: Path | None) -> Path:
@@ -30,7 +31,7 @@ def video_path(recording: Recording, camera_id: str, folder: Path | None) -> Pat
             f"recording {recording.name}: videos: {camera_id}: found {str(path)[:80]!r}, expected "
             "an absolute path or the name of a file in the recording's videos folder"
         )
-    return folder / "videos" / path
+    return folder / VIDEOS / path
 
 
 class SlotReader:

@@ -20,10 +20,8 @@ from e3pose.camera.video_file import VideoFile
 from e3pose.clock import SlotTimes
 from e3pose.errors import InputError
 from e3pose.files.private import make_folder
-from e3pose.recording.videos import video_name, videos_in
+from e3pose.recording.videos import MAX_BYTES, PART_S, part_of, video_name, videos_in
 
-PART_S = 600.0
-MAX_BYTES = 10**10
 QUEUE_FRAMES = 8
 TRIM_S = 5.0  # of the scene
 RETRY_S = 10.0  # after a disk that was full
@@ -112,13 +110,13 @@ class VideoRecorder:
             slot: for which it stands.
             times: where slots lie.
         """
-        slots = max(1, round(self.settings.part_s * 1e9 / (times.interval_ns * self.settings.pace)))
         fps = 1e9 / (times.interval_ns * self.settings.pace)
+        part = part_of(slot, fps, self.settings.part_s)
         with self._change:
             if len(self._frames) >= QUEUE_FRAMES:
                 self.dropped += 1
                 return
-            self._frames.append(_Taken(frame, edge_ns, (session, slot // slots), fps))
+            self._frames.append(_Taken(frame, edge_ns, (session, part), fps))
             self._change.notify()
 
     def close(self) -> None:

@@ -17,11 +17,9 @@ from e3pose.errors import InputError
 from e3pose.files.private import make_folder
 from e3pose.geometry.camera import Rig
 from e3pose.quantities import plural
-from e3pose.recording.videos import VIDEOS
+from e3pose.recording.videos import MAX_BYTES, PART_S, VIDEOS, part_of
 from e3pose.recording.writer import PARTIAL, RecordingWriter, finish_interrupted
 
-PART_S = 600.0
-MAX_BYTES = 10**10
 WRITE_S = 0.5
 QUEUE_SLOTS = 2000
 RETRY_S = 10.0  # after a disk that was full
@@ -147,8 +145,10 @@ class Recorder:
 
     def _write_slot(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
         settings, writer = self.settings, self._writer
-        slots = max(1, round(settings.part_s * settings.fps))
-        if writer is not None and slot // slots != self._first[0] // slots:
+        part, first = (
+            part_of(each, settings.fps, settings.part_s) for each in (slot, self._first[0])
+        )
+        if writer is not None and part != first:
             self._finish()
             writer = None
         if writer is None:

@@ -16,9 +16,23 @@ from e3pose.recording.folder import HEADER, MAX_HEADER_BYTES
 
 VIDEOS = "videos"  # folder: in a recording, and beside recordings for those that belong to none yet
 SUFFIX = ".mkv"
+# Of what a live site keeps. Recordings and videos are cut at the same slots.
+PART_S = 600.0
+MAX_BYTES = 10**10
 NAME = re.compile(r"(.+)-(\d{8}T\d{6}\.\d{6})Z")
 NAME_TIME = "%Y%m%dT%H%M%S.%f"
 BEGAN_1970 = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+def part_of(slot: int, fps: float, part_s: float) -> int:
+    """Return the number of the part of a live session that a slot belongs to.
+
+    Args:
+        slot: number of the slot, by the edge.
+        fps: slots a second of the scene.
+        part_s: length of a part, in seconds of the scene.
+    """
+    return slot // max(1, round(part_s * fps))
 
 
 def video_name(camera_id: str, begin_ns: int) -> str:

@@ -15,7 +15,7 @@ from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.knock_watch import KnockWatch
 from e3pose.edge.news import News
-from e3pose.edge.recorder import MAX_BYTES, PART_S, Recorder, RecorderSettings
+from e3pose.edge.recorder import Recorder, RecorderSettings
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
 from e3pose.errors import InputError
@@ -25,6 +25,7 @@ from e3pose.files.lock import hold
 from e3pose.files.private import make_folder
 from e3pose.pipeline import Pipeline
 from e3pose.predict.base import Predictor
+from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.live import LiveSite, live_site, noise_of

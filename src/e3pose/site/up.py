@@ -10,12 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from e3pose.edge.recorder import MAX_BYTES
 from e3pose.errors import InputError
 from e3pose.files.private import append_to
 from e3pose.geometry.camera import Rig
 from e3pose.quantities import LEAST_SIZE_BYTES
-from e3pose.recording.videos import VIDEOS
+from e3pose.recording.videos import MAX_BYTES, VIDEOS
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
