@@ -93,7 +93,7 @@ def clips_of(recording: Any, target: str, shortest: int, place: Path) -> list[An
     """Return the clips that a recording teaches; kept in `place`, for the fusing takes minutes."""
     from e3pose.learn.train.lessons import LessonSettings, lessons
     from e3pose.learn.train.windows import Clip
-    from e3pose.workers import Workers
+    from e3pose.runtime.workers import Workers
 
     path = place / f"{recording.name.replace(' ', '-')}-{target}.npz"
     if not path.exists():

@@ -40,7 +40,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     config = session.config
     if not config.getoption("numprocesses", None) or hasattr(config, "workerinput"):
         return
-    from e3pose.kernel import PREDICTOR_SOURCES, SELECTION_SOURCES, sources_stamp
+    from e3pose.runtime.kernel import PREDICTOR_SOURCES, SELECTION_SOURCES, sources_stamp
 
     stamp = sources_stamp((*SELECTION_SOURCES, *PREDICTOR_SOURCES))
     cache = getattr(config, "cache", None)

@@ -36,7 +36,7 @@ HEAVY = {
 # The rooms, innermost first: each may import those before it.
 LAYERS: list[str] = []
 for rooms in (
-    "errors clock quantities family kernel workers files model geometry predict energy",
+    "errors quantities runtime files model geometry predict energy",
     "estimate select pipeline recording detectors wire settings store",
     "simulate camera evaluate calibrate learn edge site report exports view demo reproduce",
     "cli __main__",
@@ -55,7 +55,7 @@ PURE = (
     "recording.record",
     "evaluate.metrics", "evaluate.prediction.motion", "evaluate.prediction.scores",
     "evaluate.prediction.tally",
-    "wire.codec", "wire.offset", "clock", "edge.lead", "edge.roster",
+    "wire.codec", "wire.offset", "runtime.clock", "edge.lead", "edge.roster",
 )  # fmt: skip
 SOURCE = Path(e3pose.__file__).parent
 
@@ -114,7 +114,7 @@ def test_a_climb_is_seen() -> None:
 
 
 def test_guard_bites_on_a_shell() -> None:
-    assert "numba" in HEAVY & loaded_by("e3pose.kernel")
+    assert "numba" in HEAVY & loaded_by("e3pose.runtime.kernel")
 
 
 def test_help_loads_nothing_heavy() -> None:

@@ -11,9 +11,9 @@ from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings
 from e3pose.camera.live_source import RecordedDetector
 from e3pose.camera.schedule import Schedule
-from e3pose.clock import SlotTimes, WallClock
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
+from e3pose.runtime.clock import SlotTimes, WallClock
 from e3pose.wire.memory import Hub
 
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from e3pose.camera.live_source import Loop, PacedSource, RecordedDetector, make_source, slower
-from e3pose.clock import WallClock
 from e3pose.errors import InputError
 from e3pose.recording import save_recording
+from e3pose.runtime.clock import WallClock
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
 FAST = 100.0  # frames a second

@@ -12,8 +12,8 @@ from tests.waiting import eventually
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings, _Seen
 from e3pose.camera.pictures import PERIOD_NS, WIDTH, Pictures
-from e3pose.clock import ManualClock, WallClock
 from e3pose.model.pose import Poses2D
+from e3pose.runtime.clock import ManualClock, WallClock
 from e3pose.wire.codec import MAX_BYTES, decode
 from e3pose.wire.memory import Hub
 from e3pose.wire.messages import Picture

@@ -11,9 +11,9 @@ from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
 from e3pose.camera.schedule import Schedule, take_order
-from e3pose.clock import SlotTimes
 from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
+from e3pose.runtime.clock import SlotTimes
 from e3pose.wire.codec import MAX_EXPECTED, MAX_PIXEL, decode, encode, pack
 from e3pose.wire.expected import expected_view, packed_expected
 from e3pose.wire.messages import Order

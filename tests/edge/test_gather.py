@@ -6,9 +6,9 @@ import threading
 
 import numpy as np
 
-from e3pose.clock import ManualClock, WallClock
 from e3pose.edge.gather import MAX_AHEAD_SLOTS, Arrival, Gather
 from e3pose.model.pose import Poses2D
+from e3pose.runtime.clock import ManualClock, WallClock
 
 
 def arrival(x: float = 1.0) -> Arrival:

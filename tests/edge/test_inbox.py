@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tests.rigs import looking
 
-from e3pose.clock import ManualClock
 from e3pose.edge.gather import Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.model.skeleton import BODY25, COCO17, COCO18, Skeleton
+from e3pose.runtime.clock import ManualClock
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.memory import Hub
 from e3pose.wire.messages import Hello, View

@@ -11,8 +11,8 @@ from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.geometry.distortion import TOLERANCE, WIDEST_ANGLE
 from e3pose.geometry.undistort import make_lenses, undistort_slot
-from e3pose.kernel import LANES
 from e3pose.model.pose import MAX_PIXEL
+from e3pose.runtime.kernel import LANES
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from e3pose.reproduce.page import shown
 from e3pose.reproduce.records import Headline, Line, Panel, Section, Spread, Table
 from e3pose.reproduce.sources import Sources
 from e3pose.reproduce.work import Made
-from e3pose.workers import Workers
+from e3pose.runtime.workers import Workers
 
 NAN = float("nan")
 ONE = Line("one", "measured", (1, 2), (3, NAN), (2, 2), (4, 4))

@@ -16,7 +16,7 @@ from e3pose.reproduce import work
 from e3pose.reproduce.replays import Asked, over_seeds
 from e3pose.reproduce.sources import Sources
 from e3pose.reproduce.work import Made, Piece, Results, once, run
-from e3pose.workers import Workers
+from e3pose.runtime.workers import Workers
 
 
 @dataclass(frozen=True, slots=True)

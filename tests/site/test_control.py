@@ -10,12 +10,12 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import write_site
 
-from e3pose.clock import ManualClock
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline
 from e3pose.recording.calibration import save_rig
+from e3pose.runtime.clock import ManualClock
 from e3pose.select.policies.information import Information
 from e3pose.settings.live import live_site
 from e3pose.site.control import SiteControls

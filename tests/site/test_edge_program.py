@@ -11,11 +11,11 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import write_site
 
-from e3pose.clock import ManualClock
 from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
 from e3pose.model.noises import DEFAULT
 from e3pose.recording.calibration import save_rig
+from e3pose.runtime.clock import ManualClock
 from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.edge_program import Admission, edge_link, make_edge

@@ -23,10 +23,10 @@ from e3pose.camera.box import Box
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.camera.video_recorder import VideoRecorder
-from e3pose.clock import Clock
 from e3pose.detectors.focus import detect_expected
 from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
+from e3pose.runtime.clock import Clock
 from e3pose.wire import topics
 from e3pose.wire.codec import decode, encode, one_line, pack_poses
 from e3pose.wire.messages import (

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.clock import Clock
+from e3pose.runtime.clock import Clock
 from e3pose.wire.codec import encode
 from e3pose.wire.messages import Picture
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from e3pose.camera.live_source import make_source
 from e3pose.camera.source import open_video
-from e3pose.clock import WallClock
 from e3pose.errors import InputError
+from e3pose.runtime.clock import WallClock
 
 FRAME_S = 10.0  # for a device to open and give its first frame
 DARK = 8.0  # mean of 0..255 below which a picture shows nothing

@@ -79,10 +79,10 @@ def learn_replay(
         Required relative improvement at every lead.
     """
     from e3pose.cli.placed import load_placed
-    from e3pose.clock import WallClock
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.learn.online import LearningSettings, OnlineTrainer
     from e3pose.learn.online.versions import check_learning_folder
+    from e3pose.runtime.clock import WallClock
 
     places = [path.resolve() for path in recordings]
     for path, place in zip(recordings, places, strict=True):

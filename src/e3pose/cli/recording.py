@@ -52,10 +52,10 @@ def record(
     check_seconds("--for", for_s)
     from rich.console import Console
 
-    from e3pose.clock import WallClock
     from e3pose.edge.record_server import RecordServer
     from e3pose.files.atomic import check_free
     from e3pose.files.private import make_folder
+    from e3pose.runtime.clock import WallClock
     from e3pose.settings.live import known_rig
     from e3pose.settings.site_file import load_site
     from e3pose.site.check_sources import require_sources

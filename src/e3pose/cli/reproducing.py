@@ -58,7 +58,7 @@ def reproduce(
     from e3pose.reproduce.items import ITEMS
     from e3pose.reproduce.job import reproduce as run
     from e3pose.reproduce.sources import load_sources
-    from e3pose.workers import Workers
+    from e3pose.runtime.workers import Workers
 
     items = ITEMS
     if only is not None:

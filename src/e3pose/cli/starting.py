@@ -151,7 +151,7 @@ def _network(asked: str | None) -> str:
     """Return the network to use; raise `InputError` with the command that installs one."""
     from e3pose.detectors import DETECTORS
     from e3pose.detectors.weights import MODELS, find_weights, is_installed
-    from e3pose.family import beside
+    from e3pose.runtime.plugins import beside
     from e3pose.site.new_site import NETWORKS
 
     if asked is None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from e3pose.learn.train.network import AttentionLstm
     from e3pose.learn.train.windows import Clip
     from e3pose.recording import Recording
-    from e3pose.workers import Workers
+    from e3pose.runtime.workers import Workers
 
 SHIPPED_NAME = "shipped"
 
@@ -104,7 +104,7 @@ def train(
     """
     import math
 
-    from e3pose.workers import Workers
+    from e3pose.runtime.workers import Workers
 
     _check(
         ("hold-out", hold_out, 0.0, 0.9),

@@ -9,8 +9,8 @@ from pathlib import Path
 from e3pose.detectors.base import Detector as Detector
 from e3pose.detectors.base import Image as Image
 from e3pose.errors import InputError
-from e3pose.family import made, member
 from e3pose.model.skeleton import COCO17, COCO18, Skeleton
+from e3pose.runtime.plugins import made, member
 
 Factory = Callable[[Path | None, str, int | None], Detector]
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.clock import Clock
 from e3pose.model.pose import Poses2D
+from e3pose.runtime.clock import Clock
 
 MAX_AHEAD_SLOTS = 64  # a view of a slot farther ahead than any order is a clock gone wrong
 LATEST = 25  # late views whose age is remembered: a second of them, about

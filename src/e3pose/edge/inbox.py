@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.clock import Clock
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.roster import (
     CameraLife,
@@ -26,6 +25,7 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, convert
+from e3pose.runtime.clock import Clock
 from e3pose.wire import topics
 from e3pose.wire.codec import decode, encode, poses_2d
 from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, View

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from e3pose.clock import SlotTimes
 from e3pose.pipeline import SlotState
+from e3pose.runtime.clock import SlotTimes
 from e3pose.select.policies.base import Floats
 
 AHEAD_SLOTS = 2  # a state from farther in the future is one whose clock went wrong

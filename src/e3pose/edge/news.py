@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 
-from e3pose.clock import Clock
 from e3pose.edge.consumers import Sink
+from e3pose.runtime.clock import Clock
 from e3pose.store.rows import Event
 
 KEEP_EVENTS = 20

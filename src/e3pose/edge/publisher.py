@@ -7,12 +7,12 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.clock import Clock
 from e3pose.edge.delayed import DelayedPoses, lag_slots
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.reports import poses_message
 from e3pose.estimate.base import People
 from e3pose.geometry.camera import Rig
+from e3pose.runtime.clock import Clock
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode

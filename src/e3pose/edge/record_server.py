@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.clock import Clock, SlotTimes
 from e3pose.edge.crew import Crew
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
@@ -24,6 +23,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.writer import RecordingWriter
+from e3pose.runtime.clock import Clock, SlotTimes
 from e3pose.wire import topics
 from e3pose.wire.transport import Transport
 

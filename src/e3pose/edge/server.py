@@ -18,7 +18,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.clock import Clock, SlotTimes
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.consumers import NOBODY, Consumers
 from e3pose.edge.crew import Crew
@@ -40,6 +39,7 @@ from e3pose.edge.warm import warm_up
 from e3pose.estimate.base import People
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.quantities import plural
+from e3pose.runtime.clock import Clock, SlotTimes
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode

@@ -12,9 +12,9 @@ from e3pose.estimate.filter.estimator import Filtered
 from e3pose.estimate.per_slot.estimator import PerSlot
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.estimate.per_slot.fusion import FusionSettings
-from e3pose.family import made, member
 from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
+from e3pose.runtime.plugins import made, member
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.distortion import NEWTON_STEPS, TABLE_SIZE, TOLERANCE
-from e3pose.kernel import LANES, kernel
 from e3pose.model.pose import MAX_PIXEL, MIN_SCORE
+from e3pose.runtime.kernel import LANES, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

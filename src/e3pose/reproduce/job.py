@@ -18,7 +18,7 @@ from e3pose.reproduce.page import Part, write_page
 from e3pose.reproduce.records import Headline
 from e3pose.reproduce.sources import WHERE, Sources
 from e3pose.reproduce.work import AnyPiece, Made, Results, code_stamp, once, run
-from e3pose.workers import Workers
+from e3pose.runtime.workers import Workers
 
 LIBRARIES = ("numpy", "scipy", "numba", "onnxruntime", "joblib", "distributed", "matplotlib")
 KEPT = "results"

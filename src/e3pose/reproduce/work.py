@@ -14,7 +14,7 @@ import msgspec
 import e3pose
 from e3pose.files.atomic import atomic_file
 from e3pose.reproduce.sources import Sources
-from e3pose.workers import Workers
+from e3pose.runtime.workers import Workers
 
 FORMAT = "e3pose-reproduced"
 VERSION = 1

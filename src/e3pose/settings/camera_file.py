@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from e3pose.errors import InputError
-from e3pose.family import beside
 from e3pose.files.bounded import read_toml
 from e3pose.files.table import entry, read_table
 from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import duration_s, size_bytes
+from e3pose.runtime.plugins import beside
 from e3pose.settings.limits import check_camera, check_source, check_within, near
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.wire.access import split_endpoint

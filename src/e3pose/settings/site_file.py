@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Literal, TypeVar
 
 from e3pose.errors import InputError
-from e3pose.family import beside as own_beside
-from e3pose.family import is_own
 from e3pose.files.bounded import read_toml
 from e3pose.files.table import entry, read_table
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import age_s, duration_s, size_bytes
+from e3pose.runtime.plugins import beside as own_beside
+from e3pose.runtime.plugins import is_own
 from e3pose.settings.energy import EnergySettings, IdleMode
 from e3pose.settings.limits import check_camera, check_source, check_within, near
 from e3pose.settings.loop import LoopSettings

@@ -14,13 +14,13 @@ from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, make_source
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.video_recorder import VideoRecorder, VideoSettings
-from e3pose.clock import Clock, WallClock
 from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
 from e3pose.errors import InputError
 from e3pose.recording.videos import MAX_BYTES, PART_S
+from e3pose.runtime.clock import Clock, WallClock
 from e3pose.settings.camera_file import NodeTable, load_node
 from e3pose.site.lines import NO_LOG, Log
 from e3pose.site.run import run_until_stopped

@@ -9,9 +9,9 @@ import time
 from collections.abc import Iterator
 
 from e3pose.camera.probe import probe
-from e3pose.clock import WallClock
 from e3pose.detectors.timing import Looker, time_looks
 from e3pose.errors import InputError
+from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import NodeTable
 from e3pose.site.camera_program import RECORDED, camera_link, source_name
 from e3pose.site.check import CLOCK_MS, SOON_DAYS, Finding, Level, check_clock

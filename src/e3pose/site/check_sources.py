@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from e3pose.errors import InputError
-from e3pose.family import is_own
 from e3pose.geometry.camera import Rig
+from e3pose.runtime.plugins import is_own
 from e3pose.settings.site_file import DEFAULT_DETECTOR, SiteTable
 from e3pose.site.check import Finding
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from e3pose import __version__
-from e3pose.clock import Clock, WallClock
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.edge.knock_watch import KnockWatch
@@ -26,6 +25,7 @@ from e3pose.files.private import make_folder
 from e3pose.pipeline import Pipeline
 from e3pose.predict.base import Predictor
 from e3pose.recording.videos import MAX_BYTES, PART_S
+from e3pose.runtime.clock import Clock, WallClock
 from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
 from e3pose.settings.live import LiveSite, live_site, noise_of

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from e3pose.errors import InputError
-from e3pose.files.thread_name import show_thread_name
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 from e3pose.quantities import plural
+from e3pose.runtime.thread_name import show_thread_name
 from e3pose.store.database import (
     REFUSALS,
     damage,

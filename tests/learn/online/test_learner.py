@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 from tests.learn.online.trainer import SETTINGS, Make, live, trained, wait
 
-from e3pose.clock import ManualClock
 from e3pose.errors import InputError
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.learn.online import OnlineTrainer
 from e3pose.learn.online.rehearse import rehearse
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
+from e3pose.runtime.clock import ManualClock
 from e3pose.simulate import SceneSettings, simulate
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install e3pose[edge]")
@@ -176,7 +176,7 @@ def test_the_edge_never_loads_torch(tmp_path: Path) -> None:
     code = (
         "import sys; sys.modules['torch'] = None\n"  # any import of it fails
         "from pathlib import Path\n"
-        "from e3pose.clock import WallClock\n"
+        "from e3pose.runtime.clock import WallClock\n"
         "from e3pose.learn.online import LearningSettings, OnlineTrainer\n"
         "from e3pose.model.skeleton import COCO17\n"
         f"t = OnlineTrainer(Path({str(tmp_path / 'site')!r}), COCO17, LearningSettings(0.1),"

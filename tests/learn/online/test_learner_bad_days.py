@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from tests.learn.online.trainer import SETTINGS, Make, live, trained
 
-from e3pose.clock import ManualClock
 from e3pose.errors import InputError
+from e3pose.runtime.clock import ManualClock
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install e3pose[edge]")
 

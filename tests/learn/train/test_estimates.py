@@ -22,8 +22,8 @@ from e3pose.learn.train.lessons import LessonSettings, Target, free_stretches, l
 from e3pose.learn.train.windows import Clip, Corruption, Sampler
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
 from e3pose.recording import Recording, ViewSeries
+from e3pose.runtime.workers import Workers
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-from e3pose.workers import Workers
 
 Floats = NDArray[np.float64]
 REFERENCE = EstimateSettings()

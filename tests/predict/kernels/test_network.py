@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.reference import attention_network as runtime
 
-import e3pose.kernel as compiling
+import e3pose.runtime.kernel as compiling
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.attention_lstm import AttentionLstm
 from e3pose.predict.calibration import read_curves

@@ -9,7 +9,7 @@ from tests.reference import expected_information as plain
 from tests.reference import newcomers
 from tests.rigs import looking
 
-import e3pose.kernel as compiling
+import e3pose.runtime.kernel as compiling
 from e3pose.estimate.base import Outlook
 from e3pose.model.noise import ErrorMemory
 from e3pose.select.expected_information import Foresight, foresee

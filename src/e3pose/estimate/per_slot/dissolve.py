@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.per_slot.group import PRIOR_JOINTS
 from e3pose.estimate.per_slot.pairs import measure_tile
-from e3pose.kernel import LANES, kernel
+from e3pose.runtime.kernel import LANES, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

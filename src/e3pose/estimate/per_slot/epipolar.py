@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Rig
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

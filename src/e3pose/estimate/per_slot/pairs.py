@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.per_slot.triangulate import noise_px
-from e3pose.kernel import LANES, kernel
 from e3pose.model.pose import MAX_PIXEL, MIN_SCORE
+from e3pose.runtime.kernel import LANES, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

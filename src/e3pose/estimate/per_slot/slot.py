@@ -21,7 +21,7 @@ from e3pose.estimate.per_slot.triangulate import (
 )
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.undistort import make_lenses, undistort_slot
-from e3pose.kernel import LANES, kernel
+from e3pose.runtime.kernel import LANES, kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

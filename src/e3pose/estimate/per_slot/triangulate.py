@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.per_slot.nullspace import null_vector
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.clock import Clock
 from e3pose.errors import InputError
 from e3pose.files.lock import hold
 from e3pose.learn.online.job import LACKS_TORCH, WEIGHTS, Job, read_result
@@ -30,6 +29,7 @@ from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import SlotRecord
 from e3pose.predict.attention_lstm import AttentionLstm
 from e3pose.predict.base import Predictor
+from e3pose.runtime.clock import Clock
 
 LOG = logging.getLogger(__name__)
 LOOK_S = 0.5  # between looks of the thread beside the edge

@@ -22,7 +22,7 @@ from e3pose.learn.train.export import export, halved
 from e3pose.learn.train.network import AttentionLstm, NetworkSettings
 from e3pose.learn.train.validation import Exam, error_curves, examine, make_exams, score
 from e3pose.learn.train.windows import Clip, Corruption, Sampler, Windows
-from e3pose.workers import Workers
+from e3pose.runtime.workers import Workers
 
 CHECKPOINT = "checkpoint.pt"
 WARMUP = 0.03  # share of the training in which the learning rate rises

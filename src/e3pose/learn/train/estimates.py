@@ -28,7 +28,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.normalise import common_columns, to_common
 from e3pose.recording import Recording
-from e3pose.workers import Workers
+from e3pose.runtime.workers import Workers
 
 Floats = NDArray[np.float64]
 Halves = NDArray[np.float16]

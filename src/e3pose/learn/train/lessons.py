@@ -13,7 +13,7 @@ from e3pose.learn.train.clips import clips_of
 from e3pose.learn.train.estimates import EstimateSettings, estimated_clips
 from e3pose.learn.train.windows import Clip
 from e3pose.recording import Recording
-from e3pose.workers import Workers
+from e3pose.runtime.workers import Workers
 
 Target = Literal["auto", "truth", "estimates"]
 Stretch = tuple[int, int]

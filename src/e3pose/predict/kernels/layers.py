@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats32 = NDArray[np.float32]
 

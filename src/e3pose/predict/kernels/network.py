@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.kernel import kernel
 from e3pose.predict.kernels.layers import (
     add_product,
     linear,
@@ -19,6 +18,7 @@ from e3pose.predict.kernels.layers import (
     soften,
     tanh,
 )
+from e3pose.runtime.kernel import kernel
 
 Floats32 = NDArray[np.float32]
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.kernel import kernel
 from e3pose.predict.kernels.history import close_gaps
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]

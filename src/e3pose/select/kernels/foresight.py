@@ -17,7 +17,7 @@ from e3pose.estimate.filter.kernels.bias import inflation
 from e3pose.estimate.filter.kernels.carry import carry
 from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
 from e3pose.geometry.projection import MIN_DEPTH_M
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

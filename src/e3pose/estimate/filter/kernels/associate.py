@@ -14,7 +14,7 @@ from e3pose.estimate.filter.kernels.scratch import Matches, Offers, Site, Views
 from e3pose.estimate.filter.kernels.sides import SIDE_PX, exchange, exchanged_limbs
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -11,7 +11,7 @@ from e3pose.estimate.filter.bias import CLIP_SIGMAS, LEARNED_S, SHORTEST_S, Memo
 from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from e3pose.estimate.filter.kernels.leftovers import MIN_JOINTS, collect
 from e3pose.estimate.filter.kernels.scratch import Pairs, Tracks, Views, Waiting
 from e3pose.estimate.filter.state import APART_M, MAX_TRACKS
 from e3pose.estimate.per_slot.triangulate import triangulate_person
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

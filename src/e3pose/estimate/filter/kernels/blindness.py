@@ -20,7 +20,7 @@ from e3pose.estimate.filter.blindness import (
     SHOWN,
 )
 from e3pose.estimate.filter.kernels.scratch import Matches, Tracks
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

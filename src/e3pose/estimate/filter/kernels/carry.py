@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.kernels.bias import inflation
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

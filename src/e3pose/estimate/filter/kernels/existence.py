@@ -11,7 +11,7 @@ from e3pose.estimate.filter.blindness import FASTEST_S
 from e3pose.estimate.filter.kernels.blindness import proof
 from e3pose.estimate.filter.kernels.scratch import Matches, Tracks, Views
 from e3pose.estimate.filter.state import MIN_SCORE
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

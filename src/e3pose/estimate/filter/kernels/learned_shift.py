@@ -16,7 +16,7 @@ from e3pose.estimate.filter.learned_shift import (
     MOST,
     PRIOR,
 )
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 

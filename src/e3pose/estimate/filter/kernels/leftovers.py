@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.kernels.scratch import Views, Waiting
 from e3pose.estimate.filter.state import MAX_LEFTOVERS
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

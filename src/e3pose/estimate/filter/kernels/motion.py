@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.motion import SHORTEST_S, WALKS_MPS
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -11,7 +11,7 @@ from e3pose.estimate.filter.kernels.motion import move
 from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks
 from e3pose.estimate.filter.kernels.tree import backward, decompose, forward
 from e3pose.estimate.filter.motion import ACCELERATION_LASTS_S
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, Belief, Model
 from e3pose.geometry.undistort import Lenses, make_lenses
-from e3pose.kernel import LANES
+from e3pose.runtime.kernel import LANES
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -19,7 +19,7 @@ from e3pose.estimate.filter.exits import (
 )
 from e3pose.estimate.filter.kernels.blindness import cell, chance, proof, share_at
 from e3pose.estimate.filter.tree import TRUNK
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.kernels.projected import IN_FRONT, SPREAD, U, V
 from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
 from e3pose.estimate.filter.state import MIN_SCORE
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -32,8 +32,8 @@ from e3pose.estimate.filter.kernels.update import learn_bones, update
 from e3pose.estimate.filter.shown import Estimate, estimate_of
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS, Belief, Floats, Leftovers, Model
 from e3pose.geometry.undistort import undistort_slot
-from e3pose.kernel import kernel
 from e3pose.model.pose import MAX_PIXEL, MIN_SCORE, Poses2D
+from e3pose.runtime.kernel import kernel
 
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
 MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot

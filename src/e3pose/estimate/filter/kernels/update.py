@@ -13,7 +13,7 @@ from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks, Views
 from e3pose.estimate.filter.kernels.tree import eliminate, prepare, spread_out
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
-from e3pose.kernel import kernel
+from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

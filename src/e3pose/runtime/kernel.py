@@ -14,7 +14,7 @@ import numba
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 FILTER = "e3pose.estimate.filter."  # how the names of the filter's kernels begin
 LANES = 16  # the innermost loops run over so many poses, which fills a vector register
 # What is compiled, and the modules whose constants it takes over.
@@ -22,7 +22,7 @@ SOURCES = (
     *sorted((_PACKAGE / "geometry").glob("*.py")),
     *sorted((_PACKAGE / "estimate" / "per_slot").glob("*.py")),
     _PACKAGE / "model" / "pose.py",
-    _PACKAGE / "kernel.py",
+    Path(__file__).resolve(),
 )
 FILTER_CONSTANTS = (
     "bias", "blindness", "exits", "learned_noise", "learned_shift", "motion", "state", "tree"

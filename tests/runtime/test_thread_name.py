@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.files import thread_name
+from e3pose.runtime import thread_name
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux shows the names of threads in /proc")

@@ -83,7 +83,8 @@ def test_an_installed_package_offers_its_own(monkeypatch: pytest.MonkeyPatch) ->
     points = [EntryPoint("first", f"{__name__}:First", "e3pose.policies")]
     monkeypatch.setitem(sys.modules, __name__, sys.modules[First.__module__])
     monkeypatch.setattr(
-        "e3pose.family.entry_points", lambda group: points if group == "e3pose.policies" else []
+        "e3pose.runtime.plugins.entry_points",
+        lambda group: points if group == "e3pose.policies" else [],
     )
     assert isinstance(policy_row("first").make(PolicySettings()), First)
 

@@ -1,8 +1,7 @@
-"""Find the member of a family that a name means: ours, somebody's installed, or one's own file.
+"""Plug-ins: find a policy, predictor, estimator or detector by its name.
 
-A family is a table of names: policies, predictors, estimators, detectors. What another package
-offers under the entry point `e3pose.policies` (and so on) is a member by its name there, and
-`module:Name` is one without more ado: docs/own-parts.md.
+A name is a key of the family's table, an entry point of an installed package (group
+`e3pose.policies` and so on), or `module:Name`. See docs/how-to/own-parts.md.
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""What the process runs on: clocks, compiled kernels, worker processes, plug-ins, thread names."""
