@@ -16,7 +16,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from e3pose.demo.clip import find_clip
+from e3pose.site.demo.clip import find_clip
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.messages import View
 from live_site import Site, live_site, traffic

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from clip_error import Errors, Reference, references
 from e3pose.camera.detect import DetectSettings, detect_videos
-from e3pose.demo.clip import find_clip
 from e3pose.detectors import make_detector, movenet, openpose
 from e3pose.detectors.fit import letterbox_to_side
 from e3pose.detectors.focus import Focusing, Part, part_with
@@ -43,6 +42,7 @@ from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.settings.loop import WHOLE_EVERY
 from e3pose.simulate import SceneSettings, simulate
+from e3pose.site.demo.clip import find_clip
 
 Floats = NDArray[np.float64]
 

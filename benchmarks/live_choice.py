@@ -21,14 +21,14 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from e3pose.demo.live import Heard, last_words, open_tap
-from e3pose.demo.stored_run import Film, as_recording, stored_records
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.recording import Recording
 from e3pose.reproduce.relay import relay
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SCENES, SceneSettings, simulate
+from e3pose.site.demo.live import Heard, last_words, open_tap
+from e3pose.site.demo.stored_run import Film, as_recording, stored_records
 from e3pose.site.example import STORE_FILE, write_recorded
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site

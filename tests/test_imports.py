@@ -38,7 +38,7 @@ LAYERS: list[str] = []
 for rooms in (
     "errors quantities runtime files model geometry predict energy",
     "estimate select pipeline recording detectors wire settings store",
-    "simulate camera evaluate calibrate learn edge site report exports view demo reproduce",
+    "simulate camera evaluate calibrate learn edge report site exports reproduce",
     "cli __main__",
 ):
     LAYERS += rooms.split()

@@ -23,7 +23,7 @@ def unreachable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     small = SceneSettings(
         people=1, seconds=1.2, fps=10, cameras=3, detector=DetectorSettings(perfect=True)
     )
-    monkeypatch.setattr("e3pose.demo.job.STAND_IN", small)
+    monkeypatch.setattr("e3pose.site.demo.job.STAND_IN", small)
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("E3POSE_OFFLINE", "1")
     return tmp_path / "demo"

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from tests.view.browser import Page, browser, browser_path
+from tests.site.web.browser import Page, browser, browser_path
 from tests.waiting import eventually
 
 from e3pose.settings.live import live_site
@@ -16,7 +16,7 @@ from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.edge_program import Edge
 from e3pose.site.example import write_recorded
-from e3pose.view.program import View, open_view
+from e3pose.site.web.program import View, open_view
 
 pytestmark = [
     pytest.mark.live,

@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from tests.view.browser import Page, browser, browser_path
-from tests.view.watched import SLOTS, Watched, record, watched_site
+from tests.site.web.browser import Page, browser, browser_path
+from tests.site.web.watched import SLOTS, Watched, record, watched_site
 from tests.waiting import eventually
 
 pytestmark = [

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from e3pose.demo.live import Show
     from e3pose.detectors.weights import Progress
+    from e3pose.site.demo.live import Show
     from e3pose.wire.messages import Status
 
 Flag = Annotated[bool, Parameter(negative="")]
@@ -43,7 +43,7 @@ def demo(
     overwrite
         Replace the output of an earlier demo.
     """
-    from e3pose.demo import run_demo, words
+    from e3pose.site.demo import run_demo, words
 
     report = run_demo(dest, offline=offline, overwrite=overwrite, phase=bar, watch=top)
     for line in words(report):

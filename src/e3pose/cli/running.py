@@ -269,7 +269,7 @@ def up(
     ]
     console = Console(quiet=quiet)
     if view:
-        from e3pose.view.program import address_of, page_links
+        from e3pose.site.web.program import address_of, page_links
 
         programs.append(Program("view", view_command(table.path), folder / "view.log"))
         print("\n".join(page_links(table, address_of(table))), flush=True)

@@ -45,13 +45,13 @@ def stream(
     import time
 
     check_seconds("--for", for_s)
-    from e3pose.exports.streams import Source, open_stream
-    from e3pose.exports.streams.send import Sender
     from e3pose.settings.live import live_site
     from e3pose.settings.site_file import load_site
     from e3pose.site.connect import Connection
     from e3pose.site.follow import viewer_link
     from e3pose.site.run import run_until_stopped
+    from e3pose.site.streams import Source, open_stream
+    from e3pose.site.streams.send import Sender
     from e3pose.site.zones import Zones
     from e3pose.wire.network import open_network
 

@@ -48,7 +48,7 @@ def view(
     from e3pose.site.quiet import be_quiet
     from e3pose.site.run import end_with_parent as look_after_parent
     from e3pose.site.run import run_until_stopped
-    from e3pose.view.program import open_view, page_links
+    from e3pose.site.web.program import open_view, page_links
 
     if end_with_parent:
         look_after_parent()

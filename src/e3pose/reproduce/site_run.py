@@ -9,11 +9,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from e3pose.demo.live import last_words
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.reproduce.relay import relay
 from e3pose.settings.site_file import load_site
+from e3pose.site.demo.live import last_words
 from e3pose.site.example import Example, write_example
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, end

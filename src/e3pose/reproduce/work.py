@@ -19,7 +19,7 @@ from e3pose.runtime.workers import Workers
 FORMAT = "e3pose-reproduced"
 VERSION = 1
 # What no result depends on: what only shows it.
-SHOWING = ("cli", "demo", "report", "site", "exports", "store", "view")
+SHOWING = ("cli", "report", "site", "exports", "store")
 SHOWING_HERE = ("__init__.py", "draw.py", "job.py", "page.py", "records.py")
 CODE = (".py", ".toml", ".onnx")
 

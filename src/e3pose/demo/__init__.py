@@ -1,5 +1,0 @@
-"""The main job from end to end, on a real clip or a simulated scene."""
-
-from e3pose.demo.job import run_demo as run_demo
-from e3pose.demo.words import DemoReport as DemoReport
-from e3pose.demo.words import words as words

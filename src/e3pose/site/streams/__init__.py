@@ -1,0 +1,45 @@
+"""Streams: what an edge publishes, on to other programs in the words of their field.
+
+    poses of a running site -> slots, zone events -> osc | lsl | foxglove | mcap | mqtt(s)
+
+Adding one is a file, a line in `STREAMS`, an extra, and the contract test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import import_module
+
+from e3pose.errors import InputError
+from e3pose.site.streams.base import Source as Source
+from e3pose.site.streams.base import Stream as Stream
+
+# Name to the module, whose `open_stream(place, source)` opens one.
+STREAMS = {
+    "osc": "osc://HOST:PORT, UDP: stage, sound and game engines",
+    "lsl": "lsl:NAME, Lab Streaming Layer: recorded beside EEG, force plates, markers",
+    "foxglove": "foxglove://HOST:PORT, a server that Foxglove connects to",
+    "mcap": "mcap:FILE.mcap, a recording for Foxglove and ROS tools",
+    "mqtt": "mqtt://HOST:PORT, a broker: home automation, dashboards",
+    "mqtts": "mqtts://HOST:PORT, a broker over TLS",
+}
+
+
+def open_stream(target: str, source: Source) -> Stream:
+    """Open a stream.
+
+    Args:
+        target: as `STREAMS` says.
+        source: what will be sent.
+
+    Raises:
+        InputError: for a target that is none, or that cannot be opened.
+    """
+    kind, colon, place = target.partition(":")
+    if kind not in STREAMS or not colon:
+        forms = "; ".join(about.partition(",")[0] for about in STREAMS.values())
+        raise InputError("target", repr(target[:80]), forms)
+    opened: Callable[[str, Source], Stream] = import_module(
+        f"e3pose.site.streams.{kind}"
+    ).open_stream
+    return opened(place.removeprefix("//"), source)

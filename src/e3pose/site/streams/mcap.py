@@ -1,0 +1,27 @@
+"""MCAP: what `foxglove` streams, in a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import foxglove
+
+from e3pose.errors import InputError
+from e3pose.files.private import make_file
+from e3pose.site.streams.base import Source
+from e3pose.site.streams.foxglove import FoxgloveStream
+
+
+def open_stream(place: str, source: Source) -> FoxgloveStream:
+    """Return a stream into a new file, which is complete once it is closed."""
+    path = Path(place)
+    if path.suffix != ".mcap" or not path.parent.is_dir():
+        raise InputError("target", repr(place[:80]), "mcap:FILE.mcap in a folder that exists")
+    if path.exists():
+        raise InputError("target", f"{path}, a file that is there", "a new one")
+    make_file(path)  # poses are for their owner alone
+    context = foxglove.Context()
+    writer = foxglove.open_mcap(path, allow_overwrite=True, context=context)
+    stream = FoxgloveStream(context, source)
+    stream.close = writer.close  # type: ignore[method-assign]
+    return stream

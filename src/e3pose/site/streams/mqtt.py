@@ -1,0 +1,128 @@
+"""MQTT: poses and zone events as JSON, counts of zones as retained numbers.
+
+e3pose/SITE/poses            a slot
+e3pose/SITE/zone/NAME        an event
+e3pose/SITE/zone/NAME/count  people in it, retained
+
+The user and the password of a broker come from the environment or a file: on a command line every
+user of the machine could read them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import ssl
+from collections.abc import Mapping
+from pathlib import Path
+
+import paho.mqtt.client as mqtt
+from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.reasoncodes import ReasonCode
+
+from e3pose.errors import InputError
+from e3pose.model.zone_event import ZoneEvent
+from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.base import Source, host_port
+from e3pose.site.streams.words import slot_words, zone_words
+from e3pose.wire.access import is_loopback
+
+PORT = 1883
+MAX_WAITING = 50
+ANSWER_S = 10.0
+USER, PASSWORD = "E3POSE_MQTT_USER", "E3POSE_MQTT_PASSWORD"
+
+
+def open_stream(place: str, source: Source) -> MqttStream:
+    """Return a stream to the broker at `HOST:PORT` in plain text; see `connected`."""
+    return connected(place, source, PORT, None)
+
+
+def connected(
+    place: str, source: Source, usual_port: int, secure: ssl.SSLContext | None
+) -> MqttStream:
+    """Return a stream to a broker that has let us in.
+
+    Args:
+        place: `HOST[:PORT]`.
+        source: what will be sent.
+        usual_port: where none is named.
+        secure: how the broker proves who it is; None for plain text.
+
+    Raises:
+        InputError: when there is no broker, it is not who it should be or refuses us, or a password
+            would cross a network in plain text.
+    """
+    if "@" in place:
+        raise InputError("target", "a user or password in it", f"them in {USER} and {PASSWORD}")
+    host, port = host_port(place, usual_port)
+    where, answered = f"{host}:{port}", queue.SimpleQueue[ReasonCode]()
+    client = mqtt.Client(CallbackAPIVersion.VERSION2)
+    client.max_queued_messages_set(MAX_WAITING)
+    client.on_connect = lambda _client, _data, _flags, reason, _more: answered.put(reason)
+    user, password = login(os.environ)
+    if user is not None:
+        if secure is None and not is_loopback(host):
+            raise InputError(
+                "target", f"{where}, to which {PASSWORD} would go unencrypted", "mqtts://"
+            )
+        client.username_pw_set(user, password)
+    if secure is not None:
+        client.tls_set_context(secure)
+    try:
+        client.connect(host, port)
+    except OSError as error:
+        raise InputError("target", f"{where} ({error})", "a broker that runs") from None
+    client.loop_start()  # which connects again
+    try:
+        reason = answered.get(timeout=ANSWER_S)
+        refused = str(reason) if reason.is_failure else ""
+    except queue.Empty:
+        refused = "no answer"
+    if refused:
+        client.disconnect()
+        client.loop_stop()
+        wanted = f"a broker that accepts us; its user and password go into {USER} and {PASSWORD}"
+        raise InputError("target", f"{where} ({refused})", wanted)
+    return MqttStream(client, source.site)
+
+
+def login(environment: Mapping[str, str]) -> tuple[str | None, str | None]:
+    """Return user and password of a broker, None where none is set.
+
+    Raises:
+        InputError: when the file of the password cannot be read.
+    """
+    user, file = environment.get(USER), environment.get(f"{PASSWORD}_FILE")
+    if file is None:
+        return user, environment.get(PASSWORD)
+    try:
+        return user, Path(file).read_text().rstrip("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"{PASSWORD}_FILE", f"{file} ({error})", "a file with a password"
+        ) from None
+
+
+class MqttStream:
+    """See `Stream`."""
+
+    def __init__(self, client: mqtt.Client, site: str) -> None:
+        """Publish with a client that is connected."""
+        self._client, self._prefix = client, f"e3pose/{site}"
+
+    def slot(self, slot: LiveSlot) -> None:
+        """See `Stream.slot`."""
+        self._client.publish(f"{self._prefix}/poses", json.dumps(slot_words(slot)))
+
+    def zone(self, event: ZoneEvent) -> None:
+        """See `Stream.zone`."""
+        topic = f"{self._prefix}/zone/{event.zone}"
+        self._client.publish(topic, json.dumps(zone_words(event)), qos=1)
+        self._client.publish(f"{topic}/count", str(event.count), qos=1, retain=True)
+
+    def close(self) -> None:
+        """See `Stream.close`."""
+        self._client.disconnect()
+        self._client.loop_stop()

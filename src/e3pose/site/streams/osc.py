@@ -1,0 +1,61 @@
+"""OSC over UDP: a bundle a person and slot, which arrives whole or not at all.
+
+/e3pose/slot            slot, seconds since 1970, people
+/e3pose/person/TRACK/JOINT   x, y, z in metres, z up; joints that are known
+/e3pose/zone/NAME       enter | dwell | leave, track, people in the zone, seconds stayed
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
+from pythonosc.osc_message import OscMessage
+from pythonosc.osc_message_builder import OscMessageBuilder
+from pythonosc.udp_client import UDPClient
+
+from e3pose.model.zone_event import ZoneEvent
+from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.base import Source, host_port
+
+PORT = 9000
+
+
+def open_stream(place: str, source: Source) -> OscStream:
+    """Return a stream of UDP packets to `HOST:PORT`; nobody need listen there."""
+    return OscStream(UDPClient(*host_port(place, PORT)))
+
+
+class OscStream:
+    """See `Stream`."""
+
+    def __init__(self, client: UDPClient) -> None:
+        """Send with a client."""
+        self._client = client
+
+    def slot(self, slot: LiveSlot) -> None:
+        """See `Stream.slot`."""
+        seconds = (slot.time_ns / 1e9, "d")
+        self._client.send(_message("/e3pose/slot", (slot.slot, "h"), seconds, (len(slot), "i")))
+        for track, joints_m in zip(slot.track_ids.tolist(), slot.joints_m, strict=True):
+            bundle = OscBundleBuilder(IMMEDIATELY)
+            for name, place in zip(slot.joints, joints_m, strict=True):
+                if np.isfinite(place).all():
+                    address = f"/e3pose/person/{track}/{name}"
+                    bundle.add_content(_message(address, *((v, "f") for v in place.tolist())))
+            self._client.send(bundle.build())
+
+    def zone(self, event: ZoneEvent) -> None:
+        """See `Stream.zone`."""
+        said = (event.kind, "s"), (event.track, "i"), (event.count, "i"), (event.stayed_s, "f")
+        self._client.send(_message(f"/e3pose/zone/{event.zone}", *said))
+
+    def close(self) -> None:
+        """See `Stream.close`."""
+        self._client._sock.close()
+
+
+def _message(address: str, *values: tuple[object, str]) -> OscMessage:
+    builder = OscMessageBuilder(address)
+    for value, kind in values:
+        builder.add_arg(value, kind)  # type: ignore[arg-type]
+    return builder.build()

@@ -1,0 +1,77 @@
+"""The thread that takes slots from a connection and gives them to streams."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+
+from e3pose.errors import InputError
+from e3pose.site.connect import Connection
+from e3pose.site.streams.base import Stream
+from e3pose.site.zones import Zones, advance
+
+END_S = 5.0
+
+
+class Sender:
+    """Sends until it is closed; use it as a context manager.
+
+    Attributes:
+        sent: slots.
+        failure: what ended it.
+        tell: called with why nothing comes.
+    """
+
+    def __init__(
+        self,
+        connection: Connection,
+        streams: Sequence[Stream],
+        zones: Zones,
+        tell: Callable[[str], object] = lambda line: None,
+    ) -> None:
+        """Prepare to send.
+
+        Args:
+            connection: whose slots to send; closed to end it.
+            streams: where to.
+            zones: of the site, with nobody in them.
+            tell: called with why nothing comes, once each time it ceases to come.
+        """
+        self.tell = tell
+        self.sent = 0
+        self.failure: BaseException | None = None
+        self._connection, self._streams, self._zones = connection, streams, zones
+        self._thread = threading.Thread(target=self._run, name="stream", daemon=True)
+
+    def __enter__(self) -> Sender:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._connection.close()
+        self._thread.join(END_S)
+
+    def running(self) -> bool:
+        """Return whether it still sends, or waits for the edge."""
+        return self._thread.is_alive()
+
+    def _run(self) -> None:
+        silent = False
+        while True:
+            try:
+                for slot in self._connection:
+                    silent = False
+                    self._zones, events = advance(self._zones, slot)
+                    for stream in self._streams:
+                        stream.slot(slot)
+                        for event in events:
+                            stream.zone(event)
+                    self.sent += 1
+                return
+            except InputError as error:  # the edge is away: it comes back
+                if not silent:
+                    self.tell(str(error))
+                silent = True
+            except BaseException as error:  # the program must end with it
+                self.failure = error
+                return

@@ -1,0 +1,230 @@
+"""The read-only part of the API: the site, its status, and what its store holds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from fastapi import APIRouter, HTTPException, Query, Request
+from fastapi.responses import Response
+
+from e3pose.errors import InputError
+from e3pose.model.region import in_rectangle, middles_m
+from e3pose.site.web.feed import Feed
+from e3pose.site.web.shapes import (
+    PosePage,
+    Refused,
+    RowPage,
+    as_json,
+    people,
+    slots_of_rows,
+    status_body,
+)
+from e3pose.store import Store, StoredPoses
+
+MAX_SLOTS, USUAL_SLOTS = 2000, 500  # in one answer
+MAX_ROWS, USUAL_ROWS = 5000, 1000
+NANOSECONDS = re.compile(r"[0-9]{16,19}")  # a time of day; fewer digits are seconds of a run
+LARGEST = 2**63 - 1
+REFUSALS: dict[int | str, dict[str, Any]] = {
+    401: {"model": Refused, "description": "a token is needed, or wrong"},
+    404: {"model": Refused, "description": "the site stores nothing"},
+    422: {"model": Refused, "description": "what is asked for cannot be read or found"},
+    429: {"model": Refused, "description": "too many requests"},
+}
+TIME = (
+    "such as `-10s`, `14:00`, `2026-11-21T14:00`, seconds of the newest run such as `12.5`, or "
+    "nanoseconds since 1970"
+)
+Start = Annotated[str | None, Query(max_length=64, description=f"from when, {TIME}")]
+End = Annotated[str | None, Query(max_length=64, description="until when, included; likewise")]
+Run = Annotated[int | None, Query(ge=0, le=LARGEST, description="one run of the store only")]
+Cursor = Annotated[str | None, Query(max_length=48, pattern=r"^[0-9]{1,18}(\.[0-9]{1,18})?$")]
+T = TypeVar("T")
+
+
+def make_api(
+    feed: Feed, store: Store | None, describe: Callable[[], dict[str, Any]], controls: bool
+) -> APIRouter:
+    """Return the routes that only read.
+
+    Args:
+        feed: the newest of the site.
+        store: of the site; None where nothing is stored.
+        describe: what does not change: cameras, skeleton, room.
+        controls: whether the edge lets itself be controlled from here.
+    """
+    api = APIRouter(prefix="/api", responses=REFUSALS)
+
+    @api.get("/site", summary="Cameras, skeleton, room and zones of the site")
+    def site(request: Request) -> dict[str, Any]:
+        return {
+            **describe(),
+            "scope": getattr(request.state, "scope", "read"),
+            "stored": store is not None,
+            "controls": controls,
+        }
+
+    @api.get("/status", summary="How the site is, by the second")
+    def status() -> dict[str, Any]:
+        if feed.status is None:
+            raise HTTPException(404, "no status yet: the edge does not run, or just started")
+        return status_body(feed.status)
+
+    @api.get("/poses", summary="Stored poses", response_model=PosePage)
+    def poses(
+        start: Start = None,
+        end: End = None,
+        track: Annotated[int | None, Query(ge=-LARGEST, le=LARGEST)] = None,
+        joint: Annotated[str | None, Query(max_length=64)] = None,
+        region: Annotated[
+            str | None, Query(max_length=120, description="x0,y0,x1,y1: corners on the floor, m")
+        ] = None,
+        run: Run = None,
+        limit: Annotated[int, Query(ge=1, le=MAX_SLOTS, description="slots")] = USUAL_SLOTS,
+        cursor: Cursor = None,
+    ) -> Response:
+        corners = None if region is None else _corners(region)
+        after = None if cursor is None else _pair(cursor)
+        found = read_slots(
+            _needed(store), _time(start), _time(end), track, joint, run, after, limit
+        )
+        return encoded(page_of(found, corners, limit))
+
+    @api.get("/runs", summary="Stored runs, oldest first")
+    def runs() -> list[dict[str, Any]]:
+        stored = _asked(lambda: _needed(store).runs())
+        return [{"run": one.run_id, **_run_row(one.run)} for one in stored]
+
+    @api.get(
+        "/{table}", summary="Stored slots, tracks, energy, events and zones", response_model=RowPage
+    )
+    def rows(
+        table: Literal["slots", "tracks", "energy", "events", "zones"],
+        start: Start = None,
+        end: End = None,
+        run: Run = None,
+        limit: Annotated[int, Query(ge=1, le=MAX_ROWS, description="rows")] = USUAL_ROWS,
+        cursor: Cursor = None,
+    ) -> Response:
+        offset = 0 if cursor is None else _pair(cursor)[0]
+        found = _asked(
+            lambda: _needed(store).rows(
+                table, _time(start), _time(end), run=run, offset=offset, limit=limit + 1
+            )
+        )
+        more = len(found) > limit
+        # SQLAlchemy names columns by a text of its own kind.
+        named = [{str(key): value for key, value in row.items()} for row in found[:limit]]
+        return encoded({"rows": named, "cursor": str(offset + limit) if more else None})
+
+    return api
+
+
+def read_slots(
+    store: Store,
+    start: str | int | None,
+    end: str | int | None,
+    track: int | None,
+    joint: str | None,
+    run: int | None,
+    after: tuple[int, int] | None,
+    limit: int,
+) -> list[StoredPoses]:
+    """Return chunks of poses that hold `limit` slots and one more, if there are so many."""
+
+    def read() -> list[StoredPoses]:
+        chunks, seen = [], set[tuple[int, int]]()
+        for chunk in store.read(
+            start, end, track=track, joint=joint, run=run, after=after, chunk=max(256, 2 * limit)
+        ):
+            chunks.append(chunk)
+            seen.update(zip(chunk.run_ids.tolist(), chunk.slots.tolist(), strict=True))
+            if len(seen) > limit:
+                break
+        return chunks
+
+    return _asked(read)
+
+
+def page_of(
+    chunks: list[StoredPoses], corners: tuple[float, float, float, float] | None, limit: int
+) -> dict[str, Any]:
+    """Return chunks as `PosePage` describes them.
+
+    Args:
+        chunks: of poses, in order.
+        corners: of the region; None for everywhere.
+        limit: the most slots.
+    """
+    slots: list[dict[str, Any]] = []
+    keys: list[tuple[int, int]] = []
+    for chunk in chunks:
+        keys += dict.fromkeys(zip(chunk.run_ids.tolist(), chunk.slots.tolist(), strict=True))
+        here = np.ones(len(chunk), dtype=bool)
+        if corners is not None:
+            here = in_rectangle(middles_m(chunk.joints_m), corners)
+        found = people(
+            chunk.track_ids[here], chunk.joints_m[here], chunk.sigma_m[here], chunk.measured[here]
+        )
+        slots += slots_of_rows(chunk.run_ids[here], chunk.slots[here], chunk.time_ns[here], found)
+    keys = list(dict.fromkeys(keys))
+    merged: dict[tuple[int, int], dict[str, Any]] = {}
+    for slot in slots:  # a slot may be in two chunks
+        key = slot["run"], slot["slot"]
+        if key in merged:
+            merged[key]["people"] += slot["people"]
+        else:
+            merged[key] = slot
+    last = keys[limit - 1] if len(keys) > limit else None
+    shown = [merged[key] for key in keys[:limit] if key in merged]
+    cursor = None if last is None else f"{last[0]}.{last[1]}"
+    return {"joints": chunks[0].joints, "slots": shown, "cursor": cursor}
+
+
+def encoded(body: dict[str, Any]) -> Response:
+    """Return an answer as JSON, quickly; NaN is null."""
+    return Response(as_json(body), media_type="application/json")
+
+
+def _needed(store: Store | None) -> Store:
+    if store is None:
+        raise HTTPException(404, "the site stores nothing: add [store] to its site file")
+    return store
+
+
+def _asked(ask: Callable[[], T]) -> T:
+    try:
+        return ask()
+    except InputError as error:
+        # Where the store lies on this machine is nobody's business.
+        fault = InputError(error.sentence or error.thing, error.found, error.expected)
+        raise HTTPException(422, str(fault)) from None
+
+
+def _time(words: str | None) -> str | int | None:
+    if words is None or not NANOSECONDS.fullmatch(words):
+        return words
+    return min(int(words), LARGEST)
+
+
+def _pair(cursor: str) -> tuple[int, int]:
+    first, _, second = cursor.partition(".")
+    return int(first), int(second or 0)
+
+
+def _corners(region: str) -> tuple[float, float, float, float]:
+    try:
+        x0, y0, x1, y1 = map(float, region.split(","))
+    except ValueError:
+        raise HTTPException(422, "region: expected x0,y0,x1,y1 in metres") from None
+    if not np.isfinite([x0, y0, x1, y1]).all():
+        raise HTTPException(422, "region: expected finite numbers")
+    return x0, y0, x1, y1
+
+
+def _run_row(run: Any) -> dict[str, Any]:
+    names = ("site", "name", "started_ns", "interval_s", "skeleton", "joints", "cameras")
+    return {name: getattr(run, name) for name in names}

@@ -1,0 +1,73 @@
+"""The application behind the door: page, API and live stream of one site."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from fastapi import APIRouter, FastAPI
+from starlette.types import ASGIApp
+
+from e3pose import __version__
+from e3pose.site.web.api import make_api
+from e3pose.site.web.control import Ask, make_control
+from e3pose.site.web.door import Door, Rules
+from e3pose.site.web.feed import Feed
+from e3pose.site.web.live import make_live
+from e3pose.site.web.page import make_page
+from e3pose.store import Store
+
+TEXT = """Poses, slots and status of a site. Lengths are in metres, z is up, times are nanoseconds
+since 1970 by the edge's clock, missing is null. The WebSocket `/api/live?format=json|msgpack` sends
+the same events as `GET /api/live`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Site:
+    """What an application shows.
+
+    Attributes:
+        feed: the newest.
+        store: what is kept; None where nothing is.
+        describe: what does not change.
+        ask: sends a `Control` to the edge; None where that is not possible from here.
+        pictures: the route of pictures; None where they are off.
+    """
+
+    feed: Feed
+    store: Store | None
+    describe: Callable[[], dict[str, Any]]
+    ask: Ask | None = None
+    pictures: APIRouter | None = None
+
+
+def make_app(site: Site, rules: Rules) -> ASGIApp:
+    """Return the application of a site behind its door."""
+    return Door(inner_app(site), rules)
+
+
+def inner_app(site: Site) -> FastAPI:
+    """Return the application without its door, for tests and for its OpenAPI description."""
+
+    @asynccontextmanager
+    async def life(_: FastAPI) -> AsyncIterator[None]:
+        site.feed.attach(asyncio.get_running_loop())
+        yield
+        site.feed.attach(None)
+
+    # Its own pages of documentation would load scripts from the internet.
+    app = FastAPI(
+        title="e3pose", version=__version__, description=TEXT, lifespan=life,
+        docs_url=None, redoc_url=None, openapi_url="/api/openapi.json",
+    )  # fmt: skip
+    app.include_router(make_page())
+    app.include_router(make_live(site.feed))
+    if site.ask is not None:
+        app.include_router(make_control(site.ask))
+    if site.pictures is not None:
+        app.include_router(site.pictures)
+    app.include_router(make_api(site.feed, site.store, site.describe, site.ask is not None))
+    return app

@@ -1,0 +1,99 @@
+"""The controlling part of the API: what is asked for goes to the edge, which decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from fastapi import APIRouter, HTTPException
+from pydantic import BaseModel, ConfigDict, Field
+
+from e3pose.errors import InputError
+from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.site.web.shapes import Refused, Shape
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.messages import Control, Controlled
+
+Ask = Callable[[bytes], bytes | None]
+REFUSALS: dict[int | str, dict[str, Any]] = {
+    401: {"model": Refused, "description": "the token for writing is needed"},
+    403: {"model": Refused, "description": "the token is for reading only"},
+    409: {"model": Refused, "description": "the edge refuses, with the reason"},
+    422: {"model": Refused, "description": "what is asked for cannot be read"},
+    429: {"model": Refused, "description": "too many requests"},
+    504: {"model": Refused, "description": "the edge does not answer"},
+}
+
+
+class Changes(BaseModel):
+    """What may be asked for; what is left out stays as it is."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class LoopChanges(Changes):
+    """How cameras are selected; `cameras` and `target_error_mm` replace each other."""
+
+    cameras: Annotated[float | None, Field(gt=0, le=1000, description="per slot")] = None
+    target_error_mm: Annotated[float | None, Field(ge=1, le=1000)] = None
+    quality_weight: Annotated[float | None, Field(ge=0, le=1e6, description="V")] = None
+
+
+class CameraChanges(Changes):
+    """What one camera does."""
+
+    paused: bool | None = None
+    budget: Annotated[
+        str, Field(max_length=60, description="such as `60%`, `4W`, `until 18:00`, `for 8h`")
+    ] = ""
+
+
+class Done(Shape):
+    """What the edge does from the next slot on, in words."""
+
+    said: str
+
+
+def make_control(ask: Ask) -> APIRouter:
+    """Return the routes that control a site.
+
+    Args:
+        ask: sends a `Control` to the edge and returns its answer; None without one.
+    """
+    control = APIRouter(prefix="/api/control", responses=REFUSALS)
+
+    @control.post("/loop", summary="Change how cameras are selected")
+    def loop(changes: LoopChanges) -> Done:
+        return _send(
+            ask,
+            Control(
+                cameras=changes.cameras,
+                target_error_mm=changes.target_error_mm,
+                quality_weight=changes.quality_weight,
+            ),
+        )
+
+    @control.post("/cameras/{camera_id}", summary="Pause a camera, or set its budget")
+    def camera(camera_id: str, changes: CameraChanges) -> Done:
+        try:
+            check_camera_id(camera_id)
+        except InputError as error:
+            raise HTTPException(422, str(error)) from None
+        return _send(
+            ask, Control(camera_id=camera_id, paused=changes.paused, budget=changes.budget)
+        )
+
+    return control
+
+
+def _send(ask: Ask, control: Control) -> Done:
+    answer = ask(encode(control))
+    if answer is None:
+        raise HTTPException(504, "the edge does not answer: it does not run, or allows no control")
+    try:
+        controlled = decode(answer, Controlled, "edge")
+    except InputError as error:
+        raise HTTPException(504, str(error)) from None
+    if controlled.problem:
+        raise HTTPException(409, controlled.problem)
+    return Done(said=controlled.said)

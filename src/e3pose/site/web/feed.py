@@ -1,0 +1,108 @@
+"""What an edge says, handed on to whoever follows it over HTTP: the newest wins."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+
+from e3pose.site.connect import LiveSlot, live_slot
+from e3pose.site.follow import Follower
+from e3pose.site.web.shapes import Encoded, event_of_slot, event_of_status, event_of_zone
+from e3pose.site.zones import Zones, advance
+from e3pose.wire.messages import Poses, Status
+from e3pose.wire.transport import Transport
+
+MAX_WAITING = 32  # messages that a slow follower has not taken yet
+MAX_FOLLOWERS = 64
+MAX_RECENT = 100
+
+
+class TooMany(Exception):
+    """There are as many followers as the server takes."""
+
+
+@dataclass(eq=False)
+class Feed:
+    """The newest of a site, and a queue for each of those who follow.
+
+    Attributes:
+        site: its name.
+        slot: the newest; None before the first.
+        status: likewise.
+        zones: who is in which.
+        recent: the newest slots by number, for pictures, which come later.
+    """
+
+    site: str
+    slot: LiveSlot | None = None
+    status: Status | None = None
+    zones: Zones = field(default_factory=lambda: Zones(()))
+    recent: dict[int, LiveSlot] = field(default_factory=dict)
+    _queues: set[asyncio.Queue[Encoded]] = field(default_factory=set)
+    _loop: asyncio.AbstractEventLoop | None = None
+
+    def listen(self, transport: Transport) -> None:
+        """Follow the site from now on."""
+        Follower(self.site).listen(transport, self._take_poses, self._take_status)
+
+    def attach(self, loop: asyncio.AbstractEventLoop | None) -> None:
+        """Hand on to followers of this loop from now on; None hands on to nobody."""
+        self._loop = loop
+
+    @property
+    def followers(self) -> int:
+        """How many follow."""
+        return len(self._queues)
+
+    @property
+    def full(self) -> bool:
+        """Whether no more can follow."""
+        return len(self._queues) >= MAX_FOLLOWERS
+
+    @asynccontextmanager
+    async def follow(self) -> AsyncIterator[asyncio.Queue[Encoded]]:
+        """Yield a queue with the newest status and slot first, and then all that comes.
+
+        Raises:
+            TooMany: when there are `MAX_FOLLOWERS` already.
+        """
+        if self.full:
+            raise TooMany
+        queue: asyncio.Queue[Encoded] = asyncio.Queue(MAX_WAITING)
+        if self.status is not None:
+            queue.put_nowait(event_of_status(self.status))
+        if self.slot is not None:
+            queue.put_nowait(event_of_slot(self.slot, self.zones.counts()))
+        self._queues.add(queue)
+        try:
+            yield queue
+        finally:
+            self._queues.discard(queue)
+
+    def _take_poses(self, poses: Poses) -> None:
+        self.slot = live_slot(poses)
+        self.recent[self.slot.slot] = self.slot
+        while len(self.recent) > MAX_RECENT:
+            self.recent.pop(next(iter(self.recent)), None)
+        self.zones, events = advance(self.zones, self.slot)
+        if self._queues:
+            self._hand_on(event_of_slot(self.slot, self.zones.counts()))
+            for event in events:
+                self._hand_on(event_of_zone(event))
+
+    def _take_status(self, status: Status) -> None:
+        self.status = status
+        if self._queues:
+            self._hand_on(event_of_status(status))
+
+    def _hand_on(self, event: Encoded) -> None:
+        if self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._put, event)
+
+    def _put(self, event: Encoded) -> None:
+        for queue in self._queues:
+            if queue.full():
+                queue.get_nowait()
+            queue.put_nowait(event)

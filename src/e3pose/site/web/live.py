@@ -1,0 +1,87 @@
+"""The live part of the API: slots and status as they come, by server-sent events and WebSocket."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from typing import Any, Literal
+
+from fastapi import APIRouter, HTTPException, WebSocket, WebSocketDisconnect
+from fastapi.responses import StreamingResponse
+
+from e3pose.site.web.door import PROTOCOL
+from e3pose.site.web.feed import Feed, TooMany
+from e3pose.site.web.shapes import Encoded
+
+KEEP_ALIVE_S = 15.0  # a comment for proxies between that close what is silent
+FULL = "as many followers as the server takes: close another"
+FULL_CODE = 1013  # of a WebSocket: try again later
+EVENTS: dict[int | str, dict[str, Any]] = {
+    200: {
+        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+        "description": "events `slot`, `status` and `zone` with JSON data",
+    },
+    503: {"description": FULL},
+}
+
+
+def make_live(feed: Feed) -> APIRouter:
+    """Return the routes of a feed."""
+    live = APIRouter(prefix="/api")
+
+    @live.get("/live", summary="Slots and status as they come", response_class=StreamingResponse,
+              responses=EVENTS)  # fmt: skip
+    async def events() -> StreamingResponse:
+        if feed.full:
+            raise HTTPException(503, FULL)
+
+        async def stream() -> AsyncIterator[bytes]:
+            async with feed.follow() as queue:
+                yield b"retry: 1000\n\n"
+                while True:
+                    try:
+                        event = await asyncio.wait_for(queue.get(), KEEP_ALIVE_S)
+                        yield event.sse
+                    except asyncio.TimeoutError:
+                        yield b":\n\n"
+
+        return StreamingResponse(stream(), media_type="text/event-stream")
+
+    @live.websocket("/live")
+    async def socket(websocket: WebSocket, format: Literal["json", "msgpack"] = "json") -> None:
+        offered = websocket.scope.get("subprotocols") or []
+        await websocket.accept(PROTOCOL if PROTOCOL in offered else None)
+        try:
+            async with feed.follow() as queue:
+                await _serve(websocket, queue, format)
+        except TooMany:
+            await websocket.close(FULL_CODE, FULL)
+
+    return live
+
+
+async def _serve(websocket: WebSocket, queue: asyncio.Queue[Encoded], form: str) -> None:
+    """Send what comes until the other side goes; what it says is not listened to."""
+
+    async def send() -> None:
+        while True:
+            event = await queue.get()
+            if form == "json":
+                await websocket.send_text(event.json.decode())
+            else:
+                await websocket.send_bytes(event.msgpack)
+
+    async def watch() -> None:
+        while (await websocket.receive())["type"] != "websocket.disconnect":
+            pass
+
+    tasks = [asyncio.create_task(send()), asyncio.create_task(watch())]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in tasks:
+            task.cancel()
+        for task in tasks:
+            with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await task

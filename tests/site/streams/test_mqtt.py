@@ -1,0 +1,102 @@
+"""A broker with a password and a certificate: who comes in, and what is told of who does not."""
+
+from __future__ import annotations
+
+import datetime
+import queue
+import ssl
+from pathlib import Path
+
+import paho.mqtt.client as mqtt
+import pytest
+from paho.mqtt.enums import CallbackAPIVersion
+from tests.site.streams.broker import broker
+from tests.site.streams.test_streams import EVENT, SOURCE, slot
+
+from e3pose.errors import InputError
+from e3pose.site.streams import open_stream
+from e3pose.site.streams.mqtt import login
+from e3pose.wire.keys.folder import init_keys
+
+LOGIN = ("wall", "hunter2")
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An authority with the certificate of a server on this machine."""
+    folder = tmp_path_factory.mktemp("broker") / "keys"
+    init_keys(folder, "lab", [], datetime.datetime.now(datetime.timezone.utc))
+    return folder
+
+
+def server_side(keys: Path) -> ssl.SSLContext:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(keys / "edge.pem", keys / "edge.key")
+    return context
+
+
+def test_password_and_certificate_let_in(keys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SSL_CERT_FILE", str(keys / "authority.pem"))
+    monkeypatch.setenv("E3POSE_MQTT_USER", LOGIN[0])
+    monkeypatch.setenv("E3POSE_MQTT_PASSWORD", LOGIN[1])
+    heard: queue.Queue[str] = queue.Queue()
+    ready: queue.Queue[None] = queue.Queue()
+    with broker(LOGIN, server_side(keys)) as port:
+        client = mqtt.Client(CallbackAPIVersion.VERSION2)
+        client.tls_set(str(keys / "authority.pem"))
+        client.username_pw_set(*LOGIN)
+        client.on_message = lambda _c, _d, message: heard.put(message.topic)
+        client.on_subscribe = lambda *_: ready.put(None)
+        client.connect("localhost", port)
+        client.subscribe("e3pose/lab/#")
+        client.loop_start()
+        ready.get(timeout=20)
+        stream = open_stream(f"mqtts://localhost:{port}", SOURCE)
+        stream.slot(slot(7))
+        stream.zone(EVENT)
+        topics = {heard.get(timeout=20) for _ in range(3)}
+        stream.close()
+        client.disconnect()
+        client.loop_stop()
+    assert "e3pose/lab/poses" in topics and "e3pose/lab/zone/door" in topics
+
+
+def test_wrong_password_is_told_and_not_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("E3POSE_MQTT_USER", LOGIN[0])
+    monkeypatch.setenv("E3POSE_MQTT_PASSWORD", "a guess")
+    with broker(LOGIN) as port, pytest.raises(InputError) as refused:
+        open_stream(f"mqtt://127.0.0.1:{port}", SOURCE)
+    assert "Not authorized" in str(refused.value) and "E3POSE_MQTT_USER" in str(refused.value)
+    assert "guess" not in str(refused.value)
+
+
+# paho does not close the socket of a handshake that failed.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_certificate_of_somebody_else_is_refused(
+    keys: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("SSL_CERT_FILE", raising=False)
+    with (
+        broker(None, server_side(keys)) as port,
+        pytest.raises(InputError, match="certificate verify failed"),
+    ):
+        open_stream(f"mqtts://localhost:{port}", SOURCE)
+
+
+def test_password_does_not_cross_a_network_unencrypted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("E3POSE_MQTT_USER", "wall")
+    with pytest.raises(InputError, match="unencrypted, expected mqtts://"):
+        open_stream("mqtt://broker.invalid", SOURCE)
+    with pytest.raises(InputError, match="expected them in E3POSE_MQTT_USER") as refused:
+        open_stream("mqtts://wall:hunter2@broker.invalid", SOURCE)
+    assert "hunter2" not in str(refused.value)
+
+
+def test_password_may_be_in_a_file(tmp_path: Path) -> None:
+    (tmp_path / "password").write_text("hunter2\n")
+    file = {"E3POSE_MQTT_PASSWORD_FILE": str(tmp_path / "password")}
+    assert login({"E3POSE_MQTT_USER": "wall", **file}) == LOGIN
+    assert login({"E3POSE_MQTT_USER": "wall"}) == ("wall", None)
+    assert login({}) == (None, None)
+    with pytest.raises(InputError, match=r"PASSWORD_FILE: found .*nowhere"):
+        login({"E3POSE_MQTT_PASSWORD_FILE": "nowhere"})

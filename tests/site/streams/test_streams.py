@@ -1,0 +1,270 @@
+"""Each stream is read back by the other side's own library, and says the same slot."""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import paho.mqtt.client as mqtt
+import pytest
+from mcap.reader import make_reader
+from paho.mqtt.enums import CallbackAPIVersion
+from pythonosc.dispatcher import Dispatcher
+from pythonosc.osc_server import ThreadingOSCUDPServer
+from tests.ports import free_port
+from tests.site.streams.broker import broker
+from tests.waiting import eventually
+from websockets.sync.client import connect as connect_socket
+from websockets.typing import Subprotocol
+
+from e3pose.errors import InputError
+from e3pose.model.skeleton import COCO17
+from e3pose.model.zone_event import ZoneEvent
+from e3pose.site.connect import Connection, LiveSlot
+from e3pose.site.streams import STREAMS, Source, open_stream
+from e3pose.site.streams.send import Sender
+from e3pose.site.zones import Zones
+from e3pose.wire.codec import encode, pack
+from e3pose.wire.memory import Hub
+from e3pose.wire.messages import Poses
+
+SOURCE = Source("lab", COCO17, 25.0)
+TIME_NS = 1_795_000_000_000_000_000
+EVENT = ZoneEvent("enter", "door", 7, 2, 0.0, 3, TIME_NS)
+KNEE = COCO17.joints.index("left_knee")
+
+
+def slot(*tracks: int, number: int = 3) -> LiveSlot:
+    """People of whom joint j is at (track, j / 10, 1) m; the nose is missing."""
+    joints_m = np.ones((len(tracks), 17, 3), dtype=np.float32)
+    joints_m[..., 0] = np.array(tracks, dtype=np.float32)[:, None]
+    joints_m[..., 1] = np.arange(17) / 10
+    joints_m[:, 0] = np.nan
+    sigma_m = np.full((len(tracks), 17), 0.02, dtype=np.float32)
+    ids = np.array(tracks, dtype=np.int64)
+    seen = np.ones(sigma_m.shape, dtype=bool)
+    return LiveSlot(
+        number, TIME_NS, COCO17.joints, ids, joints_m, sigma_m, seen, ("c0",), ("c0",), TIME_NS
+    )
+
+
+def test_osc_is_read_by_python_osc() -> None:
+    heard: queue.Queue[tuple[Any, ...]] = queue.Queue()
+    dispatcher = Dispatcher()
+    dispatcher.set_default_handler(lambda address, *values: heard.put((address, *values)))
+    with ThreadingOSCUDPServer(("127.0.0.1", 0), dispatcher) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        stream = open_stream(f"osc://127.0.0.1:{server.server_address[1]}", SOURCE)
+        stream.slot(slot(7, 9))
+        stream.zone(EVENT)
+        found = [heard.get(timeout=20) for _ in range(1 + 2 * 16 + 1)]
+        stream.close()
+        server.shutdown()
+    said = {address: values for address, *values in found}
+    assert said["/e3pose/slot"] == [3, pytest.approx(TIME_NS / 1e9), 2]
+    assert said["/e3pose/person/9/left_knee"] == pytest.approx([9, KNEE / 10, 1])
+    assert "/e3pose/person/9/nose" not in said
+    assert said["/e3pose/zone/door"] == ["enter", 7, 2, 0.0]
+
+
+def test_lsl_is_read_by_pylsl() -> None:
+    import pylsl
+
+    name = f"e3pose-test-{free_port()}"
+    stream = open_stream(f"lsl:{name}", SOURCE)
+    inlets = []
+    for one in (name, f"{name}-zones"):
+        (info,) = pylsl.resolve_byprop("name", one, timeout=20)
+        inlets.append(pylsl.StreamInlet(info))
+        inlets[-1].open_stream(timeout=20)
+    full = inlets[0].info()
+    assert (full.type(), full.nominal_srate(), full.channel_count()) == ("MoCap", 25, 4 * 69)
+    label = full.desc().child("channels").first_child().next_sibling()
+    assert label.child_value("label") == "person0_nose_x"
+    stream.slot(slot(7, 9))
+    stream.slot(slot(9, 11))  # 9 keeps its place, 11 takes that of 7
+    stream.zone(EVENT)
+    samples = [np.array(inlets[0].pull_sample(timeout=20)[0]).reshape(4, 69) for _ in range(2)]
+    assert samples[0][:2, 0].tolist() == [7, 9] and np.isnan(samples[0][2:]).all()
+    assert samples[1][:2, 0].tolist() == [11, 9]
+    knee = samples[0][1, 1:].reshape(17, 4)[KNEE]
+    assert knee == pytest.approx([9, KNEE / 10, 1, 0.02])
+    assert np.isnan(samples[0][0, 1:4]).all()
+    assert inlets[1].pull_sample(timeout=20)[0] == ["enter door 7 2"]
+    stream.close()
+
+
+def test_mcap_is_read_by_mcap(tmp_path: Path) -> None:
+    path = tmp_path / "today.mcap"
+    stream = open_stream(f"mcap:{path}", SOURCE)
+    stream.slot(slot(7))
+    stream.zone(EVENT)
+    stream.close()
+    assert path.stat().st_mode & 0o077 == 0
+    with path.open("rb") as file:
+        found = {c.topic: (s, m) for s, c, m in make_reader(file).iter_messages()}
+    assert set(found) == {"/scene", "/poses", "/zones"}
+    schema, scene = found["/scene"]
+    assert schema is not None and schema.name == "foxglove.SceneUpdate"
+    assert scene.log_time == TIME_NS and b"track 7" in scene.data
+    person = json.loads(found["/poses"][1].data)["people"][0]
+    assert person["track"] == 7 and person["joints"]["left_knee"] == [7, KNEE / 10, 1]
+    assert "nose" not in person["joints"]
+    assert json.loads(found["/zones"][1].data)["event"] == "enter"
+    with pytest.raises(InputError, match="a file that is there"):
+        open_stream(f"mcap:{path}", SOURCE)
+
+
+def test_foxglove_tells_who_connects_over_its_protocol() -> None:
+    port = free_port()
+    stream = open_stream(f"foxglove://127.0.0.1:{port}", SOURCE)
+    with connect_socket(
+        f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol("foxglove.sdk.v1")]
+    ) as client:
+        channels: dict[str, int] = {}
+        while not {"/poses", "/scene"} <= set(channels):
+            message = json.loads(client.recv(20))
+            if message["op"] == "advertise":
+                channels |= {one["topic"]: one["id"] for one in message["channels"]}
+        asked = [{"id": 1, "channelId": channels["/poses"]}]
+        client.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+        done = threading.Event()
+
+        def send() -> None:  # until the server knows of the subscription
+            while not done.wait(0.05):
+                stream.slot(slot(7))
+
+        thread = threading.Thread(target=send)
+        thread.start()
+        try:
+            data = client.recv(20)
+            while isinstance(data, str):
+                data = client.recv(20)
+        finally:
+            done.set()
+            thread.join()
+    stream.close()
+    assert data[0] == 1  # message data: subscription, time, payload
+    assert int.from_bytes(data[5:13], "little") == TIME_NS
+    assert msgspec.json.decode(data[13:])["people"][0]["track"] == 7
+
+
+def test_mqtt_is_read_by_paho() -> None:
+    heard: queue.Queue[tuple[str, bytes]] = queue.Queue()
+    ready = threading.Event()
+    client = mqtt.Client(CallbackAPIVersion.VERSION2)
+    client.on_message = lambda _c, _d, message: heard.put((message.topic, bytes(message.payload)))
+    client.on_subscribe = lambda *_: ready.set()
+    with broker() as port:
+        client.connect("127.0.0.1", port)
+        client.subscribe("e3pose/lab/#")
+        client.loop_start()
+        assert ready.wait(20)
+        stream = open_stream(f"mqtt://127.0.0.1:{port}", SOURCE)
+        stream.slot(slot(7))
+        stream.zone(EVENT)
+        found = dict(heard.get(timeout=20) for _ in range(3))
+        stream.close()
+        client.disconnect()
+        client.loop_stop()
+    assert json.loads(found["e3pose/lab/poses"])["people"][0]["track"] == 7
+    assert json.loads(found["e3pose/lab/zone/door"])["event"] == "enter"
+    assert found["e3pose/lab/zone/door/count"] == b"2"
+
+
+@pytest.mark.parametrize(
+    ("target", "told"),
+    [
+        ("smoke://x", "target: found 'smoke://x', expected osc"),
+        ("osc", "target: found 'osc'"),
+        ("osc://127.0.0.1:port", "HOST:PORT, 127.0.0.1:9000"),
+        ("mcap:today.bag", r"mcap:FILE\.mcap in a folder that exists"),
+        ("mqtt://127.0.0.1:1", "a broker that runs"),
+    ],
+)
+def test_target_that_is_none_is_refused(target: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        open_stream(target, SOURCE)
+
+
+@pytest.mark.parametrize("kind", STREAMS)
+def test_every_stream_is_named_by_its_form(kind: str) -> None:
+    assert STREAMS[kind].startswith(f"{kind}:")
+
+
+class Kept:
+    """A stream into lists."""
+
+    def __init__(self) -> None:
+        self.slots: list[int] = []
+        self.zones: list[str] = []
+        self.fails = False
+
+    def slot(self, slot: LiveSlot) -> None:
+        if self.fails:
+            raise RuntimeError("the other side is gone")
+        self.slots.append(slot.slot)
+
+    def zone(self, event: ZoneEvent) -> None:
+        self.zones.append(event.kind)
+
+    def close(self) -> None:
+        pass
+
+
+def _published(one: LiveSlot) -> bytes:
+    return encode(
+        Poses(
+            one.slot, one.time_ns, one.joints, pack(one.track_ids), pack(one.joints_m),
+            pack(one.sigma_m), pack(one.measured),
+        )
+    )  # fmt: skip
+
+
+@pytest.fixture
+def sending() -> Callable[[Kept], tuple[Hub, Sender]]:
+    def start(kept: Kept) -> tuple[Hub, Sender]:
+        from e3pose.settings.site_file import ZoneTable
+
+        hub = Hub()
+        zone = ZoneTable("door", ((6.0, 0.0), (8.0, 0.0), (8.0, 2.0), (6.0, 2.0)))
+        connection = Connection("lab", hub.join(), wait_s=0.05)
+        return hub, Sender(connection, [kept], Zones((zone,)))
+
+    return start
+
+
+def test_slots_and_zone_events_go_to_every_stream_also_after_a_silence(
+    sending: Callable[[Kept], tuple[Hub, Sender]],
+) -> None:
+    kept = Kept()
+    hub, sender = sending(kept)
+    told: list[str] = []
+    sender.tell = told.append
+    edge = hub.join()
+    with sender:
+        for number in (3, 4):
+            edge.publish("e3pose/lab/poses", _published(slot(7, number=number)))
+            assert eventually(lambda number=number: kept.slots[-1:] == [number])  # type: ignore[misc]
+            assert eventually(lambda number=number: len(told) == number - 2)  # type: ignore[misc]
+    assert "no slot for 0.05 s" in told[0]
+    assert kept.zones == ["enter"] and sender.sent == 2 and not sender.running()
+
+
+def test_stream_that_fails_ends_the_program_with_its_error(
+    sending: Callable[[Kept], tuple[Hub, Sender]],
+) -> None:
+    kept = Kept()
+    kept.fails = True
+    hub, sender = sending(kept)
+    with sender:
+        hub.join().publish("e3pose/lab/poses", _published(slot(7)))
+        assert eventually(lambda: not sender.running())
+    assert isinstance(sender.failure, RuntimeError)

@@ -1,0 +1,162 @@
+"""Who comes in: by host, origin, token and rate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from e3pose.errors import InputError
+from e3pose.site.web.door import Rules
+from e3pose.site.web.rates import MAX_CLIENTS, Rate
+from e3pose.site.web.tokens import Tokens, make_tokens, open_tokens
+
+TOKENS = Tokens("e3pose-view-tokens", 1, "r" * 20, "w" * 20)
+HOST = "localhost:8470"
+
+
+def rules(open_reading: bool = True, secure: bool = False) -> Rules:
+    return Rules(TOKENS, frozenset({"localhost", "edge.local"}), open_reading, secure)
+
+
+def refused(made: Rules, path: str = "/api/status", **headers: str) -> int:
+    """Return the status with which a request is refused; 0 for one that comes in."""
+    named = {name.replace("_", "-"): value for name, value in ({"host": HOST} | headers).items()}
+    _, refusal = made.judge(path, named, "10.0.0.1")
+    return 0 if refusal is None else refusal.status
+
+
+def bearer(token: str) -> str:
+    return f"Bearer {token}"
+
+
+@pytest.mark.parametrize(
+    ("host", "status"),
+    [
+        ("localhost:8470", 0),
+        ("LOCALHOST", 0),
+        ("edge.local:8470", 0),
+        ("127.0.0.1:8470", 0),
+        ("[::1]:8470", 0),
+        ("192.168.1.7:8470", 0),  # no foreign name can stand for an address
+        ("evil.example:8470", 421),
+        ("localhost.evil.example", 421),
+        ("", 421),
+    ],
+)
+def test_only_our_own_names_and_addresses_are_hosts(host: str, status: int) -> None:
+    assert refused(rules(), host=host) == status
+    assert refused(rules(), "/", host=host) == status
+
+
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [
+        ("http://localhost:8470", 0),
+        ("http://localhost:9999", 403),
+        ("http://evil.example", 403),
+        ("https://localhost:8470", 403),
+        ("null", 403),
+    ],
+)
+def test_only_our_own_page_may_ask(origin: str, status: int) -> None:
+    assert refused(rules(), origin=origin) == status
+    assert refused(rules(), origin=origin, authorization=bearer(TOKENS.write)) == status
+
+
+def test_a_link_to_the_page_works_and_a_foreign_request_to_the_api_does_not() -> None:
+    assert refused(rules(), "/", sec_fetch_site="cross-site") == 0
+    assert refused(rules(), sec_fetch_site="cross-site") == 403
+    assert refused(rules(), sec_fetch_site="same-origin") == 0
+
+
+def test_page_over_https_has_an_origin_of_https() -> None:
+    assert refused(rules(secure=True), origin="https://localhost:8470") == 0
+    assert refused(rules(secure=True), origin="http://localhost:8470") == 403
+
+
+def test_reading_beyond_loopback_needs_a_token_and_the_page_itself_does_not() -> None:
+    closed = rules(open_reading=False)
+    assert refused(closed) == 401 and refused(closed, "/") == 0
+    assert refused(closed, authorization=bearer(TOKENS.read)) == 0
+    assert refused(closed, authorization=bearer("x" * 20)) == 401
+    assert refused(closed, sec_websocket_protocol=f"e3pose, e3pose.token.{TOKENS.read}") == 0
+    assert refused(closed, sec_websocket_protocol="e3pose, e3pose.token.wrong") == 401
+
+
+def test_wrong_token_gets_nothing_on_loopback_either() -> None:
+    assert refused(rules(), authorization=bearer("x" * 20)) == 401
+
+
+def test_control_needs_the_token_for_writing_everywhere() -> None:
+    made = rules()
+    assert refused(made, "/api/control/loop") == 401
+    assert refused(made, "/api/control/loop", authorization=bearer(TOKENS.read)) == 403
+    assert refused(made, "/api/control/loop", authorization=bearer(TOKENS.write)) == 0
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [
+        ({"content_length": "100"}, 0),
+        ({"content_length": "5000"}, 413),
+        ({"content_length": "9" * 40}, 413),
+        ({"content_length": "-1"}, 413),
+        ({"transfer_encoding": "chunked"}, 411),
+    ],
+)
+def test_body_has_a_length_and_it_is_small(headers: dict[str, str], status: int) -> None:
+    authorization = bearer(TOKENS.write)
+    assert refused(rules(), "/api/control/loop", authorization=authorization, **headers) == status
+
+
+def test_guessing_tokens_ends_soon() -> None:
+    made = rules()
+    found = [refused(made, authorization=bearer("x" * 20)) for _ in range(20)]
+    assert found[0] == 401 and found[-1] == 429
+    assert refused(made, authorization=bearer(TOKENS.read)) == 0  # who knows one is let in
+
+
+def test_rate_is_a_mean_with_a_burst_for_each_client() -> None:
+    time_s = [0.0]
+    rate = Rate(2.0, 3.0, lambda: time_s[0])
+    assert [rate.wait_s("a") for _ in range(3)] == [0, 0, 0]
+    assert rate.wait_s("a") == pytest.approx(0.5)
+    assert rate.wait_s("b") == 0
+    time_s[0] = 0.5
+    assert rate.wait_s("a") == 0 and rate.wait_s("a") > 0
+
+
+def test_as_many_clients_as_may_come_are_remembered() -> None:
+    rate = Rate(1.0, 1.0, lambda: 0.0)
+    for client in range(MAX_CLIENTS + 10):
+        assert rate.wait_s(str(client)) == 0
+    assert len(rate._left) == MAX_CLIENTS
+
+
+def test_tokens_are_made_once_and_private(tmp_path: Path) -> None:
+    path = tmp_path / "view-tokens.toml"
+    made = open_tokens(path)
+    assert open_tokens(path) == made and path.stat().st_mode & 0o777 == 0o600
+    assert made != make_tokens() and made.read != made.write
+    assert made.scope(made.read) == "read" and made.scope(made.write) == "write"
+    assert made.scope("") is None and made.scope(made.read[:-1]) is None
+    assert made.scope("\udcff") is None
+
+
+@pytest.mark.parametrize(
+    ("read", "write", "told"),
+    [("short", "w" * 20, "read: found no token"), ("w" * 20, "w" * 20, "write: found the token")],
+)
+def test_file_of_tokens_is_checked(tmp_path: Path, read: str, write: str, told: str) -> None:
+    path = tmp_path / "tokens.toml"
+    lines = [
+        'format = "e3pose-view-tokens"',
+        "version = 1",
+        f'read = "{read}"',
+        f'write = "{write}"',
+    ]
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=told) as error:
+        open_tokens(path)
+    assert str(path) in str(error.value) and "w" * 20 not in str(error.value)

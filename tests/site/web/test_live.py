@@ -1,0 +1,149 @@
+"""Following a site over HTTP: server-sent events and WebSockets, and who gets nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from contextlib import AsyncExitStack
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from tests.site.web.watched import Watched, poses, status
+from tests.waiting import eventually
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as connect_socket
+
+from e3pose.settings.site_file import ZoneTable
+from e3pose.site.web.feed import MAX_FOLLOWERS, MAX_WAITING, Feed, TooMany
+from e3pose.site.web.shapes import event_of_status
+from e3pose.site.zones import Zones
+from e3pose.wire.codec import encode
+from e3pose.wire.memory import Hub
+
+
+def socket(watched: Watched, form: str = "json", **more: Any) -> ClientConnection:
+    url = watched.view.url.replace("http", "ws", 1)
+    made: ClientConnection = connect_socket(f"{url}api/live?format={form}", **more)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("form", "read"), [("json", json.loads), ("msgpack", msgspec.msgpack.decode)]
+)
+def test_socket_says_what_the_edge_published(watched: Watched, form: str, read: Any) -> None:
+    watched.publish(3)
+    with socket(watched, form) as following:
+        first, second = read(following.recv(10)), read(following.recv(10))
+        assert (first["type"], second["type"], second["slot"]) == ("status", "slot", 3)
+        watched.publish(4)
+        status, slot = read(following.recv(10)), read(following.recv(10))
+    assert status["slot"] == 4 and status["cameras"][0]["camera_id"] == "c0"
+    assert slot["selected"] == ["c0", "c1"] and slot["arrived"] == ["c0"]
+    assert slot["people"][1]["track"] == 11
+    assert slot["people"][1]["joints_m"][0] == [1.0, pytest.approx(0.04), 0.0]
+    missing = slot["people"][1]["joints_m"][3]
+    assert missing == [None] * 3 if form == "json" else np.isnan(missing).all()
+    assert eventually(lambda: watched.view.feed.followers == 0)
+
+
+def test_events_come_one_after_the_other(watched: Watched) -> None:
+    watched.publish(8)
+    with watched.client() as client, client.stream("GET", "/api/live") as answer:
+        assert answer.headers["content-type"].startswith("text/event-stream")
+        lines = answer.iter_lines()
+        found = [line for line, _ in zip(lines, range(7), strict=False)]
+    assert (
+        found[0].startswith("retry") and found[2] == "event: status" and found[5] == "event: slot"
+    )
+    assert json.loads(found[6].removeprefix("data: "))["slot"] == 8
+    assert eventually(lambda: watched.view.feed.followers == 0)
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        {"origin": "http://evil.example"},
+        {"additional_headers": {"Host": "evil.example"}},
+        {"additional_headers": {"Authorization": "Bearer wrong"}},
+        {"subprotocols": ["e3pose", "e3pose.token.wrong"]},
+    ],
+    ids=["origin", "host", "token", "protocol"],
+)
+def test_foreign_pages_and_wrong_tokens_get_nothing(watched: Watched, more: Any) -> None:
+    with pytest.raises((InvalidStatus, ConnectionClosed)), socket(watched, **more) as following:
+        following.recv(5)
+    assert watched.view.feed.followers == 0
+
+
+def test_token_may_come_as_a_protocol(watched: Watched) -> None:
+    watched.publish(5)
+    token = f"e3pose.token.{watched.view.tokens.read}"
+    with socket(watched, subprotocols=["e3pose", token]) as following:
+        assert following.subprotocol == "e3pose"  # the token is not said back
+        assert json.loads(following.recv(10))["type"] == "status"
+
+
+def test_who_is_slow_gets_the_newest() -> None:
+    async def follow() -> list[int]:
+        feed = Feed("lab")
+        hub = Hub()
+        feed.listen(hub.join())
+        feed.attach(asyncio.get_running_loop())
+        edge = hub.join()
+        async with feed.follow() as queue:
+            for slot in range(MAX_WAITING + 10):
+                edge.publish("e3pose/lab/poses", encode(poses(slot)))
+            await asyncio.sleep(0)
+            return [queue.get_nowait().body["slot"] for _ in range(queue.qsize())]
+
+    assert asyncio.run(follow()) == list(range(10, MAX_WAITING + 10))
+
+
+def test_so_many_and_no_more_follow() -> None:
+    async def crowd() -> None:
+        feed = Feed("lab")
+        async with AsyncExitStack() as stack:
+            for _ in range(MAX_FOLLOWERS):
+                await stack.enter_async_context(feed.follow())
+            with pytest.raises(TooMany):
+                await stack.enter_async_context(feed.follow())
+        assert feed.followers == 0
+
+    asyncio.run(crowd())
+
+
+def test_an_event_is_encoded_once_for_all() -> None:
+    event = event_of_status(status(3))
+    encoded = [b""] * 4
+
+    def take(row: int) -> None:
+        encoded[row] = event.json
+
+    threads = [threading.Thread(target=take, args=(row,)) for row in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(set(encoded)) == 1 and event.json is event.json
+
+
+def test_zone_events_and_counts_are_told() -> None:
+    async def follow() -> list[dict[str, Any]]:
+        zone = ZoneTable("door", ((0.0, -1.0), (2.0, -1.0), (2.0, 5.0), (0.0, 5.0)))
+        feed, hub = Feed("lab", zones=Zones((zone,))), Hub()
+        feed.listen(hub.join())
+        feed.attach(asyncio.get_running_loop())
+        async with feed.follow() as queue:
+            hub.join().publish("e3pose/lab/poses", encode(poses(3)))
+            await asyncio.sleep(0)
+            return [json.loads(queue.get_nowait().json) for _ in range(queue.qsize())]
+
+    slot, event = asyncio.run(follow())
+    assert slot["zones"] == {"door": 1}
+    assert (event["type"], event["event"], event["zone"], event["track"]) == (
+        "zone", "enter", "door", 11,
+    )  # fmt: skip

@@ -1,0 +1,80 @@
+"""Where a view listens, and what keeps it from listening."""
+
+from __future__ import annotations
+
+import datetime
+import socket
+import ssl
+from pathlib import Path
+
+import httpx
+import pytest
+from tests.rigs import looking
+from tests.site.tables import write_site
+
+from e3pose.errors import InputError
+from e3pose.recording.calibration import save_rig
+from e3pose.settings.live import live_site
+from e3pose.site.web.program import _listen, address_of, open_view
+from e3pose.wire.keys.folder import init_keys
+from e3pose.wire.memory import Hub
+
+NOW = datetime.datetime.now(datetime.timezone.utc)
+TLS = '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n'
+
+
+def test_view_is_on_loopback_unless_told_otherwise(tmp_path: Path) -> None:
+    address = address_of(write_site(tmp_path))
+    assert (address.host, address.port, address.certificate) == ("127.0.0.1", 8470, None)
+    assert "localhost" in address.hosts
+
+
+def test_plain_http_beyond_this_machine_is_refused(tmp_path: Path) -> None:
+    site = write_site(tmp_path, '[view]\nlisten = "0.0.0.0:8470"\n')
+    with pytest.raises(InputError, match=r"site\.toml: view\.listen: found 0\.0\.0\.0:8470, plain"):
+        address_of(site)
+    with pytest.raises(InputError, match=r"--listen: found 0\.0\.0\.0:1, plain http"):
+        address_of(site, "0.0.0.0:1")
+    open_site = write_site(tmp_path, '[view]\nlisten = "0.0.0.0:8470"\ninsecure = true\n')
+    assert address_of(open_site).certificate is None
+
+
+@pytest.mark.parametrize("listen", ["8470", "localhost", "127.0.0.1:99999", "a b:1"])
+def test_place_that_is_none_is_refused(tmp_path: Path, listen: str) -> None:
+    with pytest.raises(InputError, match="HOST:PORT"):
+        address_of(write_site(tmp_path), listen)
+    with pytest.raises(InputError, match=r"view\.listen"):
+        write_site(tmp_path, f'[view]\nlisten = "{listen}"\n')
+
+
+def test_port_that_is_taken_is_an_error_that_names_it(tmp_path: Path) -> None:
+    save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
+    live = live_site(write_site(tmp_path))
+    with open_view(live, "127.0.0.1:0", transport=Hub().join()) as view:
+        port = int(view.url.rpartition(":")[2].strip("/"))
+        with pytest.raises(InputError, match=f"port {port} is in use"):
+            open_view(live, f"127.0.0.1:{port}", transport=Hub().join())
+    with open_view(live, f"127.0.0.1:{port}", transport=Hub().join()) as view:  # it is free again
+        assert view.running()
+
+
+def test_answers_leave_at_once(tmp_path: Path) -> None:
+    """Else the last part of an answer waits for the other side to say that it has the others."""
+    with _listen(address_of(write_site(tmp_path), "127.0.0.1:0")) as listening:
+        assert listening.proto == socket.IPPROTO_TCP  # which asyncio looks at
+
+
+def test_beyond_loopback_it_is_https_with_the_certificate_of_the_edge_and_a_token(
+    tmp_path: Path,
+) -> None:
+    init_keys(tmp_path / "keys", "lab", [], NOW)
+    save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
+    live = live_site(write_site(tmp_path, TLS))
+    trusted = ssl.create_default_context(cafile=str(tmp_path / "keys" / "authority.pem"))
+    with open_view(live, "0.0.0.0:0", transport=Hub().join()) as view:
+        assert view.url.startswith("https://localhost:") and not view.rules.open_reading
+        with httpx.Client(base_url=view.url, verify=trusted) as client:
+            assert client.get("/").status_code == 200
+            assert client.get("/api/site").status_code == 401
+            bearer = {"Authorization": f"Bearer {view.tokens.read}"}
+            assert client.get("/api/site", headers=bearer).json()["site"] == "lab"

@@ -1,0 +1,119 @@
+"""A view of a site that a test plays the edge of: its store holds slots, its messages are ours."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import numpy as np
+from tests.rigs import looking
+
+from e3pose.model.pose import Poses3D
+from e3pose.model.skeleton import COCO17
+from e3pose.pipeline import SlotRecord
+from e3pose.recording.calibration import save_rig
+from e3pose.settings.live import live_site
+from e3pose.settings.site_file import load_site
+from e3pose.site.web.program import View, open_view
+from e3pose.site.web.rates import Rate
+from e3pose.store import EnergyReading, Event, Run, StoreWriter
+from e3pose.wire.codec import encode, pack
+from e3pose.wire.memory import Hub, MemoryTransport
+from e3pose.wire.messages import CameraStatus, Poses, Status
+
+RIG = looking((4, 0), (0, 4), (-4, 0))
+STARTED_NS = 1_795_000_000_000_000_000
+FPS, SLOTS = 25.0, 40
+SITE = """format = "e3pose-site"
+version = 1
+name = "lab"
+calibration = "rig.toml"
+fps = 25
+[store]
+path = "lab.db"
+"""
+
+
+def record(slot: int) -> SlotRecord:
+    """Tracks 10 and 11 at x = -1 and 1 m; y is the slot in centimetres; joint 3 is missing."""
+    joints_m = np.zeros((2, 17, 3))
+    joints_m[:, :, 0] = [[-1.0], [1.0]]
+    joints_m[:, :, 1] = slot / 100
+    joints_m[:, :, 2] = np.linspace(0, 1.7, 17)
+    scores = np.ones((2, 17))
+    scores[:, 3] = 0.0
+    selected = np.array([True, slot % 2 == 0, False])
+    return SlotRecord(
+        slot=slot, time_s=slot / FPS, selected=selected, arrived=selected,
+        poses=Poses3D(np.where(scores[..., None] > 0, joints_m, np.nan), scores),
+        track_ids=np.array([10, 11]), occlusion=np.zeros(3), deficit=np.zeros(3),
+        next_selection=~selected, covariance_m2=np.tile(np.eye(3) * 1e-4, (2, 17, 1, 1)),
+        measured=scores > 0,
+    )  # fmt: skip
+
+
+def poses(slot: int) -> Poses:
+    """The same people as a message of the edge."""
+    made = record(slot)
+    return Poses(
+        slot,
+        STARTED_NS + round(slot / FPS * 1e9),
+        COCO17.joints,
+        pack(made.track_ids.astype(np.int64)),
+        pack(made.poses.joints_m.astype(np.float32)),
+        pack(np.full((2, 17), 0.01, dtype=np.float32)),
+        pack(made.measured),
+        selected=("c0", "c1"),
+        arrived=("c0",),
+    )
+
+
+def status(slot: int) -> Status:
+    return Status("lab", slot, FPS, 2, 2, tuple(CameraStatus(i, True) for i in RIG.camera_ids))
+
+
+@dataclass
+class Watched:
+    """A view, and the edge of its site, which the test plays.
+
+    Attributes:
+        view: that serves.
+        edge: publishes.
+        folder: of the site.
+    """
+
+    view: View
+    edge: MemoryTransport
+    folder: Path
+
+    def client(self, token: str = "") -> httpx.Client:
+        """Return a client that shows a token."""
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        return httpx.Client(base_url=self.view.url, headers=headers, timeout=30)
+
+    def publish(self, slot: int) -> None:
+        """Say how the site is, and who is there."""
+        self.edge.publish("e3pose/lab/status", encode(status(slot)))
+        self.edge.publish("e3pose/lab/poses", encode(poses(slot)))
+
+
+@contextmanager
+def watched_site(folder: Path) -> Iterator[Watched]:
+    """Write a site to a folder, with some stored slots, and view it."""
+    (folder / "site.toml").write_text(SITE)
+    save_rig(RIG, folder / "rig.toml")
+    run = Run("lab", "lab", STARTED_NS, 1 / FPS, "coco17", COCO17.joints, RIG.camera_ids)
+    with StoreWriter(folder / "lab.db", run) as writer:
+        for slot in range(SLOTS):
+            writer.append(record(slot), time_ns=STARTED_NS + round(slot / FPS * 1e9), wait=True)
+        writer.energy(EnergyReading(STARTED_NS + 10**9, "c0", 7.5, 1.0, "measured: VDD_IN", 0.75))
+        writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "c2"))
+    hub = Hub()
+    live = live_site(load_site(folder))
+    with open_view(live, "127.0.0.1:0", transport=hub.join()) as view:
+        view.rules.writes = Rate(1e6, 1e6, time.monotonic)  # tests ask for much
+        yield Watched(view, hub.join(), folder)
