@@ -75,10 +75,10 @@ def figures(
     """Replay once; the energy of batteries counts, and so does a lifetime of the recording."""
     from e3pose.evaluate.replay import ReplaySettings, replay
     from e3pose.evaluate.summary import accuracy
-    from e3pose.settings.bad_day import BadDay
+    from e3pose.settings.faults import Faults
 
     num_cameras = len(recording.rig)
-    budget, day = None, BadDay()
+    budget, day = None, Faults()
     if recording.battery_wh:
         seconds = recording.num_slots * recording.interval_s
         watts = np.array(
@@ -86,10 +86,10 @@ def figures(
         )
         share = np.clip((watts - IDLE_W) / (ACTIVE_W - IDLE_W), 0.01, 1.0)
         budget = tuple(share.tolist()) if policy == ADAPTIVE else None
-        day = BadDay(watts=((ACTIVE_W,) * num_cameras, (IDLE_W,) * num_cameras))
+        day = Faults(watts=((ACTIVE_W,) * num_cameras, (IDLE_W,) * num_cameras))
     settings = ReplaySettings(
         pipeline=pipeline, policy=policy, num_selected=count, seed=seed % 1000, phase=seed % 1000,
-        budget=budget, bad_day=day, lead_slots=lead,
+        budget=budget, faults=day, lead_slots=lead,
     )  # fmt: skip
     records = list(replay(recording, settings))
     found = accuracy(recording, records)

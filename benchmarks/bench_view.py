@@ -31,7 +31,7 @@ from e3pose.pipeline import SlotRecord
 from e3pose.settings.live import live_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.example import free_port, make_example
-from e3pose.site.quiet import be_quiet
+from e3pose.site.interpreter import reduce_pauses
 from e3pose.store import Run, Store, StoreWriter
 
 FPS, PEOPLE, MINUTES, RANGE_S, PER_S = 25, 4, 10, 10, 20
@@ -95,7 +95,7 @@ def main() -> None:
             follower = multiprocessing.Process(target=follow, args=(url, count), daemon=True)
             follower.start()
             stack.callback(follower.kill)
-        be_quiet()  # else this process looks for garbage while it waits for an answer
+        reduce_pauses()  # else this process looks for garbage while it waits for an answer
         took_ms, reference_ms, wake_ms = list[float](), list[float](), list[float]()
         for start_s in rng.uniform(0, MINUTES * 60 - RANGE_S, requests):
             next_s = time.perf_counter() + 1 / PER_S

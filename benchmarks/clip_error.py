@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from e3pose.estimate.filter import Noise
-from e3pose.evaluate.bad_days import thinned
+from e3pose.evaluate.faults import thinned
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.noise.calibrate import all_camera_tracks
 from e3pose.evaluate.noise.residuals import (

@@ -29,8 +29,8 @@ from e3pose.detectors.fit import letterbox_to_side
 from e3pose.detectors.focus import Focusing, Part, part_with
 from e3pose.detectors.topology import OPENPOSE_THIN
 from e3pose.energy.profiles import load_profile
+from e3pose.evaluate.detect_again import PixelViews
 from e3pose.evaluate.metrics import mean_errors_m
-from e3pose.evaluate.pixels import PixelViews
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.model.expected import ExpectedView

@@ -12,7 +12,7 @@ from tests.waiting import eventually
 
 from e3pose.camera.live import CameraNode, NodeSettings
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
-from e3pose.edge.news import News
+from e3pose.edge.events import News
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
 from e3pose.recording import Recording

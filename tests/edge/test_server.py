@@ -1,4 +1,4 @@
-"""A site in one process, and the bad days it has."""
+"""A site in one process under faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One site of real processes for all tests of its bad days."""
+"""One site of real processes for all tests of faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A site of real processes over TLS, for tests of its bad days."""
+"""A site of real processes over TLS, for tests of faults."""
 
 from __future__ import annotations
 

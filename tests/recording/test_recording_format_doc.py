@@ -10,7 +10,7 @@ import pytest
 from e3pose.model.skeleton import SKELETONS
 from e3pose.recording import load_recording
 from e3pose.recording.folder import Header
-from e3pose.recording.lines import TruthLine, ViewLine
+from e3pose.recording.json_lines import TruthLine, ViewLine
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "reference" / "recording-format.md").read_text()

@@ -23,7 +23,7 @@ from e3pose.report import scene as scenes
 from e3pose.report import write_report
 from e3pose.report.page import embed, render
 from e3pose.report.scene import AWAKE, LOST, MAX_SLOTS, NUM_COLOURS, colours, frustum, scene
-from e3pose.report.words import cards, sentences
+from e3pose.report.summary import cards, sentences
 from e3pose.settings.loop import ReplaySettings
 
 HOSTILE = "</script><script src='https://evil.example/x.js'></script><img src=x onerror=alert(1)>"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.recording import Recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
-from e3pose.simulate.hiding import covered_by_others
+from e3pose.simulate.hidden_joints import covered_by_others
 from e3pose.simulate.mistakes import episodes, merge_people, swap_sides
 
 pytestmark = pytest.mark.slow

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from e3pose.errors import InputError
 from e3pose.recording import Recording
 from e3pose.simulate import SCENES, DetectorSettings, SceneSettings, simulate
-from e3pose.simulate.hiding import behind_things
+from e3pose.simulate.collision_avoidance import PERSON_RADIUS_M
+from e3pose.simulate.hidden_joints import behind_things
 from e3pose.simulate.occluders import Box
-from e3pose.simulate.steering import PERSON_RADIUS_M
-from e3pose.simulate.ways import Ways
+from e3pose.simulate.path_finding import Ways
 
 pytestmark = pytest.mark.slow
 

@@ -18,7 +18,7 @@ from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.check import Finding
 from e3pose.site.check_settings import check_budgets, check_skeletons
-from e3pose.site.looks import (
+from e3pose.site.detector_speed import (
     SPARE,
     check_looks,
     hopeless,

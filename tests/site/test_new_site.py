@@ -13,8 +13,8 @@ from e3pose.detectors.timing import LookTimes
 from e3pose.errors import InputError
 from e3pose.settings.live import known_rig
 from e3pose.settings.site_file import load_site
+from e3pose.site.detector_speed import SPARE, check_looks, measure_looks, with_time_for_all
 from e3pose.site.edge_program import check_edge
-from e3pose.site.looks import SPARE, check_looks, measure_looks, with_time_for_all
 from e3pose.site.new_site import Choice, name_sources, rates, site_name, threads_for, write_site
 
 SLOW = LookTimes(np.full(4, 0.1), np.full(4, 0.4))  # 10 looks a second: 5 slots with 2 cameras

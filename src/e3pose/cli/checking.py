@@ -98,7 +98,7 @@ def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:
     from rich.console import Console
 
     from e3pose.site.check import Finding
-    from e3pose.site.looks import check_looks, measure_looks
+    from e3pose.site.detector_speed import check_looks, measure_looks
 
     try:
         with Console(stderr=True).status("measuring the networks"):

@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.bad_days import BadDayOptions
+from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
     EnergyOptions,
     LoopOptions,
@@ -22,7 +22,7 @@ from e3pose.cli.options import (
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 
-LOOP, ENERGY, BAD_DAY = LoopOptions(), EnergyOptions(), BadDayOptions()
+LOOP, ENERGY, FAULTS = LoopOptions(), EnergyOptions(), FaultOptions()
 
 POLICIES = {"policy": "--policies"}
 MAX_SEEDS = 10_000
@@ -39,7 +39,7 @@ def evaluate(
     seeds: Whole = 5,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
-    bad_day: BadDayOptions = BAD_DAY,
+    faults: FaultOptions = FAULTS,
     jobs: Whole = -1,
     detector: str | None = None,
     json_file: JsonFile = None,
@@ -87,9 +87,9 @@ def evaluate(
     from e3pose.cli.progress import track_progress
     from e3pose.errors import InputError
     from e3pose.evaluate.compare import compare, rows, tasks
+    from e3pose.evaluate.detect_again import open_pixels, replay_stored
     from e3pose.evaluate.drawing import check_svg
     from e3pose.evaluate.lead_picture import draw_leads
-    from e3pose.evaluate.pixels import open_pixels, replay_stored
     from e3pose.evaluate.tables import print_comparison
     from e3pose.select.policies import policy_row
     from e3pose.settings.loop import FEEDBACK
@@ -104,7 +104,7 @@ def evaluate(
         if leads is None:
             raise InputError("--plot: found no --leads, expected --leads for its axis")
     check_outputs(recording, {"--json": json_file, "--plot": plot})
-    source = bad_day.thinned(load_placed(recording))
+    source = faults.thinned(load_placed(recording))
     names = _names(_usual(loop) if policies is None else policies)
     counts = [None] if cameras is None else [*numbers_of("--cameras", cameras, "1.15,2")]
     loops = _balances(loop)
@@ -113,7 +113,7 @@ def evaluate(
         {**options_of(LoopOptions, EnergyOptions, more=("cameras", "detector")), **POLICIES}
     ):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
-        day = bad_day.day(source, plan.watts)
+        day = faults.day(source, plan.watts)
         settings = [
             each
             for name in names
@@ -121,7 +121,7 @@ def evaluate(
             for count in (counts if row.asks_count else counts[:1])
             for one in (loops if row.budgeted else loops[:1])
             for each in tasks(
-                replace(one.settings(name, count).for_rig(len(source.rig), plan), bad_day=day),
+                replace(one.settings(name, count).for_rig(len(source.rig), plan), faults=day),
                 [name.removesuffix(FEEDBACK)],
                 seeds,
                 ahead,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.bad_days import BadDayOptions
+from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import EnergyOptions, LoopOptions, as_typed, check_outputs, options_of, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.smoothing import SmoothOptions
@@ -18,7 +18,7 @@ from e3pose.errors import InputError
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
 
-LOOP, ENERGY, BAD_DAY, STORE = LoopOptions(), EnergyOptions(), BadDayOptions(), StoreOptions()
+LOOP, ENERGY, FAULTS, STORE = LoopOptions(), EnergyOptions(), FaultOptions(), StoreOptions()
 SMOOTH = SmoothOptions()
 
 
@@ -30,7 +30,7 @@ def replay(
     cameras: Annotated[float | None, Parameter(alias="-C")] = None,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
-    bad_day: BadDayOptions = BAD_DAY,
+    faults: FaultOptions = FAULTS,
     store: StoreOptions = STORE,
     smooth: SmoothOptions = SMOOTH,
     detector: str | None = None,
@@ -71,8 +71,8 @@ def replay(
     from e3pose.cli.placed import load_placed
     from e3pose.cli.progress import track_progress
     from e3pose.cli.storing import stored
+    from e3pose.evaluate.detect_again import open_pixels
     from e3pose.evaluate.figures import as_json
-    from e3pose.evaluate.pixels import open_pixels
     from e3pose.evaluate.poses_table import check_poses_path, write_poses
     from e3pose.evaluate.replay import replay as run_replay
     from e3pose.evaluate.summary import summarise
@@ -92,7 +92,7 @@ def replay(
         )
     outputs = {"--poses": poses, "--json": json_file, "--report": report}
     check_outputs(recording, {"--store": store.file(), **outputs})
-    source = bad_day.thinned(load_placed(recording))
+    source = faults.thinned(load_placed(recording))
     posteriors: list[Posterior] = []
 
     def heard(people: People) -> None:
@@ -105,7 +105,7 @@ def replay(
         settings = replace(
             asked.for_rig(len(source.rig), plan),
             foresees=report is not None and loop.pipeline != "paper",
-            bad_day=bad_day.day(source, plan.watts),
+            faults=faults.day(source, plan.watts),
         )
         anew = settings.feedback or detector is not None
         look = open_pixels(source, recording, detector) if anew else None

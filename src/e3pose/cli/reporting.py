@@ -46,7 +46,7 @@ def report(
         End, in the same formats. Default: now.
     """
     from e3pose.files.atomic import check_output
-    from e3pose.report.stretch import write_stretch
+    from e3pose.report.stored import write_stretch
     from e3pose.settings.live import live_site
     from e3pose.settings.site_file import load_site
     from e3pose.store import Store

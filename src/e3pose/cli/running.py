@@ -310,7 +310,7 @@ def _check_looks(site: SiteTable, live: LiveSite) -> None:
     from rich.console import Console
 
     from e3pose.site.check_sources import require_sources
-    from e3pose.site.looks import check_looks, hopeless, measure_looks
+    from e3pose.site.detector_speed import check_looks, hopeless, measure_looks
 
     require_sources(site, live.rig)  # told here, not in the log of a camera
     with Console(stderr=True).status("measuring the networks"):

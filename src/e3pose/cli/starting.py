@@ -222,7 +222,7 @@ def _tell(choice: Choice, folder: Path, path: Path) -> None:
     print(f"Wrote {path}: {slots}, {of}")
     if choice.fps or choice.pace:
         from e3pose.settings.site_file import load_site
-        from e3pose.site.looks import check_looks
+        from e3pose.site.detector_speed import check_looks
 
         assert choice.times is not None
         for finding in check_looks(load_site(path), choice.times, choice.num_selected):

@@ -45,7 +45,7 @@ def view(
     check_seconds("--for", for_s)
     from e3pose.settings.live import live_site
     from e3pose.settings.site_file import load_site
-    from e3pose.site.quiet import be_quiet
+    from e3pose.site.interpreter import reduce_pauses
     from e3pose.site.run import end_with_parent as look_after_parent
     from e3pose.site.run import run_until_stopped
     from e3pose.site.web.program import open_view, page_links
@@ -55,6 +55,6 @@ def view(
     table = load_site(site)
     with open_view(live_site(table), listen, keys) as opened:
         print("\n".join(page_links(table, opened.address)), flush=True)
-        be_quiet()
+        reduce_pauses()
         end_s = None if for_s is None else time.monotonic() + for_s
         run_until_stopped(lambda: opened.running() and (end_s is None or time.monotonic() < end_s))

@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from e3pose.edge.crew import Crew
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
+from e3pose.edge.threads import Crew
 from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
 from e3pose.recording.calibration.world import assumed_rig

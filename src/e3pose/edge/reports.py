@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.edge.counters import Counts
 from e3pose.edge.inbox import PAUSED
 from e3pose.edge.roster import CameraLife
-from e3pose.edge.tally import Counts
 from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import Pipeline, SlotRecord

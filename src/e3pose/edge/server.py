@@ -20,22 +20,22 @@ from numpy.typing import NDArray
 
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.consumers import NOBODY, Consumers
-from e3pose.edge.crew import Crew
+from e3pose.edge.counters import Counts
+from e3pose.edge.events import News
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lateness import forgiven, oddities
 from e3pose.edge.lead import Lead, adapt, cautious, lagging, take_in_delay
 from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
-from e3pose.edge.news import News
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.overload import WORDS, Load, after_slot, thinned
+from e3pose.edge.precompile import warm_up
 from e3pose.edge.publisher import Publisher
 from e3pose.edge.reports import Moment, changes, site_status
 from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.state_file import StateFile
-from e3pose.edge.tally import Counts
-from e3pose.edge.warm import warm_up
+from e3pose.edge.threads import Crew
 from e3pose.estimate.base import People
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.quantities import plural

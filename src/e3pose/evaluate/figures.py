@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
-from e3pose.settings.bad_day import BadDay
+from e3pose.settings.faults import Faults
 from e3pose.settings.loop import LoopSettings
 
 FORMAT = "e3pose-figures"
@@ -218,7 +218,7 @@ def settings_json(settings: LoopSettings) -> dict[str, Any]:
         if item.name in OWN and not isinstance(value, str | None):
             value = type(value).__name__
         if value is not None:
-            table[item.name] = asdict(value) if isinstance(value, BadDay) else value
+            table[item.name] = asdict(value) if isinstance(value, Faults) else value
     return table
 
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.estimate.base import Estimator, People
-from e3pose.evaluate.bad_days import arriving, capacity_j, deaths_s
+from e3pose.evaluate.faults import arriving, capacity_j, deaths_s
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import Pipeline, SlotRecord, initial_state, step
 from e3pose.predict.base import Predictor
 from e3pose.recording import Recording
 from e3pose.select.policies.base import Policy, Selection
-from e3pose.settings.bad_day import BadDay
+from e3pose.settings.faults import Faults
 from e3pose.settings.loop import ReplaySettings as ReplaySettings
 from e3pose.settings.parts import make_pipeline as make_pipeline
 
@@ -82,7 +82,7 @@ def replay(
     if settings.feedback and look is None:
         raise InputError("feedback", "it without pixels", "a recording with videos")
     pipeline = make_pipeline(recording, settings, clock)
-    day = settings.bad_day
+    day = settings.faults
     gone_s = deaths_s(recording, day.kills, settings.phase)
     arriving(len(recording.rig), day.loss, settings.seed, 0)
     if look is None:
@@ -98,7 +98,7 @@ def _run(
     recording: Recording,
     look: Look,
     pipeline: Pipeline,
-    day: BadDay,
+    day: Faults,
     gone_s: NDArray[np.float64],
     seed: int,
     tell: Callable[[People], None],

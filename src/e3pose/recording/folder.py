@@ -20,7 +20,7 @@ from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, skeleton_by_name
 from e3pose.recording.calibration import load_rig, save_rig
-from e3pose.recording.lines import decode_truth, decode_view, encode_truth, encode_view
+from e3pose.recording.json_lines import decode_truth, decode_view, encode_truth, encode_view
 from e3pose.recording.record import MAX_PEOPLE, Recording, Truth, ViewSeries
 
 FORMAT = "e3pose-recording"

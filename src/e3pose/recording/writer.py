@@ -24,7 +24,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.folder import FORMAT, HEADER, MAX_HEADER_BYTES, MAX_LINES_BYTES, RIG, VERSIONS
-from e3pose.recording.lines import encode_view
+from e3pose.recording.json_lines import encode_view
 
 PARTIAL = ".partial"
 TAIL_BYTES = 2**16

@@ -18,8 +18,9 @@ from e3pose.evaluate.figures import Summary, settings_json
 from e3pose.files.atomic import atomic_file
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
-from e3pose.report import figures, words
+from e3pose.report import figures
 from e3pose.report.scene import scene
+from e3pose.report.summary import budget, cards, duty, sentences, thinning
 
 MAX_TEXT = 300  # characters of a name or description
 # What settings are called in the page; those that are not here say little to most readers.
@@ -71,11 +72,11 @@ def render(recording: Recording, records: Sequence[SlotRecord], summary: Summary
     boxes = [f'<div id="{name}"></div>' for name in ("energy", "duty") if name in charts]
     return Template(_packaged("page.html")).substitute(
         title=_text(recording.name or "Recording"),
-        sentences=f"<p>{_text(' '.join(words.sentences(recording, records, summary)), 2000)}</p>",
-        thinning=f"<p class='soft'>{words.thinning(drawn['stride'], drawn['numSlots'])}</p>",
+        sentences=f"<p>{_text(' '.join(sentences(recording, records, summary)), 2000)}</p>",
+        thinning=f"<p class='soft'>{thinning(drawn['stride'], drawn['numSlots'])}</p>",
         cards="".join(
             f"<div><b>{_text(value)}</b><span>{_text(meaning)}</span></div>"
-            for value, meaning in words.cards(recording, records, summary)
+            for value, meaning in cards(recording, records, summary)
         ),
         cell=_cell(drawn),
         truth_box=_truth_box(drawn),
@@ -109,12 +110,11 @@ def _charts(
     if not records:
         return {}
     cameras = recording.rig.camera_ids
-    duty = words.duty(recording, records).tolist()
-    budget = words.budget(summary, len(cameras))
+    shares = duty(recording, records).tolist()
     charts = {
         "strips": figures.strips(drawn),
         "energy": summary.energy and figures.energy_bars(summary.energy, cameras),
-        "duty": figures.duty_bars(duty, budget, cameras),
+        "duty": figures.duty_bars(shares, budget(summary, len(cameras)), cameras),
     }
     return {name: chart for name, chart in charts.items() if chart is not None}
 

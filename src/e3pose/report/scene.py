@@ -14,7 +14,7 @@ from e3pose.model.skeleton import Skeleton
 from e3pose.model.uncertainty import distance_within_m
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording, Truth
-from e3pose.report.opening import opening_slot
+from e3pose.report.first_slot import opening_slot
 
 Floats = NDArray[np.float64]
 

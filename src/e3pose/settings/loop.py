@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from e3pose.errors import InputError
 from e3pose.files.table import entry
 from e3pose.quantities import length_m, milliseconds_s
-from e3pose.settings.bad_day import NO_BAD_DAY, BadDay
+from e3pose.settings.faults import NO_FAULTS, Faults
 
 if TYPE_CHECKING:
     from e3pose.estimate.base import Estimator
@@ -205,10 +205,10 @@ class ReplaySettings(LoopSettings):
     """How to run a recording.
 
     Attributes:
-        bad_day: cameras that die and views that are lost.
+        faults: cameras that die and views that are lost.
     """
 
-    bad_day: BadDay = entry(NO_BAD_DAY, key="")
+    faults: Faults = entry(NO_FAULTS, key="")
 
 
 def pipeline_row(name: str) -> tuple[str, str]:

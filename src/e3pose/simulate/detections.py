@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from e3pose.geometry.camera import Camera
 from e3pose.model.noise import ErrorMemory
 from e3pose.recording import ViewSeries
-from e3pose.simulate.hiding import behind_things, covered_by_others, covered_by_self
+from e3pose.simulate.hidden_joints import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.mistakes import episodes, haunt, merge_people, swap_sides
 from e3pose.simulate.noise import GROSS_MEMORY, correlated, normal_cdf, residuals
 from e3pose.simulate.place import Scene

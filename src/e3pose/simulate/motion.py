@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.simulate.activities import GRID_HZ, Life
 from e3pose.simulate.body import Body, Posture, joints_of
 from e3pose.simulate.gait import Gait, plan_gait, smoothstep
 from e3pose.simulate.gestures import move_arms
-from e3pose.simulate.lives import GRID_HZ, Life
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig, spot_rig, watched_area
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, Truth
+from e3pose.simulate.activities import Play
 from e3pose.simulate.body import draw_body
 from e3pose.simulate.detections import detect_people, until
-from e3pose.simulate.lives import Play
 from e3pose.simulate.motion import move
 from e3pose.simulate.place import Condition, Scene
 from e3pose.simulate.scenes import scene_by_name

@@ -22,7 +22,7 @@ from e3pose.errors import InputError
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.runtime.clock import Clock, WallClock
 from e3pose.settings.camera_file import NodeTable, load_node
-from e3pose.site.lines import NO_LOG, Log
+from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.keys.folder import certificates_in, check_certificates

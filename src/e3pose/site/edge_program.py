@@ -12,8 +12,8 @@ from typing import Any
 from e3pose import __version__
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
+from e3pose.edge.events import News
 from e3pose.edge.knock_watch import KnockWatch
-from e3pose.edge.news import News
 from e3pose.edge.recorder import Recorder, RecorderSettings
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
@@ -33,8 +33,8 @@ from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import noise_warning
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.control import SiteControls
-from e3pose.site.lines import NO_LOG, Log
-from e3pose.site.quiet import be_quiet
+from e3pose.site.interpreter import reduce_pauses
+from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
 from e3pose.site.zone_sink import ZoneSink
 from e3pose.site.zones import Zones
@@ -82,7 +82,7 @@ class Edge:
 
         To be called on the main thread. What made a thread of the edge fail is raised.
         """
-        be_quiet()
+        reduce_pauses()
         clock = self.server.clock
         end_ns = None if for_s is None else clock.now_ns() + round(for_s * 1e9)
         run_until_stopped(lambda: self.running() and (end_ns is None or clock.now_ns() < end_ns))

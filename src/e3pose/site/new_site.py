@@ -21,14 +21,14 @@ from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import plural
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE, load_site
-from e3pose.site.example import free_port
-from e3pose.site.looks import (
+from e3pose.site.detector_speed import (
     KEPT,
     keep_looks,
     lookers_of,
     suggested_deadline_ms,
     suggested_fps,
 )
+from e3pose.site.example import free_port
 from e3pose.wire.topics import check_site
 
 RIG_FILE = "rig.toml"

@@ -20,7 +20,7 @@ pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
 
 from e3pose.learn.online import LearningSettings, OnlineTrainer
 from e3pose.learn.online.job import Job
-from e3pose.learn.online.ring import Chunk, Ring
+from e3pose.learn.online.ring_buffer import Chunk, Ring
 from e3pose.learn.online.versions import VersionStore
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.attention_lstm import SHIPPED

@@ -19,7 +19,7 @@ from websockets.sync.client import connect as connect_socket
 
 from e3pose.settings.site_file import ZoneTable
 from e3pose.site.web.feed import MAX_FOLLOWERS, MAX_WAITING, Feed, TooMany
-from e3pose.site.web.shapes import event_of_status
+from e3pose.site.web.schemas import event_of_status
 from e3pose.site.zones import Zones
 from e3pose.wire.codec import encode
 from e3pose.wire.memory import Hub

@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from tests.site.web.watched import RIG, Watched, poses, record
 
 from e3pose.site.connect import live_slot
-from e3pose.site.web.door import Rules
+from e3pose.site.web.access import Rules
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.pictures import make_pictures, reprojected
 from e3pose.wire.codec import encode

@@ -19,7 +19,7 @@ from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import live_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.web.program import View, open_view
-from e3pose.site.web.rates import Rate
+from e3pose.site.web.rate_limit import Rate
 from e3pose.store import EnergyReading, Event, Run, StoreWriter
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.memory import Hub, MemoryTransport

@@ -22,7 +22,7 @@ from e3pose.errors import InputError
 from e3pose.files.lock import hold
 from e3pose.learn.online.job import LACKS_TORCH, WEIGHTS, Job, read_result
 from e3pose.learn.online.process import TRAINER, TrainerProcess
-from e3pose.learn.online.ring import Gathering, Ring, slots_in
+from e3pose.learn.online.ring_buffer import Gathering, Ring, slots_in
 from e3pose.learn.online.settings import LearningSettings
 from e3pose.learn.online.versions import SHIPPED_NUMBER, Manifest, Version, VersionStore
 from e3pose.model.skeleton import Skeleton

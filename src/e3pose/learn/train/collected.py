@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.learn.online.ring import Chunk
+from e3pose.learn.online.ring_buffer import Chunk
 from e3pose.learn.train.smooth import smooth
 from e3pose.learn.train.windows import Clip
 from e3pose.model.skeleton import Skeleton

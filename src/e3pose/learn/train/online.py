@@ -25,7 +25,7 @@ from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import read_bytes
 from e3pose.learn.online.job import CARD, LACKS_TORCH, VERDICT, WEIGHTS, Job, Verdict, read_job
-from e3pose.learn.online.ring import load_chunk
+from e3pose.learn.online.ring_buffer import load_chunk
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
 

@@ -18,7 +18,7 @@ from e3pose.recording import Recording, Truth
 from e3pose.recording.datasets.detected import detected_views
 from e3pose.recording.datasets.openpose import Progress
 from e3pose.recording.datasets.views import MAX_SLOTS
-from e3pose.recording.lines import METRE_LIMIT
+from e3pose.recording.json_lines import METRE_LIMIT
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from e3pose.model.skeleton import SHELF14
 from e3pose.recording import Recording, Truth
 from e3pose.recording.datasets.detected import detected_views
 from e3pose.recording.datasets.openpose import Progress, frame_number
-from e3pose.recording.lines import METRE_LIMIT
+from e3pose.recording.json_lines import METRE_LIMIT
 
 Floats = NDArray[np.float64]
 

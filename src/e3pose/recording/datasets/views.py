@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording import ViewSeries
-from e3pose.recording.lines import PIXEL_LIMIT
+from e3pose.recording.json_lines import PIXEL_LIMIT
 from e3pose.recording.record import MAX_FPS, MAX_PEOPLE, MIN_FPS
 
 MAX_SLOTS = 10_000_000

@@ -1,5 +1,5 @@
 """The main job from end to end, on a real clip or a simulated scene."""
 
 from e3pose.site.demo.job import run_demo as run_demo
-from e3pose.site.demo.words import DemoReport as DemoReport
-from e3pose.site.demo.words import words as words
+from e3pose.site.demo.summary import DemoReport as DemoReport
+from e3pose.site.demo.summary import words as words

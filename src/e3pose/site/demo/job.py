@@ -26,7 +26,7 @@ from e3pose.files.atomic import atomic_folder, check_free
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import SOURCE, TITLE, Clip, fetch_clip, find_clip
 from e3pose.site.demo.pictures import draw
-from e3pose.site.demo.words import DemoReport, LiveFigures, about, delivery_words, pace_words
+from e3pose.site.demo.summary import DemoReport, LiveFigures, about, delivery_words, pace_words
 
 if TYPE_CHECKING:
     from e3pose.evaluate.figures import Summary

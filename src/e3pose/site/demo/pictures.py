@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.detectors.weights import Progress
-from e3pose.site.demo.words import SLOWER
+from e3pose.site.demo.summary import SLOWER
 
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord

@@ -27,8 +27,8 @@ from e3pose.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.report.scene import NUM_COLOURS
 from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.as_json import slot_words, zone_words
 from e3pose.site.streams.base import Source, host_port
-from e3pose.site.streams.words import slot_words, zone_words
 
 PORT = 8765
 LIFETIME_NS = 500_000_000  # of who is not shown any more

@@ -24,8 +24,8 @@ from paho.mqtt.reasoncodes import ReasonCode
 from e3pose.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
+from e3pose.site.streams.as_json import slot_words, zone_words
 from e3pose.site.streams.base import Source, host_port
-from e3pose.site.streams.words import slot_words, zone_words
 from e3pose.wire.access import is_loopback
 
 PORT = 1883

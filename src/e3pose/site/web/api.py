@@ -13,7 +13,7 @@ from fastapi.responses import Response
 from e3pose.errors import InputError
 from e3pose.model.region import in_rectangle, middles_m
 from e3pose.site.web.feed import Feed
-from e3pose.site.web.shapes import (
+from e3pose.site.web.schemas import (
     PosePage,
     Refused,
     RowPage,

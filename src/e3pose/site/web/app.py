@@ -12,9 +12,9 @@ from fastapi import APIRouter, FastAPI
 from starlette.types import ASGIApp
 
 from e3pose import __version__
+from e3pose.site.web.access import Door, Rules
 from e3pose.site.web.api import make_api
 from e3pose.site.web.control import Ask, make_control
-from e3pose.site.web.door import Door, Rules
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.live import make_live
 from e3pose.site.web.page import make_page

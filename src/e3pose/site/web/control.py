@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera_fields import check_camera_id
-from e3pose.site.web.shapes import Refused, Shape
+from e3pose.site.web.schemas import Refused, Shape
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import Control, Controlled
 

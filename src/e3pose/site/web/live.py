@@ -10,9 +10,9 @@ from typing import Any, Literal
 from fastapi import APIRouter, HTTPException, WebSocket, WebSocketDisconnect
 from fastapi.responses import StreamingResponse
 
-from e3pose.site.web.door import PROTOCOL
+from e3pose.site.web.access import PROTOCOL
 from e3pose.site.web.feed import Feed, TooMany
-from e3pose.site.web.shapes import Encoded
+from e3pose.site.web.schemas import Encoded
 
 KEEP_ALIVE_S = 15.0  # a comment for proxies between that close what is silent
 FULL = "as many followers as the server takes: close another"

@@ -16,12 +16,12 @@ from e3pose.errors import InputError
 from e3pose.settings.live import LiveSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST, viewer_link
+from e3pose.site.web.access import Rules
 from e3pose.site.web.app import Site, make_app
 from e3pose.site.web.control import Ask
-from e3pose.site.web.door import Rules
 from e3pose.site.web.feed import Feed
+from e3pose.site.web.layout import describe
 from e3pose.site.web.pictures import make_pictures
-from e3pose.site.web.room import describe
 from e3pose.site.web.tokens import open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store

@@ -19,7 +19,7 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
-from e3pose.site.web.rates import Rate
+from e3pose.site.web.rate_limit import Rate
 from e3pose.site.web.tokens import Scope, Tokens
 
 PROTOCOL = "e3pose"  # of WebSockets; a token may come as a second one, as browsers send no header

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.evaluate.bad_days import arriving, capacity_j, deaths_s, parse_kill, thinned
+from e3pose.evaluate.faults import arriving, capacity_j, deaths_s, parse_kill, thinned
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.geometry.camera import Rig
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
-from e3pose.settings.bad_day import BadDay, Kill
+from e3pose.settings.faults import Faults, Kill
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
 
@@ -58,8 +58,8 @@ def test_the_earliest_death_counts_and_each_takes_the_phase() -> None:
 
 
 def test_a_dead_camera_is_never_selected_again() -> None:
-    for day in (BadDay((Kill("cam1", slot=30),)), BadDay((Kill("cam1", time_s=1.2),))):
-        awake = np.stack([record.selected for record in run(scene(), bad_day=day)])
+    for day in (Faults((Kill("cam1", slot=30),)), Faults((Kill("cam1", time_s=1.2),))):
+        awake = np.stack([record.selected for record in run(scene(), faults=day)])
         assert awake[:30, 1].mean() > 0.4
         assert not awake[30:, 1].any()
         # From the order on that could know of it, the others take its turns.
@@ -72,20 +72,20 @@ def test_a_death_of_the_recording_counts_too() -> None:
 
 
 def test_lost_views_cost_energy_but_do_not_arrive() -> None:
-    records = run(scene(), policy="all", bad_day=BadDay(loss=0.3))
+    records = run(scene(), policy="all", faults=Faults(loss=0.3))
     selected = np.stack([record.selected for record in records])
     arrived = np.stack([record.arrived for record in records])
     assert selected.mean() > 0.9  # but for cameras that seem dead for a moment
     assert 0.25 < (selected & ~arrived).sum() / selected.sum() < 0.35
-    again = np.stack([r.arrived for r in run(scene(), policy="all", bad_day=BadDay(loss=0.3))])
-    other = run(scene(), policy="all", seed=1, bad_day=BadDay(loss=0.3))
+    again = np.stack([r.arrived for r in run(scene(), policy="all", faults=Faults(loss=0.3))])
+    other = run(scene(), policy="all", seed=1, faults=Faults(loss=0.3))
     assert (again == arrived).all()
     assert (np.stack([record.arrived for record in other]) != arrived).any()
 
 
 def test_policies_lose_the_same_views() -> None:
     every = np.stack([arriving(4, 0.4, 3, slot) for slot in range(100)])
-    turns = run(scene(), seed=3, bad_day=BadDay(loss=0.4))
+    turns = run(scene(), seed=3, faults=Faults(loss=0.4))
     for record, came in zip(turns, every, strict=True):
         assert (record.arrived == record.selected & came).all()
 
@@ -93,14 +93,14 @@ def test_policies_lose_the_same_views() -> None:
 @pytest.mark.parametrize("loss", [-0.1, 1.1, float("nan")])
 def test_a_loss_is_a_share(loss: float) -> None:
     with pytest.raises(InputError, match="--loss: found"):
-        next(replay(scene(), ReplaySettings(bad_day=BadDay(loss=loss))))
+        next(replay(scene(), ReplaySettings(faults=Faults(loss=loss))))
 
 
 def test_everything_may_be_lost() -> None:
-    records = run(scene(), bad_day=BadDay(loss=1.0))
+    records = run(scene(), faults=Faults(loss=1.0))
     assert not any(record.arrived.any() for record in records)
-    gone = BadDay(tuple(Kill(f"cam{i}", slot=20) for i in range(4)))
-    assert not any(record.selected.any() for record in run(scene(), bad_day=gone)[20:])
+    gone = Faults(tuple(Kill(f"cam{i}", slot=20) for i in range(4)))
+    assert not any(record.selected.any() for record in run(scene(), faults=gone)[20:])
 
 
 def test_empty_batteries_end_cameras() -> None:
@@ -109,7 +109,7 @@ def test_empty_batteries_end_cameras() -> None:
     assert capacity_j(recording).tolist() == pytest.approx([36, 36, np.inf, np.inf])
     watts = ((12.0,) * 4, (6.0,) * 4)
     always = np.stack(
-        [r.selected for r in run(recording, policy="all", bad_day=BadDay(watts=watts))]
+        [r.selected for r in run(recording, policy="all", faults=Faults(watts=watts))]
     )
     assert always[:75].all() and not always[76:, :2].any() and always[76:, 2:].all()
     unlimited = np.stack([r.selected for r in run(recording, policy="all")])
@@ -149,5 +149,5 @@ def test_thinning_to_the_same_rate_changes_nothing_and_no_rate_is_made_up() -> N
 
 def test_a_rig_of_one_camera_can_lose_it() -> None:
     alone = replace(scene(), rig=Rig(scene().rig.cameras[:1]), views=scene().views[:1])
-    records = run(alone, num_selected=1, bad_day=BadDay((Kill("each", slot=5),)))
+    records = run(alone, num_selected=1, faults=Faults((Kill("each", slot=5),)))
     assert [bool(record.selected.any()) for record in records] == [True] * 5 + [False] * 95

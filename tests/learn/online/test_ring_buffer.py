@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.learn.online.ring import Gathering, Ring, load_chunk, slots_in
+from e3pose.learn.online.ring_buffer import Gathering, Ring, load_chunk, slots_in
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import BODY25, COCO17
 from e3pose.pipeline import SlotRecord

@@ -9,12 +9,12 @@ from cyclopts import Parameter
 
 if TYPE_CHECKING:
     from e3pose.recording import Recording
-    from e3pose.settings.bad_day import BadDay
+    from e3pose.settings.faults import Faults
 
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class BadDayOptions:
+class FaultOptions:
     """What goes wrong, for every verb that runs the loop."""
 
     kill_camera: Annotated[tuple[str, ...], Parameter(negative="", show_default=False)] = ()
@@ -27,23 +27,23 @@ class BadDayOptions:
 
     def day(
         self, recording: Recording, watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    ) -> BadDay:
+    ) -> Faults:
         """Return what goes wrong; raise `InputError` for what cannot.
 
         Args:
             recording: as `thinned` returns it.
             watts: what each camera draws when active, and when not.
         """
-        from e3pose.evaluate.bad_days import arriving, deaths_s, parse_kill
-        from e3pose.settings.bad_day import BadDay
+        from e3pose.evaluate.faults import arriving, deaths_s, parse_kill
+        from e3pose.settings.faults import Faults
 
-        day = BadDay(tuple(parse_kill(text) for text in self.kill_camera), self.loss, watts)
+        day = Faults(tuple(parse_kill(text) for text in self.kill_camera), self.loss, watts)
         deaths_s(recording, day.kills)
         arriving(len(recording.rig), day.loss, 0, 0)
         return day
 
     def thinned(self, recording: Recording) -> Recording:
         """Return the recording at the frame rate that is asked for."""
-        from e3pose.evaluate.bad_days import thinned
+        from e3pose.evaluate.faults import thinned
 
         return recording if self.fps is None else thinned(recording, self.fps)

@@ -23,7 +23,7 @@ class Kill:
 
 
 @dataclass(frozen=True, slots=True)
-class BadDay:
+class Faults:
     """What goes wrong.
 
     Attributes:
@@ -38,4 +38,4 @@ class BadDay:
     watts: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
 
-NO_BAD_DAY = BadDay()
+NO_FAULTS = Faults()

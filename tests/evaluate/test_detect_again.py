@@ -14,7 +14,7 @@ from e3pose.detectors import make_detector
 from e3pose.detectors.base import Image
 from e3pose.detectors.focus import Part
 from e3pose.errors import InputError
-from e3pose.evaluate.pixels import PixelViews, open_pixels, replay_stored
+from e3pose.evaluate.detect_again import PixelViews, open_pixels, replay_stored
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.model.expected import ExpectedView

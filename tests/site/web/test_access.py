@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.site.web.door import Rules
-from e3pose.site.web.rates import MAX_CLIENTS, Rate
+from e3pose.site.web.access import Rules
+from e3pose.site.web.rate_limit import MAX_CLIENTS, Rate
 from e3pose.site.web.tokens import Tokens, make_tokens, open_tokens
 
 TOKENS = Tokens("e3pose-view-tokens", 1, "r" * 20, "w" * 20)

@@ -1,4 +1,4 @@
-"""A replay on a bad day: cameras that die, views that are lost, fewer frames. Pure."""
+"""Fault injection into a replay: camera failures, lost views, a lower frame rate. Pure."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from e3pose.errors import InputError
 from e3pose.recording import Recording, ViewSeries
 from e3pose.recording.record import MIN_FPS
-from e3pose.settings.bad_day import EACH, Kill
+from e3pose.settings.faults import EACH, Kill
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

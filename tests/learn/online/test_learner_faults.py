@@ -118,7 +118,7 @@ def test_a_full_disk_loses_poses_and_nothing_else(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("e3pose.learn.online.ring.np.savez", full)
+    monkeypatch.setattr("e3pose.learn.online.ring_buffer.np.savez", full)
     live(trainer, 20)
     trainer.attend()
     assert "poses lost" in trainer.events[-1] and "no space left" in trainer.events[-1].lower()

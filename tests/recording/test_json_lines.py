@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
-from e3pose.recording.lines import decode_truth, decode_view, encode_truth, encode_view
+from e3pose.recording.json_lines import decode_truth, decode_view, encode_truth, encode_view
 
 JOINT = [1.5, 2.5, 0.5]
 

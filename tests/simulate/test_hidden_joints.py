@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.simulate.body import Posture, draw_body, joints_of
-from e3pose.simulate.hiding import behind_things, covered_by_others, covered_by_self
+from e3pose.simulate.hidden_joints import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.occluders import Box, Occluder, Pillar
 
 Floats = NDArray[np.float64]

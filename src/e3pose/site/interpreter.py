@@ -8,7 +8,7 @@ import sys
 SWITCH_S = 5e-4  # a thread that a message woke waits this long for one that computes, not 5 ms
 
 
-def be_quiet() -> None:
+def reduce_pauses() -> None:
     """Let waking threads have their turn sooner, and collect no garbage among what stays.
 
     To be called once everything is loaded. What is there then, some hundred thousand objects of

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.simulate.collision_avoidance import NOWHERE, PERSON_RADIUS_M, Group, advance
 from e3pose.simulate.gestures import CALM, GESTURES, RAMP_S, Gesturing
+from e3pose.simulate.path_finding import Ways
 from e3pose.simulate.place import Scene
-from e3pose.simulate.steering import NOWHERE, PERSON_RADIUS_M, Group, advance
-from e3pose.simulate.ways import Ways
 
 Floats = NDArray[np.float64]
 
