@@ -23,19 +23,9 @@ from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.site.example import write_recorded
 from e3pose.site.screen import screen
-from e3pose.wire.codec import decode, encode, pack, poses_2d
-from e3pose.wire.messages import (
-    CameraStatus,
-    ClockAnswer,
-    ClockQuestion,
-    Heartbeat,
-    Hello,
-    Message,
-    Order,
-    Poses,
-    Status,
-    View,
-)
+from e3pose.wire.codec import Message, decode, encode, pack, poses_2d
+from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, Order, View
+from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 GROWTH_MB = 100.0  # more than this, and something was kept
 BATCH = 1000  # decodes between two looks at the clock

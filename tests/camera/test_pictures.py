@@ -16,7 +16,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.runtime.clock import ManualClock, WallClock
 from e3pose.wire.codec import MAX_BYTES, decode
 from e3pose.wire.memory import Hub
-from e3pose.wire.messages import Picture
+from e3pose.wire.site_messages import Picture
 
 IMAGE = np.zeros((480, 640, 3), dtype=np.uint8)
 IMAGE[:, 320:] = (200, 40, 20)  # red on the right

@@ -25,7 +25,7 @@ from e3pose.simulate.simulation import simulate
 from e3pose.store.rows import Event
 from e3pose.wire.codec import decode
 from e3pose.wire.memory import Hub
-from e3pose.wire.messages import CameraStatus, Poses
+from e3pose.wire.site_messages import CameraStatus, Poses
 
 
 @dataclass

@@ -27,8 +27,8 @@ from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.store import Store
 from e3pose.wire.keys.folder import add_keys, init_keys
-from e3pose.wire.messages import CameraStatus, Poses, Status
 from e3pose.wire.network import NetworkTransport, open_network
+from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 HERE = Path(__file__).parent
 CAMERAS = ("cam0", "cam1", "cam2")

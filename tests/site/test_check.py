@@ -27,7 +27,7 @@ from e3pose.site.check import (
 )
 from e3pose.site.check_sources import check_sources
 from e3pose.wire.keys.folder import add_keys, init_keys
-from e3pose.wire.messages import CameraStatus, Status
+from e3pose.wire.site_messages import CameraStatus, Status
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 RIG = looking((4, 0), (0, 4))

@@ -16,7 +16,7 @@ from e3pose.site.connect import MAX_WAITING, Connection, LiveSlot, certified_sit
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.memory import Hub, MemoryTransport
-from e3pose.wire.messages import Poses, Status
+from e3pose.wire.site_messages import Poses, Status
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 JOINTS = SKELETONS["coco17"].joints

@@ -22,7 +22,7 @@ from e3pose.site.control import SiteControls
 from e3pose.site.edge_program import make_edge
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.memory import Hub
-from e3pose.wire.messages import Control, Controlled
+from e3pose.wire.site_messages import Control, Controlled
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (0, -4))
 

@@ -39,7 +39,8 @@ from e3pose.site.demo.live import Heard, HeardView, Show
 from e3pose.site.demo.pictures import fullest
 from e3pose.site.demo.stored_run import Film, stored_records
 from e3pose.store import Run, StoreWriter
-from e3pose.wire.messages import Heartbeat, Status
+from e3pose.wire.messages import Heartbeat
+from e3pose.wire.site_messages import Status
 
 pytestmark = pytest.mark.slow
 

@@ -14,7 +14,7 @@ from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.codec import encode, pack, unpack
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.memory import Hub
-from e3pose.wire.messages import Poses, Status
+from e3pose.wire.site_messages import Poses, Status
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 

@@ -7,7 +7,7 @@ import pytest
 from e3pose.camera.live import CameraCounts
 from e3pose.quantities import plural
 from e3pose.site.summary import camera_summary, edge_summary
-from e3pose.wire.messages import CameraStatus, Status
+from e3pose.wire.site_messages import CameraStatus, Status
 
 
 def test_one_is_one_and_large_numbers_are_whole() -> None:

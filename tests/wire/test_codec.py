@@ -12,21 +12,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from e3pose.errors import InputError
-from e3pose.wire.codec import MAX_BYTES, decode, encode, pack, poses_2d, unpack
+from e3pose.wire.codec import MAX_BYTES, Message, decode, encode, pack, poses_2d, unpack
 from e3pose.wire.messages import (
     VERSION,
     Array,
-    CameraStatus,
     ClockAnswer,
     ClockQuestion,
     Heartbeat,
     Hello,
-    Message,
     Order,
-    Poses,
-    Status,
     View,
 )
+from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 JOINTS = ("nose", "neck", "hip")
 

@@ -10,8 +10,9 @@ import msgspec
 import pytest
 
 from e3pose.wire import topics
-from e3pose.wire.codec import MAX_BYTES, decode, poses_2d
-from e3pose.wire.messages import VERSION, CameraStatus, Message, Order, View
+from e3pose.wire.codec import MAX_BYTES, Message, decode, poses_2d
+from e3pose.wire.messages import VERSION, Order, View
+from e3pose.wire.site_messages import CameraStatus
 
 TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "messages.md").read_text()
 MESSAGES: tuple[Any, ...] = get_args(Message)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from e3pose.runtime.clock import Clock
 from e3pose.wire.codec import encode
-from e3pose.wire.messages import Picture
+from e3pose.wire.site_messages import Picture
 
 WIDTH = 320
 QUALITY = 60  # of JPEG: 10 to 20 kB

@@ -12,7 +12,7 @@ from cyclopts import Parameter
 if TYPE_CHECKING:
     from e3pose.detectors.weights import Progress
     from e3pose.site.demo.live import Show
-    from e3pose.wire.messages import Status
+    from e3pose.wire.site_messages import Status
 
 Flag = Annotated[bool, Parameter(negative="")]
 

@@ -12,7 +12,7 @@ from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.bodies import FixedLag
 from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import Skeleton
-from e3pose.wire.messages import Poses
+from e3pose.wire.site_messages import Poses
 
 
 @dataclass

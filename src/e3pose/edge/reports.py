@@ -17,7 +17,7 @@ from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.select.policies.base import Policy
 from e3pose.wire.codec import one_line, pack
-from e3pose.wire.messages import CameraStatus, Poses, Status
+from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 
 def poses_message(

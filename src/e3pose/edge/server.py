@@ -43,7 +43,7 @@ from e3pose.runtime.clock import Clock, SlotTimes
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
-from e3pose.wire.messages import Status
+from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
 
 BACKLOG_S = 2.0  # an edge that is farther behind gives up slots instead of working them off

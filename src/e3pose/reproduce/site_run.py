@@ -17,8 +17,8 @@ from e3pose.site.demo.live import last_words
 from e3pose.site.example import Example, write_example
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, end
-from e3pose.wire.messages import Poses
 from e3pose.wire.network import open_network
+from e3pose.wire.site_messages import Poses
 
 START_S = 240.0  # an edge that never ran on this machine compiles first
 LOOK_S = 0.05

@@ -24,7 +24,7 @@ from e3pose.settings.site_file import SiteTable
 from e3pose.site.edge_program import edge_link
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.keys.folder import Kind, Roll, certificates_in, check_certificates
-from e3pose.wire.messages import Status
+from e3pose.wire.site_messages import Status
 
 SOON_DAYS = 30
 APART_M = 0.1  # cameras nearer to each other than this see the same

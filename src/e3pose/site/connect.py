@@ -20,7 +20,7 @@ from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.codec import unpack
 from e3pose.wire.keys.folder import certificates_in, check_certificates
-from e3pose.wire.messages import Poses, Status
+from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
 MAX_WAITING = 1000  # slots that nobody has taken yet; older ones are dropped

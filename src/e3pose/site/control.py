@@ -20,7 +20,7 @@ from e3pose.settings.live import LiveSite
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_policy, shares
 from e3pose.wire.codec import decode, encode, one_line
-from e3pose.wire.messages import Control, Controlled
+from e3pose.wire.site_messages import Control, Controlled
 
 Chosen = tuple[Policy, Callable[[float], Policy] | None]
 

@@ -42,8 +42,8 @@ from e3pose.store.rows import Event, Run
 from e3pose.store.writer import StoreWriter
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates, read_roll
-from e3pose.wire.messages import Status
 from e3pose.wire.network import open_network
+from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
 
 

@@ -14,7 +14,7 @@ from e3pose.wire import topics
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.codec import decode
 from e3pose.wire.keys.folder import Kind, certificates_in, check_certificates
-from e3pose.wire.messages import Poses, Status
+from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
 ANY_HOST = ("0.0.0.0", "[::]", "*")

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from e3pose.edge.knock_watch import moved_words
 from e3pose.quantities import plural
-from e3pose.wire.messages import CameraStatus, Status
+from e3pose.wire.site_messages import CameraStatus, Status
 
 MODES = {
     "active": ("active", "green"),

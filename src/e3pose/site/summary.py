@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from e3pose.camera.live import CameraCounts
 from e3pose.quantities import plural
-from e3pose.wire.messages import CameraStatus, Status
+from e3pose.wire.site_messages import CameraStatus, Status
 
 
 def edge_summary(status: Status, slots: int, views: int) -> list[str]:

@@ -15,20 +15,14 @@ from e3pose.model.pose import Poses2D
 from e3pose.wire.messages import (
     VERSION,
     Array,
-    CameraStatus,
     ClockAnswer,
     ClockQuestion,
-    Control,
-    Controlled,
     Heartbeat,
     Hello,
-    Message,
     Order,
-    Picture,
-    Poses,
-    Status,
     View,
 )
+from e3pose.wire.site_messages import CameraStatus, Control, Controlled, Picture, Poses, Status
 
 MAX_BYTES = 2**20  # 256 people with 133 joints take 0.6 MB
 MAX_PERSONS = 256
@@ -44,6 +38,19 @@ TEMPERATURES_C = (-273.15, 1000.0)
 
 _encoder = msgspec.msgpack.Encoder()
 _envelope = msgspec.msgpack.Decoder(tuple[int, msgspec.Raw])
+Message = (
+    Hello
+    | View
+    | Heartbeat
+    | Order
+    | ClockQuestion
+    | ClockAnswer
+    | Poses
+    | Control
+    | Controlled
+    | Picture
+    | Status
+)
 _body = msgspec.msgpack.Decoder(Message)
 Kind = TypeVar("Kind", bound=Message)
 

@@ -32,7 +32,7 @@ from e3pose.site.streams.send import Sender
 from e3pose.site.zones import Zones
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.memory import Hub
-from e3pose.wire.messages import Poses
+from e3pose.wire.site_messages import Poses
 
 SOURCE = Source("lab", COCO17, 25.0)
 TIME_NS = 1_795_000_000_000_000_000

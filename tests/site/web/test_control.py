@@ -8,7 +8,7 @@ import pytest
 from tests.site.web.watched import Watched
 
 from e3pose.wire.codec import decode, encode
-from e3pose.wire.messages import Control, Controlled
+from e3pose.wire.site_messages import Control, Controlled
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from e3pose.site.web.access import Rules
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.pictures import make_pictures, reprojected
 from e3pose.wire.codec import encode
-from e3pose.wire.messages import Picture
+from e3pose.wire.site_messages import Picture
 
 PICTURE = Picture("c0", 3, (1000, 800), b"jpeg", 7, 0.5)
 

@@ -23,7 +23,7 @@ from e3pose.site.web.rate_limit import Rate
 from e3pose.store import EnergyReading, Event, Run, StoreWriter
 from e3pose.wire.codec import encode, pack
 from e3pose.wire.memory import Hub, MemoryTransport
-from e3pose.wire.messages import CameraStatus, Poses, Status
+from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 RIG = looking((4, 0), (0, 4), (-4, 0))
 STARTED_NS = 1_795_000_000_000_000_000

@@ -18,8 +18,9 @@ from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire import topics
 from e3pose.wire.access import Link, zenoh_config
 from e3pose.wire.codec import decode, poses_2d
-from e3pose.wire.messages import Heartbeat, Order, Poses, Status, View
+from e3pose.wire.messages import Heartbeat, Order, View
 from e3pose.wire.network import NetworkTransport, open_network
+from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
 START_S = 180.0  # the very first time the edge compiles for a minute or two

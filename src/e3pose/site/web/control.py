@@ -12,7 +12,7 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.site.web.schemas import Refused, Shape
 from e3pose.wire.codec import decode, encode
-from e3pose.wire.messages import Control, Controlled
+from e3pose.wire.site_messages import Control, Controlled
 
 Ask = Callable[[bytes], bytes | None]
 REFUSALS: dict[int | str, dict[str, Any]] = {

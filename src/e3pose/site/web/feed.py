@@ -11,7 +11,7 @@ from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
 from e3pose.site.web.schemas import Encoded, event_of_slot, event_of_status, event_of_zone
 from e3pose.site.zones import Zones, advance
-from e3pose.wire.messages import Poses, Status
+from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
 MAX_WAITING = 32  # messages that a slow follower has not taken yet

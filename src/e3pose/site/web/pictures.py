@@ -14,7 +14,7 @@ from e3pose.site.connect import LiveSlot
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
 from e3pose.wire.codec import decode
-from e3pose.wire.messages import Picture
+from e3pose.wire.site_messages import Picture
 
 
 def make_pictures(rig: Rig, feed: Feed, asks: dict[str, Ask]) -> APIRouter:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict
 
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.site.connect import LiveSlot
-from e3pose.wire.messages import Status
+from e3pose.wire.site_messages import Status
 
 DECIMALS_M = 4  # a tenth of a millimetre
 

@@ -1,0 +1,189 @@
+"""Messages of a site to its users and operators: poses, status, control, pictures.
+
+Append fields only, with defaults, as in `messages`.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from e3pose.wire.messages import Array, CameraMode
+
+
+class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
+    """The people of one slot, for whoever subscribes.
+
+    Replaced by a newer one.
+
+    Attributes:
+        slot: which.
+        time_edge_ns: when the slot was.
+        joints: names of the joints, in order.
+        track_ids: `(num_persons,)` i8.
+        joints_m: `(num_persons, num_joints, 3)` f4 world metres; NaN where unknown.
+        sigma_m: `(num_persons, num_joints)` f4 standard deviation along an axis; NaN where unknown.
+        measured: `(num_persons, num_joints)` b1; the others are carried on from earlier slots.
+        published_edge_ns: when the message left.
+        selected: cameras that were to look in the slot; empty of people who are told again.
+        arrived: those of them whose views are in the poses.
+    """
+
+    slot: int
+    time_edge_ns: int
+    joints: tuple[str, ...]
+    track_ids: Array
+    joints_m: Array
+    sigma_m: Array
+    measured: Array
+    published_edge_ns: int = 0
+    selected: tuple[str, ...] = ()
+    arrived: tuple[str, ...] = ()
+
+
+class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
+    """What the edge knows of a camera.
+
+    Attributes:
+        camera_id: who.
+        online: whether it can be selected.
+        why: if not, why; else what is odd about it.
+        mode: what it said last.
+        last_seen_s: seconds since its last message; None if never.
+        duty: share of the last minute's slots in which it was selected.
+        power_w: what it says it draws.
+        measured: whether that was measured.
+        battery: share of the battery that is left; None on mains or where unknown.
+        deficit: its energy deficit queue.
+        late: views that came after their slot was closed, since the start.
+        lost: views that were ordered and never came.
+        clock_offset_ms: edge time minus camera time.
+        gauge: whether the battery's gauge says what is left; otherwise a model does.
+        noise_factor: sigma of its keypoints over the noise file's, as learned; None if unknown.
+        shift_px: how far all of its keypoints are off, as learned and taken off; None if unknown.
+        occlusion: of the people in its view, predicted for the slot decided last, [0, 1].
+        gain_nats: information a joint that it adds to the others; None if not worked out.
+        price: what its energy queue asks for it, on the same scale.
+        temperature_c: of the device, by its own sensor; None where there is none.
+        paused: whether an operator had it left out.
+        budget: share of the slots in which it may be active, as a mean.
+        turned_deg: by how much, at least, it was turned since it was calibrated; None if it
+            stands as calibrated as far as can be seen.
+        focused: frames in which it was told whom to expect where, since it started.
+    """
+
+    camera_id: str
+    online: bool
+    why: str = ""
+    mode: CameraMode | None = None
+    last_seen_s: float | None = None
+    duty: float = 0.0
+    power_w: float | None = None
+    measured: bool = False
+    battery: float | None = None
+    deficit: float = 0.0
+    late: int = 0
+    lost: int = 0
+    clock_offset_ms: float = 0.0
+    gauge: bool = False
+    noise_factor: float | None = None
+    shift_px: float | None = None
+    occlusion: float | None = None
+    gain_nats: float | None = None
+    price: float | None = None
+    temperature_c: float | None = None
+    paused: bool = False
+    budget: float | None = None
+    turned_deg: float | None = None
+    focused: int = 0
+
+
+class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
+    """An operator asks the edge to run otherwise from the next slot on; until it is restarted.
+
+    What is None or empty stays as it is.
+
+    Attributes:
+        cameras: cameras a slot, as a mean; ends aiming at an error.
+        target_error_mm: wake as few as keep the expected error below this; in place of `cameras`.
+        quality_weight: the paper's V.
+        camera_id: of the camera that the rest is about.
+        paused: whether that camera is left out.
+        budget: what it may spend, as people write it: `60%`, `4W`, `until 18:00`.
+    """
+
+    cameras: float | None = None
+    target_error_mm: float | None = None
+    quality_weight: float | None = None
+    camera_id: str = ""
+    paused: bool | None = None
+    budget: str = ""
+
+
+class Controlled(msgspec.Struct, array_like=True, frozen=True, tag="controlled"):
+    """The edge's answer to a `Control`.
+
+    Attributes:
+        said: what it does, in words; empty where it refuses.
+        problem: why it refuses; empty where it does not.
+    """
+
+    said: str = ""
+    problem: str = ""
+
+
+class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
+    """A camera's answer to an operator who asks for what it looks at.
+
+    Attributes:
+        camera_id: who.
+        slot: in which it detected in that image.
+        image_size: `(width, height)` in pixels of the image it looked at.
+        jpeg: of the image, made small.
+        count: pictures made since its program started.
+        energy_j: modelled energy of making them, all of them together.
+    """
+
+    camera_id: str
+    slot: int
+    image_size: tuple[int, int]
+    jpeg: bytes
+    count: int = 0
+    energy_j: float = 0.0
+
+
+class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
+    """How the site is; once a second. Replaced by a newer one.
+
+    Attributes:
+        site: its name.
+        slot: the newest slot that was closed.
+        fps: slots a second, measured.
+        lead: slots between an order and the slot it is for.
+        people: how many were there in that slot.
+        cameras: of the whole rig, in its order.
+        step_ms: median and 99th percentile of a slot's computing.
+        latency_ms: median and 99th percentile from the last view's arrival to the poses.
+        uptime_s: since the edge was started.
+        events: the newest things worth telling, newest last.
+        expected_error_mm: what the estimator expects of itself; None where unknown.
+        slots_lost: slots that were never computed.
+        num_selected: cameras a slot that the policy is to wake; None where it has no number.
+        target_error_mm: the expected error that it aims at instead; None where it does not.
+        quality_weight: its V; None where it has none.
+    """
+
+    site: str
+    slot: int
+    fps: float
+    lead: int
+    people: int
+    cameras: tuple[CameraStatus, ...]
+    step_ms: tuple[float, float] = (0.0, 0.0)
+    latency_ms: tuple[float, float] = (0.0, 0.0)
+    uptime_s: float = 0.0
+    events: tuple[str, ...] = ()
+    expected_error_mm: float | None = None
+    slots_lost: int = 0
+    num_selected: float | None = None
+    target_error_mm: float | None = None
+    quality_weight: float | None = None
