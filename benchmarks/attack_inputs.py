@@ -23,7 +23,8 @@ from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.site.example import write_recorded
 from e3pose.site.screen import screen
-from e3pose.wire.codec import Message, decode, encode, pack, poses_2d
+from e3pose.wire.arrays import pack, poses_2d
+from e3pose.wire.codec import Message, decode, encode
 from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, Order, View
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 

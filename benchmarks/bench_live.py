@@ -17,7 +17,8 @@ import msgspec
 import numpy as np
 
 from e3pose.site.demo.clip import find_clip
-from e3pose.wire.codec import encode, pack
+from e3pose.wire.arrays import pack
+from e3pose.wire.codec import encode
 from e3pose.wire.messages import View
 from live_site import Site, live_site, traffic
 

@@ -18,7 +18,7 @@ from e3pose.evaluate.smoothed import smooth_records
 from e3pose.recording import Recording
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.wire.codec import unpack
+from e3pose.wire.arrays import unpack
 
 
 @cache

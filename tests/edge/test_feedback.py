@@ -14,9 +14,11 @@ from e3pose.camera.schedule import Schedule, take_order
 from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.runtime.clock import SlotTimes
-from e3pose.wire.codec import MAX_EXPECTED, MAX_PIXEL, decode, encode, pack
+from e3pose.wire.arrays import pack
+from e3pose.wire.codec import decode, encode
 from e3pose.wire.expected import expected_view, packed_expected
 from e3pose.wire.messages import Order
+from e3pose.wire.validation import MAX_EXPECTED, MAX_PIXEL
 
 ORIGIN, INTERVAL = 1_000_000_000_000, 40_000_000
 TIMES = SlotTimes(ORIGIN, INTERVAL)

@@ -18,7 +18,7 @@ from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import parse_budget
 from e3pose.energy.profiles import load_profile
 from e3pose.runtime.clock import WallClock
-from e3pose.wire.codec import unpack
+from e3pose.wire.arrays import unpack
 
 pytestmark = pytest.mark.slow
 

@@ -13,7 +13,7 @@ from tests.waiting import eventually
 from e3pose.edge.checkpoint import take_apart
 from e3pose.edge.server import IDS_LEFT_OUT
 from e3pose.store import Store
-from e3pose.wire.codec import unpack
+from e3pose.wire.arrays import unpack
 
 pytestmark = [pytest.mark.live, pytest.mark.timed]
 

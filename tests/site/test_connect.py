@@ -13,7 +13,8 @@ from e3pose import connect, plot, to_frame
 from e3pose.errors import InputError
 from e3pose.model.skeleton import SKELETONS
 from e3pose.site.connect import MAX_WAITING, Connection, LiveSlot, certified_site, take_of_slots
-from e3pose.wire.codec import encode, pack
+from e3pose.wire.arrays import pack
+from e3pose.wire.codec import encode
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.memory import Hub, MemoryTransport
 from e3pose.wire.site_messages import Poses, Status

@@ -11,7 +11,8 @@ from tests.site.tables import write_site
 
 from e3pose.errors import InputError
 from e3pose.site.follow import Follower, viewer_link
-from e3pose.wire.codec import encode, pack, unpack
+from e3pose.wire.arrays import pack, unpack
+from e3pose.wire.codec import encode
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.memory import Hub
 from e3pose.wire.site_messages import Poses, Status

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from e3pose.errors import InputError
-from e3pose.wire.codec import MAX_BYTES, Message, decode, encode, pack, poses_2d, unpack
+from e3pose.wire.arrays import pack, poses_2d, unpack
+from e3pose.wire.codec import MAX_BYTES, Message, decode, encode
 from e3pose.wire.messages import (
     VERSION,
     Array,

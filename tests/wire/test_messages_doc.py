@@ -10,7 +10,8 @@ import msgspec
 import pytest
 
 from e3pose.wire import topics
-from e3pose.wire.codec import MAX_BYTES, Message, decode, poses_2d
+from e3pose.wire.arrays import poses_2d
+from e3pose.wire.codec import MAX_BYTES, Message, decode
 from e3pose.wire.messages import VERSION, Order, View
 from e3pose.wire.site_messages import CameraStatus
 

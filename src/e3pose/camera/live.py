@@ -28,7 +28,8 @@ from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.runtime.clock import Clock
 from e3pose.wire import topics
-from e3pose.wire.codec import decode, encode, one_line, pack_poses
+from e3pose.wire.arrays import pack_poses
+from e3pose.wire.codec import decode, encode, one_line
 from e3pose.wire.messages import (
     CameraMode,
     ClockAnswer,

@@ -27,7 +27,8 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, convert
 from e3pose.runtime.clock import Clock
 from e3pose.wire import topics
-from e3pose.wire.codec import decode, encode, poses_2d
+from e3pose.wire.arrays import poses_2d
+from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, View
 from e3pose.wire.transport import Transport
 

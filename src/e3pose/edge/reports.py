@@ -16,7 +16,8 @@ from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.select.policies.base import Policy
-from e3pose.wire.codec import one_line, pack
+from e3pose.wire.arrays import pack
+from e3pose.wire.codec import one_line
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 

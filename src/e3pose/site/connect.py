@@ -18,7 +18,7 @@ from e3pose.model.take import Take, motion_of
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.access import Link, split_endpoint
-from e3pose.wire.codec import unpack
+from e3pose.wire.arrays import unpack
 from e3pose.wire.keys.folder import certificates_in, check_certificates
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport

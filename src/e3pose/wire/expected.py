@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from e3pose.model.expected import ExpectedView
-from e3pose.wire.codec import MAX_EXPECTED, MAX_PIXEL, pack, unpack
+from e3pose.wire.arrays import pack, unpack
 from e3pose.wire.messages import Array, Order
+from e3pose.wire.validation import MAX_EXPECTED, MAX_PIXEL
 
 
 def packed_expected(view: ExpectedView | None) -> tuple[Array | None, Array | None]:

@@ -30,7 +30,8 @@ from e3pose.site.connect import Connection, LiveSlot
 from e3pose.site.streams import STREAMS, Source, open_stream
 from e3pose.site.streams.send import Sender
 from e3pose.site.zones import Zones
-from e3pose.wire.codec import encode, pack
+from e3pose.wire.arrays import pack
+from e3pose.wire.codec import encode
 from e3pose.wire.memory import Hub
 from e3pose.wire.site_messages import Poses
 

@@ -21,7 +21,8 @@ from e3pose.settings.site_file import load_site
 from e3pose.site.web.program import View, open_view
 from e3pose.site.web.rate_limit import Rate
 from e3pose.store import EnergyReading, Event, Run, StoreWriter
-from e3pose.wire.codec import encode, pack
+from e3pose.wire.arrays import pack
+from e3pose.wire.codec import encode
 from e3pose.wire.memory import Hub, MemoryTransport
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 

@@ -17,7 +17,8 @@ from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire import topics
 from e3pose.wire.access import Link, zenoh_config
-from e3pose.wire.codec import decode, poses_2d
+from e3pose.wire.arrays import poses_2d
+from e3pose.wire.codec import decode
 from e3pose.wire.messages import Heartbeat, Order, View
 from e3pose.wire.network import NetworkTransport, open_network
 from e3pose.wire.site_messages import Poses, Status

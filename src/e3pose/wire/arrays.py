@@ -1,0 +1,45 @@
+"""Arrays and 2D poses as messages carry them, and back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.errors import InputError
+from e3pose.model.pose import Poses2D
+from e3pose.wire.messages import Array, View
+
+MAX_PERSONS = 256
+
+
+def pack(array: NDArray[Any]) -> Array:
+    """Return an array as it travels: floats of 4 or 8 bytes, integers of 8, or flags."""
+    code = {"f4": "<f4", "f8": "<f8", "i8": "<i8", "b1": "|b1"}
+    name = array.dtype.str[1:]
+    if name not in code:
+        raise InputError(f"array: found {array.dtype}, expected one of {', '.join(code)}")
+    shape = tuple(int(length) for length in array.shape)
+    return Array(name, shape, np.ascontiguousarray(array, dtype=code[name]).tobytes())
+
+
+def pack_poses(poses: Poses2D) -> tuple[Array, Array]:
+    """Return keypoints and scores as they travel: of more people than are accepted, the surest."""
+    surest = np.argsort(-poses.scores.sum(axis=1), kind="stable")[:MAX_PERSONS]
+    scores = np.clip(poses.scores[surest], 0, 1).astype(np.float32)
+    return pack(poses.keypoints_px[surest].astype(np.float32)), pack(scores)
+
+
+def unpack(array: Array) -> NDArray[Any]:
+    """Return the numpy array, read-only; its message must have been checked by `decode`."""
+    return np.frombuffer(array.data, dtype=f"<{array.dtype}").reshape(array.shape)
+
+
+def poses_2d(view: View) -> Poses2D:
+    """Return what a view shows, with NaN and score 0 where a keypoint is missing."""
+    with np.errstate(invalid="ignore"):  # there are NaNs that NumPy warns of
+        keypoints = unpack(view.keypoints_px).astype(np.float64)
+        scores = unpack(view.scores).astype(np.float64)
+    missing = ~(np.isfinite(keypoints).all(axis=-1) & (scores > 0))
+    return Poses2D(np.where(missing[..., None], np.nan, keypoints), np.where(missing, 0.0, scores))
