@@ -94,7 +94,7 @@ ELSEWHERE = {
     "detect demo-output/site/videos/*.mp4 clip --calibration demo-output/site/rig.toml": (
         "tests/cli/test_detecting.py"
     ),
-    "import videos recordings/20261122T150000Z collected": "tests/edge/test_recorder.py",
+    "attach recordings/20261122T150000Z collected": "tests/edge/test_recorder.py",
     "replay recordings/20261122T150000Z": "tests/live/test_recorded_session.py",
     "up try --example": "tests/live/test_programs.py",
     "up demo-output/site/site.toml": "tests/live/test_programs.py",

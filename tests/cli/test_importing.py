@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from e3pose.cli.app import main
-from e3pose.cli.importing import import_app
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
-from e3pose.recording.datasets import IMPORTERS
 
 SHARED = os.environ.get("E3POSE_SHARED")
 needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
@@ -103,9 +101,9 @@ def test_a_file_that_is_no_archive_is_named(
     assert not (tmp_path / "rec").exists()
 
 
-def test_every_importer_has_a_command() -> None:
-    commands = {name for name in import_app if not name.startswith("-")}
-    assert commands - {"videos"} == set(IMPORTERS)  # videos go into a recording that is there
+def test_the_verb_for_videos_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run("import", "videos", "rec", "collected") == 2
+    assert "`e3pose attach rec collected`" in capsys.readouterr().err
 
 
 @needs_shared

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from cyclopts import App, CycloptsError, Group
 
 from e3pose import __version__
+from e3pose.cli.attaching import attach
 from e3pose.cli.calibrating import calibrate_app
 from e3pose.cli.calibrating_lenses import board, intrinsics
 from e3pose.cli.calibrating_places import extrinsics
@@ -68,7 +69,7 @@ app["--help"].group = app["--version"].group = _options
 # Verbs by group, in the order of `e3pose --help`.
 GROUPS: dict[str, tuple[str, ...]] = {
     "Start here": ("demo", "init", "up"),
-    "Recordings": ("detect", "import", "simulate", "info", "sync", "replay", "export"),
+    "Recordings": ("detect", "import", "attach", "simulate", "info", "sync", "replay", "export"),
     "Calibrate": ("calibrate",),
     "Live site": (
         "keys",
@@ -93,6 +94,7 @@ VERBS: dict[str, Callable[..., Any]] = {
     "init": init,
     "detect": detect,
     "import": import_app,
+    "attach": attach,
     "simulate": simulate,
     "info": info,
     "replay": replay,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,22 +15,49 @@ from e3pose.quantities import plural
 if TYPE_CHECKING:
     from e3pose.recording import Recording
 
-import_app = App(name="import", help="Convert a data set or detections, or add videos.")
+import_app = App(name="import", help="Convert a data set or detections into a recording.")
 
-Overwrite = Annotated[bool, Parameter(negative="")]
-Folders = Annotated[list[str] | None, Parameter(name="--folder", negative="")]
+Dest = Annotated[Path, Parameter(help="Recording folder to create.")]
+Overwrite = Annotated[bool, Parameter(negative="", help="Replace the recording at DEST.")]
+Calibration = Annotated[Path, Parameter(help="Calibration file of the cameras.")]
+Rate = Annotated[float, Parameter(help="Frame rate of the cameras.")]
+Folders = Annotated[
+    list[str] | None,
+    Parameter(
+        name="--folder",
+        negative="",
+        help="CAMERA=FOLDER of the detections, if the names are ambiguous; repeatable.",
+    ),
+]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class Detections:
+    """Keypoints for a data set that is published without any."""
+
+    detections: Path | None = None
+    """2D keypoints: a recording by `e3pose detect` of the images, or a folder of OpenPose JSON.
+    Without it, the recording holds only the truth."""
+    folder: Folders = None
+
+    def folders(self) -> dict[str, str]:
+        """Return the folder of each camera that was named."""
+        return _parse_folders(self.folder)
+
+
+NO_DETECTIONS = Detections()
 
 
 @import_app.command
 def shelf(
     source: Path,
-    dest: Path,
+    dest: Dest,
     /,
     *,
     skeleton: Literal["coco17", "body25"] = "coco17",
     frames: str | None = None,
-    detections: Path | None = None,
-    folder: Folders = None,
+    detected: Detections = NO_DETECTIONS,
     overwrite: Overwrite = False,
 ) -> None:
     """Import the Shelf sequence: as published, or an .npz with OpenPose detections.
@@ -41,19 +69,10 @@ def shelf(
     source
         The published folder (actorsGT.mat, Calibration/P0.txt, Camera0), or an .npz with K, R, t,
         image_size, det_coco17 (or det_body25), det_view, det_frame and gt3d.
-    dest
-        Recording folder to create.
     skeleton
         Skeleton of the detections of an .npz.
     frames
         First and last frame of the published folder. Default: 300-600, which everybody scores.
-    detections
-        2D keypoints for the published folder: a recording by `e3pose detect` of its images, or a
-        folder of OpenPose JSON. Without it, the recording holds only the truth.
-    folder
-        CAMERA=FOLDER below DETECTIONS, if the names are ambiguous; repeatable.
-    overwrite
-        Replace the recording at DEST.
     """
     from e3pose.recording.datasets.published import SHELF, import_published
     from e3pose.recording.datasets.shelf import import_shelf
@@ -61,11 +80,11 @@ def shelf(
     _check_free(dest, overwrite)
     if source.is_dir() or not (source.exists() or source.suffix.lower() == ".npz"):
         recording = import_published(
-            source, SHELF, _range(frames), detections, _parse_folders(folder), _progress
+            source, SHELF, _range(frames), detected.detections, detected.folders(), _progress
         )
         _save(recording, dest, overwrite)
         return
-    for option, value in (("--frames", frames), ("--detections", detections)):
+    for option, value in (("--frames", frames), ("--detections", detected.detections)):
         if value is not None:
             raise InputError(option, f"it with {source.name}", "the published folder of Shelf")
     _save(import_shelf(source, skeleton), dest, overwrite)
@@ -74,12 +93,11 @@ def shelf(
 @import_app.command
 def campus(
     source: Path,
-    dest: Path,
+    dest: Dest,
     /,
     *,
     frames: str | None = None,
-    detections: Path | None = None,
-    folder: Folders = None,
+    detected: Detections = NO_DETECTIONS,
     overwrite: Overwrite = False,
 ) -> None:
     """Import the Campus sequence as published.
@@ -90,36 +108,28 @@ def campus(
     ----------
     source
         The published folder (actorsGT.mat, Calibration/P0.txt, Camera0).
-    dest
-        Recording folder to create.
     frames
         First and last frame. Default: 350-750, of which 350 to 470 and 650 to 750 are scored.
-    detections
-        2D keypoints: a recording by `e3pose detect` of its images, or a folder of OpenPose JSON.
-        Without it, the recording holds only the truth.
-    folder
-        CAMERA=FOLDER below DETECTIONS, if the names are ambiguous; repeatable.
-    overwrite
-        Replace the recording at DEST.
     """
     from e3pose.recording.datasets.published import import_campus
 
     _check_free(dest, overwrite)
-    recording = import_campus(source, _range(frames), detections, _parse_folders(folder), _progress)
+    recording = import_campus(
+        source, _range(frames), detected.detections, detected.folders(), _progress
+    )
     _save(recording, dest, overwrite)
 
 
 @import_app.command
 def human36m(
     source: Path,
-    dest: Path,
+    dest: Dest,
     /,
     *,
     subject: int,
     action: int,
     subaction: int = 1,
-    detections: Path | None = None,
-    folder: Folders = None,
+    detected: Detections = NO_DETECTIONS,
     overwrite: Overwrite = False,
 ) -> None:
     """Import one sequence of Human3.6M from its JSON annotations.
@@ -131,8 +141,6 @@ def human36m(
     source
         Folder with Human36M_subject9_camera.json and Human36M_subject9_joint_3d.json, itself or in
         `annotations`.
-    dest
-        Recording folder to create.
     subject
         Subject: 1, 5, 6, 7, 8, 9 or 11.
     action
@@ -140,19 +148,12 @@ def human36m(
         sitting, sitting down, smoking, photo, waiting, walking, walking a dog, walking together.
     subaction
         1 or 2.
-    detections
-        2D keypoints: a recording by `e3pose detect` of its images, or a folder of OpenPose JSON.
-        Without it, the recording holds only the truth.
-    folder
-        CAMERA=FOLDER below DETECTIONS, if the names are ambiguous; repeatable.
-    overwrite
-        Replace the recording at DEST.
     """
     from e3pose.recording.datasets.human36m import import_human36m
 
     _check_free(dest, overwrite)
     recording = import_human36m(
-        source, subject, action, subaction, detections, _parse_folders(folder), _progress
+        source, subject, action, subaction, detected.detections, detected.folders(), _progress
     )
     _save(recording, dest, overwrite)
 
@@ -170,7 +171,7 @@ def _range(text: str | None) -> tuple[int, int] | None:
 @import_app.command
 def panoptic(
     source: Path,
-    dest: Path,
+    dest: Dest,
     /,
     *,
     cameras: str = "3,6,12,13,23",
@@ -189,8 +190,6 @@ def panoptic(
     source
         Sequence folder with calibration_*.json and hdPose3d_stage1_coco19, or an .npz with
         joints19_cm_conf or joints19_cm.
-    dest
-        Recording folder to create.
     cameras
         HD camera numbers, comma-separated. Default: the paper's five.
     calibration
@@ -198,12 +197,11 @@ def panoptic(
     detections
         Folder of OpenPose JSON, one folder per camera. Without it, the recording holds only the
         truth.
-    folder
-        CAMERA=FOLDER below DETECTIONS, if the names are ambiguous; repeatable.
+    detections
+        Folder of OpenPose JSON, one folder per camera. Without it, the recording holds only the
+        truth.
     project_truth
         Use exact projections of the truth as detections; the recording says so.
-    overwrite
-        Replace the recording at DEST.
     """
     from e3pose.recording.datasets.panoptic import import_panoptic
 
@@ -223,11 +221,11 @@ def panoptic(
 @import_app.command
 def openpose(
     source: Path,
-    dest: Path,
+    dest: Dest,
     /,
     *,
-    calibration: Path,
-    fps: float,
+    calibration: Calibration,
+    fps: Rate,
     folder: Folders = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -242,16 +240,6 @@ def openpose(
     ----------
     source
         Folder with one folder per camera.
-    dest
-        Recording folder to create.
-    calibration
-        Calibration file of the cameras.
-    fps
-        Frame rate of the cameras.
-    folder
-        CAMERA=FOLDER, if the names are ambiguous; repeatable.
-    overwrite
-        Replace the recording at DEST.
     """
     from e3pose.recording.datasets.openpose import import_openpose
 
@@ -263,11 +251,11 @@ def openpose(
 @import_app.command
 def coco(
     source: Path,
-    dest: Path,
+    dest: Dest,
     /,
     *,
-    calibration: Path,
-    fps: float,
+    calibration: Calibration,
+    fps: Rate,
     images: Path | None = None,
     detector: str = "",
     overwrite: Overwrite = False,
@@ -280,19 +268,11 @@ def coco(
     ----------
     source
         JSON list of results, or COCO data set with images and annotations.
-    dest
-        Recording folder to create.
-    calibration
-        Calibration file of the cameras.
-    fps
-        Frame rate of the cameras.
     images
         COCO data set whose `images` table maps image_id to a file name.
     detector
         Detector of the results: the name of a shipped noise model such as openpose, or any other
         name. Without it, the noise is learned from a cautious start.
-    overwrite
-        Replace the recording at DEST.
     """
     from e3pose.recording.datasets.coco import import_coco
 
@@ -303,7 +283,7 @@ def coco(
 @import_app.command
 def cmu(
     source: Path,
-    dest: Path,
+    dest: Dest,
     /,
     *,
     clip: str | None = None,
@@ -339,32 +319,10 @@ def cmu(
         _save(import_cmu(source, name, fps), path, overwrite)
 
 
-@import_app.command
+@import_app.command(show=False)
 def videos(recording: Path, folder: Path, /) -> None:
-    """Put the videos that live cameras recorded into the recording of their session.
-
-    Example: `e3pose import videos recordings/20261122T150000Z recordings/videos`
-
-    For cameras on other machines; a site's edge does it for those on its own. The videos are moved.
-
-    Parameters
-    ----------
-    recording
-        Recording of a live site.
-    folder
-        Folder with one folder of videos per camera, copied from the cameras.
-    """
-    from e3pose.camera.session_videos import attach_videos
-    from e3pose.recording import load_recording
-
-    loaded = load_recording(recording)
-    found = attach_videos(recording, folder, loaded.rig.camera_ids)
-    missing = [name for name in loaded.rig.camera_ids if name not in (*found, *loaded.videos)]
-    if not found:
-        raise InputError(str(folder), "no video of that time", "CAMERA/CAMERA-TIME.mkv in it")
-    print(f"{recording}: videos of {', '.join(found)}")
-    if missing:
-        print(f"  no video of that time: {', '.join(missing)}")
+    """Say what the verb for this is called now."""
+    raise InputError("import videos", "no data set", f"`e3pose attach {recording} {folder}`")
 
 
 def _check_free(dest: Path, overwrite: bool) -> None:
