@@ -17,7 +17,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,7 @@ from clip_error import Errors, Reference, references
 from e3pose.camera.detect import DetectSettings, detect_videos
 from e3pose.detectors import make_detector, movenet, openpose
 from e3pose.detectors.fit import letterbox_to_side
-from e3pose.detectors.focus import Focusing, Part, part_with
+from e3pose.detectors.focus import InputSize, Part, part_with
 from e3pose.detectors.topology import OPENPOSE_THIN
 from e3pose.energy.profiles import load_profile
 from e3pose.evaluate.detect_again import PixelViews
@@ -59,17 +58,14 @@ CLIP_WARMUP = 4  # of 34 slots
 
 @dataclass
 class Sizes:
-    """What a network says of its input, without the network."""
+    """The input of a network, without the network; see `InputSize`."""
 
     person_px: float
     long_side: int
     multiple: int
 
-    def detect_part(self, image: Any, part: Part, expected: ExpectedView | None = None) -> Poses2D:
-        raise NotImplementedError
 
-
-NETWORKS: dict[str, Focusing] = {
+NETWORKS: dict[str, InputSize] = {
     movenet.NAME: Sizes(movenet.PERSON_PX, movenet.LONG_SIDE, movenet.MULTIPLE),
     "openpose-thin": Sizes(openpose.PERSON_PX, OPENPOSE_THIN.long_side, OPENPOSE_THIN.multiple),
 }
@@ -80,7 +76,7 @@ class Cropped:
     """What the cameras of a recording see of its detections in the parts that they look at."""
 
     recording: Recording
-    network: Focusing
+    network: InputSize
     costs: list[float] = field(default_factory=list)  # input pixels over those of a whole look
     cut: list[int] = field(default_factory=list)  # keypoints outside the part
     seen: list[int] = field(default_factory=list)
@@ -109,7 +105,7 @@ def _policies(names: str) -> list[tuple[str, float | None]]:
     return [(name, None if name == "all" else 2.0) for name in names.split(",")]
 
 
-def _pixels(part: Part | None, size: tuple[int, int], network: Focusing) -> float:
+def _pixels(part: Part | None, size: tuple[int, int], network: InputSize) -> float:
     part = part or Part(0, 0, *size, network.long_side)
     width, height = letterbox_to_side(part.size, part.long_side, network.multiple).input_size
     return float(width * height)

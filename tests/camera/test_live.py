@@ -6,6 +6,7 @@ import threading
 import time
 
 import pytest
+from tests.memory_transport import Hub
 
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings
@@ -14,7 +15,6 @@ from e3pose.camera.schedule import Schedule
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.runtime.clock import SlotTimes, WallClock
-from e3pose.wire.memory import Hub
 
 
 class Unplugged:

@@ -7,15 +7,16 @@ import threading
 import cv2
 import numpy as np
 import pytest
+from tests.manual_clock import ManualClock
+from tests.memory_transport import Hub
 from tests.waiting import eventually
 
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings, _Seen
 from e3pose.camera.pictures import PERIOD_NS, WIDTH, Pictures
 from e3pose.model.pose import Poses2D
-from e3pose.runtime.clock import ManualClock, WallClock
+from e3pose.runtime.clock import WallClock
 from e3pose.wire.codec import MAX_BYTES, decode
-from e3pose.wire.memory import Hub
 from e3pose.wire.site_messages import Picture
 
 IMAGE = np.zeros((480, 640, 3), dtype=np.uint8)

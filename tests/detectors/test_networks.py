@@ -11,13 +11,8 @@ from numpy.typing import NDArray
 
 from e3pose.detectors import DETECTORS, identify, make_detector
 from e3pose.detectors.inference import choose_providers, load_network
-from e3pose.detectors.recorded import Recorded
 from e3pose.detectors.yolo import keep_people
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
-from e3pose.model.pose import Poses2D
-from e3pose.model.skeleton import COCO17
-from e3pose.recording import Recording, ViewSeries
 
 FLOAT, INT32 = 1, 6
 IMAGE = np.full((480, 640, 3), 50, np.uint8)
@@ -218,28 +213,6 @@ def test_forcing_a_provider_that_is_absent_is_one_clear_line(tmp_path: Path) -> 
         load_network(graph, "cuda")
     with pytest.raises(InputError, match="threads: found 0"):
         load_network(path, threads=0)
-
-
-def test_recorded_plays_back_slot_by_slot() -> None:
-    cameras = tuple(
-        Camera.from_world_to_camera(name, (640, 480), np.diag([500, 500, 1]), np.eye(3), (0, 0, i))
-        for i, name in enumerate(("left", "right"))
-    )
-    views = [Poses2D(people_in((640, 480), n), np.full((n, 17), 0.5)) for n in (1, 2)]
-    seen = ViewSeries.from_views(views, [0, 2], [0.0, 0.2], 17)
-    nothing = ViewSeries.from_views([], [], [], 17)
-    recording = Recording("r", Rig(cameras), 10.0, 3, COCO17, (nothing, seen))
-    detector = Recorded(recording, "right")
-    assert detector.skeleton == COCO17
-    assert [len(detector.detect(IMAGE)) for _ in range(3)] == [1, 0, 2]
-    with pytest.raises(InputError, match="camera right: the recording has ended after 3 slots"):
-        detector.detect(IMAGE)
-    detector.seek(2)
-    np.testing.assert_array_equal(detector.detect().keypoints_px, views[1].keypoints_px)
-    with pytest.raises(InputError, match="slot 4 is outside"):
-        detector.seek(4)
-    with pytest.raises(InputError, match="'middle', which is not in the rig"):
-        Recorded(recording, "middle")
 
 
 def test_every_fetchable_network_has_a_detector() -> None:

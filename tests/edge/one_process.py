@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+from tests.memory_transport import Hub
 from tests.waiting import eventually
 
 from e3pose.camera.live import CameraNode, NodeSettings
@@ -24,7 +25,6 @@ from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.store.rows import Event
 from e3pose.wire.codec import decode
-from e3pose.wire.memory import Hub
 from e3pose.wire.site_messages import CameraStatus, Poses
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import threading
 
 import numpy as np
+from tests.manual_clock import ManualClock
 
 from e3pose.edge.gather import MAX_AHEAD_SLOTS, Arrival, Gather
 from e3pose.model.pose import Poses2D
-from e3pose.runtime.clock import ManualClock, WallClock
+from e3pose.runtime.clock import WallClock
 
 
 def arrival(x: float = 1.0) -> Arrival:

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.manual_clock import ManualClock
+from tests.memory_transport import Hub
 from tests.rigs import looking
 
 from e3pose.edge.gather import Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.model.skeleton import BODY25, COCO17, COCO18, Skeleton
-from e3pose.runtime.clock import ManualClock
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
-from e3pose.wire.memory import Hub
 from e3pose.wire.messages import Hello, View
 
 RIG = looking((4, 0), (0, 4))

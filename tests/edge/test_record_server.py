@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.memory_transport import Hub
 from tests.waiting import eventually
 
 from e3pose.camera.base import NodeSettings
@@ -16,7 +17,6 @@ from e3pose.recording import Recording, load_recording
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.runtime.clock import WallClock
 from e3pose.simulate import SceneSettings, simulate
-from e3pose.wire.memory import Hub
 
 pytestmark = pytest.mark.slow
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.memory_transport import Hub, MemoryTransport
 
 from e3pose import connect, plot, to_frame
 from e3pose.errors import InputError
@@ -16,7 +17,6 @@ from e3pose.site.connect import MAX_WAITING, Connection, LiveSlot, certified_sit
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
 from e3pose.wire.keys.folder import add_keys, init_keys
-from e3pose.wire.memory import Hub, MemoryTransport
 from e3pose.wire.site_messages import Poses, Status
 
 NOW = datetime.datetime.now(datetime.timezone.utc)

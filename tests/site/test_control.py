@@ -7,6 +7,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
+from tests.manual_clock import ManualClock
+from tests.memory_transport import Hub
 from tests.rigs import looking
 from tests.site.tables import write_site
 
@@ -15,13 +17,11 @@ from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline
 from e3pose.recording.calibration import save_rig
-from e3pose.runtime.clock import ManualClock
 from e3pose.select.policies.information import Information
 from e3pose.settings.live import live_site
 from e3pose.site.control import SiteControls
 from e3pose.site.edge_program import make_edge
 from e3pose.wire.codec import decode, encode
-from e3pose.wire.memory import Hub
 from e3pose.wire.site_messages import Control, Controlled
 
 RIG = looking((4, 0), (0, 4), (-4, 0), (0, -4))

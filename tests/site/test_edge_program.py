@@ -8,6 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from tests.manual_clock import ManualClock
+from tests.memory_transport import Hub, MemoryTransport
 from tests.rigs import looking
 from tests.site.tables import write_site
 
@@ -15,14 +17,12 @@ from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
 from e3pose.model.noises import DEFAULT
 from e3pose.recording.calibration import save_rig
-from e3pose.runtime.clock import ManualClock
 from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.edge_program import Admission, edge_link, make_edge
 from e3pose.store.rows import Event
 from e3pose.wire.access import Link
 from e3pose.wire.keys.folder import Roll, add_keys, init_keys, revoke_keys
-from e3pose.wire.memory import Hub, MemoryTransport
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 RIG = looking((4, 0), (0, 4))

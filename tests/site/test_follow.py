@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.memory_transport import Hub
 from tests.site.tables import write_site
 
 from e3pose.errors import InputError
@@ -14,7 +15,6 @@ from e3pose.site.follow import Follower, viewer_link
 from e3pose.wire.arrays import pack, unpack
 from e3pose.wire.codec import encode
 from e3pose.wire.keys.folder import add_keys, init_keys
-from e3pose.wire.memory import Hub
 from e3pose.wire.site_messages import Poses, Status
 
 NOW = datetime.datetime.now(datetime.timezone.utc)

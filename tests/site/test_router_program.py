@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from tests.memory_transport import Hub, MemoryTransport
 
 from e3pose.cli.app import main
 from e3pose.errors import InputError
 from e3pose.site.router_program import Router, router_link
 from e3pose.wire.access import Link
 from e3pose.wire.keys.folder import add_keys, init_keys, read_roll, revoke_keys
-from e3pose.wire.memory import Hub, MemoryTransport
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 EDGE, HERE = "tls/edge.local:7447", "tls/127.0.0.1:7448"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from e3pose.wire.memory import Hub
+from tests.memory_transport import Hub
 
 
 def test_subscribers_of_a_pattern_receive() -> None:

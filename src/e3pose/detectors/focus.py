@@ -51,9 +51,8 @@ class Part:
         return Poses2D(poses.keypoints_px + (self.left, self.top), poses.scores)
 
 
-@runtime_checkable
-class Focusing(Protocol):
-    """A detector that can look at a part of an image.
+class InputSize(Protocol):
+    """The input of a network whose scale is free.
 
     Attributes:
         person_px: at which size in its input, between the keypoints farthest apart, it finds people
@@ -65,6 +64,11 @@ class Focusing(Protocol):
     person_px: float
     long_side: int
     multiple: int
+
+
+@runtime_checkable
+class Focusing(InputSize, Protocol):
+    """A detector that can look at a part of an image."""
 
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None
@@ -96,7 +100,7 @@ def detect_expected(detector: Any, image: Any, expected: ExpectedView | None) ->
 
 
 def part_with(
-    expected: ExpectedView, image_size: tuple[int, int], detector: Focusing
+    expected: ExpectedView, image_size: tuple[int, int], network: InputSize
 ) -> Part | None:
     """Return the part of an image with everybody who is expected.
 
@@ -106,7 +110,7 @@ def part_with(
     Args:
         expected: who is expected where.
         image_size: `(width, height)` in pixels.
-        detector: what looks.
+        network: that detects.
 
     Returns:
         The part; None to look at the whole image, as nobody is expected or the part is no smaller.
@@ -120,11 +124,11 @@ def part_with(
     left, top = np.floor(inside[seen, :2].min(axis=0)).astype(int).tolist()
     right, bottom = np.ceil(inside[seen, 2:].max(axis=0)).astype(int).tolist()
     width, height = max(right - left, 1), max(bottom - top, 1)
-    whole = detector.long_side / max(image_size)
+    whole = network.long_side / max(image_size)
     most = whole * sqrt(image_size[0] * image_size[1] / (width * height))
-    scale = min(detector.person_px / _mean_px(expected, seen), LARGEST_SCALE, most)
-    side = ceil(scale * max(width, height) / detector.multiple) * detector.multiple
-    if (width, height) == image_size and side >= detector.long_side:
+    scale = min(network.person_px / _mean_px(expected, seen), LARGEST_SCALE, most)
+    side = ceil(scale * max(width, height) / network.multiple) * network.multiple
+    if (width, height) == image_size and side >= network.long_side:
         return None
     return Part(left, top, width, height, side)
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 from tests.learn.online.trainer import FAKE, SETTINGS, Make
+from tests.manual_clock import ManualClock
 
 from e3pose.learn.online import LearningSettings, OnlineTrainer
 from e3pose.model.skeleton import COCO17
-from e3pose.runtime.clock import ManualClock
 
 
 @pytest.fixture

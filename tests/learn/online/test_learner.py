@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.learn.online.trainer import SETTINGS, Make, live, trained, wait
+from tests.manual_clock import ManualClock
 
 from e3pose.errors import InputError
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -19,7 +20,6 @@ from e3pose.learn.online import OnlineTrainer
 from e3pose.learn.online.rehearse import rehearse
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
-from e3pose.runtime.clock import ManualClock
 from e3pose.simulate import SceneSettings, simulate
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install e3pose[edge]")

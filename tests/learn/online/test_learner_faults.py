@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 from tests.learn.online.trainer import SETTINGS, Make, live, trained
+from tests.manual_clock import ManualClock
 
 from e3pose.errors import InputError
-from e3pose.runtime.clock import ManualClock
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install e3pose[edge]")
 

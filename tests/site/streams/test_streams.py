@@ -17,6 +17,7 @@ from mcap.reader import make_reader
 from paho.mqtt.enums import CallbackAPIVersion
 from pythonosc.dispatcher import Dispatcher
 from pythonosc.osc_server import ThreadingOSCUDPServer
+from tests.memory_transport import Hub
 from tests.ports import free_port
 from tests.site.streams.broker import broker
 from tests.waiting import eventually
@@ -32,7 +33,6 @@ from e3pose.site.streams.send import Sender
 from e3pose.site.zones import Zones
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
-from e3pose.wire.memory import Hub
 from e3pose.wire.site_messages import Poses
 
 SOURCE = Source("lab", COCO17, 25.0)

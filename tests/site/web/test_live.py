@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from tests.memory_transport import Hub
 from tests.site.web.watched import Watched, poses, status
 from tests.waiting import eventually
 from websockets.exceptions import ConnectionClosed, InvalidStatus
@@ -22,7 +23,6 @@ from e3pose.site.web.feed import MAX_FOLLOWERS, MAX_WAITING, Feed, TooMany
 from e3pose.site.web.schemas import event_of_status
 from e3pose.site.zones import Zones
 from e3pose.wire.codec import encode
-from e3pose.wire.memory import Hub
 
 
 def socket(watched: Watched, form: str = "json", **more: Any) -> ClientConnection:

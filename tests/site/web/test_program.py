@@ -9,6 +9,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+from tests.memory_transport import Hub
 from tests.rigs import looking
 from tests.site.tables import write_site
 
@@ -17,7 +18,6 @@ from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import live_site
 from e3pose.site.web.program import _listen, address_of, open_view
 from e3pose.wire.keys.folder import init_keys
-from e3pose.wire.memory import Hub
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 TLS = '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n'

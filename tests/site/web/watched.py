@@ -10,6 +10,7 @@ from pathlib import Path
 
 import httpx
 import numpy as np
+from tests.memory_transport import Hub, MemoryTransport
 from tests.rigs import looking
 
 from e3pose.model.pose import Poses3D
@@ -23,7 +24,6 @@ from e3pose.site.web.rate_limit import Rate
 from e3pose.store import EnergyReading, Event, Run, StoreWriter
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
-from e3pose.wire.memory import Hub, MemoryTransport
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
 RIG = looking((4, 0), (0, 4), (-4, 0))

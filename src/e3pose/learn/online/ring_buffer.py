@@ -18,7 +18,6 @@ from e3pose.recording.datasets.arrays import load_arrays
 
 FORMAT_VERSION = 1
 MAX_CHUNK_POSES = 20_000  # a file of 5 MB with 17 joints
-MAX_CHUNK_BYTES = 64 * 2**20
 MAX_FILES = 100_000
 
 
