@@ -11,10 +11,10 @@ from tests.calibrate.people_scenes import distances, disturbed
 
 from e3pose.calibrate.bundle import Cameras, adjust_points, observe, placed
 from e3pose.calibrate.from_points import pair_poses, solve_points
-from e3pose.calibrate.rotations import similarity
 from e3pose.calibrate.triangulation import place_points
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
+from e3pose.geometry.rotations import similarity
 
 RIG = Rig(
     tuple(

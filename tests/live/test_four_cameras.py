@@ -16,7 +16,7 @@ from tests.ports import free_port
 from tests.test_docs import BY_PAGE, blocks
 from tests.waiting import eventually
 
-from e3pose.calibrate.rotations import similarity
+from e3pose.geometry.rotations import similarity
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.store import Store

@@ -14,8 +14,8 @@ import pytest
 from tests.calibrate.people_scenes import knocked, walk
 from tests.waiting import eventually
 
-from e3pose.calibrate.rotations import angles_between
 from e3pose.geometry.camera import Rig
+from e3pose.geometry.rotations import angles_between
 from e3pose.recording import save_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.site.example import Example, write_example

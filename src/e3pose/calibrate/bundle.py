@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.least_squares import Linearised, Solution, solve
-from e3pose.calibrate.rotations import cross_matrices
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.geometry.rotations import cross_matrices
 
 Floats = NDArray[np.float64]
 

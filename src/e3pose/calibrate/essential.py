@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.rotations import cross_matrices
+from e3pose.geometry.rotations import cross_matrices
 
 Floats = NDArray[np.float64]
 

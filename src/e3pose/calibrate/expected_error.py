@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.calibrate.bundle import root_mean_square
-from e3pose.calibrate.rotations import similarity
 from e3pose.calibrate.triangulation import place_points
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import project
+from e3pose.geometry.rotations import similarity
 
 Floats = NDArray[np.float64]
 

@@ -13,10 +13,10 @@ from e3pose.calibrate.expected_error import ErrorMap, error_map
 from e3pose.calibrate.from_people import match_people, solve_people
 from e3pose.calibrate.people_3d import place_people
 from e3pose.calibrate.recordings import between
-from e3pose.calibrate.rotations import angles_between, similarity
 from e3pose.calibrate.triangulation import place_points
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
+from e3pose.geometry.rotations import angles_between, similarity
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
 

@@ -15,10 +15,10 @@ from e3pose.calibrate.from_people import (
     match_people,
 )
 from e3pose.calibrate.from_points import OUTLIER_SIGMAS, thinned
-from e3pose.calibrate.rotations import angles_between
 from e3pose.calibrate.triangulation import place_points
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
+from e3pose.geometry.rotations import angles_between
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
 

@@ -18,11 +18,11 @@ from e3pose.calibrate.from_boards import check_connected, solve_boards
 from e3pose.calibrate.from_people import solve_people
 from e3pose.calibrate.from_points import pair_poses, solve_points
 from e3pose.calibrate.people_3d import People3D, place_people
-from e3pose.calibrate.rotations import angles_between, similarity
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
 from e3pose.camera.source import open_video
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
+from e3pose.geometry.rotations import angles_between, similarity
 from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
 

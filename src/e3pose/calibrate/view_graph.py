@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.rotations import angles_between, mean_rotation
+from e3pose.geometry.rotations import angles_between, mean_rotation
 
 Floats = NDArray[np.float64]
 
