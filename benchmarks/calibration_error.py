@@ -1,4 +1,4 @@
-"""How far calibrations are from the truth: from a board, from people, and of films in time.
+"""How far calibrations are from the truth: by a board, balls or people, and of films in time.
 
     python benchmarks/calibration_error.py                  simulated rigs
     python benchmarks/calibration_error.py RECORDING...     published calibrations solved anew
@@ -21,8 +21,9 @@ from scipy.spatial.transform import Rotation
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.from_boards import solve_boards
 from e3pose.calibrate.judge import judge
-from e3pose.calibrate.places import KnownLength, from_people
+from e3pose.calibrate.places import KnownLength, from_people, from_points_seen, from_wand_seen
 from e3pose.calibrate.synchronise import synchronise
+from e3pose.calibrate.wand import Wand
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig
@@ -39,6 +40,8 @@ from tests.calibrate.people_scenes import (
     every,
     without_calibration,
 )
+from tests.calibrate.wand_scenes import carried as wand_carried
+from tests.calibrate.wand_scenes import ring
 
 BOARD = Board.parse("charuco-5x7-54mm")
 CORNER_NOISE_PX = 0.3
@@ -82,6 +85,31 @@ def boards() -> None:
             found = solve_boards(lenses, BOARD.corners_m, carried(rig, rng, 150)).adjusted.rig
             degrees, millimetres, _ = distances(found, rig, with_scale=False)
             print(f"  {cameras} {seed} {degrees:.3f} {millimetres:.1f}", flush=True)
+
+
+def balls() -> None:
+    print("balls at 150 places, good to 0.7 px, 2 % wild: cameras, seed, degrees, mm, scale")
+    wands = {
+        "wand of two": Wand.parse("green,red=500mm"),
+        "wand of three": Wand.parse("green,blue,red=200mm,500mm"),
+    }
+    for cameras in (4, 6, 8):
+        for seed in SEEDS:
+            rig = ring(seed, cameras)
+            apart_m = float(np.linalg.norm(rig.centers_m[1] - rig.centers_m[0]))
+            for name, wand in wands.items():
+                seen = wand_carried(rig, wand, seed)
+                _told(f"{cameras} {seed} {name}", from_wand_seen(rig, wand, seen).rig, rig)
+            for off_m in (0.0, 0.01):
+                known = KnownLength(distance=("cam0", "cam1", apart_m + off_m))
+                found = from_points_seen(rig, seen[:, :, 0], known)
+                off = f"a distance {1000 * off_m:.0f} mm off"
+                _told(f"{cameras} {seed} ball, {off}", found.rig, rig)
+
+
+def _told(what: str, found: Rig, truth: Rig) -> None:
+    degrees, millimetres, _ = distances(found, truth, with_scale=False)
+    print(f"  {what}: {degrees:.3f} {millimetres:.1f} {distances(found, truth)[2]:.4f}", flush=True)
 
 
 def people() -> None:
@@ -148,5 +176,6 @@ if __name__ == "__main__":
             real(Path(word))
     else:
         boards()
+        balls()
         people()
         films()

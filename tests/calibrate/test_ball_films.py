@@ -1,4 +1,4 @@
-"""A ball in films places cameras: films of a simulated rig, drawn and encoded."""
+"""Balls in films place cameras, one or a wand of two: films of a simulated rig, encoded."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ pytestmark = pytest.mark.slow
 
 SIZE, FPS, SECONDS = (640, 480), 10.0, 20.0
 RADIUS_M = 0.06
-GREEN, GREY = (20, 190, 60), 110
+GREEN, RED, GREY = (20, 190, 60), (210, 30, 40), 110
+WAND_M = 0.5
 SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
 
 
@@ -31,27 +32,55 @@ def rig() -> Rig:
 
 @pytest.fixture(scope="module")
 def films(rig: Rig, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Films of a green ball that is carried through the room, in and out of pictures."""
+    """Films of a wand that is turned and carried through the room, a green and a red ball."""
     folder = tmp_path_factory.mktemp("films")
     times = np.arange(0, SECONDS, 1 / FPS)
     path_m = np.stack([
         1.6 * np.sin(0.9 * times), 1.6 * np.sin(1.3 * times + 1), 1.1 + 0.8 * np.sin(0.7 * times)
     ], axis=-1)  # fmt: skip
+    around, up = 0.8 * times, 0.9 * np.sin(0.5 * times)
+    along = np.stack([
+        np.cos(around) * np.cos(up), np.sin(around) * np.cos(up), np.sin(up)
+    ], axis=-1)  # fmt: skip
+    balls_m = np.stack([path_m, path_m + WAND_M * along])
     for camera in rig.cameras:
-        pixels = camera.project(path_m)
-        depth_m = (path_m @ camera.R.T + camera.t)[:, 2]
+        pixels = camera.project(balls_m)
+        depth_m = (balls_m @ camera.R.T + camera.t)[..., 2]
         video = VideoFile(folder / f"{camera.camera_id}.mkv", SIZE, FPS)
-        for time_s, place, depth in zip(times, pixels, depth_m, strict=True):
-            video.add(_drawn(place, camera.K[0, 0] * RADIUS_M / depth), float(time_s))
+        for index, time_s in enumerate(times.tolist()):
+            image = np.full((SIZE[1], SIZE[0], 3), GREY, dtype=np.uint8)
+            for ball in np.argsort(-depth_m[:, index]).tolist():  # the nearer one hides the other
+                radius = camera.K[0, 0] * RADIUS_M / depth_m[ball, index]
+                draw(image, pixels[ball, index], radius, (GREEN, RED)[ball])
+            video.add(image, time_s)
         video.close()
     save_rig(rig, folder / "lenses.toml")
     return folder
 
 
-def _drawn(place: NDArray[np.float64], radius: float) -> NDArray[np.uint8]:
-    image = np.full((SIZE[1], SIZE[0], 3), GREY, dtype=np.uint8)
+def draw(
+    image: NDArray[np.uint8],
+    place: NDArray[np.float64],
+    radius: float,
+    colour: tuple[int, int, int],
+) -> None:
     x, y, r = (round(float(value) * 2**SUBPIXEL) for value in (*place, radius))
-    return np.asarray(cv2.circle(image, (x, y), r, GREEN, -1, cv2.LINE_AA, SUBPIXEL), np.uint8)
+    cv2.circle(image, (x, y), r, colour, -1, cv2.LINE_AA, SUBPIXEL)
+
+
+def test_wand_places_cameras_in_metres(
+    rig: Rig, films: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = (
+        *(films / f"{name}.mkv" for name in rig.camera_ids), films / "wand.toml",
+        "--intrinsics", films / "lenses.toml", "--wand", "green,red=50cm", "--rate", FPS,
+    )  # fmt: skip
+    assert run("calibrate", "extrinsics", *words) == 0, capsys.readouterr().err
+    assert "scale: a wand of 500 mm" in capsys.readouterr().out
+    found = load_rig(films / "wand.toml")
+    degrees, millimetres, _ = distances(found, rig, with_scale=False)
+    assert degrees < 0.1 and millimetres < 10
+    assert abs(distances(found, rig)[2] - 1) < 0.002
 
 
 def test_ball_places_cameras(rig: Rig, films: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -67,16 +96,19 @@ def test_ball_places_cameras(rig: Rig, films: Path, capsys: pytest.CaptureFixtur
     assert degrees < 0.1 and millimetres < 10
 
 
-def test_ball_that_is_not_there_is_told(films: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--ball", "pink", "--distance", "cam0,cam1=3m"), "ball"),
+        (("--wand", "green,mauve=50cm"), "--wand: found 'mauve', expected one of bright, red"),
+        (("--wand", "green,pink=50cm"), "two of its markers were placed at "),
+    ],
+)
+def test_balls_that_are_not_there_are_told(
+    films: Path, options: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     sources = [films / f"cam{number}.mkv" for number in range(4)]
-    options = (
-        "--intrinsics",
-        films / "lenses.toml",
-        "--ball",
-        "pink",
-        "--distance",
-        "cam0,cam1=3m",
-    )
-    assert run("calibrate", "extrinsics", *sources, films / "none.toml", *options) == 2
+    lenses = ("--intrinsics", films / "lenses.toml")
+    assert run("calibrate", "extrinsics", *sources, films / "none.toml", *lenses, *options) == 2
     error = capsys.readouterr().err
-    assert error.count("\n") == 1 and "ball" in error
+    assert error.count("\n") == 1 and told in error

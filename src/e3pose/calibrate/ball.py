@@ -1,8 +1,8 @@
-"""Find one ball or marker in a picture: the brightest, or that of a colour."""
+"""Find balls in pictures, one of a colour: that of a hue, or the brightest."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -59,18 +59,18 @@ def find_ball(image: NDArray[np.uint8], colour: str) -> Floats:
     return np.asarray(middles[largest + 1], dtype=np.float64)
 
 
-def track_ball(path: Path, times_s: Floats, colour: str) -> tuple[Floats, tuple[int, int]]:
-    """Return `(num_times, 2)` pixels in the frames of a video nearest to times, and its size.
+def track_balls(
+    path: Path, times_s: Floats, colours: Sequence[str]
+) -> tuple[Floats, tuple[int, int]]:
+    """Return `(num_times, num_colours, 2)` pixels in a video's nearest frames, and their size.
 
     Args:
         path: the video.
         times_s: `(num_times,)` rising, seconds since its first frame.
-        colour: one of `COLOURS`.
+        colours: of `COLOURS`, a ball each.
     """
-    if colour not in COLOURS:
-        raise InputError(f"--ball: found {colour[:20]!r}, expected one of {', '.join(COLOURS)}")
     source = open_video(path)
-    points = np.full((len(times_s), 2), np.nan)
+    points = np.full((len(times_s), len(colours), 2), np.nan)
     place = 0
     for frame in source:
         while place < len(times_s) and times_s[place] < frame.time_s - 0.5 / source.rate - 1e-9:
@@ -78,6 +78,13 @@ def track_ball(path: Path, times_s: Floats, colour: str) -> tuple[Floats, tuple[
         if place == len(times_s):
             break
         if abs(times_s[place] - frame.time_s) <= 0.5 / source.rate + 1e-9:
-            points[place] = find_ball(frame.image, colour)
+            points[place] = [find_ball(frame.image, colour) for colour in colours]
             place += 1
     return points, source.image_size
+
+
+def check_colours(option: str, colours: Sequence[str]) -> None:
+    """Raise `InputError` for a colour that no ball can have."""
+    for colour in colours:
+        if colour not in COLOURS:
+            raise InputError(option, repr(colour[:20]), f"one of {', '.join(COLOURS)}")

@@ -1,4 +1,4 @@
-"""Solve where cameras stand from films of a board, films of a ball, points, or people."""
+"""Solve where cameras stand from films of a board, a ball or a wand, from points, or people."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.calibrate.align import Move, floor_from_people, from_axis, guess
-from e3pose.calibrate.ball import track_ball
+from e3pose.calibrate.ball import track_balls
 from e3pose.calibrate.board import Board
 from e3pose.calibrate.board_views import find_board
 from e3pose.calibrate.bundle import root_mean_square
 from e3pose.calibrate.from_boards import check_connected, solve_boards
 from e3pose.calibrate.from_people import solve_people
-from e3pose.calibrate.from_points import pair_poses, solve_points
+from e3pose.calibrate.from_points import MIN_SHARED, PointRig, pair_poses, solve_points
 from e3pose.calibrate.people_3d import People3D, place_people
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
+from e3pose.calibrate.wand import Wand, adjust_wand
 from e3pose.camera.source import open_video
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
@@ -28,6 +29,7 @@ from e3pose.recording.record import Recording
 
 Floats = NDArray[np.float64]
 Told = Callable[[str, int, int], None]
+Fit = tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]
 
 BALL_SIGMA_PX = 1.0
 FOCAL_SIGMA = 0.25
@@ -41,7 +43,7 @@ class Places:
 
     Attributes:
         rig: the cameras, in metres.
-        source: board, ball, points or people.
+        source: board, ball, wand, points or people.
         errors_px: `(num_cameras,)` root mean square reprojection error of what agrees.
         outliers: `(num_cameras,)` share of what was seen that does not agree; NaN if nothing was.
         observations: `(num_cameras,)` how many points were used.
@@ -145,18 +147,30 @@ def from_board_films(
 def from_ball_films(
     paths: Mapping[str, Path],
     lenses: Rig,
-    colour: str,
+    carried: str | Wand,
     offsets_s: Mapping[str, float],
     rate: float,
     known: KnownLength,
 ) -> Places:
-    """Place cameras by films of one ball; see `from_points_seen`."""
+    """Place cameras by films of one ball or a wand of balls.
+
+    Args:
+        paths: film by camera id.
+        lenses: intrinsics of those cameras, in the same order.
+        carried: the ball's colour, or a wand whose markers are colours.
+        offsets_s: when each film began, on the common clock.
+        rate: how many times a second to look.
+        known: the distance of two cameras; with a wand, nothing.
+    """
     times = common_times(paths, offsets_s, rate)
-    points = np.full((len(lenses), len(times), 2), np.nan)
+    colours = carried.markers if isinstance(carried, Wand) else (carried,)
+    points = np.full((len(lenses), len(times), len(colours), 2), np.nan)
     for index, (camera_id, path) in enumerate(paths.items()):
-        points[index], size = track_ball(path, times - offsets_s.get(camera_id, 0.0), colour)
+        points[index], size = track_balls(path, times - offsets_s.get(camera_id, 0.0), colours)
         check_size(lenses, camera_id, size)
-    return from_points_seen(lenses, points, known, "ball")
+    if isinstance(carried, Wand):
+        return from_wand_seen(lenses, carried, points)
+    return from_points_seen(lenses, points[:, :, 0], known, "ball")
 
 
 def from_points_seen(
@@ -173,26 +187,62 @@ def from_points_seen(
     if known.distance is None:
         raise InputError(
             "scale: points alone do not tell it, expected --distance CAM1,CAM2=METRES, as measured "
-            "between two lenses"
+            "between two lenses, or a wand (--wand)"
         )
+    adjusted = _by_points(lenses, keypoints_px, source).adjusted
+    scale = from_distance(adjusted.rig, *known.distance)
+    rig = Move(scale.factor, np.eye(3), np.zeros(3)).rig(adjusted.rig)
+    return _guessed(rig, source, _fit(adjusted.residuals, adjusted.weights, BALL_SIGMA_PX), scale)
+
+
+def from_wand_seen(lenses: Rig, wand: Wand, keypoints_px: Floats) -> Places:
+    """Place cameras by a wand that was carried about.
+
+    Args:
+        lenses: intrinsics.
+        wand: its markers.
+        keypoints_px: `(num_cameras, num_times, num_markers, 2)` pixels; NaN where not seen.
+    """
+    found = _by_points(lenses, keypoints_px.reshape(len(lenses), -1, 2), "wand")
+    solved = adjust_wand(
+        found.adjusted.rig, wand, keypoints_px, BALL_SIGMA_PX, _focal_sigma(lenses)
+    )
+    adjusted, flat = solved.adjusted, (len(lenses), -1, 1)
+    fit = _fit(adjusted.residuals.reshape(*flat, 2), adjusted.weights.reshape(flat), BALL_SIGMA_PX)
+    told = f"a wand of {1000 * wand.length_m:g} mm, placed {1000 * solved.off_m:.1f} mm from that"
+    return _guessed(adjusted.rig, "wand", fit, Scale(1.0, told, solved.share))
+
+
+def _by_points(lenses: Rig, keypoints_px: Floats, source: str) -> PointRig:
+    """Place cameras in whatever unit, or raise which could not be."""
     sigma = np.full(keypoints_px.shape[:2], BALL_SIGMA_PX)
-    focal = np.array([FOCAL_SIGMA if camera.lens_assumed else 0.0 for camera in lenses.cameras])
     poses = pair_poses(lenses, keypoints_px, sigma)
-    solved = solve_points(lenses, keypoints_px, sigma, poses, focal)
+    solved = solve_points(lenses, keypoints_px, sigma, poses, _focal_sigma(lenses))
     if solved is None:
         raise InputError(
             f"points: no two cameras agree, expected one {source} that moves through all the room "
             "in films that begin together"
         )
+    seen = np.isfinite(keypoints_px[..., 0])
+    shared = (seen & seen[solved.placed].any(axis=0)).sum(axis=1)
+    for index in np.flatnonzero(~solved.placed & (shared >= MIN_SHARED)).tolist():
+        raise InputError(
+            f"camera {lenses.camera_ids[index]}: shares {shared[index]} points with others, but "
+            "they fit no place of it: its film began at another time (--offset), it was moved, or "
+            "--intrinsics has another lens"
+        )
     _check_all_placed(lenses, solved.placed, f"see the {source}")
-    rig = solved.adjusted.rig
-    scale = from_distance(rig, *known.distance)
-    rig = Move(scale.factor, np.eye(3), np.zeros(3)).rig(rig)
-    rig = guess(rig).rig(rig)
+    return solved
+
+
+def _focal_sigma(lenses: Rig) -> Floats:
+    return np.array([FOCAL_SIGMA if camera.lens_assumed else 0.0 for camera in lenses.cameras])
+
+
+def _guessed(rig: Rig, source: str, fit: Fit, scale: Scale) -> Places:
+    """Return places whose axes are guessed, as nothing that was seen tells them."""
     return Places(
-        rig, source,
-        *_fit(solved.adjusted.residuals, solved.adjusted.weights, sigma[:, solved.used]),
-        scale, "guessed from level cameras",
+        guess(rig).rig(rig), source, *fit, scale, "guessed from level cameras",
         ["the vertical and the floor are guessed: e3pose calibrate align puts both right"],
     )  # fmt: skip
 
@@ -305,9 +355,7 @@ def _check_all_placed(rig: Rig, done: NDArray[np.bool_], what: str) -> None:
     check_connected(rig.camera_ids, parts, what)
 
 
-def _fit(
-    residuals: Floats, weights: Floats, sigma_px: Floats
-) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+def _fit(residuals: Floats, weights: Floats, sigma_px: Floats | float) -> Fit:
     """Return errors, outliers, counts and shared counts of points, as `Places` has them."""
     weights = weights[..., 0]
     seen = weights > 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Rig
+from e3pose.quantities import plural
 
 Floats = NDArray[np.float64]
 
@@ -28,19 +30,48 @@ def load_points(path: Path, rig: Rig) -> Floats:
     NaN where not seen.
 
     Returns:
-        `(num_cameras, num_points, 2)` pixels, NaN where not seen.
+        `(num_cameras, num_points, 2)` pixels, NaN where not seen; a point is another at each time.
 
     Raises:
         InputError: naming the file, and the line or array that is wrong.
     """
+    points, _ = _read(path, rig)
+    flat = points.reshape(len(rig), -1, 2)
+    return np.asarray(flat[:, np.isfinite(flat[..., 0]).any(axis=0)])
+
+
+def load_markers(path: Path, rig: Rig, markers: Sequence[str]) -> Floats:
+    """Read the markers of a wand, which the column `point` of a `.csv` names.
+
+    In an `.npz` they are the points in their order.
+
+    Returns:
+        `(num_cameras, num_times, num_markers, 2)` pixels, NaN where not seen.
+
+    Raises:
+        InputError: as `load_points`, and naming a marker that is not there.
+    """
+    points, names = _read(path, rig)
+    if names is None and points.shape[2] == len(markers):
+        return points
+    lacking = [marker for marker in markers if marker not in (names or ())]
+    if names is None or lacking:
+        found = plural(points.shape[2], "point") if names is None else f"{', '.join(names)[:60]}"
+        wanted = ", ".join(markers) if names is not None else plural(len(markers), "point")
+        raise InputError("points of one time", found, f"{wanted} as in --wand", str(path))
+    return np.asarray(points[:, :, [names.index(marker) for marker in markers]])
+
+
+def _read(path: Path, rig: Rig) -> tuple[Floats, list[str] | None]:
+    """Return `(num_cameras, num_times, num_points, 2)` pixels, and what the points are called."""
     if path.suffix.lower() == ".npz":
-        return _from_npz(path, rig)
+        return _from_npz(path, rig), None
     if path.suffix.lower() == ".csv":
         return _from_csv(path, rig)
     raise InputError(f"{path}: found {path.suffix or 'no suffix'}, expected .csv or .npz")
 
 
-def _from_csv(path: Path, rig: Rig) -> Floats:
+def _from_csv(path: Path, rig: Rig) -> tuple[Floats, list[str]]:
     try:
         text = read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -49,22 +80,24 @@ def _from_csv(path: Path, rig: Rig) -> Floats:
     lacking = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
     if lacking:
         raise InputError(f"{path}:1: found no column {lacking[0]}, expected {', '.join(COLUMNS)}")
-    keys: dict[tuple[str, str], int] = {}
-    found: list[tuple[int, int, float, float]] = []
+    times: dict[str, int] = {}
+    names: dict[str, int] = {}
+    found: list[tuple[int, int, int, float, float]] = []
     for number, row in enumerate(rows, 2):
         try:
             camera = rig.index(row["camera"] or "")
             u, v = float(row["u"]), float(row["v"])
         except (InputError, ValueError, TypeError) as error:
             raise InputError(f"{path}:{number}: {error}") from None
-        key = (row["time"] or "", row.get("point") or "")
-        found.append((camera, keys.setdefault(key, len(keys)), u, v))
-        if len(keys) > MAX_POINTS:
+        time = times.setdefault(row["time"] or "", len(times))
+        name = names.setdefault(row.get("point") or "", len(names))
+        found.append((camera, time, name, u, v))
+        if len(times) * len(names) > MAX_POINTS:
             raise InputError(f"{path}: found more than {MAX_POINTS} points")
-    points = np.full((len(rig), len(keys), 2), np.nan)
-    for camera, index, u, v in found:
-        points[camera, index] = u, v
-    return points
+    points = np.full((len(rig), len(times), len(names), 2), np.nan)
+    for camera, time, name, u, v in found:
+        points[camera, time, name] = u, v
+    return points, list(names)
 
 
 def _from_npz(path: Path, rig: Rig) -> Floats:
@@ -89,7 +122,7 @@ def _from_npz(path: Path, rig: Rig) -> Floats:
             f"{path}: found arrays of shape {shape}, expected (num_times, 2) or "
             "(num_times, num_points, 2)"
         )
-    points = np.full((len(rig), int(np.prod(shape[:-1])), 2), np.nan)
+    points = np.full((len(rig), shape[0], shape[1] if len(shape) == 3 else 1, 2), np.nan)
     for name, array in arrays.items():
-        points[rig.index(name)] = array.reshape(-1, 2)
+        points[rig.index(name)] = array.reshape(points.shape[1:])
     return points

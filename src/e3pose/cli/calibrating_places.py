@@ -1,4 +1,4 @@
-"""`e3pose calibrate extrinsics`: where cameras stand, from a board, a ball, points or people."""
+"""`e3pose calibrate extrinsics`: where cameras stand, by a board, a ball, a wand or people."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from e3pose.quantities import length_m, plural
 
 if TYPE_CHECKING:
     from e3pose.calibrate.places import KnownLength, Places
+    from e3pose.calibrate.wand import Wand
     from e3pose.geometry.camera import Rig
 
 MOST_SECONDS = 3600.0
@@ -27,6 +28,7 @@ def extrinsics(
     intrinsics: Path | None = None,
     board: str = DEFAULT_BOARD,
     ball: str | None = None,
+    wand: str | None = None,
     start: Path | None = None,
     height: str | None = None,
     distance: str | None = None,
@@ -39,15 +41,18 @@ def extrinsics(
     only: str | None = None,
     json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
 ) -> None:
-    """Calibrate camera positions and orientations from a board, a ball, points or people.
+    """Calibrate camera positions and orientations from a board, a ball, a wand or people.
 
     Example: `e3pose calibrate extrinsics cam1.mp4 cam2.mp4 rig.toml --intrinsics lenses.toml`
 
     From films: carry the board through the room so that every camera sees it together with some
-    other; not all need to. With --ball, a ball of a colour, or a light, in the place of the board.
-    From a .csv or .npz of points per view. Or from a recording of people who walk about, made by
-    `e3pose detect` without a calibration: `e3pose calibrate extrinsics walk rig.toml`
-    A camera that was knocked is placed anew alone: `e3pose calibrate extrinsics room --only cam2`
+    other; not all need to. With --ball or --wand, coloured balls in the place of the board. From a
+    .csv or .npz of points per view, likewise.
+
+    From a recording of people who walk about, made without a calibration by `e3pose record` or
+    `e3pose detect`: `e3pose calibrate extrinsics walk rig.toml --height 178cm`
+
+    To place a camera that was knocked anew, alone: `e3pose calibrate extrinsics room --only cam2`
 
     Parameters
     ----------
@@ -61,6 +66,9 @@ def extrinsics(
         The board's name as it is printed on it, with the side of a square as measured.
     ball
         Follow a ball instead: bright (a light in the dark), red, orange, yellow, green, blue, pink.
+    wand
+        Follow two or more balls on a stick instead, by colour, with their distances from the first:
+        green,red=500mm or green,blue,red=200mm,500mm. With points, by the names of points.
     start
         With a recording: a rough calibration to begin with, within some 5 degrees and 20 cm; its
         world and scale are kept.
@@ -94,7 +102,7 @@ def extrinsics(
     if only is not None:
         from e3pose.cli.calibrating_one import place_again
 
-        if intrinsics or ball or start or height or distance or limb or offset or update:
+        if any((intrinsics, ball, wand, start, height, distance, limb, offset, update)):
             raise InputError("--only: expected with --seconds, --noise and --json at most")
         place_again(paths, only, seconds, noise, json_output)
         return
@@ -106,6 +114,7 @@ def extrinsics(
     *sources, last = paths
     dest = toml_path(last)
     known = _known(height, distance, limb)
+    carried = _carried(ball, wand, known)
     lenses = None if intrinsics is None else load_rig(intrinsics)
     first = Path(sources[0])
     is_recording = len(sources) == 1 and (first / "recording.toml").is_file()
@@ -120,9 +129,9 @@ def extrinsics(
             "--intrinsics: found none, expected the file of e3pose calibrate intrinsics"
         )
     elif len(sources) == 1 and first.suffix.lower() in (".csv", ".npz"):
-        places = _points(first, lenses, known)
+        places = _points(first, lenses, carried, known)
     else:
-        places = _films(sources, lenses, board, ball, known, offset or [], rate)
+        places = _films(sources, lenses, board, carried, known, offset or [], rate)
     save_rig(known_lenses(places.rig), dest)
     if update:
         save_rig(known_lenses(places.rig), first / "calibration.toml")
@@ -166,10 +175,27 @@ def _people(
         )
 
 
-def _points(path: Path, lenses: Rig, known: KnownLength) -> Places:
-    from e3pose.calibrate.places import from_points_seen
-    from e3pose.calibrate.points_file import load_points
+def _carried(ball: str | None, wand: str | None, known: KnownLength) -> str | Wand | None:
+    """Return the ball's colour or the wand; None for neither."""
+    from e3pose.calibrate.wand import Wand
 
+    if wand is None:
+        return ball
+    if ball is not None:
+        raise InputError("--ball: found it beside --wand, which names its balls, expected one")
+    if known.height_m is not None or known.distance is not None or known.limb is not None:
+        raise InputError("--height, --distance, --limb: the wand states the scale, expected none")
+    return Wand.parse(wand)
+
+
+def _points(path: Path, lenses: Rig, carried: str | Wand | None, known: KnownLength) -> Places:
+    from e3pose.calibrate.places import from_points_seen, from_wand_seen
+    from e3pose.calibrate.points_file import load_markers, load_points
+
+    if isinstance(carried, str):
+        raise InputError("--ball: expected films; of points, pass --distance or --wand")
+    if carried is not None:
+        return from_wand_seen(lenses, carried, load_markers(path, lenses, carried.markers))
     return from_points_seen(lenses, load_points(path, lenses), known)
 
 
@@ -177,11 +203,12 @@ def _films(
     sources: Sequence[str],
     lenses: Rig,
     board: str,
-    ball: str | None,
+    carried: str | Wand | None,
     known: KnownLength,
     offset: list[str],
     rate: float,
 ) -> Places:
+    from e3pose.calibrate.ball import check_colours
     from e3pose.calibrate.board import Board
     from e3pose.calibrate.places import from_ball_films, from_board_films
     from e3pose.cli.detecting import camera_seconds
@@ -195,8 +222,12 @@ def _films(
         used.index(name)
     if len(used) < 2:
         raise InputError(f"VIDEO...: found {len(used)} video, expected at least two cameras")
-    if ball is not None:
-        return from_ball_films(named, used, ball, offsets, rate, known)
+    if carried is not None:
+        if isinstance(carried, str):
+            check_colours("--ball", (carried,))
+        else:
+            check_colours("--wand", carried.markers)
+        return from_ball_films(named, used, carried, offsets, rate, known)
     if known.height_m is not None or known.distance is not None or known.limb is not None:
         raise InputError("--height, --distance, --limb: the board states the scale, expected none")
     with camera_bar("looking for the board") as bar:
@@ -255,7 +286,7 @@ def _lines(places: Places) -> list[str]:
     names = places.rig.camera_ids
     lines = [f"from {places.source}; world: {places.world}"]
     if places.scale is not None:
-        sure = f"{100 * places.scale.share:.0f} %"
+        sure = f"{100 * places.scale.share:.1g} %"
         lines.append(f"scale: {places.scale.known_from}, good to about {sure}")
     for i, camera in enumerate(places.rig.cameras):
         x, y, z = camera.center_m
