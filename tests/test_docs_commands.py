@@ -98,7 +98,6 @@ ELSEWHERE = {
     ),
     "attach recordings/20261122T150000Z collected": "tests/edge/test_recorder.py",
     "replay recordings/20261122T150000Z": "tests/live/test_recorded_session.py",
-    "up try --example": "tests/live/test_programs.py",
     "up demo-output/site/site.toml": "tests/live/test_programs.py",
     "top site.toml": "tests/live/test_programs.py",
     "top site.toml --once": "tests/live/test_programs.py",
