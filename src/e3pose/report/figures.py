@@ -33,10 +33,10 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
     row_px = 22 if len(cameras) <= 8 else 13
     strip_px = row_px * len(cameras)
     rows = [
-        ("Camera selection", "states", STATE_COLOURS, 2.0, ""),
-        ("Predicted occlusion per camera (mean box overlap)", "occlusion",
+        ("Active cameras", "states", STATE_COLOURS, 2.0, ""),
+        ("Predicted occlusion per camera (overlap of the people)", "occlusion",
          OCCLUSION_COLOURS, max(0.05, _highest(scene["occlusion"])), ".2f"),
-        ("Energy deficit queue per camera, slots", "deficit",
+        ("Energy deficit per camera (spent beyond the budget), slots", "deficit",
          DEFICIT_COLOURS, max(1.0, _highest(scene["deficit"])), ".1f"),
     ]  # fmt: skip
     if "gain" in scene:

@@ -72,7 +72,8 @@ def render(recording: Recording, records: Sequence[SlotRecord], summary: Summary
     boxes = [f'<div id="{name}"></div>' for name in ("energy", "duty") if name in charts]
     return Template(_packaged("page.html")).substitute(
         title=_text(recording.name or "Recording"),
-        sentences=f"<p>{_text(' '.join(sentences(recording, records, summary)), 2000)}</p>",
+        sentences=f"<p>{_text(' '.join(sentences(recording, records, summary)), 2000)}</p>"
+        f"<p class='soft'>{_text(' '.join(summary.notes), 2000)}</p>",
         thinning=f"<p class='soft'>{thinning(drawn['stride'], drawn['numSlots'])}</p>",
         cards="".join(
             f"<div><b>{_text(value)}</b><span>{_text(meaning)}</span></div>"
@@ -140,11 +141,20 @@ def _settings(recording: Recording, summary: Summary) -> str:
         "skeleton": recording.skeleton.name,
     }
     settings = settings_json(summary.settings)
-    rows |= {SETTING_WORDS[key]: settings[key] for key in SETTING_WORDS if key in settings}
+    settings["policy"] = summary.policy
+    rows |= {
+        SETTING_WORDS[key]: _setting(settings[key]) for key in SETTING_WORDS if key in settings
+    }
     return "".join(
         f"<tr><td class='soft'>{_text(key)}</td><td>{_text(value, 2000)}</td></tr>"
         for key, value in rows.items()
     )
+
+
+def _setting(value: object) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _truth_box(drawn: Mapping[str, Any]) -> str:

@@ -30,7 +30,7 @@ def budget(summary: Summary, num_cameras: int) -> float | None:
 
 
 def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> list[str]:
-    """Say what happened, one thought a sentence; no markup in it."""
+    """Say what happened, one thought per sentence, without the notes of the run; no markup."""
     num_cameras = len(recording.rig)
     seconds = len(records) * recording.interval_s
     said = [
@@ -60,7 +60,7 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
             f"the energy of processors, WiFi and memory, {energy.device_saving_percent:.0f} % of "
             "the whole cameras (modelled)."
         )
-    return [*said, *summary.notes]
+    return said
 
 
 def cards(

@@ -32,13 +32,19 @@ async function load(from_s) {
     const slot = prepared({ slot: row.slot, time_ns: row.time_ns, people: found }, names(row.selected), names(row.arrived));
     return Object.assign(slot, { row, cameras: run ? run.cameras : [] });
   });
-  notice(windowed.length ? "" : "Nothing is stored for this time.");
+  notice(windowed.length ? "" : "The store has no slots of this time.");
+}
+
+function setPlaying(on) {
+  playing = on;
+  byId("play").textContent = on ? "❚❚" : "▶";
+  byId("play").setAttribute("aria-label", on ? "Pause" : "Play");
 }
 
 async function seek(to_s) {
   mode = "past";
   at_s = to_s;
-  playing = true;
+  setPlaying(true);
   history30.length = 0;
   trails.clear();
   byId("live").disabled = false;

@@ -99,7 +99,7 @@ function show(now) {
     item.append(swatch, `track ${track}`);
     return item;
   });
-  byId("people").replaceChildren(...(list.length ? list : ["nobody"]));
+  byId("people").replaceChildren(...(list.length ? list : ["no people"]));
   const when = new Date(1000 * now.t);
   byId("where").textContent = `${when.toLocaleTimeString()} · slot ${now.slot}`;
 }
@@ -135,18 +135,19 @@ function drawStrips() {
 
 const number = (value, places = 0, unit = "") => (value === null || value === undefined ? "–" : value.toFixed(places) + unit);
 const percent = (value) => (value === null || value === undefined ? "–" : `${Math.round(100 * value)} %`);
-const COLUMNS = [
-  ["camera", (c) => c.camera_id],
-  ["mode", (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" : "offline")],
-  ["duty", (c) => percent(c.duty)],
-  ["occlusion", (c) => percent(c.occlusion)],
-  ["information, nats", (c) => number(c.gain_nats, 2)],
-  ["price", (c) => number(c.price, 1)],
-  ["deficit", (c) => number(c.deficit, 1)],
-  ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`)],
-  ["battery", (c) => (c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`)],
-  ["temperature", (c) => number(c.temperature_c, 0, " °C")],
-  ["late, lost", (c) => (c.late === null ? "–" : `${c.late}, ${c.lost}`)],
+const COLUMNS = [ // name, text of a camera, what it means
+  ["camera", (c) => c.camera_id, ""],
+  ["mode", (c) => (c.paused ? "paused" : c.online ? MODES[c.mode] || "–" : "offline"),
+    "active; saving: idle, but capturing; sleeping: idle, not capturing; paused by an operator; offline"],
+  ["duty", (c) => percent(c.duty), "share of the last slots in which the camera was active"],
+  ["occlusion", (c) => percent(c.occlusion), "predicted overlap of the people in its view"],
+  ["information, nats", (c) => number(c.gain_nats, 2), "expected information of its view at the last decision, per joint"],
+  ["price", (c) => number(c.price, 1), "what selecting it costs: grows with its deficit, compared with the information"],
+  ["deficit", (c) => number(c.deficit, 1), "energy spent beyond its budget so far, in slots"],
+  ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`), "mean power; ~ is modelled, not measured"],
+  ["battery", (c) => (c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`), "charge; ~ is modelled"],
+  ["temperature", (c) => number(c.temperature_c, 0, " °C"), "of the camera's processor"],
+  ["late, lost", (c) => (c.late === null ? "–" : `${c.late}, ${c.lost}`), "views that arrived after their slot was closed, and views that did not arrive"],
 ];
 
 function showStatus(status) {
@@ -156,10 +157,11 @@ function showStatus(status) {
   byId("error").textContent = number(status.expected_error_mm, 0, " mm");
   byId("rate").textContent = number(status.fps, 1);
   const [usual_ms, worst_ms] = status.latency_ms;
-  byId("latency").textContent = usual_ms === null ? "–" : `${number(usual_ms, 1)} ms (99 %: ${number(worst_ms, 0)})`;
+  byId("latency").textContent = usual_ms === null ? "–" : `${number(usual_ms, 1)} ms (99 %: ${number(worst_ms, 0)} ms)`;
   byId("lead").textContent = number(status.lead, 0, " slots");
   byId("of-then").hidden = mode === "live";
-  byId("power").textContent = watts.length ? `${watts.reduce((sum, camera) => sum + camera.power_w, 0).toFixed(1)} W` : "–";
+  const modelled = watts.some((camera) => !camera.measured) ? "~" : "";
+  byId("power").textContent = watts.length ? `${modelled}${watts.reduce((sum, camera) => sum + camera.power_w, 0).toFixed(1)} W` : "–";
   const rows = status.cameras.map((camera) => {
     const row = document.createElement("tr");
     for (const [, text] of COLUMNS) row.insertCell().append(text(camera));
@@ -187,7 +189,7 @@ function showState() {
   const late = (performance.now() - cameAt) / 1000, pill = byId("state");
   const word = mode === "past" ? "past" : socket && socket.readyState === 1 ? (late < QUIET_S ? "live" : "no slots") : "no connection";
   pill.textContent = word;
-  if (mode === "live") notice(status ? "" : "Waiting for the edge: it does not run, or is getting ready, which takes minutes the first time.");
+  if (mode === "live") notice(status ? "" : "Waiting for the edge. It is not running, or still starting: the first start compiles for one to two minutes.");
   pill.className = `pill ${{ past: "past", live: "live" }[word] || "off"}`;
 }
 
@@ -336,7 +338,7 @@ async function start() {
   try {
     room = await ask("/api/site");
   } catch (error) {
-    notice(`${error.message}. Open the address that \`e3pose view\` printed.`);
+    notice(`${error.message}. Open the whole address that e3pose view printed, with the token.`);
     byId("state").textContent = "no access";
     byId("state").className = "pill off";
     return;
@@ -345,17 +347,29 @@ async function start() {
   byId("site").textContent = room.site;
   const head = byId("table").tHead.insertRow();
   const extra = mayControl() ? ["", "", ...(room.pictures ? [""] : [])] : [];
-  for (const name of [...COLUMNS.map(([name]) => name), ...extra]) {
+  for (const [name, , meaning] of [...COLUMNS, ...extra.map((name) => [name])]) {
     const cell = document.createElement("th");
     cell.append(name);
     head.append(cell);
+    if (!meaning) continue;
+    cell.title = meaning;
+    const [term, text] = ["dt", "dd"].map((kind) => document.createElement(kind));
+    term.append(name);
+    text.append(meaning);
+    byId("meanings").append(term, text);
   }
   byId("control").hidden = !mayControl();
   scene = makeScene(byId("scene"), room, toDraw);
   for (const box of ["sure", "trails"]) byId(box).addEventListener("change", scene.touch);
   byId("live").addEventListener("click", goLive);
   byId("picture-off").addEventListener("click", () => look(""));
-  byId("play").addEventListener("click", () => ((playing = !playing), (byId("play").textContent = playing ? "❚❚" : "▶")));
+  byId("play").addEventListener("click", () => setPlaying(!playing));
+  document.addEventListener("keydown", (event) => {
+    if (event.key !== " " || mode !== "past" || ["BUTTON", "SUMMARY"].includes(event.target.tagName)) return;
+    if (event.target.tagName === "INPUT" && event.target.type !== "range") return;
+    event.preventDefault();
+    setPlaying(!playing);
+  });
   byId("scrub").addEventListener("input", () => {
     const share = byId("scrub").value / 1000;
     if (share >= 1) goLive();
