@@ -57,7 +57,7 @@ def test_lenses_are_measured_told_and_written(
     assert not rig.placed and rig.camera_ids == ("left",)
     assert rig.cameras[0].K[0, 0] == pytest.approx(600, rel=0.01)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert run("calibrate", "intrinsics", f"door={pictures}", dest, "--json") == 0
+    assert run("calibrate", "intrinsics", f"door={pictures}", dest, "--json", "-") == 0
     (camera,) = json.loads(capsys.readouterr().out)["cameras"]
     assert camera["camera"] == "door" and camera["frames_with_board"] == 7
     assert camera["reprojection_error_px"] < 0.5

@@ -42,7 +42,7 @@ def test_people_calibrate_a_bare_recording(
     assert "it is not known where the cameras stand" in capsys.readouterr().err
     assert run("info", bare) == 0
     assert "e3pose calibrate extrinsics" in capsys.readouterr().out
-    words = ("--json", "--update", "--height", "171cm")
+    words = ("--json", "-", "--update", "--height", "171cm")
     assert run("calibrate", "extrinsics", bare, dest, *words) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["source"] == "people" and len(told["cameras"]) == 4
@@ -125,12 +125,12 @@ def test_sync_says_by_how_much_a_live_camera_is_late(
     late_s = np.zeros(len(recording.rig))
     late_s[1] = 0.16  # of slots of 0.1 s
     save_recording(with_offsets(recording, late_s), tmp_path / "late")
-    assert run("sync", tmp_path / "late", "--max-shift", "1", "--json") == 0
+    assert run("sync", tmp_path / "late", "--max-shift", "1", "--json", "-") == 0
     delays_ms = json.loads(capsys.readouterr().out)["delays_ms"]
     assert delays_ms.pop("cam1") == pytest.approx(160, abs=25)  # a quarter of a slot
     assert all(0 <= delay_ms < 25 for delay_ms in delays_ms.values())
     assert run("sync", tmp_path / "late", "--max-shift", "1") == 0
-    assert "to add to their delay_ms: cam0" in capsys.readouterr().out
+    assert "add to the delay_ms of the cameras: cam0" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_one_camera_is_placed_anew_from_what_a_site_recorded(
     assert 'set record = "keypoints"' in capsys.readouterr().err
     save_recording(turned, tmp_path / "room" / "recordings" / "20260101T000000Z.partial")
     kept = (tmp_path / "room" / "rig.toml").read_bytes()
-    assert run("calibrate", "extrinsics", site, "--only", "cam2", "--json") == 0
+    assert run("calibrate", "extrinsics", site, "--only", "cam2", "--json", "-") == 0
     told = json.loads(capsys.readouterr().out)
     assert told["turned_deg"] == pytest.approx(2.0, abs=0.3)
     assert (tmp_path / "room" / "rig.before.toml").read_bytes() == kept

@@ -17,7 +17,7 @@ from tests.waiting import eventually
 from e3pose.errors import InputError
 from e3pose.wire.access import Certificates, Link, check_link
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
-from e3pose.wire.network import NetworkTransport, open_network
+from e3pose.wire.network import NetworkTransport, check_port, open_network
 
 SILENCE_S = 0.4  # how long to wait for what must not come
 
@@ -280,9 +280,22 @@ def test_port_that_is_taken_is_told_with_what_to_do() -> None:
         with pytest.raises(InputError) as told:
             open_network(Link("edge", "lab", f"tcp/127.0.0.1:{port}"))
     assert str(told.value) == (
-        f"endpoint tcp/127.0.0.1:{port}: port {port} is in use, expected a free one: end the "
-        f"program that has it (`ss -ltnp 'sport = :{port}'` names it), or choose another port"
+        f"endpoint tcp/127.0.0.1:{port}: port {port} is in use: stop the program that has it "
+        f"(`ss -ltnp 'sport = :{port}'` names it), such as another run of this site, or choose "
+        "another port"
     )
+
+
+def test_port_is_checked_without_opening_it() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        check_port(endpoint)  # nobody listens yet
+        taken.listen()
+        with pytest.raises(InputError, match="is in use: stop the program"):
+            check_port(endpoint)
+    check_port(endpoint)
+    check_port("tls/no.such.host.invalid:7447")  # said when it is opened
 
 
 def test_what_is_wrong_with_an_endpoint_names_no_foreign_source(tmp_path: Path) -> None:

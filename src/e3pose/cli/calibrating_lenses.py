@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole
+from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
@@ -31,25 +31,24 @@ def board(
 
     Example: `e3pose calibrate board --paper a3`
 
-    Print it at 100 % ("actual size"), check the bar with a ruler, and glue it to something flat.
-    The farther the cameras, the larger the squares must be: 36 mm (A4) is read up to about 3 m by
-    a 1080p camera of 70 degrees, 54 mm (A3) up to 5 m.
+    Print it at 100 % ("actual size"), check the bar with a ruler, and glue the page to something
+    flat and stiff. Distant cameras need large squares: a 1080p camera with 70 degrees field of view
+    reads 36 mm (A4) up to about 3 m, 54 mm (A3) up to about 5 m.
 
     Parameters
     ----------
     name
-        The files are NAME.pdf and NAME.svg.
+        Files to write, without the suffix: NAME.pdf and NAME.svg.
     paper
-        What to print on.
+        Paper size.
     kind
-        A ChArUco board is found when part of it is hidden or outside the picture; a chessboard is
-        not.
+        Board type. A ChArUco board may be partly hidden or outside the image, a chessboard may not.
     columns
         Squares across.
     rows
-        Squares down; 7, and 8 for a chessboard.
+        Squares down. Default: 7; 8 for a chessboard.
     square
-        Side of a square in millimetres; as large as fits by default.
+        Side of a square in millimetres. Default: as large as fits on the paper.
     """
     from e3pose.calibrate.board import Board
     from e3pose.calibrate.board_page import as_pdf, as_svg, draw_page, largest_square_mm
@@ -81,33 +80,32 @@ def intrinsics(
     model: Literal["auto", "pinhole", "pinhole-k3", "fisheye"] = "auto",
     frames: Whole = 300,
     picture: Path | None = None,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFile = None,
 ) -> None:
     """Calibrate the lens of each camera from videos or images of a board.
 
     Example: `e3pose calibrate intrinsics cam1.mp4 cam2.mp4 lenses.toml --picture coverage.png`
 
-    Film the board for half a minute with each camera: near enough to fill a third of the picture,
-    slowly through all parts of it, the corners of the picture too, tilted to all sides. Focus and
-    zoom must be locked, and stay as they are from then on.
+    Lock focus and zoom first, and do not change them afterwards. Film the board for half a minute
+    with each camera: so near that it fills a third of the image, moved slowly through all parts of
+    the image including its corners, and tilted in all directions.
 
     Parameters
     ----------
     paths
-        VIDEO... DEST: films, or folders of pictures, then the calibration file (.toml) to write.
-        CAMERA=PATH names a camera; without it, the file's name does.
+        VIDEO... DEST: videos or folders of images, then the calibration file (.toml) to write.
+        CAMERA=PATH names the camera. Default: the file name.
     board
-        The name that is printed on the board: kind, squares across x down, side of a square as
-        measured.
+        Board name, as printed on it: type, squares across x down, measured side of a square.
     model
-        The lens: `pinhole` (k1 k2 p1 p2), `pinhole-k3` or `fisheye`; `auto` takes the one that
-        errs least in views that it was not fitted to.
+        Lens model: `pinhole` (k1 k2 p1 p2), `pinhole-k3` or `fisheye`. `auto` takes the one with
+        the least error on views that were not used for the fit.
     frames
-        Search so many frames of each film, evenly spread.
+        Number of frames to search in each video, evenly spread.
     picture
-        Draw where the corners were and how large their errors are, a .png or .svg file.
+        Draw the board corners and their errors here (.png or .svg).
     json_output
-        Print JSON in the place of lines.
+        Write the result here as JSON; - is standard output, which then contains nothing else.
     """
     from e3pose.calibrate.board import Board
     from e3pose.calibrate.board_views import find_board
@@ -146,8 +144,8 @@ def intrinsics(
     save_rig(Rig(tuple(report.fit.camera for report in reports), placed=False), dest)
     if picture is not None:
         draw_coverage(picture, reports)
-    if json_output:
-        print(json.dumps({"cameras": [as_values(report) for report in reports]}, indent=2))
+    write_json(json_output, {"cameras": [as_values(report) for report in reports]})
+    if is_stdout(json_output):
         return
     for report in reports:
         print("\n".join(as_lines(report)))

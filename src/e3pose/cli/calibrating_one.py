@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from e3pose.cli.calibrating_lenses import toml_path
+from e3pose.cli.output import is_stdout, write_json
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
@@ -20,7 +20,7 @@ ENOUGH_S = 20.0  # of looks by the camera
 
 
 def place_again(
-    paths: Sequence[str], camera_id: str, seconds: float, noise: str | None, as_json: bool
+    paths: Sequence[str], camera_id: str, seconds: float, noise: str | None, json_path: Path | None
 ) -> None:
     """Place one camera of a site or a recording anew, and write the calibration.
 
@@ -29,7 +29,7 @@ def place_again(
         camera_id: which camera.
         seconds: how much to use, from the end.
         noise: name or file of the noise model; by default the detector's.
-        as_json: print JSON in the place of lines.
+        json_path: where to write the result as JSON; `-` is standard output.
     """
     from e3pose.calibrate.one_camera import place_one
     from e3pose.model.noises import detector_of, load_noise
@@ -49,25 +49,25 @@ def place_again(
     found = place_one(recording, load_noise(noise or detector_of(recording)), rig, camera_id)
     kept = _set_aside(dest)
     save_rig(found.rig, dest)
-    if as_json:
-        values = {
-            "camera": camera_id,
-            "turned_deg": found.degrees,
-            "moved_m": found.metres,
-            "reprojection_error_px": found.error_px,
-            "inliers": found.inliers,
-            "joints": found.points,
-        }
-        print(json.dumps(values, indent=2))
+    values = {
+        "camera": camera_id,
+        "turned_deg": found.degrees,
+        "moved_m": found.metres,
+        "reprojection_error_px": found.error_px,
+        "inliers": found.inliers,
+        "joints": found.points,
+    }
+    write_json(json_path, values)
+    if is_stdout(json_path):
         return
     print(
         f"{camera_id}: turned by {found.degrees:.2f} degrees, moved by {1000 * found.metres:.0f} "
         f"mm; {found.error_px:.1f} px, {100 * (1 - found.inliers):.0f} % outliers of {found.points}"
     )
-    before = f"; the one before is {kept}" if kept else ""
-    print(f"{dest}: written, the other cameras as they were{before}")
+    before = f"; the previous file is {kept}" if kept else ""
+    print(f"Wrote {dest}: the other cameras as they were{before}")
     if len(paths) == 1:
-        print("restart the edge to use it")
+        print("Restart the edge to use it.")
 
 
 def _of_recording(path: Path, seconds: float) -> tuple[Recording, Rig]:

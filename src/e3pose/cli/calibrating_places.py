@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
 from e3pose.cli.options import as_typed
+from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 from e3pose.quantities import length_m, plural
@@ -39,7 +39,7 @@ def extrinsics(
     noise: str | None = None,
     update: Annotated[bool, Parameter(negative="")] = False,
     only: str | None = None,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFile = None,
 ) -> None:
     """Calibrate camera positions and orientations from a board, a ball, a wand or people.
 
@@ -94,7 +94,7 @@ def extrinsics(
         Place this camera alone, which was knocked, by the people whom the others see with it: of a
         recording made with the calibration, or of what a site keeps with `record = "keypoints"`.
     json_output
-        Print JSON in the place of lines.
+        Write the result here as JSON; - is standard output, which then contains nothing else.
     """
     from e3pose.calibrate.recordings import known_lenses
     from e3pose.recording.calibration import load_rig, save_rig
@@ -124,6 +124,8 @@ def extrinsics(
         places = _people(first, lenses, start, known, seconds, noise)
     elif start is not None:
         raise InputError("--start: expected only with a recording")
+    elif lenses is None and len(sources) == 1 and not first.exists():
+        raise InputError(f"{first}: file not found, expected a recording, or videos of two cameras")
     elif lenses is None:
         raise InputError(
             "--intrinsics: found none, expected the file of e3pose calibrate intrinsics"
@@ -135,11 +137,10 @@ def extrinsics(
     save_rig(known_lenses(places.rig), dest)
     if update:
         save_rig(known_lenses(places.rig), first / "calibration.toml")
-    if json_output:
-        print(json.dumps(_values(places), indent=2))
-    else:
+    write_json(json_output, _values(places))
+    if not is_stdout(json_output):
         print("\n".join(_lines(places)))
-        print(f"{dest}: {len(places.rig)} cameras, metres, z up")
+        wrote(dest, f"{len(places.rig)} cameras, metres, z up")
 
 
 def _people(

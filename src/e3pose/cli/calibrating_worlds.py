@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +10,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
 from e3pose.cli.options import as_typed
+from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 from e3pose.quantities import length_m
@@ -43,9 +43,9 @@ def align(
 
     Example: `e3pose calibrate align walk rig.toml --x-axis cam1`
 
-    With a recording, vertical and floor are those of the people: upright bodies, feet at rest. Or
-    turn a calibration whose up is another axis (`--up=y`, `--up=-y`); or lay the board on the floor
-    and give one or more cameras' pictures of it; or name three points of the floor.
+    With a recording of people, the vertical comes from upright bodies and the floor from resting
+    feet. Without one: --up if another axis points up, --floor for images of the board lying on the
+    floor, or --points for three points of the floor.
 
     Parameters
     ----------
@@ -54,24 +54,24 @@ def align(
     dest
         The calibration file (.toml) to write.
     up
-        The axis that points up in SOURCE: x, y, z, -x, -y or -z.
+        Axis that points up in SOURCE: x, y, z, -x, -y or -z.
     floor
-        CAMERA=PICTURE of the board that lies on the floor; once per camera.
+        CAMERA=IMAGE: an image of the board lying on the floor; repeatable.
     board
-        The board's name, as printed on it.
+        Board name, as printed on it.
     points
-        x,y,z in metres as SOURCE has them, three times: the origin, a point on the x axis, another
-        point of the floor to the left of it.
+        x,y,z in metres in the world of SOURCE; give it three times: the origin, a point on the x
+        axis, and another point of the floor to the left of it.
     height
-        How tall the people are, for how high an ankle is above the floor.
+        Body height of the people, from which the height of their ankles follows.
     origin
-        `keep`, x,y in metres, or a camera: the floor below it.
+        New origin: `keep`, x,y in metres, or a camera (the floor below it).
     x_axis
         `keep`, or the camera to which the x axis points.
     seconds
-        With a recording: how much of it to use.
+        With a recording: use this many seconds from its start.
     update
-        With a recording: put the calibration into it too.
+        With a recording: also replace its calibration.
     """
     from e3pose.calibrate.align import STAY, from_axis, with_origin
     from e3pose.recording.calibration import load_rig, save_rig
@@ -121,35 +121,37 @@ def align(
 
 def check(
     recording: Path,
+    /,
     *,
     calibration: Path | None = None,
     picture: Path | None = None,
     seconds: float = 120.0,
     noise: str | None = None,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFile = None,
 ) -> None:
     """Check a calibration with a recording of people: errors in pixels and in millimetres.
 
     Example: `e3pose calibrate check walk --picture error.png`
 
-    Each camera is compared with the people that the others place. The expected 3D error over the
-    room is that of the keypoints' noise, together with how far people would be placed elsewhere if
-    the cameras stood where these same people put them.
+    Each camera is compared with the people that the other cameras triangulate (leave-one-out). The
+    expected 3D error over the floor has two parts: keypoint noise, and the difference from a
+    calibration that is refined on these people. Use a recording that the calibration was not
+    made from.
 
     Parameters
     ----------
     recording
-        People who walk through the room, detected.
+        Recording folder: people who walk through the whole room.
     calibration
-        Judge this one in the place of the recording's own.
+        Calibration file to check instead of the recording's own.
     picture
-        Draw the expected error over the floor here, a .png or .svg file.
+        Draw a map of the expected error over the floor here (.png or .svg).
     seconds
-        How much of the recording to use, from its start.
+        Use this many seconds from the start of the recording.
     noise
-        How far off its detector's keypoints are, as for `e3pose replay`.
+        Keypoint noise model, as in `e3pose replay`.
     json_output
-        Print JSON in the place of lines.
+        Write the result here as JSON; - is standard output, which then contains nothing else.
     """
     from dataclasses import replace
 
@@ -177,9 +179,8 @@ def check(
         found = judge(loaded, load_noise(noise or detector_of(loaded)), progress)
     if picture is not None:
         draw_error(picture, found.room, loaded.rig)
-    if json_output:
-        print(json.dumps(_values(loaded.rig, found), indent=2))
-    else:
+    write_json(json_output, _values(loaded.rig, found))
+    if not is_stdout(json_output):
         print("\n".join(_lines(loaded.rig, found)))
 
 

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 SHOWN_ROWS = 40
 OPTIONS = {"site": "--site", "run": "--run", "joint": "--joint", "time": "--from, --to"}
-TOO_WIDE = ("joints",)  # for a terminal; files have them
+TOO_WIDE = ("joints", "number")  # or of no use, on a terminal; files have them
 KEYS = ("run", "run_id", "slot", "time", "track", "joint")  # which every table begins with
+FIRST = ("message",)  # of the other columns
 TEXTS = ("time", "joint", "message", "kind", "camera_id", "source")
 
 
@@ -183,6 +184,7 @@ def _show(
     if title:  # the date is the same in every row
         cells["time"] = [time[11:23] for time in cells["time"]]
     keys = {name: cells.pop(name) for name in KEYS if name in cells}
+    cells = {**{name: cells[name] for name in FIRST if name in cells}, **cells}
     for table in fitted_tables(keys, cells, console.width, title, left=TEXTS):
         console.print(table)
     if more:

@@ -250,13 +250,13 @@ def up(
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.screen import screen
     from e3pose.site.up import Program, camera_command, edge_command, run_site, view_command
-    from e3pose.wire.network import open_network
+    from e3pose.wire.network import check_port, open_network
 
     if example:
         make_example(site)
     table = _delayed(load_site(site), delay)
     checked = check_edge(table)  # what is wrong is told here, not in a log
-    edge_link(table)
+    check_port(edge_link(table)[0].endpoint)
     warn(checked.world_warning())
     rig = checked.rig
     _check_looks(table, checked)

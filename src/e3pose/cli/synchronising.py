@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from cyclopts import Parameter
 
+from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
 
@@ -20,40 +20,42 @@ if TYPE_CHECKING:
 def sync(
     recording: Path,
     dest: Path | None = None,
+    /,
     *,
     calibration: Path | None = None,
     max_shift: float = 10.0,
     seconds: float = 60.0,
     noise: str | None = None,
     overwrite: Annotated[bool, Parameter(negative="")] = False,
-    json_output: Annotated[bool, Parameter(name="--json", negative="")] = False,
+    json_output: JsonFile = None,
 ) -> None:
     """Synchronise the cameras of a recording by the motion of the people in it.
 
     Example: `e3pose sync walk walk-in-step`
 
-    Works with and without a calibration, to about a quarter of a frame where people are seen by
-    pairs of cameras for half a minute. Run `e3pose detect` again with the offsets that it prints,
-    or let it write the recording anew.
+    Cameras that did not start together, or that deliver frames with a constant delay, are found
+    from the people that they see at the same time; half a minute gives about a quarter of a frame.
+    It works with and without a calibration. The command prints the offsets for `e3pose detect`
+    and `e3pose calibrate extrinsics`, and the `delay_ms` of live cameras.
 
     Parameters
     ----------
     recording
-        The films' people, from `e3pose detect`.
+        Recording folder, from `e3pose detect` or `e3pose record`.
     dest
-        Write the recording here, each view in the slot in which it was taken.
+        Write the synchronised recording here: each view in the slot in which it was taken.
     calibration
-        Where the cameras stand, in the place of the recording's own.
+        Calibration file to use instead of the recording's own.
     max_shift
-        The films began at most so many seconds apart.
+        Maximum difference between the start times, in seconds.
     seconds
-        How much of the recording to use, from its start.
+        Use this many seconds from the start of the recording.
     noise
-        How far off its detector's keypoints are, as for `e3pose replay`.
+        Keypoint noise model, as in `e3pose replay`.
     overwrite
         Replace DEST if it exists.
     json_output
-        Print JSON in the place of lines.
+        Write the result here as JSON; - is standard output, which then contains nothing else.
     """
     from dataclasses import replace
 
@@ -81,8 +83,8 @@ def sync(
         found = synchronise(used, load_noise(noise or detector_of(loaded)), max_shift, progress)
     if dest is not None:
         save_recording(with_offsets(loaded, found.offsets_s), dest, overwrite)
-    if json_output:
-        print(json.dumps(_values(loaded, found), indent=2))
+    write_json(json_output, _values(loaded, found))
+    if is_stdout(json_output):
         return
     for name, offset_s, sure_s in zip(
         loaded.rig.camera_ids, found.offsets_s, found.sure_s, strict=True
@@ -94,14 +96,14 @@ def sync(
         f"--offset {name}={offset_s:.4f}"
         for name, offset_s in zip(loaded.rig.camera_ids, found.offsets_s, strict=True)
     )
-    print(f"for e3pose detect and e3pose calibrate extrinsics: {options}")
+    print(f"Options of e3pose detect and e3pose calibrate extrinsics: {options}")
     delays = ", ".join(
         f"{name} {delay_ms:.0f}"
         for name, delay_ms in zip(loaded.rig.camera_ids, found.delays_ms, strict=True)
     )
-    print(f"for cameras of a live site, to add to their delay_ms: {delays}")
+    print(f"In a live site, add to the delay_ms of the cameras: {delays}")
     if dest is not None:
-        print(f"{dest}: written with the views in the slots in which they were taken")
+        wrote(dest, "each view in the slot in which it was taken")
 
 
 def _values(recording: Recording, found: Synchrony) -> dict[str, object]:

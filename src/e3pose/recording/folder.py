@@ -73,6 +73,8 @@ def load_recording(path: Path | str) -> Recording:
     if not folder.is_dir():
         what = "a file, expected a recording folder" if folder.exists() else "no such folder"
         raise InputError(f"{folder}: found {what}")
+    if not (folder / HEADER).exists():
+        raise InputError(f"{folder}: found a folder without {HEADER}, expected a recording folder")
     header = _read_header(folder / HEADER)
     rig = load_rig(folder / RIG)
     skeleton = _skeleton(folder / HEADER, header.skeleton)

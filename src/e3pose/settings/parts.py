@@ -231,8 +231,8 @@ def noise_warning(place: Place, settings: LoopSettings) -> str:
             f'version = 3 and detector = "{name}" into its recording.toml, or use --noise'
         )
     return (
-        "no noise file is known for this detector: OpenPose's, half as large again, is assumed "
-        "at first, and what each camera's keypoints are like is learned; --noise names a file"
+        "no noise model for this detector: starts with OpenPose's, 1.5 times as large, and learns "
+        "the noise of each camera; measure one with e3pose calibrate noise, then set --noise"
     )
 
 

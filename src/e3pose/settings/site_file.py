@@ -321,6 +321,11 @@ def load_site(named: Path) -> SiteTable:
         path = path / SITE_FILE
         if not path.exists():
             raise InputError(str(named), f"a folder without {SITE_FILE}", "one that has it")
+    if not path.exists():
+        raise InputError(
+            f"{path}: file not found, expected a site file or its folder; create one with "
+            f"e3pose init {path.parent if path.suffix else path}"
+        )
     table = read_toml(path, MAX_BYTES)
     try:
         return read_site(table, path)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
+import socket
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
@@ -114,14 +116,36 @@ def open_network(
     return NetworkTransport(session)
 
 
+def check_port(endpoint: str) -> None:
+    """Raise `InputError` if another program listens at an endpoint of this machine."""
+    _, host, port = split_endpoint(endpoint)
+    try:
+        family, _, _, _, address = socket.getaddrinfo(
+            host.strip("[]"), port, type=socket.SOCK_STREAM
+        )[0]
+    except OSError:
+        return  # said when it is opened
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(address)
+        except OSError as error:
+            if error.errno == errno.EADDRINUSE:
+                raise InputError(f"endpoint {endpoint}: {_in_use(port)}") from None
+
+
+def _in_use(port: int) -> str:
+    return (
+        f"port {port} is in use: stop the program that has it (`ss -ltnp 'sport = :{port}'` "
+        "names it), such as another run of this site, or choose another port"
+    )
+
+
 def _reason(link: Link, said: str) -> str:
     """Return why an endpoint cannot be used, and what to do, from what Zenoh says."""
     _, host, port = split_endpoint(link.endpoint)
     if "os error 98" in said:
-        return (
-            f"port {port} is in use, expected a free one: end the program that has it "
-            f"(`ss -ltnp 'sport = :{port}'` names it), or choose another port"
-        )
+        return _in_use(port)
     if "os error 99" in said:
         return f"{host} is no address of this machine, expected one of its own or 0.0.0.0"
     # Zenoh names the places in its source where it failed.

@@ -24,7 +24,7 @@ def recording() -> Recording:
 
 def test_unknown_detector_is_told_of(recording: Recording) -> None:
     unknown = replace(recording, detector="a network of our own")
-    assert "no noise file is known" in noise_warning(unknown, ReplaySettings())
+    assert "no noise model for this detector" in noise_warning(unknown, ReplaySettings())
     assert noise_warning(unknown, ReplaySettings(noise="openpose")) == ""
     assert noise_warning(unknown, ReplaySettings(pipeline="paper")) == ""
     assert noise_warning(recording, ReplaySettings()) == ""

@@ -248,8 +248,8 @@ def _listen(address: Address) -> socket.socket:
         listening.close()
         if error.errno == errno.EADDRINUSE:
             raise InputError(
-                f"port {address.port} is in use, expected a free one: end the program that has it "
-                f"(`ss -ltnp 'sport = :{address.port}'` names it), or choose another with --listen"
+                f"port {address.port} is in use: stop the program that has it (`ss -ltnp 'sport = "
+                f":{address.port}'` names it), or choose another with --listen"
             ) from None
         raise InputError(
             "--listen", f"{address.host}:{address.port}", "an address of this machine"

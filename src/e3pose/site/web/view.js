@@ -346,7 +346,7 @@ async function start() {
   document.title = `${room.site} · e3pose`;
   byId("site").textContent = room.site;
   const head = byId("table").tHead.insertRow();
-  const extra = mayControl() ? ["", "", ...(room.pictures ? [""] : [])] : [];
+  const extra = mayControl() ? ["control", ...(room.pictures ? ["picture"] : []), "budget"] : [];
   for (const [name, , meaning] of [...COLUMNS, ...extra.map((name) => [name])]) {
     const cell = document.createElement("th");
     cell.append(name);

@@ -219,6 +219,10 @@ def read_roll(folder: Path) -> Roll:
         InputError: when it is missing or not what it should be.
     """
     path = folder / LIST
+    if not path.exists():
+        raise InputError(
+            f"{path}: file not found, expected the folder of e3pose keys init; --keys names another"
+        )
     table = read_toml(path, MAX_LIST_BYTES)
     if table.get("format") != FORMAT or table.get("version") != 1:
         raise InputError(f"{path}: expected format {FORMAT!r}, version 1")
