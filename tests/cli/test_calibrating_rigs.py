@@ -115,7 +115,7 @@ RIG = "calibration.toml"
 def test_sync_of_films_in_step_says_so(folders: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("sync", folders / "known", folders / "again", "--max-shift", "1") == 0
     printed = capsys.readouterr().out
-    assert "--offset cam0=0.0000" in printed and "again: written" in printed
+    assert "--offset cam0=0.0000" in printed and "again: each view in the slot" in printed
     assert load_recording(folders / "again").num_slots == 120
 
 

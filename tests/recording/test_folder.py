@@ -176,7 +176,7 @@ TOML, VIEW, TRUTH = "recording.toml", "keypoints/cam1.jsonl", "truth.jsonl"
     ("break_it", "message"),
     [
         (lambda folder: shutil.rmtree(folder), "rec: found no such folder"),
-        (_remove(TOML), r"recording.toml: file not found"),
+        (_remove(TOML), r"found a folder without recording.toml"),
         (_write(TOML, b""), "recording.toml: format: found 'None'"),
         (_cut(TOML, 0.3), "recording.toml: "),
         (_write(TOML, b"\xff\xfe\x00"), "recording.toml: .*TOML"),

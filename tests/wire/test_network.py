@@ -288,6 +288,7 @@ def test_port_that_is_taken_is_told_with_what_to_do() -> None:
 
 def test_port_is_checked_without_opening_it() -> None:
     with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         taken.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         check_port(endpoint)  # nobody listens yet
@@ -295,7 +296,7 @@ def test_port_is_checked_without_opening_it() -> None:
         with pytest.raises(InputError, match="is in use: stop the program"):
             check_port(endpoint)
     check_port(endpoint)
-    check_port("tls/no.such.host.invalid:7447")  # said when it is opened
+    check_port("tls/192.0.2.1:7447")  # of another machine: said when it is opened
 
 
 def test_what_is_wrong_with_an_endpoint_names_no_foreign_source(tmp_path: Path) -> None:
