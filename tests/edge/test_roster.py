@@ -49,8 +49,8 @@ def test_camera_that_is_well_can_be_chosen() -> None:
     [
         (CameraLife("cam1"), "never connected"),
         (come_or_go(well(), False, NOW), "not connected"),
-        (hear(CameraLife("cam1"), NOW), "waiting for its first hello"),
-        (greet(CameraLife("cam1"), HELLO, NOW), "waiting for its first heartbeat"),
+        (hear(CameraLife("cam1"), NOW), "connecting"),
+        (greet(CameraLife("cam1"), HELLO, NOW), "connected, waiting for its first status"),
     ],
 )
 def test_incomplete_camera_says_what_is_missing(life: CameraLife, told: str) -> None:
@@ -202,5 +202,5 @@ def test_flood_is_noticed_and_ends_with_its_second() -> None:
 
 def test_restarted_program_is_counted_and_begins_anew() -> None:
     again = greet(well(), Hello("cam1", 6, JOINTS, SIZE, 25.0), NOW)
-    assert again.restarts == 1 and why(again) == "waiting for its first heartbeat"
+    assert again.restarts == 1 and why(again) == "connected, waiting for its first status"
     assert greet(well(), HELLO, NOW).restarts == 0

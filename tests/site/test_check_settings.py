@@ -123,7 +123,7 @@ def test_rate_and_deadline_are_compared_with_what_looks_take(
     fps: float, deadline_ms: float, what: str, level: str
 ) -> None:
     found = looked(fps, deadline_ms)
-    assert found["network"].found == "100 ms a look, 200 ms while all cameras look"
+    assert found["network"].found == "100 ms per detection, 200 ms with all cameras"
     assert (found[what].level if what in found else "") == level
 
 

@@ -284,7 +284,7 @@ def from_people(
             floor = floor_from_people(people.scaled(move.scale, move.R, move.t))
             move, world = floor.move @ move, "floor and vertical from standing people"
             if not floor.tilted:
-                notes.append("people stood in one place: the vertical is theirs, less sure")
+                notes.append("people stood still in one place only: the vertical is less certain")
         except InputError as error:
             placed = move.rig(rig)
             move, world = guess(placed) @ move, "guessed from level cameras"

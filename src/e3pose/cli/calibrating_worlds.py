@@ -201,7 +201,10 @@ def _people_floor(path: Path, stature_m: float, seconds: float) -> tuple[Move, s
         f"floor and vertical of people ({floor.moments} upright moments, standing ankles spread "
         f"by {1000 * floor.spread_m:.0f} mm)"
     )
-    return floor.move, words if floor.tilted else f"{words}; they stood in one place"
+    return (
+        floor.move,
+        words if floor.tilted else f"{words}; in one place only, so the vertical is less certain",
+    )
 
 
 def _board_floor(rig: Rig, pictures: list[str], name: str) -> Move:

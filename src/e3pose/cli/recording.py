@@ -70,7 +70,7 @@ def record(
     times = measure_looks(table, rig, again=False)
     if times is not None and (slower := with_time_for_all(table, times)) != table:
         rate, pace = f"{slower.fps:.3g} slots per second", f" at pace {slower.pace:g}"
-        print(f"so that all cameras can look: {rate}{pace if slower.pace != 1 else ''}")
+        print(f"With all cameras active: {rate}{pace if slower.pace != 1 else ''}")
         table = slower
     folder = logs or table.path.parent / "logs"
     local = [name for name, camera in table.cameras_of(rig).items() if camera.source]
@@ -117,7 +117,7 @@ def _progress(server: RecordServer) -> str:
     seconds = server.slots / server.plan.fps
     ids = server.plan.rig.camera_ids
     seen = ", ".join(f"{i} {n}" for i, n in zip(ids, server.people.tolist(), strict=True))
-    return f"{seconds:.0f} s recorded; people seen: {seen}"
+    return f"{seconds:.0f} s recorded; detections of people: {seen}"
 
 
 def _tell(server: RecordServer, table: SiteTable) -> None:
@@ -129,9 +129,9 @@ def _tell(server: RecordServer, table: SiteTable) -> None:
     print(f"Wrote {server.written}: {slots} at {plan.fps:g} per second")
     for index, camera_id in enumerate(plan.rig.camera_ids):
         views, people = int(server.views[index]), int(server.people[index])
-        print(f"  {camera_id}: {plural(views, 'view')}, {plural(people, 'person', 'people')} seen")
+        print(f"  {camera_id}: {plural(views, 'view')}, {plural(people, 'detection')} of people")
     if (server.views < server.slots / 2).any():
-        print("  some cameras missed half of the slots: is fps too high? `e3pose check` measures")
+        print("  some cameras missed half of the slots: is fps too high? See e3pose check")
     if not plan.rig.placed:
         calibration = table.near(table.calibration)
-        print(f"next: e3pose calibrate extrinsics {server.written} {calibration} --update")
+        print(f"Next: e3pose calibrate extrinsics {server.written} {calibration} --update")

@@ -205,8 +205,8 @@ def _measured(network: str, provider: str, threads: int, probes: dict[str, Probe
         times = time_looks(lookers)
     alone_ms, all_ms = 1000 * times.alone_s.max(), 1000 * times.together_s.max()
     print(
-        f"{network}, {plural(threads, 'thread')} each: {alone_ms:.3g} ms a look, {all_ms:.3g} ms "
-        f"while all {len(lookers)} look, {times.rate:.3g} looks per second"
+        f"{network}, {plural(threads, 'thread')} each: {alone_ms:.3g} ms per detection, "
+        f"{all_ms:.3g} ms while all {len(lookers)} cameras detect, {times.rate:.3g} per second"
     )
     return times
 

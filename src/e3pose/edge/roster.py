@@ -163,7 +163,7 @@ def trouble(
     if now_ns < life.quarantined_until_ns:
         return f"sends invalid messages ({life.fault})"
     if life.hello is None:  # without a frame it cannot know, and may say why
-        return (life.beat.problem if life.beat else "") or "waiting for its first hello"
+        return (life.beat.problem if life.beat else "") or "connecting"
     if not serves(life.hello.joints, joints):
         return _other_joints(life.hello.joints, joints)
     if image_size is not None and tuple(life.hello.image_size) != tuple(image_size):
@@ -173,7 +173,7 @@ def trouble(
             f"{image_size[0]} x {image_size[1]}"
         )
     if life.beat is None:
-        return "waiting for its first heartbeat"
+        return "connected, waiting for its first status"
     return _ailing(life, life.beat, now_ns)
 
 

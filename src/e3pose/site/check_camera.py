@@ -81,7 +81,7 @@ def _network(node: NodeTable, size: tuple[int, int] | None) -> Iterator[Finding]
     except InputError as error:
         yield Finding("problem", "network", str(error))
         return
-    found = f"{node.detector}: {1000 * look_s:.0f} ms a look, {1 / look_s:.3g} looks per second"
+    found = f"{node.detector}: {1000 * look_s:.0f} ms per detection, {1 / look_s:.3g} per second"
     yield Finding("ok", "network", f"{found}; the site's fps and deadline_ms must allow for it")
 
 

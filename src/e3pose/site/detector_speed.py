@@ -108,7 +108,7 @@ def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Itera
         num_selected: cameras that look in a slot.
     """
     alone_s, together_s = float(times.alone_s.max()), float(times.together_s.max())
-    looks = f"{1000 * alone_s:.0f} ms a look, {1000 * together_s:.0f} ms while all cameras look"
+    looks = f"{1000 * alone_s:.0f} ms per detection, {1000 * together_s:.0f} ms with all cameras"
     yield Finding("ok", "network", looks)
     needed_ms = 1000 * (alone_s + WAIT_S)
     if site.deadline_ms < needed_ms:
@@ -116,7 +116,7 @@ def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Itera
         yield Finding(
             "problem" if late else "warning",
             "deadline_ms",
-            f"{site.deadline_ms:g} ms, but a look takes {1000 * alone_s:.0f} ms on this machine: "
+            f"{site.deadline_ms:g} ms, but a detection takes {1000 * alone_s:.0f} ms here: "
             f"{'all' if late else 'many'} views would come too late",
             f"deadline_ms = {suggested_deadline_ms(times)}",
         )

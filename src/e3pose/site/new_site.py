@@ -234,11 +234,14 @@ def _timing(choice: Choice) -> list[str]:
     cameras = plural(choice.num_selected, "camera")
     slower = _line(f"pace = {pace:g}", "films are played as slowly as this machine needs")
     return [
-        _line(f"fps = {fps:g}", f"slots; here {times.rate:.3g} looks a second, {cameras} a slot"),
+        _line(
+            f"fps = {fps:g}",
+            f"slots; this machine: {times.rate:.3g} detections per second, {cameras} per slot",
+        ),
         *([slower] if pace != 1 else []),
         _line(
             f"deadline_ms = {deadline_ms}",
-            f"a look takes {alone_ms:.0f} ms, {all_ms:.0f} ms while all cameras look",
+            f"a detection takes {alone_ms:.0f} ms, {all_ms:.0f} ms while all cameras detect",
         ),
     ]
 
