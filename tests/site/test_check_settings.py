@@ -132,7 +132,7 @@ def test_finding_says_what_the_machine_manages_and_what_to_write() -> None:
     assert "manages 20 looks a second, 10 slots with 2 cameras each" in found["fps"].found
     assert "the site asks for 25 slots a second" in found["fps"].found
     assert found["fps"].advice.startswith("fps = 8,")
-    assert "a look takes 100 ms" in found["deadline_ms"].found
+    assert "a detection takes 100 ms" in found["deadline_ms"].found
     mended = looked(suggested_fps(SLOW, 2), suggested_deadline_ms(SLOW))
     assert set(mended) == {"network"}
 
