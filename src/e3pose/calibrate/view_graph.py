@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.geometry.rotations import angles_between, mean_rotation
+from e3pose.geometry.rotations import angles_between, nearest_rotation
 
 Floats = NDArray[np.float64]
 
@@ -100,6 +100,6 @@ def robust_mean(relative: Floats) -> Edge:
     agree = (turn < AGREE_RAD) & (apart < limit[:, None])
     best = int(np.argmax(agree.sum(axis=1)))
     mean = np.eye(4)
-    mean[:3, :3] = mean_rotation(rotations[agree[best]])
+    mean[:3, :3] = nearest_rotation(rotations[agree[best]].mean(axis=0))
     mean[:3, 3] = np.median(shifts[agree[best]], axis=0)
     return Edge(mean, float(agree[best].sum()))

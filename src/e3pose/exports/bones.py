@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.exports.base import person_name, y_up
+from e3pose.geometry.rotations import cross_matrices, nearest_rotation
 from e3pose.model.skeleton import MEANS, Skeleton
 from e3pose.model.take import Motion
 
@@ -171,12 +172,7 @@ def _fit(above: Floats, rest: Floats, wanted: Floats) -> Floats:
     if len(rest) == 1:
         start = np.einsum("fab,b->fa", above, rest[0])
         return _least_rotation(start, wanted[:, 0]) @ above
-    # The least squares rotation of several vectors: of their correlation, by its singular vectors.
-    correlation = np.einsum("fca,cb->fab", wanted, rest)
-    U, _, Vt = np.linalg.svd(correlation)
-    sign = np.linalg.det(U @ Vt)
-    U[:, :, 2] *= sign[:, None]
-    return np.asarray(U @ Vt)
+    return nearest_rotation(np.einsum("fca,cb->fab", wanted, rest))
 
 
 def _least_rotation(start: Floats, end: Floats) -> Floats:
@@ -187,10 +183,7 @@ def _least_rotation(start: Floats, end: Floats) -> Floats:
     other = np.cross(a, np.where(np.abs(a[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]]))
     other /= np.maximum(np.linalg.norm(other, axis=-1, keepdims=True), 1e-9)
     half = 2 * other[:, :, None] * other[:, None, :] - np.eye(3)
-    skew = np.zeros((len(a), 3, 3))
-    for row, column, sign in ((0, 1, -1), (0, 2, 1), (1, 2, -1)):
-        skew[:, row, column] = sign * axis[:, 3 - row - column]
-        skew[:, column, row] = -sign * axis[:, 3 - row - column]
+    skew = cross_matrices(axis)
     back = cosine < -1 + 1e-9
     factor = 1 / np.where(back, 1.0, 1 + cosine)
     turned = np.eye(3) + skew + (skew @ skew) * factor[:, None, None]

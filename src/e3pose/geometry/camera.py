@@ -19,9 +19,10 @@ from e3pose.geometry.camera_fields import (
     ROTATION_TOLERANCE,
     CameraFields,
     check_camera_id,
-    nearest_rotation,
+    orthonormal,
 )
 from e3pose.geometry.distortion import Distortion
+from e3pose.geometry.rotations import cross_matrices
 
 Floats = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ class Camera:
         T_world_camera = np.eye(4)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are refused below
             if np.allclose(rotation @ rotation.T, np.eye(3), atol=ROTATION_TOLERANCE):
-                rotation = nearest_rotation(rotation)
+                rotation = orthonormal(rotation)
             T_world_camera[:3, :3] = rotation.T
             T_world_camera[:3, 3] = -rotation.T @ translation
         return cls(
@@ -310,9 +311,5 @@ class Rig:
         a, b = self.cameras[first], self.cameras[second]
         rotation = b.R @ a.R.T
         translation = b.t - rotation @ a.t
-        essential = _cross_matrix(translation) @ rotation
+        essential = cross_matrices(translation) @ rotation
         return np.asarray(np.linalg.inv(b.K).T @ essential @ np.linalg.inv(a.K), dtype=np.float64)
-
-
-def _cross_matrix(v: Floats) -> Floats:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])

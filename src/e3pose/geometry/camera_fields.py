@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from e3pose.errors import InputError
 from e3pose.geometry.distortion import LENGTHS
+from e3pose.geometry.rotations import nearest_rotation
 
 Floats = NDArray[np.float64]
 
@@ -122,7 +123,7 @@ class CameraFields:
                 "metres within 1 km; is the file in millimetres or centimetres?",
             )
         rigid = np.array(T_world_camera)
-        rigid[:3, :3] = nearest_rotation(rotation)
+        rigid[:3, :3] = orthonormal(rotation)
         rigid.flags.writeable = False
         return rigid
 
@@ -130,9 +131,8 @@ class CameraFields:
         return InputError(f"camera {self.camera_id}: {name}: found {found}, expected {expected}")
 
 
-def nearest_rotation(matrix: Floats) -> Floats:
-    """Return the orthonormal matrix nearest to one that is almost so, or the matrix itself."""
+def orthonormal(matrix: Floats) -> Floats:
+    """Return the rotation nearest to a matrix that is almost one; one that is stays bit by bit."""
     if np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-12:
         return matrix
-    left, _, right = np.linalg.svd(matrix)
-    return np.asarray(left @ right, dtype=np.float64)
+    return nearest_rotation(matrix)

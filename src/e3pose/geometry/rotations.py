@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 Floats = NDArray[np.float64]
 
@@ -19,6 +18,8 @@ def cross_matrices(vectors: Floats) -> Floats:
 
 def angles_between(first: Floats, second: Floats) -> Floats:
     """Return the angles in radians between two stacks of rotations, `(n, 3, 3)` each."""
+    from scipy.spatial.transform import Rotation  # slow to import
+
     return np.asarray(
         Rotation.from_matrix(np.einsum("nij,nkj->nik", first, second)).magnitude(),
         dtype=np.float64,
@@ -48,8 +49,12 @@ def similarity(
     return scale, rotation, target_mean - scale * rotation @ source_mean
 
 
-def mean_rotation(rotations: Floats) -> Floats:
-    """Return the `(3, 3)` rotation nearest to the mean of `(n, 3, 3)` rotations."""
-    left, _, right = np.linalg.svd(rotations.mean(axis=0))
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    return np.asarray((left * signs) @ right, dtype=np.float64)
+def nearest_rotation(matrices: Floats) -> Floats:
+    """Return the rotations `(*batch, 3, 3)` nearest to matrices by the Frobenius norm.
+
+    Of a correlation of vectors `sum(target source^T)` it is the rotation that brings the source
+    onto the target with the least squares (Kabsch 1976).
+    """
+    left, _, right = np.linalg.svd(matrices)
+    left[..., 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+    return np.asarray(left @ right, dtype=np.float64)
