@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 from tests.calibrate.people_scenes import distances, disturbed
 
-from e3pose.calibrate.bundle import Cameras, adjust_points, observe, placed
+from e3pose.calibrate.bundle import AdjustOptions, Cameras, adjust_points, observe, placed
 from e3pose.calibrate.from_points import pair_poses, solve_points
 from e3pose.calibrate.triangulation import place_points
 from e3pose.geometry.camera import Rig
@@ -55,7 +55,7 @@ def test_rig_is_found_from_a_start_that_is_off_despite_outliers() -> None:
     start = disturbed(RIG, 5.0, 0.2, 3)
     rough = points + rng.normal(0, 0.1, points.shape)
     sigma = np.full(pixels.shape[:2], 2.0)
-    result = adjust_points(start, rough, pixels, sigma, 2.5)
+    result = adjust_points(start, rough, pixels, sigma, AdjustOptions(2.5))
     degrees, millimetres, _ = distances(result.rig, RIG)
     assert degrees < 0.1 and millimetres < 6
     assert result.weights[..., 0][wild & (result.weights[..., 0] > 0)].mean() < 0.3
@@ -68,7 +68,7 @@ def test_solution_is_that_of_a_general_solver() -> None:
     points, pixels = points[keep], pixels[:, keep]
     start = disturbed(RIG, 0.5, 0.02, 4)
     sigma = np.ones(pixels.shape[:2])
-    ours = adjust_points(start, points, pixels, sigma, np.inf)
+    ours = adjust_points(start, points, pixels, sigma, AdjustOptions(np.inf))
     looks = observe(start, pixels[:, :, None], sigma[:, :, None])
 
     def residuals(x: np.ndarray) -> np.ndarray:

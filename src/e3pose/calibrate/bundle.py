@@ -153,11 +153,21 @@ class Adjusted:
 
 
 @dataclass(frozen=True, slots=True)
-class _Options:
-    free: NDArray[np.bool_] | None
-    focal_sigma: Floats | float
+class AdjustOptions:
+    """What may move in an adjustment, and what counts as an outlier.
+
+    Attributes:
+        outlier_sigmas: residual at which Cauchy's loss halves the weight; infinite for none.
+        free: `(num_cameras,)` which cameras may move; all but the first by default.
+        focal_sigma: `(num_cameras,)` standard deviation of the focal lengths as a share of them; 0
+            holds them.
+        max_steps: at most so many steps.
+    """
+
     outlier_sigmas: float
-    max_steps: int
+    free: NDArray[np.bool_] | None = None
+    focal_sigma: Floats | float = 0.0
+    max_steps: int = 60
 
 
 def adjust_points(
@@ -165,10 +175,7 @@ def adjust_points(
     points_m: Floats,
     keypoints_px: Floats,
     sigma_px: Floats,
-    outlier_sigmas: float,
-    free: NDArray[np.bool_] | None = None,
-    focal_sigma: Floats | float = 0.0,
-    max_steps: int = 60,
+    options: AdjustOptions,
 ) -> Adjusted:
     """Adjust cameras and points.
 
@@ -177,11 +184,7 @@ def adjust_points(
         points_m: `(num_points, 3)` where the points are thought to be.
         keypoints_px: `(num_cameras, num_points, 2)` real pixels; NaN where not seen.
         sigma_px: `(num_cameras, num_points)` standard deviations.
-        outlier_sigmas: residual at which Cauchy's loss halves the weight.
-        free: `(num_cameras,)` which cameras may move; all but the first by default.
-        focal_sigma: `(num_cameras,)` how far, as a share, the focal lengths may be off; 0 holds
-            them.
-        max_steps: at most so many steps.
+        options: what may move.
     """
     seen = observe(rig, keypoints_px[:, :, None], sigma_px[:, :, None])
 
@@ -197,7 +200,6 @@ def adjust_points(
     ) -> tuple[Cameras, Floats]:
         return state[0].moved(by_camera), state[1] + by_block
 
-    options = _Options(free, focal_sigma, outlier_sigmas, max_steps)
     solution = _solve((Cameras.of(rig), points_m), linearise, retract, options)
     return _adjusted(rig, solution, seen, linearise(solution.state).residuals)
 
@@ -208,10 +210,7 @@ def adjust_boards(
     corners_m: Floats,
     corners_px: Floats,
     sigma_px: float,
-    outlier_sigmas: float,
-    free: NDArray[np.bool_] | None = None,
-    focal_sigma: Floats | float = 0.0,
-    max_steps: int = 60,
+    options: AdjustOptions,
 ) -> Adjusted:
     """Adjust cameras and the places of a rigid board at several times.
 
@@ -221,10 +220,7 @@ def adjust_boards(
         corners_m: `(num_corners, 3)` on the board.
         corners_px: `(num_cameras, num_times, num_corners, 2)` real pixels; NaN where not seen.
         sigma_px: standard deviation of a corner.
-        outlier_sigmas: residual at which Cauchy's loss halves the weight.
-        free: `(num_cameras,)` which cameras may move; all but the first by default.
-        focal_sigma: as for `adjust_points`.
-        max_steps: at most so many steps.
+        options: what may move.
     """
     seen = observe(rig, corners_px, np.full(corners_px.shape[:-1], sigma_px))
 
@@ -246,7 +242,6 @@ def adjust_boards(
         moved[:, :3, 3] += by_block[:, 3:]
         return state[0].moved(by_camera), moved
 
-    options = _Options(free, focal_sigma, outlier_sigmas, max_steps)
     solution = _solve((Cameras.of(rig), boards), linearise, retract, options)
     return _adjusted(rig, solution, seen, linearise(solution.state).residuals)
 
@@ -277,7 +272,7 @@ def _solve(
     state: tuple[Cameras, Floats],
     linearise: Callable[[tuple[Cameras, Floats]], Linearised],
     retract: Callable[[tuple[Cameras, Floats], Floats, Floats], tuple[Cameras, Floats]],
-    options: _Options,
+    options: AdjustOptions,
 ) -> Solution[tuple[Cameras, Floats]]:
     number = len(state[0].translations)
     free = np.arange(number) > 0 if options.free is None else options.free

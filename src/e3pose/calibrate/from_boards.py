@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.bundle import Adjusted, adjust_boards, placed, root_mean_square
+from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_boards, placed, root_mean_square
 from e3pose.calibrate.intrinsics import resect
 from e3pose.calibrate.view_graph import chain, connected, edges_from_boards
 from e3pose.errors import InputError
@@ -77,7 +77,9 @@ def solve_boards(rig: Rig, corners_m: Floats, corners_px: Floats) -> BoardRig:
     used_px = np.where(seen[:, times, None, None], corners_px[:, times], np.nan)
     sigma_px = FIRST_SIGMA_PX
     for _ in range(2):  # the second time with the noise that the first found
-        adjusted = adjust_boards(start, in_world, corners_m, used_px, sigma_px, OUTLIER_SIGMAS)
+        adjusted = adjust_boards(
+            start, in_world, corners_m, used_px, sigma_px, AdjustOptions(OUTLIER_SIGMAS)
+        )
         start, in_world = adjusted.rig, adjusted.blocks
         spread = float(np.nanmedian(np.abs(adjusted.residuals))) * 1.4826
         sigma_px *= max(spread, 1e-3)
@@ -107,7 +109,12 @@ def board_on_floor(rig: Rig, corners_m: Floats, corners_px: Floats) -> Floats:
         raise InputError("--floor: found no board in the pictures; is --board the one there?")
     held = np.zeros(len(rig), dtype=bool)
     adjusted = adjust_boards(
-        rig, start, corners_m, corners_px[:, None], FIRST_SIGMA_PX, OUTLIER_SIGMAS, held
+        rig,
+        start,
+        corners_m,
+        corners_px[:, None],
+        FIRST_SIGMA_PX,
+        AdjustOptions(OUTLIER_SIGMAS, held),
     )
     return np.asarray(adjusted.blocks[0])
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.bundle import Adjusted, adjust_points, placed
+from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_points, placed
 from e3pose.calibrate.essential import RelativePose, relative_pose
 from e3pose.calibrate.triangulation import place_points
 from e3pose.geometry.camera import Rig
@@ -174,8 +174,8 @@ def adjust_all(
     free[int(np.flatnonzero(done)[0])] = False
     focal = np.where(done, focal_sigma, 0.0)
     adjusted = adjust_points(
-        rig, points[used], pixels[:, used], sigma_px[:, used], OUTLIER_SIGMAS, free, focal,
-        max_steps,
+        rig, points[used], pixels[:, used], sigma_px[:, used],
+        AdjustOptions(OUTLIER_SIGMAS, free, focal, max_steps),
     )  # fmt: skip
     return PointRig(adjusted, used, done.copy())
 

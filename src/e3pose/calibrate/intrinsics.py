@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.bundle import adjust_boards, root_mean_square
+from e3pose.calibrate.bundle import AdjustOptions, adjust_boards, root_mean_square
 from e3pose.calibrate.view_choice import choose_views
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
@@ -123,7 +123,12 @@ def resect(camera: Camera, corners_m: Floats, corners_px: Floats) -> tuple[Float
     errors = np.full(corners_px.shape, np.nan)
     if good.any():
         result = adjust_boards(
-            Rig((camera,)), boards[good], corners_m, corners_px[None, good], 1.0, CORNER_SIGMAS
+            Rig((camera,)),
+            boards[good],
+            corners_m,
+            corners_px[None, good],
+            1.0,
+            AdjustOptions(CORNER_SIGMAS),
         )
         boards[good] = result.blocks
         errors[good] = result.residuals[0]
@@ -244,6 +249,6 @@ def _focal_sigma(camera: Camera, corners_m: Floats, corners_px: Floats, fit_px: 
     good = np.isfinite(boards).all(axis=(1, 2))
     result = adjust_boards(
         Rig((camera,)), boards[good], corners_m, corners_px[None, good], max(fit_px, 0.02),
-        np.inf, np.zeros(1, dtype=bool), focal_sigma=1.0,
+        AdjustOptions(np.inf, np.zeros(1, dtype=bool), focal_sigma=1.0),
     )  # fmt: skip
     return float(np.sqrt(result.covariance[0, 6, 0, 6]))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.calibrate.bundle import adjust_points, root_mean_square
+from e3pose.calibrate.bundle import AdjustOptions, adjust_points, root_mean_square
 from e3pose.calibrate.from_people import (
     FINAL_POINTS,
     FINE_SIGMAS,
@@ -82,7 +82,11 @@ def place_one(recording: Recording, noise: Noise, rig: Rig, camera_id: str) -> O
             )
         used = thinned(used, seen[:, used].sum(axis=0), FINAL_POINTS)
         adjusted = adjust_points(
-            current, points[used], pixels[:, used], sigma[:, used], OUTLIER_SIGMAS, free
+            current,
+            points[used],
+            pixels[:, used],
+            sigma[:, used],
+            AdjustOptions(OUTLIER_SIGMAS, free),
         )
         cameras = list(rig.cameras)
         cameras[index] = adjusted.rig.cameras[index]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.calibrate.align import Move
-from e3pose.calibrate.bundle import Adjusted, adjust_boards
+from e3pose.calibrate.bundle import Adjusted, AdjustOptions, adjust_boards
 from e3pose.calibrate.from_points import MOST_POINTS, OUTLIER_SIGMAS
 from e3pose.calibrate.triangulation import place_points
 from e3pose.errors import InputError
@@ -128,8 +128,8 @@ def adjust_wand(
     row_m = np.zeros((len(wand.markers), 3))
     row_m[:, 0] = wand.places_m
     adjusted = adjust_boards(
-        rig, _along(wand, points[times]), row_m, keypoints_px[:, times], sigma_px, OUTLIER_SIGMAS,
-        focal_sigma=focal_sigma,
+        rig, _along(wand, points[times]), row_m, keypoints_px[:, times], sigma_px,
+        AdjustOptions(OUTLIER_SIGMAS, focal_sigma=focal_sigma),
     )  # fmt: skip
     again = _placed(adjusted.rig, keypoints_px[:, times], sigma_px)
     known_m = np.array([wand.places_m[b] - wand.places_m[a] for a, b in wand.pairs])
