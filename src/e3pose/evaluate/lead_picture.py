@@ -34,6 +34,7 @@ def draw_leads(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         raise InputError(f"{path}: found a recording without truth, expected one with it")
     key, title = found[0]
     names = list(dict.fromkeys((row["policy"], row["cameras"]) for row in rows))
+    several = len({cameras for _, cameras in names}) > 1
     with picture(path, WIDTH_IN, HEIGHT_IN) as figure:
         accuracy, latency = figure.subplots(1, 2)
         for number, (policy, cameras) in enumerate(names):
@@ -41,27 +42,13 @@ def draw_leads(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             look = {
                 "color": COLOURS[number % len(COLOURS)],
                 "marker": MARKERS[number % len(MARKERS)],
-                "label": policy
-                if cameras is None or len({c for _, c in names}) == 1
-                else f"{policy}, C = {cameras}",
+                "label": f"{policy}, C = {cameras}" if several and cameras is not None else policy,
             }
             shift = APART * (number - (len(names) - 1) / 2)
-            known = [(row["lead"] + shift, _spread(row, key)) for row in mine]
-            good = [(lead, spread) for lead, spread in known if spread]
-            accuracy.errorbar(
-                [lead for lead, _ in good],
-                [spread["mean"] for _, spread in good],
-                yerr=[spread["sd"] for _, spread in good],
-                elinewidth=0.8,
-                capsize=2,
-                **look,
-            )
-            timed = [(row["lead"], _spread(row, TIME)) for row in mine]
-            latency.plot(
-                [lead for lead, spread in timed if spread],
-                [spread["mean"] for _, spread in timed if spread],
-                **look,
-            )
+            leads, means, deviations = _curve(mine, key)
+            shifted = [lead + shift for lead in leads]
+            accuracy.errorbar(shifted, means, yerr=deviations, elinewidth=0.8, capsize=2, **look)
+            latency.plot(*_curve(mine, TIME)[:2], **look)
         seeds = max(row["seeds"] for row in rows)
         accuracy.set_title(f"{title}, {seeds} seeds" if seeds > 1 else title)
         latency.set_title("prediction, median ms a slot")
@@ -77,3 +64,15 @@ def _spread(row: Mapping[str, Any], path: Sequence[str]) -> Mapping[str, float] 
     for key in path:
         value = value.get(key) if isinstance(value, Mapping) else None
     return value if isinstance(value, Mapping) and "mean" in value else None
+
+
+def _curve(
+    rows: Sequence[Mapping[str, Any]], path: Sequence[str]
+) -> tuple[list[float], list[float], list[float]]:
+    """Return leads, means and standard deviations of a figure, where rows have it."""
+    known = [(row["lead"], spread) for row in rows if (spread := _spread(row, path))]
+    return (
+        [lead for lead, _ in known],
+        [spread["mean"] for _, spread in known],
+        [spread["sd"] for _, spread in known],
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import datetime
 
-from e3pose.energy.budgets import Supply, allowance_j, slot_shares
+from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.errors import InputError
 from e3pose.model.skeleton import lacking, serves
 from e3pose.quantities import plural
@@ -64,24 +64,13 @@ def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
     active_j, idle_j = [w * slot_s for w in active_w], [w * slot_s for w in idle_w]
     selected = live.loop.num_selected or 1.0
     allowed_j = allowance_j(budgets, supplies, active_j, idle_j, slot_s, now.timestamp(), selected)
-    starved = 0
-    for index, (name, camera) in enumerate(live.cameras.items()):
-        if budgets[index].kind == "duty" or allowed_j[index] > idle_j[index] * (1 + ENOUGH):
-            continue
-        starved += 1
-        profile = live.plan.profiles[index].name
-        draws = f"{idle_w[index]:.2g} W idle and {active_w[index]:.2g} W active"
-        asleep_w = live.plan.profiles[index].watts("aggressive-power-saving")
-        wanted_w = budgets[index].value / (slot_s if budgets[index].kind == "joules" else 1.0)
-        helps = budgets[index].kind != "until" and asleep_w < wanted_w
-        yield Finding(
-            "problem",
-            f"camera {name}",
-            f"budget {camera.budget or site.budget!r} does not even pay for idling: it draws "
-            f"{draws} (profile {profile}), so it would never look",
-            f"a budget above {idle_w[index]:.2g} W"
-            + (', or idle_mode = "aggressive-power-saving"' if helps else ""),
-        )
+    starved = [
+        index
+        for index, budget in enumerate(budgets)
+        if budget.kind != "duty" and allowed_j[index] <= idle_j[index] * (1 + ENOUGH)
+    ]
+    for index in starved:
+        yield _starved(live, index, budgets[index], active_w[index], idle_w[index])
     shares = slot_shares(allowed_j, active_j, idle_j)
     if not starved and shares.sum() < selected - ENOUGH and live.loop.target_error_m is None:
         yield Finding(
@@ -93,3 +82,20 @@ def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
         )
     elif not starved:
         yield Finding("ok", "budget", f"pays for {shares.sum():.2g} cameras a slot")
+
+
+def _starved(live: LiveSite, index: int, budget: Budget, active_w: float, idle_w: float) -> Finding:
+    """Return the problem of a camera whose budget pays for no look."""
+    name, camera = list(live.cameras.items())[index]
+    profile = live.plan.profiles[index]
+    wanted_w = budget.value / (live.interval_s if budget.kind == "joules" else 1.0)
+    sleeps = budget.kind != "until" and profile.watts("aggressive-power-saving") < wanted_w
+    return Finding(
+        "problem",
+        f"camera {name}",
+        f"budget {camera.budget or live.site.budget!r} does not even pay for idling: it draws "
+        f"{idle_w:.2g} W idle and {active_w:.2g} W active (profile {profile.name}), so it would "
+        "never be selected",
+        f"a budget above {idle_w:.2g} W"
+        + (', or idle_mode = "aggressive-power-saving"' if sleeps else ""),
+    )

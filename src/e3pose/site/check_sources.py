@@ -8,8 +8,10 @@ from pathlib import Path
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.runtime.plugins import is_own
-from e3pose.settings.site_file import DEFAULT_DETECTOR, SiteTable
+from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
 from e3pose.site.check import Finding
+
+RECORDED = "recorded:"  # how the source of a camera begins that plays a recording
 
 
 def require_sources(site: SiteTable, rig: Rig) -> None:
@@ -22,43 +24,59 @@ def require_sources(site: SiteTable, rig: Rig) -> None:
 
 def check_sources(site: SiteTable, rig: Rig) -> Iterator[Finding]:
     """Look at the sources and networks of cameras that `e3pose up` would run here."""
+    for camera in site.cameras_of(rig).values():
+        yield from _recording(camera)
+        if camera.source is None:
+            continue
+        yield from _source(site, camera, camera.source)
+        if not camera.source.startswith(RECORDED):
+            yield from _network(site, camera)
+
+
+def _recording(camera: CameraTable) -> Iterator[Finding]:
+    """Check whether the videos that are asked for can be recorded."""
+    if camera.record not in ("video", "both"):
+        return
+    what = f"camera {camera.id}"
+    if camera.source is None:
+        found = f"record = {camera.record!r}: videos stay on its own machine"
+        yield Finding("warning", what, found, 'videos = "videos" in its camera file')
+    elif camera.source.startswith(RECORDED):
+        found = f"record = {camera.record!r}, but its source has keypoints, no images"
+        yield Finding("problem", what, found, 'record = "keypoints"')
+
+
+def _source(site: SiteTable, camera: CameraTable, source: str) -> Iterator[Finding]:
+    """Check whether a source is there, as far as that can be seen without opening it."""
+    what, kind = f"camera {camera.id}", source.partition(":")[0]
+    recorded = source.startswith(RECORDED)
+    local = recorded or ("://" not in source and kind not in ("usb", "gstreamer"))
+    path = site.near(source.removeprefix(RECORDED))
+    if local and not path.exists():
+        yield Finding("problem", what, f"source {path} does not exist")
+    elif local and not recorded and (broken := _broken(path)):
+        yield Finding("problem", what, broken)
+    elif kind == "usb" and not Path(f"/dev/video{source.partition(':')[2]}").exists():
+        yield Finding("problem", what, f"{source}: no such device", "connect the camera")
+    else:
+        yield Finding("ok", what, f"source {source[:60]}")
+
+
+def _network(site: SiteTable, camera: CameraTable) -> Iterator[Finding]:
+    """Check whether the network that a camera detects with is installed."""
     from e3pose.detectors import DETECTORS
     from e3pose.detectors.weights import MODELS, is_installed
 
-    for camera in site.cameras_of(rig).values():
-        what, filmed = f"camera {camera.id}", camera.record in ("video", "both")
-        if camera.source is None:
-            if filmed:
-                found = f"record = {camera.record!r}: videos stay on its own machine"
-                yield Finding("warning", what, found, 'videos = "videos" in its camera file')
-            continue
-        kind = camera.source.partition(":")[0]
-        recorded = kind == "recorded"
-        if recorded and filmed:
-            found = f"record = {camera.record!r}, but its source has keypoints, no images"
-            yield Finding("problem", what, found, 'record = "keypoints"')
-        local = recorded or ("://" not in camera.source and kind not in ("usb", "gstreamer"))
-        name = camera.source.partition(":")[2] if recorded else camera.source
-        if local and not site.near(name).exists():
-            yield Finding("problem", what, f"source {site.near(name)} does not exist")
-        elif local and not recorded and (broken := _broken(site.near(name))):
-            yield Finding("problem", what, broken)
-        elif kind == "usb" and not Path(f"/dev/video{name.partition(':')[2]}").exists():
-            yield Finding("problem", what, f"{camera.source}: no such device", "connect the camera")
-        else:
-            yield Finding("ok", what, f"source {camera.source[:60]}")
-        if recorded:
-            continue
-        detector = camera.detector or DEFAULT_DETECTOR
-        if camera.model is not None:
-            if not site.near(camera.model).exists():
-                yield Finding("problem", what, f"model {site.near(camera.model)} does not exist")
-        elif detector in MODELS and not is_installed(detector):
-            advice = f"e3pose models pull {detector}"
-            yield Finding("problem", what, f"network {detector} is not installed", advice)
-        elif not (detector in DETECTORS or is_own(detector) or site.near(detector).exists()):
-            known = ", ".join(DETECTORS)
-            yield Finding("problem", what, f"unknown detector {detector}", f"one of {known}")
+    what, detector = f"camera {camera.id}", camera.detector or DEFAULT_DETECTOR
+    if camera.model is not None:
+        if not site.near(camera.model).exists():
+            yield Finding("problem", what, f"model {site.near(camera.model)} does not exist")
+    elif detector in MODELS and not is_installed(detector):
+        advice = f"e3pose models pull {detector}"
+        yield Finding("problem", what, f"network {detector} is not installed", advice)
+    elif not (detector in DETECTORS or is_own(detector) or site.near(detector).exists()):
+        known = ", ".join(DETECTORS)
+        yield Finding("problem", what, f"unknown detector {detector}", f"one of {known}")
 
 
 def _broken(path: Path) -> str:
