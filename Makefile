@@ -8,7 +8,7 @@ export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-fast check docs lint reproduce-quick bench soak attack test-all clean
+.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench soak attack test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -29,18 +29,34 @@ $(VENV)/.dev: pyproject.toml | $(BIN)/python
 demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
 	$(BIN)/e3pose demo demo-output --overwrite
 
-# What computes shares the cores; sites run beside each other; what is timed runs beside nothing.
-# The page of four cameras waits for most of its two minutes, so it starts first beside what computes.
-# Sites get a second try, which the summary counts: other programs may take the machine for seconds.
+# What computes, at a low priority, takes what sites leave of the cores: they mostly wait, and
+# come first whenever they do not, the longest of them at once. What is timed runs after the others, two at
+# a time. Tests of real processes get a second try, which the summary counts: other programs may take
+# the machine for seconds.
 PYTEST := $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
-LONGEST := tests/live/test_four_cameras.py
-COVERED := --cov --cov-append --cov-report= --cov-fail-under=0
-test: $(VENV)/.dev  ## run the tests with coverage
-	$(BIN)/coverage erase
-	$(PYTEST) $(COVERED) -n 4 -m 'not live and not timed' $(LONGEST) tests
-	$(PYTEST) $(COVERED) -n 3 --reruns 1 -m 'live and not timed' tests/live
-	$(PYTEST) $(COVERED) --reruns 1 -m timed
+SITES := tests/live/test_four_cameras.py tests/live
+TIMED := tests/live tests/edge
+COVERAGE := .coverage-data
+COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
+# Workers read the rewritten assertions of each other and of the run before.
+export PYTHONDONTWRITEBYTECODE :=
+
+test: $(VENV)/.dev  ## run the tests
+	@echo 'computing beside sites; each shows its results at its end, after some minutes'
+	@$(MAKE) --no-print-directory --keep-going --jobs 2 --output-sync=target test-sites test-computing
+
+coverage: $(VENV)/.dev  ## run the tests with coverage, which takes a third longer; fails below the floor
+	rm -rf $(COVERAGE) && mkdir $(COVERAGE)
+	@$(MAKE) --no-print-directory test TRACED=yes
+	$(BIN)/coverage combine --quiet $(COVERAGE)
 	$(BIN)/coverage report
+
+test-computing: $(VENV)/.dev
+	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n 10 $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed'
+
+test-sites: $(VENV)/.dev
+	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 4 -m 'live and not timed' $(SITES)
+	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 2 -m timed $(TIMED)
 
 test-fast: $(VENV)/.dev  ## run the tests that take less than a minute in total
 	$(PYTEST) -n 2 -m 'not slow and not live and not timed and not shared and not network'

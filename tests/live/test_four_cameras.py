@@ -21,8 +21,7 @@ from e3pose.recording import load_recording
 from e3pose.recording.calibration import load_rig
 from e3pose.store import Store
 
-# Of real processes, but on no schedule: it runs beside what computes, as it mostly waits.
-pytestmark = [pytest.mark.slow, pytest.mark.flaky(reruns=1)]
+pytestmark = pytest.mark.live
 
 PAGE = "docs/tutorial/four-cameras.md"
 COMPILE_S = 240.0  # what a machine that never ran this may take

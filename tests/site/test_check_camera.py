@@ -65,7 +65,6 @@ def test_source_is_opened_and_the_edge_is_missed(node: NodeTable) -> None:
     assert findings["edge"].found.startswith("nothing listens at 127.0.0.1:")
 
 
-@pytest.mark.live
 def test_edge_is_asked_for_the_time(node: NodeTable) -> None:
     with edge(node.endpoint):
         answered = found(replace(node, camera="c0", source="missing.mp4"), timeout_s=20.0)

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from tests.reference.fuse import ReferenceFuser
 from tests.reference.triangulate import noise_px
 
-from e3pose import kernel as compiling
 from e3pose.estimate.per_slot import slot
 from e3pose.estimate.per_slot import triangulate as place
 from e3pose.estimate.per_slot.fuse import Fuser, Fusion, FusionSettings
 from e3pose.estimate.per_slot.fusion import MATCHERS
 from e3pose.estimate.per_slot.nullspace import null_vector
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.runtime import kernel as compiling
 
 pytestmark = pytest.mark.slow
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 from tests.reference.filter_step import step
 
-from e3pose import kernel as compiling
 from e3pose.errors import InputError
 from e3pose.estimate.filter import Belief, Estimate, Model
 from e3pose.estimate.filter.kernels.step import StepKernel, step_slot
@@ -27,6 +26,7 @@ from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import Recording
+from e3pose.runtime import kernel as compiling
 from e3pose.simulate import SceneSettings, simulate
 
 SIMULATED = load_noise("simulated")
