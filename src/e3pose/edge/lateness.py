@@ -30,6 +30,8 @@ def forgiven(
         orders_late: `(num_cameras,)` who said last that orders came too late.
         interval_s: seconds a slot.
     """
+    if not (views_late.any() or orders_late.any()):
+        return state
     return replace(state, silence=forgive(state.silence, views_late, orders_late, interval_s))
 
 

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 QUANTILE = 0.9  # of delays that are each the longest of half a second: 99 % of the orders, about
 MAX_SAMPLES = 20  # per camera, ten seconds: slow air must count soon
@@ -88,8 +87,8 @@ def adapt(
     known = {c: delay_s for c, delay_s in enumerate(lead.longest_s) if not math.isnan(delay_s)}
     if not known:
         return lead
-    far = _far_behind(np.array(list(known.values())))
-    lead = replace(lead, left_behind=tuple(c for c, late in zip(known, far, strict=True) if late))
+    limit_s = _limit_s(sorted(known.values()))
+    lead = replace(lead, left_behind=tuple(c for c, age_s in known.items() if age_s > limit_s))
     followed = [delay_s for camera, delay_s in known.items() if camera not in lead.left_behind]
     if not followed:
         return lead
@@ -127,15 +126,15 @@ def _needed(delay_s: float, interval_s: float) -> int:
     return min(max(slots, 1), MAX_LEAD)
 
 
-def _far_behind(delays_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which of the cameras are too slow to be followed.
+def _limit_s(delays_s: Sequence[float]) -> float:
+    """Return the delay above which cameras are too slow to be followed.
 
-    Those above `MAX_DELAY_S`, and those above the widest gap if they are fewer than half.
+    That is `MAX_DELAY_S`, or the lower end of the widest gap between delays, which rise, if fewer
+    than half of the cameras are above it.
     """
-    ordered = np.sort(delays_s)
-    gaps = ordered[1:] > np.maximum(FAR_TIMES * ordered[:-1], ordered[:-1] + FAR_S)
     limit_s = MAX_DELAY_S
-    for above in np.flatnonzero(gaps) + 1:
-        if len(ordered) - above < len(ordered) / 2:
-            limit_s = min(limit_s, float(ordered[above - 1]))
-    return np.asarray(delays_s > limit_s)
+    for above in range(len(delays_s) // 2 + 1, len(delays_s)):
+        below_s = delays_s[above - 1]
+        if delays_s[above] > max(FAR_TIMES * below_s, below_s + FAR_S):
+            limit_s = min(limit_s, below_s)
+    return limit_s

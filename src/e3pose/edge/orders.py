@@ -57,6 +57,7 @@ class Orders:
                 of its image.
         """
         sent_ns = self._sent_ns[slot] = self.clock.now_ns()
+        payloads: dict[str, bytes] = {}
         for index, camera_id in enumerate(self.camera_ids):
             told = None if expected is None or not decision[index] else expected[index]
             expected_px, reach_px = packed_expected(told)
@@ -73,7 +74,8 @@ class Orders:
                 expected_px=expected_px,
                 reach_px=reach_px,
             )
-            self.outbox.put(topics.of_order(self.site, camera_id), encode(order), slot)
+            payloads[topics.of_order(self.site, camera_id)] = encode(order)
+        self.outbox.put_all(payloads, slot)
 
     def in_time(self, times: SlotTimes, slot: int) -> bool:
         """Return whether the orders for a slot went out before it began.

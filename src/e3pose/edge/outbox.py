@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 MAX_WAITING = 4096
@@ -19,11 +19,16 @@ class Outbox:
 
     def put(self, topic: str, payload: bytes, slot: int = -1) -> None:
         """Let a message wait; it takes the place of one for the same topic and slot."""
+        self.put_all({topic: payload}, slot)
+
+    def put_all(self, payloads: Mapping[str, bytes], slot: int = -1) -> None:
+        """Let a message for each topic wait, and wake the sending thread once for all of them."""
         with self._change:
-            self._waiting.pop((topic, slot), None)
-            if len(self._waiting) >= MAX_WAITING:
-                self._waiting.pop(next(iter(self._waiting)))
-            self._waiting[topic, slot] = payload
+            for topic, payload in payloads.items():
+                self._waiting.pop((topic, slot), None)
+                if len(self._waiting) >= MAX_WAITING:
+                    self._waiting.pop(next(iter(self._waiting)))
+                self._waiting[topic, slot] = payload
             self._change.notify()
 
     def close(self) -> None:

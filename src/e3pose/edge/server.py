@@ -267,15 +267,20 @@ class EdgeServer:
 
     def _wait_for_views(self, times: SlotTimes, slot: int) -> bool:
         """Wait until nothing more is to come, or the deadline; return False when to end."""
-        deadline_ns = self._deadline_ns(times, slot)
+        middle_ns, deadline_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
         while not self.crew.stopping.is_set():
             now_ns = self.clock.now_ns()
-            wanted = self._ordered(times, slot) & self.inbox.online()
-            until_ns = deadline_ns if self.gather.waits_for(wanted) else times.middle_ns(slot)
-            if now_ns >= min(until_ns, deadline_ns):
+            if now_ns >= deadline_ns or (now_ns >= middle_ns and not self._waits(times, slot)):
                 return True
-            self.gather.sleep(self.clock, until_ns)
+            self.gather.sleep(self.clock, middle_ns if now_ns < middle_ns else deadline_ns)
         return False
+
+    def _waits(self, times: SlotTimes, slot: int) -> bool:
+        """Return whether a view is missing, of a camera that was ordered and is there."""
+        ordered = self._ordered(times, slot)
+        return self.gather.waits_for(ordered) and self.gather.waits_for(
+            ordered & self.inbox.online()
+        )
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
@@ -290,7 +295,7 @@ class EdgeServer:
         state = replace(state, selections=np.concatenate([ordered[None], state.selections[1:]]))
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
         # A camera that is not believed to be there but delivered all the same was there.
-        online = online | np.isin(np.arange(len(online)), list(views))
+        online[list(views)] = True
         used = {camera: a.arrived_ns for camera, a in arrivals.items() if ordered[camera]}
         time_ns = times.middle_ns(slot)
 
