@@ -12,14 +12,7 @@ from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.model.skeleton import Skeleton
 from e3pose.predict.base import Prediction
-from e3pose.predict.normalise import (
-    COMMON_JOINTS,
-    LEFT_RIGHT,
-    NUM_COMMON,
-    common_columns,
-    normalise,
-    to_common,
-)
+from e3pose.predict.normalise import COMMON_JOINTS, LEFT_RIGHT, common_columns
 
 if TYPE_CHECKING:
     from e3pose.predict.kernels.network import Weights
@@ -47,8 +40,8 @@ class AttentionLstm:
     """
 
     def __init__(self, skeleton: Skeleton, weights: Path = SHIPPED) -> None:
-        from e3pose.predict.kernels.network import run_network
-        from e3pose.predict.kernels.tracks import Joints, place_tracks
+        from e3pose.predict.kernels.prediction import predict_tracks
+        from e3pose.predict.kernels.tracks import Joints
 
         self.weights, self.curves, self.history_slots = _load(weights)
         self.states_error = len(self.weights.couple) > 0  # the paper's own network does not
@@ -68,7 +61,7 @@ class AttentionLstm:
             carried,
             np.array(LEFT_RIGHT, dtype=np.int64),
         )
-        self._network, self._place = run_network, place_tracks
+        self._run = predict_tracks
 
     def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """See `Predictor.predict`."""
@@ -85,22 +78,14 @@ class AttentionLstm:
     ) -> None:
         """Fill `joints_m` and `error_m` with the prediction of some tracks."""
         history_m = np.ascontiguousarray(history_m[-self.history_slots :], dtype=np.float64)
-        common = to_common(history_m, self.columns)
-        normal = normalise(common, interval_s, self.history_slots)
-        known = min(len(joints_m), MAX_LEADS)
-        places = np.empty((known, *normal.seen.shape[:1], 3 * NUM_COMMON), dtype=np.float32)
-        log_error = np.empty((known, *normal.seen.shape), dtype=np.float32)
-        self._network(self.weights, normal.features, normal.context, places, log_error)
-        self._place(
-            places,
-            log_error,
-            normal.centre_m,
-            normal.heading,
-            normal.seen,
-            normal.newest_m,
-            history_m,
+        self._run(
+            self.weights,
             self.joints,
             self.curves,
+            self.history_slots,
+            float(interval_s),
+            MAX_LEADS,
+            history_m,
             joints_m,
             error_m,
         )

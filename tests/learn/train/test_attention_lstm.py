@@ -23,6 +23,7 @@ from e3pose.learn.train.weights import network_of  # noqa: E402
 from e3pose.learn.train.windows import Clip  # noqa: E402
 from e3pose.model.skeleton import COCO17  # noqa: E402
 from e3pose.predict.attention_lstm import AttentionLstm as Predictor  # noqa: E402
+from e3pose.predict.kernels.network import run_network  # noqa: E402
 from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES  # noqa: E402
 
 SETTINGS = TrainSettings(
@@ -133,7 +134,7 @@ def test_the_papers_network_runs_as_torch_says_and_states_no_error(tmp_path: Pat
         wanted = network.eval()(torch.from_numpy(features), torch.from_numpy(context), 5)[0]
     places = np.empty((5, 3, 3 * NUM_COMMON), np.float32)
     log_error = np.empty((5, 3, NUM_COMMON), np.float32)
-    predictor._network(predictor.weights, features, context, places, log_error)
+    run_network(predictor.weights, features, context, places, log_error)
     np.testing.assert_allclose(
         places.reshape(5, 3, 3, NUM_COMMON).swapaxes(-1, -2), wanted.numpy(), atol=1e-4
     )

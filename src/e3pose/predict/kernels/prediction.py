@@ -1,0 +1,81 @@
+"""A whole prediction: from the history of all people to all joints in the slots to come."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.kernel import kernel
+from e3pose.predict.kernels.history import close_gaps, common_joints, describe
+from e3pose.predict.kernels.network import Weights, run_network
+from e3pose.predict.kernels.tracks import Curves, Joints, place_tracks
+
+Floats = NDArray[np.float64]
+
+
+@kernel
+def predict_tracks(
+    weights: Weights,
+    joints: Joints,
+    curves: Curves,
+    history_slots: int,
+    interval_s: float,
+    most_leads: int,
+    history_m: Floats,
+    joints_m: Floats,
+    error_m: Floats,
+) -> None:
+    """Fill what `AttentionLstm.predict` returns: describe people, run the network, place them.
+
+    Args:
+        weights: of the network.
+        joints: of the skeleton.
+        curves: of the expected errors.
+        history_slots: that the network takes.
+        interval_s: seconds a slot.
+        most_leads: that the network is run for; later ones repeat the last of these.
+        history_m: `(num_slots, num_tracks, num_joints, 3)` metres, oldest first, NaN where missing;
+            at most `history_slots`, and slots before it count as missing.
+        joints_m: `(num_leads, num_tracks, num_joints, 3)` metres, filled.
+        error_m: `(num_leads, num_tracks, num_joints)` metres, filled.
+    """
+    num_common, num_leads, num_tracks = len(joints.columns), len(joints_m), joints_m.shape[1]
+    common_m = np.full((history_slots, num_tracks, num_common, 3), np.nan)
+    before = history_slots - len(history_m)
+    for slot in range(len(history_m)):
+        common_joints(history_m[slot], joints.columns, common_m[before + slot])
+    filled_m, measured = np.empty_like(common_m), np.empty(common_m.shape[:3], np.bool_)
+    close_gaps(common_m, filled_m, measured)
+    features = np.empty((history_slots, num_tracks, weights.look.shape[0]), np.float32)
+    context = np.empty((num_tracks, weights.entry_context.shape[0]), np.float32)
+    centre_m, heading = np.empty((num_tracks, 3)), np.empty((num_tracks, 2))
+    speed_m, seen = np.empty(num_tracks), np.empty((num_tracks, num_common), np.bool_)
+    describe(
+        filled_m,
+        measured,
+        np.full(num_tracks, interval_s),
+        joints.sides,
+        features,
+        context,
+        centre_m,
+        heading,
+        speed_m,
+        seen,
+    )
+    known = min(num_leads, most_leads)
+    places = np.empty((known, num_tracks, 3 * num_common), np.float32)
+    log_error = np.empty((known, num_tracks, num_common), np.float32)
+    run_network(weights, features, context, places, log_error)
+    place_tracks(
+        places,
+        log_error,
+        centre_m,
+        heading,
+        seen,
+        filled_m[-1],
+        history_m,
+        joints,
+        curves,
+        joints_m,
+        error_m,
+    )
