@@ -211,9 +211,19 @@ def step(
         shifts_px=people.shifts_px,
         expected=expected,
     )
-    selections = np.concatenate([state.selections[1:], decision[None]])
-    after = replace(state, slot=slot + 1, selections=selections, deficit=deficit, shown=shown)
-    return replace(after, last_views=last_views, focused=focused), record
+    after = SlotState(
+        slot=slot + 1,
+        selections=np.concatenate([state.selections[1:], decision[None]]),
+        deficit=deficit,
+        silence=silence,
+        memory=memory,
+        last_views=last_views,
+        spread=spread,
+        shown=shown,
+        stated_m=stated_m,
+        focused=focused,
+    )
+    return after, record
 
 
 def _look_ahead(
@@ -311,8 +321,8 @@ def _in_flight(pipeline: Pipeline, state: SlotState, online: Selection) -> NDArr
     Cameras that were ordered and have since been given up will not look.
     """
     ordered = state.selections[1:]
-    answering = [state.silence.answering(state.slot + 1 + ahead) for ahead in range(len(ordered))]
-    return np.asarray(ordered & online & np.array(answering, dtype=bool).reshape(ordered.shape))
+    slots = np.arange(state.slot + 1, state.slot + 1 + len(ordered))
+    return np.asarray(ordered & online & state.silence.answering(slots[:, None]))
 
 
 def _last_looks(

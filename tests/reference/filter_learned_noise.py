@@ -11,22 +11,57 @@ from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
+    ALIKE,
     LEAST_SHARE,
     MEDIAN,
     MEMORY,
+    MIDDLE_SCORE,
     MOST,
     MOST_LEVERAGE,
+    SCORE_REACH,
     SLOPE,
     STEEPEST,
-    factors,
-    leaning,
-    tilt,
 )
-from e3pose.estimate.filter.learned_shift import CLIP_SIGMAS, COUNT, shifts_px
+from e3pose.estimate.filter.learned_shift import CLIP_SIGMAS, COUNT, LEAST, PRIOR
 from e3pose.estimate.filter.learned_shift import MEMORY as REMEMBERED
 from e3pose.estimate.filter.learned_shift import MOST as FURTHEST
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Floats, Ints, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
+
+
+def factors(noise: Floats, weight: float) -> Floats:
+    """See `e3pose.estimate.filter.learned_noise.factors`."""
+    logs, counts = noise[:-1].T
+    own = counts * ALIKE / (counts + ALIKE)
+    mean = (own * logs).sum() / (own.sum() + weight)
+    return np.asarray(np.exp((counts * logs + ALIKE * mean) / (counts + ALIKE)))
+
+
+def tilt(noise: Floats, weight: float) -> float:
+    """Return the logarithm of the factor on sigma at the highest scores; arguments as above."""
+    log, count = noise[-1]
+    return float(log * count / (count + weight))
+
+
+def leaning(scores: Floats) -> Floats:
+    """Return how much of the tilt keypoints of these scores have, in [-1, 1]."""
+    return np.asarray(np.clip((scores - MIDDLE_SCORE) / SCORE_REACH, -1, 1))
+
+
+def knots_px(model: Model, noise: Floats) -> Floats:
+    """Return `(num_cameras, num_knots)`: sigma of each camera at the scores of the noise file."""
+    stated, weight = model.noise, model.noise.weight
+    leant = stated.sigma_px * np.exp(tilt(noise, weight) * leaning(stated.scores))
+    return np.asarray((model.scales * factors(noise, weight))[:, None] * leant)
+
+
+def shifts_px(shifts: Floats, model: Model) -> Floats:
+    """See `e3pose.estimate.filter.learned_shift.shifts_px`."""
+    mean = shifts[:, :COUNT] * (shifts[:, COUNT:] / (shifts[:, COUNT:] + PRIOR))
+    least = LEAST * model.rig.image_sizes.max(axis=1)
+    squares = (mean**2).sum(axis=1)
+    kept = np.where(squares > least**2, 1 - least**2 / np.maximum(squares, 1e-12), 0.0)
+    return np.asarray(mean * kept[:, None])
 
 
 def own_share(since_s: Floats, terms: bias.MemoryTerms) -> Floats:

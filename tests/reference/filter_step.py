@@ -13,7 +13,7 @@ from tests.reference.filter_existence import attend, end
 from tests.reference.filter_sides import order, turn_round
 from tests.reference.filter_update import Sightings, learn_biases, predict, update
 
-from e3pose.estimate.filter import bias, exits, learned_noise, learned_shift
+from e3pose.estimate.filter import bias, exits
 from e3pose.estimate.filter.kernels.step import (
     LONGEST_S,
     bounded,
@@ -51,9 +51,9 @@ def step(
     before = belief
     belief = predict(replace(belief, time_s=now), dt, model)
     cameras, keypoints, scores = _sorted(
-        model, views, learned_shift.shifts_px(belief.shifts, model)
+        model, views, filter_learned_noise.shifts_px(belief.shifts, model)
     )
-    knots_px = learned_noise.knots_px(model, belief.noise)
+    knots_px = filter_learned_noise.knots_px(model, belief.noise)
     found = [
         associate(belief, k, s, camera, model, knots_px[camera])
         for camera, k, s in zip(cameras, keypoints, scores, strict=True)

@@ -55,8 +55,8 @@ class Silence:
         zeros = np.zeros(num_cameras, dtype=np.int64)
         return cls(zeros, zeros, np.full(num_cameras, LOSS_RANGE[0]), zeros, zeros)
 
-    def answering(self, slot: int) -> Flags:
-        """Return `(num_cameras,)`: who may be ordered for `slot`."""
+    def answering(self, slot: int | Counts) -> Flags:
+        """Return `(num_cameras,)`: who may be ordered for `slot`; a row for each `(*slots, 1)`."""
         return np.asarray(self.retry_slot <= slot)
 
 

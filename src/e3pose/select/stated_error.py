@@ -12,8 +12,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.model.uncertainty import expected_distance_m
-
 Floats = NDArray[np.float64]
 
 MEMORY_S = 3.0  # of the mean
@@ -29,11 +27,11 @@ def recent_error_m(before_m: float, covariance_m2: Floats, interval_s: float) ->
         covariance_m2: `(num_persons, num_joints, 3, 3)` of the people shown; NaN where unknown.
         interval_s: seconds a slot.
     """
-    stated_m = expected_distance_m(covariance_m2)
-    known = stated_m[np.isfinite(stated_m)]
-    if not len(known):
+    from e3pose.select.kernels.foresight import stated_error
+
+    newest_m = stated_error(np.ascontiguousarray(covariance_m2, dtype=np.float64))
+    if math.isnan(newest_m):
         return before_m
-    newest_m = float(known.mean())
     if math.isnan(before_m):
         return newest_m
     return before_m + (1 - math.exp(-interval_s / MEMORY_S)) * (newest_m - before_m)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from tests.estimate.filter.room import ALL, MODEL, error_m, run, see, spread_m, standing, step
 from tests.reference.filter_associate import associate
+from tests.reference.filter_learned_noise import knots_px
 
-from e3pose.estimate.filter.learned_noise import knots_px, nothing_known
+from e3pose.estimate.filter.learned_noise import nothing_known
 from e3pose.model.pose import Poses2D
 
 KNOTS_PX = knots_px(MODEL, nothing_known(len(MODEL.rig)))[0]

@@ -19,6 +19,7 @@ from tests.estimate.filter.room import (
     turn,
 )
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
+from tests.reference.filter_learned_noise import knots_px
 
 from e3pose.estimate.filter import Belief, Model, Noise, outlook
 from e3pose.estimate.filter.learned_noise import (
@@ -28,7 +29,6 @@ from e3pose.estimate.filter.learned_noise import (
     MOST,
     factors,
     found,
-    knots_px,
 )
 from e3pose.model.noise import ASSUMED_WEIGHT, KNOWN_WEIGHT
 from e3pose.model.pose import Poses2D

@@ -20,14 +20,9 @@ from e3pose.estimate.filter import (
 from e3pose.estimate.filter.covariance_inflation import spread_factor
 from e3pose.estimate.filter.posterior import posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
-from e3pose.estimate.filter.steer import steer, unforeseen
+from e3pose.estimate.filter.steer import foreseen, steer
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
-
-HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
-LEAST_KNOWN_SLOTS = 4  # of a history before what is predicted from it counts
-LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
-
 
 FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]]
 
@@ -82,20 +77,21 @@ class Filtered:
         identities = identify(
             memory.identities, memory.belief, belief, estimate.track_ids, self.model
         )
-        track_ids = identities.of(estimate.track_ids)
-        shown = np.searchsorted(belief.track_ids, estimate.track_ids)
-        factor = spread_factor(belief)[shown]
+        everybody = identities.of(belief.track_ids)
+        rows = np.searchsorted(belief.track_ids, estimate.track_ids)
+        track_ids = everybody[rows]
+        stated_m2, scores = _graded(belief, rows, estimate)
         history = _prolonged(memory, estimate)
         people = People(
-            Poses3D(estimate.joints_m, _scores(estimate)),
+            Poses3D(estimate.joints_m, scores),
             track_ids,
             history,
             track_ids,
-            estimate.covariance_m2 * factor[..., None, None] ** 2,
+            stated_m2,
             estimate.measured,
             {"estimate": clock() - start},
             learned_noise.found(belief.noise, self.model.noise.weight),
-            posterior_of(memory.belief, belief, identities.of(belief.track_ids)),
+            posterior_of(memory.belief, belief, everybody),
             learned_shift.found_px(belief.shifts, self.model),
         )
         return FilterMemory(belief, identities, estimate.track_ids, history), people
@@ -104,15 +100,8 @@ class Filtered:
         self, memory: FilterMemory, prediction: Prediction, interval_s: float
     ) -> FilterMemory:
         """See `Estimator.steer`; of a predictor that states its errors, which is a learned one."""
-        known = np.isfinite(memory.history_m).all(axis=-1).any(axis=-1).sum(axis=0)
-        joints_m = np.where(
-            np.isfinite(prediction.error_m[STEER_SLOTS - 1])[..., None]
-            & (known >= LEAST_KNOWN_SLOTS)[:, None, None],
-            prediction.joints_m[STEER_SLOTS - 1],
-            np.nan,
-        )
+        joints_m, shares = foreseen(self.model, memory.history_m, prediction, interval_s)
         rows = np.searchsorted(memory.belief.track_ids, memory.track_ids)
-        shares = unforeseen(self.model, prediction.error_m, interval_s)
         ahead_s = STEER_SLOTS * interval_s
         belief = steer(self.model.tree, memory.belief, rows, joints_m, ahead_s, shares)
         return replace(memory, belief=belief)
@@ -158,8 +147,13 @@ def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
     return history
 
 
-def _scores(estimate: Estimate) -> NDArray[np.float64]:
-    """Return `(num_persons, num_joints)`: certainty in (0, 1], 0 for joints never measured."""
-    variance = np.trace(estimate.covariance_m2, axis1=-2, axis2=-1) / 3
-    score = np.maximum(1 / (1 + variance / HALF_SCORE_M**2), LEAST_SCORE)
-    return np.where(np.isfinite(score), score, 0.0)
+def _graded(
+    belief: Belief, rows: NDArray[np.int64], estimate: Estimate
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return `People.covariance_m2` and the scores of the joints of the tracks at `rows`."""
+    from e3pose.estimate.filter.kernels.shown import grade
+
+    stated_m2 = np.empty_like(estimate.covariance_m2)
+    scores = np.empty(estimate.measured.shape)
+    grade(rows, spread_factor(belief), estimate.covariance_m2, stated_m2, scores)
+    return stated_m2, scores

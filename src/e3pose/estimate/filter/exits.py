@@ -14,6 +14,8 @@ then that show people there with probabilities p, the odds that this person has 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,7 +58,8 @@ def learn(before: Belief, belief: Belief, model: Model) -> Floats:
     exits: Floats = belief.exits
     root = model.tree.levels[0][0]
     places_m = belief.state[(belief.last_seen_s == 0).any(axis=1) & belief.confirmed, root, :2]
-    followed_s = np.full(len(places_m), np.nan_to_num(belief.time_s - before.time_s))
+    first = math.isnan(before.time_s)
+    followed_s = np.full(len(places_m), 0.0 if first else belief.time_s - before.time_s)
     known, shown = before.track_ids[before.confirmed], belief.track_ids[belief.confirmed]
     if not np.array_equal(known, shown):
         passed_m = _passed_m(before, belief, model)

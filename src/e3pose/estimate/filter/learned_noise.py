@@ -47,28 +47,20 @@ def factors(noise: Floats, weight: float) -> Floats:
         noise: `Belief.noise`.
         weight: keypoints that the file counts for.
     """
-    logs, counts = noise[:-1].T
-    own = counts * ALIKE / (counts + ALIKE)
-    mean = (own * logs).sum() / (own.sum() + weight)
-    return np.asarray(np.exp((counts * logs + ALIKE * mean) / (counts + ALIKE)))
+    from e3pose.estimate.filter.kernels.learned_noise import find_logs
+
+    logs = np.empty(len(noise))
+    find_logs(noise, weight, logs)
+    return np.asarray(np.exp(logs[:-1]))
 
 
-def tilt(noise: Floats, weight: float) -> float:
-    """Return the logarithm of the factor on sigma at the highest scores; arguments as above."""
-    log, count = noise[-1]
-    return float(log * count / (count + weight))
+def sigma_px(model: Model, noise: Floats) -> Floats:
+    """Return `(num_cameras,)` sigma of each camera's keypoints of the best score."""
+    from e3pose.estimate.filter.kernels.learned_noise import quietest
 
-
-def leaning(scores: Floats) -> Floats:
-    """Return how much of the tilt keypoints of these scores have, in [-1, 1]."""
-    return np.asarray(np.clip((scores - MIDDLE_SCORE) / SCORE_REACH, -1, 1))
-
-
-def knots_px(model: Model, noise: Floats) -> Floats:
-    """Return `(num_cameras, num_knots)`: sigma of each camera at the scores of the noise file."""
-    stated, weight = model.noise, model.noise.weight
-    leant = stated.sigma_px * np.exp(tilt(noise, weight) * leaning(stated.scores))
-    return np.asarray((model.scales * factors(noise, weight))[:, None] * leant)
+    stated, sigma = model.noise, np.empty(len(model.scales))
+    quietest(noise, stated.weight, model.scales, stated.scores, stated.sigma_px, sigma)
+    return sigma
 
 
 def found(noise: Floats, weight: float) -> Floats:
@@ -76,4 +68,8 @@ def found(noise: Floats, weight: float) -> Floats:
 
     Arguments are those of `factors`.
     """
-    return np.where(noise[:-1, COUNT] >= LEAST_KNOWN, factors(noise, weight) / CAUTION, np.nan)
+    from e3pose.estimate.filter.kernels.learned_noise import stated_factors
+
+    factor = np.empty(len(noise) - 1)
+    stated_factors(noise, weight, factor)
+    return factor

@@ -40,14 +40,17 @@ def shifts_px(shifts: Floats, model: Model) -> Floats:
         shifts: `Belief.shifts`.
         model: the rig.
     """
-    mean = shifts[:, :COUNT] * (shifts[:, COUNT:] / (shifts[:, COUNT:] + PRIOR))
-    least = LEAST * model.rig.image_sizes.max(axis=1)
-    squares = (mean**2).sum(axis=1)
-    kept = np.where(squares > least**2, 1 - least**2 / np.maximum(squares, 1e-12), 0.0)
-    return np.asarray(mean * kept[:, None])
+    return _found(shifts, model, 0.0)
 
 
 def found_px(shifts: Floats, model: Model) -> Floats:
     """Return `(num_cameras, 2)` pixels that are taken off; NaN where too little is seen."""
-    known = shifts[:, COUNT:] >= LEAST_KNOWN
-    return np.where(known, shifts_px(shifts, model), np.nan)
+    return _found(shifts, model, LEAST_KNOWN)
+
+
+def _found(shifts: Floats, model: Model, least_known: float) -> Floats:
+    from e3pose.estimate.filter.kernels.learned_shift import find_shifts
+
+    taken_px = np.empty((len(shifts), 2))
+    find_shifts(shifts, model.rig.image_sizes, least_known, taken_px)
+    return taken_px

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter import blindness, learned_noise
+from e3pose.estimate.filter import learned_noise
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.shown import needed
 from e3pose.estimate.filter.state import Belief, Leftovers, Model
@@ -20,9 +20,8 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
 
     joints_m = places(model.tree, belief.state, ahead_s)[..., :3]
     drift, lasts_s = model.alone
-    places_m = joints_m[:, model.tree.levels[0][0], :2]
-    chance = np.empty((len(belief), len(model.rig)))
-    chances(belief.detection_map, np.ascontiguousarray(places_m), model.corner_m, chance)
+    shows = np.empty((len(belief), len(model.rig)))
+    chances(belief.detection_map, joints_m, model.tree.order[0], model.corner_m, shows)
     unexplained, times_s = _newest(belief.leftovers, len(model.rig))
     return Outlook(
         track_ids=belief.track_ids,
@@ -33,10 +32,10 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
         velocity_lasts_s=lasts_s,
         has_memory=True,
         delivered=belief.delivered,
-        shows=np.minimum(chance / blindness.PLAIN, 1.0),
+        shows=shows,
         last_seen_s=belief.last_seen_s,
         needed=needed(belief, ahead_s),
-        sigma_px=learned_noise.knots_px(model, belief.noise).min(axis=-1),
+        sigma_px=learned_noise.sigma_px(model, belief.noise),
         memory=model.noise.memory,
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,

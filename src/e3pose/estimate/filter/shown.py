@@ -61,23 +61,28 @@ def needed(belief: Belief, ahead_s: float) -> Flags:
         belief: about everybody.
         ahead_s: seconds after the belief's slot, if nothing is seen until then.
     """
-    from e3pose.estimate.filter.kernels.shown import led_alone
+    from e3pose.estimate.filter.kernels.shown import find_needed
 
-    leading = belief.last_seen_s <= belief.last_seen_s.min(axis=1, keepdims=True, initial=np.inf)
-    alone = [
-        led_alone(*track, ahead_s) for track in zip(belief.state, belief.last_seen_s, strict=True)
-    ]
-    led = np.array(alone, dtype=bool)[:, None] & ~leading
-    return np.where(belief.confirmed[:, None], led, ~belief.seen_by)
+    flags = np.empty(belief.last_seen_s.shape, dtype=bool)
+    find_needed(belief.state, belief.last_seen_s, belief.confirmed, belief.seen_by, ahead_s, flags)
+    return flags
 
 
 def estimate_of(belief: Belief, model: Model) -> Estimate:
     """Return the people who are believed to be there, and where."""
+    from e3pose.estimate.filter.kernels.shown import show
+
     rows = np.flatnonzero(shown(belief, model))
-    known = np.isfinite(belief.unmeasured_s[rows])
-    return Estimate(
-        belief.track_ids[rows],
-        np.where(known[..., None], belief.state[rows, :, :3], np.nan),
-        np.where(known[..., None, None], belief.covariance[rows, :, :3, :3], np.nan),
-        belief.unmeasured_s[rows] == 0,
+    shape = len(rows), len(model.skeleton)
+    joints_m, covariance_m2 = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
+    measured = np.empty(shape, dtype=bool)
+    show(
+        rows,
+        belief.unmeasured_s,
+        belief.state,
+        belief.covariance,
+        joints_m,
+        covariance_m2,
+        measured,
     )
+    return Estimate(belief.track_ids[rows], joints_m, covariance_m2, measured)

@@ -11,16 +11,16 @@ from functools import lru_cache
 
 import numpy as np
 
+from e3pose.estimate.base import STEER_SLOTS
 from e3pose.estimate.filter.motion import fading
 from e3pose.estimate.filter.state import Belief, Floats, Ints, Model
 from e3pose.estimate.filter.tree import Tree
+from e3pose.predict.base import Prediction
 
 # Of the way from the filter's own prediction to the other one. The errors of the two hang together,
 # and far from what was learned the filter's is the safer one; 0.5 to 0.7 are alike
 # (`docs/experiments/2026-11-22-steering-by-default.md`, which has the shares too).
 GAIN = 0.5
-LEAST_SHARE, MOST_SHARE = 0.4, 2.0  # of the process noise; 1 is that of the unsteered filter
-SQUARES = 3 * np.pi / 8  # mean square of a distance over the square of its mean, on three axes
 
 
 def steer(
@@ -43,10 +43,10 @@ def steer(
         joints_m: `(num_steered, num_joints, 3)` where else they are expected; NaN leaves a joint.
         ahead_s: in how many seconds.
         drift_share: `(num_steered, num_joints)` of the process noise that is left until the next
-            call (`unforeseen`); all of it for joints that are left.
+            call (`foreseen`); all of it for joints that are left.
     """
     shares = np.ones_like(belief.drift_share)
-    if ahead_s <= 0 or not np.isfinite(joints_m).any():
+    if ahead_s <= 0:
         return replace(belief, drift_share=shares)
     from e3pose.estimate.filter.kernels.motion import steer_all
 
@@ -69,21 +69,38 @@ def steer(
     return replace(belief, state=state, drift_share=shares)
 
 
-def unforeseen(model: Model, error_m: Floats, interval_s: float) -> Floats:
-    """Return `(num_steered, num_joints)`: the share of the process noise that is left.
+def foreseen(
+    model: Model, history_m: Floats, prediction: Prediction, interval_s: float
+) -> tuple[Floats, Floats]:
+    """Return what `steer` needs of a prediction: where joints go, and what is not foreseen.
 
     A predictor that says how fast its error grows says what it does not foresee: its share of what
     the filter's own motion leaves open between the first slot to come and the second.
 
     Args:
         model: of the filter.
-        error_m: `(num_slots, num_steered, num_joints)` expected distances, two slots or more; NaN
-            where unknown, as then the share is.
+        history_m: `(num_slots, num_steered, num_joints, 3)` metres, NaN where unknown.
+        prediction: from that, two slots or more.
         interval_s: seconds a slot.
+
+    Returns:
+        `(num_steered, num_joints, 3)` metres after `STEER_SLOTS`, NaN where no error is stated and
+        of people with a short history; `(num_steered, num_joints)` the share of the process noise
+        that is left, in `[LEAST_SHARE, MOST_SHARE]` of `kernels.motion`.
     """
-    grown = SQUARES * (error_m[1] ** 2 - error_m[0] ** 2)
-    share = LEAST_SHARE + grown / (3 * _left_open(model, interval_s))
-    return np.asarray(np.minimum(np.maximum(share, LEAST_SHARE), MOST_SHARE))
+    from e3pose.estimate.filter.kernels.motion import foresee_joints
+
+    shape = prediction.joints_m.shape[1:]
+    joints_m, shares = np.empty(shape), np.empty(shape[:2])
+    foresee_joints(
+        history_m,
+        prediction.joints_m[STEER_SLOTS - 1],
+        prediction.error_m,
+        _left_open(model, interval_s),
+        joints_m,
+        shares,
+    )
+    return joints_m, shares
 
 
 @lru_cache(maxsize=8)

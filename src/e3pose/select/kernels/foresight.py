@@ -203,12 +203,13 @@ def _in_front(pixel: Floats, depth: float, boxes: Floats, depths: Floats) -> flo
 
 @kernel
 def information_of(
-    prior: Floats, views: Floats, fresh: Floats, weights: Floats, subset: Flags
+    prior: Floats, dets: Floats, views: Floats, fresh: Floats, weights: Floats, subset: Flags
 ) -> float:
     """Return the nats a joint that a set of cameras is expected to add, see `Foresight`.
 
     Args:
         prior: `(num_tracks, num_joints, 6)`.
+        dets: `(num_tracks, num_joints)` its determinants.
         views: `(num_cameras, num_tracks, num_joints, 6)`.
         fresh: `(num_cameras, num_tracks)` share of `views` that is new.
         weights: `(num_tracks,)` of people.
@@ -222,7 +223,7 @@ def information_of(
         logs, product = 0.0, 1.0
         for joint in range(num_joints):
             _add(prior[track, joint], views[:, track, joint], fresh[:, track], subset, after)
-            product *= _det(after) / _det(prior[track, joint])
+            product *= _det(after) / dets[track, joint]
             if product > MOST_PRODUCT:
                 logs += math.log(product)
                 product = 1.0
@@ -231,12 +232,23 @@ def information_of(
 
 
 @kernel
+def _determinants(prior: Floats) -> Floats:
+    """Return `(num_tracks, num_joints)` determinants."""
+    dets = np.empty(prior.shape[:2])
+    for track in range(len(prior)):
+        for joint in range(prior.shape[1]):
+            dets[track, joint] = _det(prior[track, joint])
+    return dets
+
+
+@kernel
 def information(
     prior: Floats, views: Floats, fresh: Floats, weights: Floats, subsets: Flags, nats: Floats
 ) -> None:
     """Fill `nats` `(num_subsets,)` with `information_of` each of the `subsets`."""
+    dets = _determinants(prior)
     for row in range(len(subsets)):
-        nats[row] = information_of(prior, views, fresh, weights, subsets[row])
+        nats[row] = information_of(prior, dets, views, fresh, weights, subsets[row])
 
 
 @kernel
@@ -244,11 +256,12 @@ def gains(
     prior: Floats, views: Floats, fresh: Floats, weights: Floats, chosen: Flags, nats: Floats
 ) -> None:
     """Fill `nats` `(num_cameras,)`: what each camera adds to the other ones that are `chosen`."""
-    base = information_of(prior, views, fresh, weights, chosen)
+    dets = _determinants(prior)
+    base = information_of(prior, dets, views, fresh, weights, chosen)
     other = chosen.copy()
     for camera in range(len(chosen)):
         other[camera] = not chosen[camera]
-        change = information_of(prior, views, fresh, weights, other) - base
+        change = information_of(prior, dets, views, fresh, weights, other) - base
         nats[camera] = -change if chosen[camera] else change
         other[camera] = chosen[camera]
 
@@ -282,6 +295,27 @@ def errors(
 
 
 @kernel
+def stated_error(covariance_m2: Floats) -> float:
+    """Return the mean distance expected of joints `(num_persons, num_joints, 3, 3)`; NaN of none.
+
+    Joints whose covariance is NaN do not count.
+    """
+    sum_m, count = 0.0, 0
+    for person in range(covariance_m2.shape[0]):
+        for joint in range(covariance_m2.shape[1]):
+            total, squared = 0.0, 0.0
+            for a in range(3):
+                total += covariance_m2[person, joint, a, a]
+                for b in range(3):
+                    squared += covariance_m2[person, joint, a, b] ** 2
+            distance_m = _mean_distance(total, squared)
+            if math.isfinite(distance_m):
+                sum_m += distance_m
+                count += 1
+    return sum_m / count if count else np.nan
+
+
+@kernel
 def _add(prior: Floats, views: Floats, share: Floats, subset: Flags, after: Floats) -> None:
     """Fill `after` `(6,)`: the information about a joint with the views of a set of cameras."""
     for entry in range(6):
@@ -306,6 +340,12 @@ def _distance(m: Floats) -> float:
     det = _det(m)
     total = minors / det  # the trace of the inverse
     squared = total**2 - 2 * (m[0] + m[3] + m[5]) / det  # the trace of its square
+    return _mean_distance(total, squared)
+
+
+@kernel
+def _mean_distance(total: float, squared: float) -> float:
+    """Return the mean of a distance by the traces of its covariance and of the square of that."""
     degrees = total**2 / squared
     # The mean of a chi distribution: sqrt(2) Gamma((k + 1) / 2) / Gamma(k / 2).
     rising = math.exp(math.lgamma(degrees / 2 + 0.5) - math.lgamma(degrees / 2))

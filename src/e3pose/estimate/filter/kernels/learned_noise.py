@@ -15,7 +15,9 @@ from e3pose.estimate.filter.kernels.scratch import Detectors, Matches, Site, Tra
 from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
     ALIKE,
+    CAUTION,
     COUNT,
+    LEAST_KNOWN,
     LEAST_SHARE,
     LOG,
     MEDIAN,
@@ -41,7 +43,26 @@ ROBUST = 1.0 / OUTLIER_SIGMAS**2
 def recall_noise(noise: Floats, site: Site, detectors: Detectors) -> None:
     """Begin a slot: work out the factors and the scales of all cameras; nothing is learned yet."""
     num_cameras = len(noise) - 1
-    total, mean = site.noise_weight, 0.0
+    find_logs(noise, site.noise_weight, detectors.logs)
+    for camera in range(num_cameras):
+        detectors.scales[camera] = site.scales[camera] * math.exp(detectors.logs[camera])
+    tilt_knots(detectors.logs[num_cameras], site.noise_scores, site.noise_px, detectors.noise_px)
+    for row in range(num_cameras + 1):
+        detectors.fresh[row] = 0.0
+        detectors.steps[row] = 0.0
+
+
+@kernel
+def find_logs(noise: Floats, weight: float, logs: Floats) -> None:
+    """Fill `logs` `(num_cameras + 1,)`: of the factor of each camera on the file's sigma; the tilt.
+
+    Args:
+        noise: `Belief.noise`.
+        weight: keypoints that the noise file counts for.
+        logs: filled.
+    """
+    num_cameras = len(noise) - 1
+    total, mean = weight, 0.0
     for camera in range(num_cameras):
         count = noise[camera, COUNT]
         own = count * ALIKE / (count + ALIKE)
@@ -50,18 +71,52 @@ def recall_noise(noise: Floats, site: Site, detectors: Detectors) -> None:
     mean /= total
     for camera in range(num_cameras):
         count = noise[camera, COUNT]
-        log = (count * noise[camera, LOG] + ALIKE * mean) / (count + ALIKE)
-        detectors.logs[camera] = log
-        detectors.scales[camera] = site.scales[camera] * math.exp(log)
+        logs[camera] = (count * noise[camera, LOG] + ALIKE * mean) / (count + ALIKE)
     count = noise[num_cameras, COUNT]
-    tilt = noise[num_cameras, LOG] * count / (count + site.noise_weight)
-    detectors.logs[num_cameras] = tilt
-    for knot in range(len(site.noise_px)):
-        lean = _leaning(site.noise_scores[knot])
-        detectors.noise_px[knot] = site.noise_px[knot] * math.exp(tilt * lean)
-    for row in range(num_cameras + 1):
-        detectors.fresh[row] = 0.0
-        detectors.steps[row] = 0.0
+    logs[num_cameras] = noise[num_cameras, LOG] * count / (count + weight)
+
+
+@kernel
+def tilt_knots(tilt: float, scores: Floats, stated_px: Floats, noise_px: Floats) -> None:
+    """Fill `noise_px` `(num_knots,)`: what the file states at `scores`, tilted."""
+    for knot in range(len(scores)):
+        noise_px[knot] = stated_px[knot] * math.exp(tilt * _leaning(scores[knot]))
+
+
+@kernel
+def quietest(
+    noise: Floats,
+    weight: float,
+    scales: Floats,
+    scores: Floats,
+    stated_px: Floats,
+    sigma_px: Floats,
+) -> None:
+    """Fill `sigma_px` `(num_cameras,)`: of each camera's keypoints of the best score.
+
+    Args:
+        noise: as of `find_logs`, like `weight`.
+        weight: keypoints.
+        scales: `(num_cameras,)` of `Model`.
+        scores: `(num_knots,)` of the noise file.
+        stated_px: `(num_knots,)` of the noise file.
+        sigma_px: filled.
+    """
+    logs, noise_px = np.empty(len(noise)), np.empty(len(scores))
+    find_logs(noise, weight, logs)
+    tilt_knots(logs[len(scales)], scores, stated_px, noise_px)
+    for camera in range(len(scales)):
+        sigma_px[camera] = scales[camera] * math.exp(logs[camera]) * noise_px.min()
+
+
+@kernel
+def stated_factors(noise: Floats, weight: float, found: Floats) -> None:
+    """Fill `found` `(num_cameras,)` as `learned_noise.found` has it; arguments of `find_logs`."""
+    logs = np.empty(len(noise))
+    find_logs(noise, weight, logs)
+    for camera in range(len(found)):
+        known = noise[camera, COUNT] >= LEAST_KNOWN
+        found[camera] = math.exp(logs[camera]) / CAUTION if known else np.nan
 
 
 @kernel

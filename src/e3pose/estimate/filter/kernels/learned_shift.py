@@ -24,15 +24,31 @@ Floats = NDArray[np.float64]
 @kernel
 def recall_shifts(shifts: Floats, sizes: Floats, detectors: Detectors) -> None:
     """Begin a slot: work out what is taken off all keypoints; nothing is learned yet."""
+    find_shifts(shifts, sizes, 0.0, detectors.shifts_px)
     for camera in range(len(shifts)):
-        trust = shifts[camera, COUNT] / (shifts[camera, COUNT] + PRIOR)
+        for column in range(3):
+            detectors.residuals[camera, column] = 0.0
+
+
+@kernel
+def find_shifts(shifts: Floats, sizes: Floats, least_known: float, shifts_px: Floats) -> None:
+    """Fill `shifts_px` `(num_cameras, 2)`: what is taken off (`learned_shift.shifts_px`).
+
+    Args:
+        shifts: `Belief.shifts`.
+        sizes: `(num_cameras, 2)` of the images.
+        least_known: keypoints, of cameras taught by fewer it is NaN.
+        shifts_px: filled.
+    """
+    for camera in range(len(shifts)):
+        count = shifts[camera, COUNT]
+        trust = count / (count + PRIOR)
         squares = trust**2 * (shifts[camera, 0] ** 2 + shifts[camera, 1] ** 2)
         least = (LEAST * max(sizes[camera, 0], sizes[camera, 1])) ** 2
         kept = 1.0 - least / squares if squares > least else 0.0
         for axis in range(2):
-            detectors.shifts_px[camera, axis] = kept * trust * shifts[camera, axis]
-        for column in range(3):
-            detectors.residuals[camera, column] = 0.0
+            taken = kept * trust * shifts[camera, axis]
+            shifts_px[camera, axis] = taken if count >= least_known else np.nan
 
 
 @kernel

@@ -13,6 +13,10 @@ from e3pose.runtime.kernel import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+LEAST_KNOWN_SLOTS = 4  # of a history before what is predicted from it counts
+LEAST_SHARE, MOST_SHARE = 0.4, 2.0  # of the process noise; 1 is that of the unsteered filter
+SQUARES = 3 * math.pi / 8  # mean square of a distance over the square of its mean, on three axes
+
 
 @kernel
 def move(
@@ -130,3 +134,48 @@ def steer_all(
         for joint in order:
             for a in range(3):
                 state[track, joint, a + 3] += turned[joint, a]
+
+
+@kernel
+def foresee_joints(
+    history_m: Floats,
+    predicted_m: Floats,
+    error_m: Floats,
+    left_open_m2: Floats,
+    joints_m: Floats,
+    shares: Floats,
+) -> None:
+    """Fill what `filter.steer.foreseen` returns.
+
+    Args:
+        history_m: `(num_slots, num_steered, num_joints, 3)` metres.
+        predicted_m: `(num_steered, num_joints, 3)` metres.
+        error_m: `(num_leads, num_steered, num_joints)` expected distances, NaN where unknown.
+        left_open_m2: `(num_joints,)` what the filter's motion adds in the second slot to come.
+        joints_m: `(num_steered, num_joints, 3)` filled.
+        shares: `(num_steered, num_joints)` filled.
+    """
+    for track in range(len(joints_m)):
+        slots = 0
+        for slot in range(len(history_m)):
+            slots += _shows_anything(history_m[slot, track])
+        for joint in range(joints_m.shape[1]):
+            first_m, second_m = error_m[0, track, joint], error_m[1, track, joint]
+            stated = math.isfinite(second_m) and slots >= LEAST_KNOWN_SLOTS
+            grown = SQUARES * (second_m**2 - first_m**2)
+            share = LEAST_SHARE + grown / (3 * left_open_m2[joint])
+            shares[track, joint] = min(max(share, LEAST_SHARE), MOST_SHARE)
+            for axis in range(3):
+                joints_m[track, joint, axis] = predicted_m[track, joint, axis] if stated else np.nan
+
+
+@kernel
+def _shows_anything(joints_m: Floats) -> bool:
+    """Tell whether any joint `(num_joints, 3)` is known."""
+    for joint in range(len(joints_m)):
+        known = True
+        for axis in range(3):
+            known = known and math.isfinite(joints_m[joint, axis])
+        if known:
+            return True
+    return False

@@ -26,6 +26,8 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 TRUNK_LASTS_S = TRUNK.lasts_s
+HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
+LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
 ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
 SHOWN_SPREAD_M = 0.2  # nor who has no joint that is more certain
 
@@ -158,8 +160,84 @@ def count_exits(places_m: Floats, followed_s: Floats, corner_m: Floats, exits: F
 
 
 @kernel
-def chances(detection_map: Floats, places_m: Floats, corner_m: Floats, chance_of: Floats) -> None:
-    """Fill `chance_of` `(num_places, num_cameras)`: how likely a look shows somebody at a place."""
-    for place in range(len(places_m)):
+def chances(
+    detection_map: Floats, joints_m: Floats, root: int, corner_m: Floats, shows: Floats
+) -> None:
+    """Fill `shows` `(num_tracks, num_cameras)`: how likely a look shows people, see `Outlook`."""
+    for track in range(len(joints_m)):
         for camera in range(len(detection_map)):
-            chance_of[place, camera] = chance(detection_map[camera], places_m[place], corner_m)
+            likely = chance(detection_map[camera], joints_m[track, root], corner_m)
+            shows[track, camera] = min(likely / PLAIN, 1.0)
+
+
+@kernel
+def find_needed(
+    state: Floats,
+    last_seen_s: Floats,
+    confirmed: Flags,
+    seen_by: Flags,
+    ahead_s: float,
+    needed: Flags,
+) -> None:
+    """Fill `needed` `(num_tracks, num_cameras)` as `filter.shown.needed` has it.
+
+    All but the last two are of `Belief`; `ahead_s` seconds pass without a look.
+    """
+    for track in range(len(needed)):
+        alone = led_alone(state[track], last_seen_s[track], ahead_s)
+        newest_s = last_seen_s[track].min()
+        for camera in range(needed.shape[1]):
+            if confirmed[track]:
+                needed[track, camera] = alone and last_seen_s[track, camera] > newest_s
+            else:
+                needed[track, camera] = not seen_by[track, camera]
+
+
+@kernel
+def show(
+    rows: Integers,
+    unmeasured_s: Floats,
+    state: Floats,
+    covariance: Floats,
+    joints_m: Floats,
+    covariance_m2: Floats,
+    measured: Flags,
+) -> None:
+    """Fill an `Estimate` with the tracks at `rows`; up to `covariance` all is of `Belief`."""
+    for index in range(len(rows)):
+        track = rows[index]
+        for joint in range(state.shape[1]):
+            unmeasured = unmeasured_s[track, joint]
+            known = math.isfinite(unmeasured)
+            measured[index, joint] = unmeasured == 0.0
+            for a in range(3):
+                joints_m[index, joint, a] = state[track, joint, a] if known else np.nan
+                for b in range(3):
+                    block = covariance[track, joint, a, b]
+                    covariance_m2[index, joint, a, b] = block if known else np.nan
+
+
+@kernel
+def grade(
+    rows: Integers, factors: Floats, covariance_m2: Floats, stated_m2: Floats, scores: Floats
+) -> None:
+    """Fill the covariances that are stated of people, and the scores of their joints.
+
+    Args:
+        rows: `(num_persons,)` of their tracks.
+        factors: `(num_tracks, num_joints)` on standard deviations (`covariance_inflation`).
+        covariance_m2: `(num_persons, num_joints, 3, 3)` of `Estimate`.
+        stated_m2: likewise, filled: with these factors.
+        scores: `(num_persons, num_joints)` filled: certainty in (0, 1], 0 for joints never
+            measured.
+    """
+    for index in range(len(rows)):
+        for joint in range(scores.shape[1]):
+            factor = factors[rows[index], joint]
+            block = covariance_m2[index, joint]
+            variance = (block[0, 0] + block[1, 1] + block[2, 2]) / 3
+            score = max(1.0 / (1.0 + variance / HALF_SCORE_M**2), LEAST_SCORE)
+            scores[index, joint] = score if math.isfinite(variance) else 0.0
+            for a in range(3):
+                for b in range(3):
+                    stated_m2[index, joint, a, b] = block[a, b] * factor**2
