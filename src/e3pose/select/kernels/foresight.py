@@ -202,53 +202,48 @@ def _in_front(pixel: Floats, depth: float, boxes: Floats, depths: Floats) -> flo
 
 
 @kernel
-def information_of(
-    prior: Floats, dets: Floats, views: Floats, fresh: Floats, weights: Floats, subset: Flags
-) -> float:
-    """Return the nats a joint that a set of cameras is expected to add, see `Foresight`.
-
-    Args:
-        prior: `(num_tracks, num_joints, 6)`.
-        dets: `(num_tracks, num_joints)` its determinants.
-        views: `(num_cameras, num_tracks, num_joints, 6)`.
-        fresh: `(num_cameras, num_tracks)` share of `views` that is new.
-        weights: `(num_tracks,)` of people.
-        subset: `(num_cameras,)`.
-    """
-    num_tracks, num_joints, _ = prior.shape
-    after = np.empty(6)
-    total, weight = 0.0, 0.0
-    for track in range(num_tracks):
-        weight += weights[track]
-        logs, product = 0.0, 1.0
-        for joint in range(num_joints):
-            _add(prior[track, joint], views[:, track, joint], fresh[:, track], subset, after)
-            product *= _det(after) / dets[track, joint]
-            if product > MOST_PRODUCT:
-                logs += math.log(product)
-                product = 1.0
-        total += weights[track] * (logs + math.log(product))
-    return float(total / max(weight * num_joints, 1e-9) / 2)
-
-
-@kernel
-def _determinants(prior: Floats) -> Floats:
-    """Return `(num_tracks, num_joints)` determinants."""
-    dets = np.empty(prior.shape[:2])
-    for track in range(len(prior)):
-        for joint in range(prior.shape[1]):
-            dets[track, joint] = _det(prior[track, joint])
-    return dets
-
-
-@kernel
 def information(
     prior: Floats, views: Floats, fresh: Floats, weights: Floats, subsets: Flags, nats: Floats
 ) -> None:
-    """Fill `nats` `(num_subsets,)` with `information_of` each of the `subsets`."""
-    dets = _determinants(prior)
+    """Fill `nats` `(num_subsets,)`: what sets of cameras are expected to add, see `Foresight`.
+
+    The innermost loops run over the joints of a person, which fills vector registers.
+
+    Args:
+        prior: `(num_tracks, num_joints, 6)`.
+        views: `(num_cameras, num_tracks, num_joints, 6)`.
+        fresh: `(num_cameras, num_tracks)` share of `views` that is new.
+        weights: `(num_tracks,)` of people.
+        subsets: `(num_subsets, num_cameras)`.
+        nats: filled, nats a joint.
+    """
+    num_tracks, num_joints, _ = prior.shape
+    known, after = np.empty((6, num_joints)), np.empty((6, num_joints))
+    added = np.empty((len(views), 6, num_joints))
+    before, dets = np.empty(num_joints), np.empty(num_joints)
+    weight = 0.0
+    nats[:] = 0.0
+    for track in range(num_tracks):
+        weight += weights[track]
+        for joint in range(num_joints):
+            for entry in range(6):
+                known[entry, joint] = prior[track, joint, entry]
+                for camera in range(len(views)):
+                    share = fresh[camera, track]
+                    added[camera, entry, joint] = share * views[camera, track, joint, entry]
+        _determinants(known, before)
+        for row in range(len(subsets)):
+            _add_all(known, added, subsets[row], after)
+            _determinants(after, dets)
+            logs, product = 0.0, 1.0
+            for joint in range(num_joints):
+                product *= dets[joint] / before[joint]
+                if product > MOST_PRODUCT:
+                    logs += math.log(product)
+                    product = 1.0
+            nats[row] += weights[track] * (logs + math.log(product))
     for row in range(len(subsets)):
-        nats[row] = information_of(prior, dets, views, fresh, weights, subsets[row])
+        nats[row] = nats[row] / max(weight * num_joints, 1e-9) / 2
 
 
 @kernel
@@ -256,14 +251,39 @@ def gains(
     prior: Floats, views: Floats, fresh: Floats, weights: Floats, chosen: Flags, nats: Floats
 ) -> None:
     """Fill `nats` `(num_cameras,)`: what each camera adds to the other ones that are `chosen`."""
-    dets = _determinants(prior)
-    base = information_of(prior, dets, views, fresh, weights, chosen)
-    other = chosen.copy()
-    for camera in range(len(chosen)):
-        other[camera] = not chosen[camera]
-        change = information_of(prior, dets, views, fresh, weights, other) - base
+    num_cameras = len(chosen)
+    subsets, found = np.empty((num_cameras + 1, num_cameras), np.bool_), np.empty(num_cameras + 1)
+    for row in range(num_cameras + 1):
+        for camera in range(num_cameras):
+            subsets[row, camera] = chosen[camera] != (row == camera)
+    information(prior, views, fresh, weights, subsets, found)
+    for camera in range(num_cameras):
+        change = found[camera] - found[num_cameras]
         nats[camera] = -change if chosen[camera] else change
-        other[camera] = chosen[camera]
+
+
+@kernel
+def _add_all(known: Floats, added: Floats, subset: Flags, after: Floats) -> None:
+    """Fill `after` `(6, num_joints)`: what is known with what a set of cameras adds."""
+    for entry in range(6):
+        for joint in range(known.shape[1]):
+            after[entry, joint] = known[entry, joint]
+    for camera in range(len(subset)):
+        if subset[camera]:
+            for entry in range(6):
+                for joint in range(known.shape[1]):
+                    after[entry, joint] += added[camera, entry, joint]
+
+
+@kernel
+def _determinants(m: Floats, dets: Floats) -> None:
+    """Fill `dets` `(num_joints,)` of matrices `(6, num_joints)`."""
+    xx, xy, xz, yy, yz, zz = m[0], m[1], m[2], m[3], m[4], m[5]
+    for joint in range(len(dets)):
+        minor = yy[joint] * zz[joint] - yz[joint] * yz[joint]
+        across = xy[joint] * (xy[joint] * zz[joint] - yz[joint] * xz[joint])
+        inner = xy[joint] * yz[joint] - yy[joint] * xz[joint]
+        dets[joint] = xx[joint] * minor - across + xz[joint] * inner
 
 
 @kernel
@@ -272,7 +292,7 @@ def errors(
 ) -> None:
     """Fill `error_m` `(num_subsets,)`: the mean distance expected of joints of people confirmed.
 
-    NaN where nobody is. Other arguments are those of `information_of`; `counted` is the share of
+    NaN where nobody is. Other arguments are those of `information`; `counted` is the share of
     `views` that the estimator counts.
     """
     num_tracks, num_joints, _ = prior.shape
