@@ -65,19 +65,23 @@ class AttentionLstm:
 
     def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """See `Predictor.predict`."""
+        history_m = history_m[-self.history_slots :]
         num_tracks = history_m.shape[1]
-        joints = np.empty((lead_slots, num_tracks, self.num_joints, 3))
-        error = np.empty((lead_slots, num_tracks, self.num_joints))
-        for start in range(0, num_tracks, BATCH_TRACKS):
-            some = slice(start, start + BATCH_TRACKS)
-            self._predict(history_m[:, some], interval_s, joints[:, some], error[:, some])
-        return Prediction(joints, error)
+        if num_tracks <= BATCH_TRACKS:
+            return self._predict(history_m, interval_s, lead_slots)
+        parts = [
+            self._predict(history_m[:, start : start + BATCH_TRACKS], interval_s, lead_slots)
+            for start in range(0, num_tracks, BATCH_TRACKS)
+        ]
+        return Prediction(
+            np.concatenate([part.joints_m for part in parts], axis=1),
+            np.concatenate([part.error_m for part in parts], axis=1),
+        )
 
-    def _predict(
-        self, history_m: Floats, interval_s: float, joints_m: Floats, error_m: Floats
-    ) -> None:
-        """Fill `joints_m` and `error_m` with the prediction of some tracks."""
-        history_m = np.ascontiguousarray(history_m[-self.history_slots :], dtype=np.float64)
+    def _predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
+        """Return the prediction of some tracks."""
+        shape = lead_slots, history_m.shape[1], self.num_joints
+        joints_m, error_m = np.empty((*shape, 3)), np.empty(shape)
         self._run(
             self.weights,
             self.joints,
@@ -85,12 +89,13 @@ class AttentionLstm:
             self.history_slots,
             float(interval_s),
             MAX_LEADS,
-            history_m,
+            np.ascontiguousarray(history_m, dtype=np.float64),
             joints_m,
             error_m,
         )
         if not self.states_error:
             error_m[:] = np.nan
+        return Prediction(joints_m, error_m)
 
 
 def _load(path: Path) -> tuple[Weights, Curves, int]:

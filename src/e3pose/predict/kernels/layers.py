@@ -20,6 +20,7 @@ ZERO, HALF, ONE, TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32
 # Lambert's continued fraction y / (1 + y^2 / (3 + ... y^2 / 13)) of tanh y as y P(y^2) / Q(y^2).
 P1, P2, P3 = np.float32(5 / 39), np.float32(2 / 715), np.float32(1 / 135135)
 Q1, Q2, Q3 = np.float32(6 / 13), np.float32(10 / 429), np.float32(4 / 19305)
+BLOCK = 4  # rows that products are taken for at a time
 STEEPEST = np.float32(4.5)  # tanh of twice this is 1 in single precision
 
 
@@ -50,9 +51,9 @@ def add_product(rows: Floats32, weight: Floats32, out: Floats32) -> None:
         weight: `(num_inputs, num_outputs)`.
         out: `(num_rows, num_outputs)`, added to.
     """
-    whole = len(rows) - len(rows) % 4
-    for row in range(0, whole, 4):
-        _add_four(rows[row : row + 4], weight, out[row : row + 4])
+    whole = len(rows) - len(rows) % BLOCK
+    for row in range(0, whole, BLOCK):
+        _add_four(rows[row : row + BLOCK], weight, out[row : row + BLOCK])
     for row in range(whole, len(rows)):
         _add_one(rows[row], weight, out[row])
 
