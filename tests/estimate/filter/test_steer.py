@@ -12,11 +12,18 @@ from numpy.typing import NDArray
 from tests.estimate.filter.room import step
 
 from e3pose.estimate.filter import Belief, Model, outlook
+from e3pose.estimate.filter.kernels.motion import (
+    LEAST_KNOWN_SLOTS,
+    LEAST_SHARE,
+    MOST_SHARE,
+    SQUARES,
+)
 from e3pose.estimate.filter.motion import fading, places
-from e3pose.estimate.filter.steer import GAIN, LEAST_SHARE, MOST_SHARE, SQUARES, steer, unforeseen
+from e3pose.estimate.filter.steer import GAIN, foreseen, steer
 from e3pose.estimate.filter.tree import Tree
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
+from e3pose.predict.base import Prediction
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
@@ -120,11 +127,34 @@ def grown(shares: float, interval_s: float) -> Floats:
     return error_m
 
 
+def foreseen_of(
+    error_m: Floats, interval_s: float, history_m: Floats | None = None
+) -> tuple[Floats, Floats]:
+    """Return what steers of a prediction with these errors, of people who are well known."""
+    shape = error_m.shape[1:]
+    history_m = np.zeros((LEAST_KNOWN_SLOTS, *shape, 3)) if history_m is None else history_m
+    prediction = Prediction(np.ones((len(error_m), *shape, 3)), error_m)
+    return foreseen(model(), history_m, prediction, interval_s)
+
+
 @pytest.mark.parametrize("interval_s", [1 / 60, 0.04, 0.2])
 def test_noise_is_left_where_the_predictor_foresees_its_error_to_grow(interval_s: float) -> None:
     for shares, expected in ((0.0, LEAST_SHARE), (0.3, LEAST_SHARE + 0.3), (9.0, MOST_SHARE)):
-        found = unforeseen(model(), grown(shares, interval_s), interval_s)
+        joints_m, found = foreseen_of(grown(shares, interval_s), interval_s)
         np.testing.assert_allclose(found, expected, rtol=1e-9)
-    shrinking = unforeseen(model(), grown(0.5, interval_s)[::-1], interval_s)
+        np.testing.assert_array_equal(joints_m, 1.0)
+    shrinking = foreseen_of(grown(0.5, interval_s)[::-1], interval_s)[1]
     np.testing.assert_array_equal(shrinking, LEAST_SHARE)
-    assert np.isnan(unforeseen(model(), np.full((2, 1, 17), np.nan), interval_s)).all()
+
+
+def test_joints_without_a_stated_error_and_people_just_met_are_not_steered() -> None:
+    error_m = grown(0.3, 0.04)
+    error_m[:, 0, 4] = np.nan
+    joints_m, _ = foreseen_of(error_m, 0.04)
+    assert np.flatnonzero(np.isnan(joints_m[0, :, 0])).tolist() == [4]
+    history_m = np.zeros((6, 1, 17, 3))
+    history_m[: 7 - LEAST_KNOWN_SLOTS] = np.nan
+    history_m[-1, 0, :16] = np.nan  # one joint is enough
+    assert np.isnan(foreseen_of(grown(0.3, 0.04), 0.04, history_m)[0]).all()
+    history_m[6 - LEAST_KNOWN_SLOTS] = 0.0
+    assert np.isfinite(foreseen_of(grown(0.3, 0.04), 0.04, history_m)[0]).all()
