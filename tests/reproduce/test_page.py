@@ -28,6 +28,7 @@ def section(scale: Scale, made: Made) -> Section:
         how="how",
         tables=(
             Table("table", "T", ("row", "PCP"), (("x", Spread(95.04, 0.5, 3)), ("y", None))),
+            Table("long", "All <rows>", ("row", "PCP"), (("x", 1.0),), folded=True),
         ),
         panels=(
             Panel("lines", "L", "x", "y", (ONE,)),
@@ -35,6 +36,9 @@ def section(scale: Scale, made: Made) -> Section:
                 Line("paper", "paper", names, (1, 2)), Line("here", "modelled", names, (2, 3)),
             ), kind="bars"),
             Panel("stack", "S", "", "W", (Line("cpu", "modelled", names, (1, 2)),), kind="stacked"),
+            Panel("decades", "D", "x", "mm", (
+                Line("one", "simulated", (1, 2, 3), (20, 50, 190)),
+            ), logarithmic_y=True),
             Panel("steps", "R", "slot", "", (ONE,), kind="steps"),
         ),
         headlines=(Headline("PCP", 95.0, 94.0, 96.0), Headline("error", 50.0, 10.0, 20.0)),
@@ -63,9 +67,11 @@ def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
 
 
 def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
-    for name in ("lines", "bars", "stack", "steps"):
+    for name in ("lines", "bars", "stack", "decades", "steps"):
         assert (folder / "figures" / f"{name}.svg").read_text().startswith("<?xml")
     assert "(modelled)" in (folder / "figures" / "bars.svg").read_text()
+    ticks = (folder / "figures" / "decades.svg").read_text()
+    assert all(f">{mm}</text>" in ticks for mm in (20, 50, 100))
     rows = list(csv.reader((folder / "figures" / "bars.csv").read_text().splitlines()))
     assert rows[1:3] == [["paper", "paper", "a", "1", "", ""], ["paper", "paper", "b", "2", "", ""]]
 
@@ -73,6 +79,13 @@ def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
 def test_a_table_keeps_its_spread(folder: Path) -> None:
     rows = list(csv.reader((folder / "tables" / "table.csv").read_text().splitlines()))
     assert rows == [["row", "PCP", "PCP, standard deviation"], ["x", "95.04", "0.5"], ["y", "", ""]]
+
+
+def test_a_long_table_is_folded(folder: Path) -> None:
+    page = (folder / "report.html").read_text()
+    assert page.count("<details>") == 1
+    assert "<details><summary>All &lt;rows&gt;</summary>" in page
+    assert (folder / "tables" / "long.csv").exists()
 
 
 @pytest.mark.parametrize(

@@ -68,6 +68,13 @@ def _lines(axes: Axes, panel: Panel, one: bool) -> None:
         axes.set_xticks(sorted(values))
     if panel.logarithmic:
         axes.set_xscale("log")
+    if panel.logarithmic_y:
+        from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
+
+        axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter(ScalarFormatter())
+        axes.yaxis.set_minor_formatter(NullFormatter())
     if panel.from_zero:
         axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
 

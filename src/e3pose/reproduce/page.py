@@ -127,8 +127,11 @@ def _table(folder: Path, table: Table) -> str:
         "<tr>" + "".join(f"<td>{escape(shown(cell, table.digits))}</td>" for cell in row) + "</tr>"
         for row in table.rows
     )
-    title = f"<h3>{escape(table.title)}</h3>"
-    return f'{title}<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+    whole = f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+    title = escape(table.title)
+    if table.folded:
+        return f"<details><summary>{title}</summary>{whole}</details>"
+    return f"<h3>{title}</h3>{whole}"
 
 
 def shown(cell: Cell, digits: int) -> str:

@@ -45,6 +45,7 @@ class Table:
         columns: headings.
         rows: cells in the order of the columns; None where there is nothing to say.
         digits: decimals of numbers.
+        folded: whether the report shows it only where it is asked for.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     digits: int = 1
+    folded: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,7 @@ class Panel:
         kind: how it is drawn; `steps` shows which of some rows holds in each slot.
         y_second: title of the axis on the right.
         logarithmic: whether the x axis is.
+        logarithmic_y: whether the y axis is.
         from_zero: whether the y axis of lines begins at 0, where small differences mean nothing.
     """
 
@@ -101,6 +104,7 @@ class Panel:
     kind: Kind = "lines"
     y_second: str = ""
     logarithmic: bool = False
+    logarithmic_y: bool = False
     from_zero: bool = False
 
 

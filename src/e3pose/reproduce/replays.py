@@ -226,7 +226,7 @@ def recording_of(sources: Sources, asked: Asked) -> Recording:
 FIRST_SEED = 1000  # of simulated scenes: nothing was chosen on them
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=32)  # seeds of a scene follow each other, in every setting
 def _scene(name: str, seconds: float, fps: float, seed: int) -> Recording:
     return simulate(SceneSettings(scene=name, seconds=seconds, fps=fps or None), seed)
 
