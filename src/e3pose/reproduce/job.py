@@ -67,7 +67,7 @@ def reproduce(
         items: which.
         track: wraps the results as they come in, for a progress bar.
     """
-    scale = Scale(quick, sources.names, most_seeds)
+    scale = Scale(quick, sources.names, most_seeds, sources.detectors)
     ready = [item for item in items if set(item.needs) <= set(sources.names)]
     results = Results(folder / KEPT, sources)
     made = Made(results)

@@ -51,6 +51,12 @@ class Sources:
         there = {SHELF: self.shelf, TOLD: self.told, PANOPTIC: self.panoptic and self.motion}
         return tuple(name for name, value in there.items() if value is not None)
 
+    @property
+    def detectors(self) -> dict[str, str]:
+        """What found the keypoints of Shelf, by data set, where the recording says so."""
+        found = {SHELF: self.shelf, TOLD: self.told}
+        return {name: each.detector for name, each in found.items() if each and each.detector}
+
 
 def load_sources(folder: Path | None) -> Sources:
     """Load what a folder has.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from e3pose.reproduce.records import Section
 from e3pose.reproduce.work import AnyPiece, Made
@@ -17,11 +17,13 @@ class Scale:
         quick: as little as shows that everything works, in minutes.
         data: names of the data sets that are there.
         most_seeds: of any item; None for as many as it asks for.
+        detectors: what found the keypoints, by data set.
     """
 
     quick: bool = False
     data: tuple[str, ...] = ()
     most_seeds: int | None = None
+    detectors: Mapping[str, str] = field(default_factory=dict)
 
     def of(self, full: int, quick: int) -> int:
         """Return how many of something: slots, seconds, places of a sweep."""
