@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 
 from e3pose.detectors import make_detector
 from e3pose.detectors.drawn import draw
-from e3pose.detectors.focus import MARGIN, Focusing, Part, detect_expected, part_with
+from e3pose.detectors.focus import (
+    MARGIN,
+    Focusing,
+    InBoxes,
+    Part,
+    check_feedback,
+    detect_expected,
+    part_with,
+)
+from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
@@ -115,6 +124,35 @@ def test_detector_that_cannot_focus_looks_at_the_whole_image() -> None:
     detect_expected(network, image, None)
     detect_expected(network, image, expected(person(300, 200, 300)))
     assert network.parts[0] is None and network.parts[1] is not None
+
+
+def test_detector_of_one_person_gets_a_box_of_each_who_is_expected_in_the_image() -> None:
+    class Boxed:
+        def __init__(self) -> None:
+            self.asked: list[Any] = []
+
+        def detect(self, image: Any) -> Poses2D:
+            return Poses2D.empty(17)
+
+        def detect_in_boxes(self, image: Any, boxes: Any) -> Poses2D:
+            self.asked += list(boxes)
+            return Poses2D.empty(17)
+
+    image, boxed = np.zeros((720, 1280, 3), dtype=np.uint8), Boxed()
+    assert isinstance(boxed, InBoxes)
+    detect_expected(boxed, image, expected(person(2000, 200, 300)))
+    assert not boxed.asked  # outside the image: a whole look
+    detect_expected(boxed, image, expected(person(300, 200, 300), person(-20, 100, 200)))
+    margin = MARGIN * 300 + 10
+    left, right = 300 - margin, 400 + margin
+    assert boxed.asked[0] == pytest.approx([left, 200 - margin, right, 500 + margin])
+    assert len(boxed.asked) == 2 and boxed.asked[1][0] == 0  # cut at the image
+
+
+def test_detector_without_a_use_for_feedback_is_refused_by_name() -> None:
+    check_feedback(Network(), "network")
+    with pytest.raises(InputError, match="feedback: found it with mine:Own, which detects in whol"):
+        check_feedback(object(), "mine:Own")
 
 
 def test_people_in_a_part_are_found_where_they_are_in_the_image() -> None:

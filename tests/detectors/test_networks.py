@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from e3pose.detectors import DETECTORS, identify, make_detector
+from e3pose.detectors.focus import Focusing, Part
 from e3pose.detectors.inference import choose_providers, load_network
 from e3pose.detectors.yolo import keep_people
 from e3pose.errors import InputError
@@ -104,6 +105,24 @@ def test_yolo_reads_either_orientation(tmp_path: Path, turned: bool) -> None:
     assert len(poses) == 3
     assert np.abs(poses.keypoints_px - truth).max() < 1e-3
     np.testing.assert_allclose(poses.scores, 0.8, atol=1e-6)
+
+
+@pytest.mark.parametrize("sides", [(640, 640), ("h", "w")])
+def test_yolo_looks_at_a_part(tmp_path: Path, sides: tuple[int | str, ...]) -> None:
+    part = Part(100, 40, 320, 240, 384)
+    truth = people_in(part.size, 1)[0] + (part.left, part.top)
+    # 320 x 240 doubled lies in 640 x 640 below 80 rows of grey, or fills the top of 384 x 288.
+    scale, below = (2.0, 80) if sides == (640, 640) else (1.2, 0)
+    points = (truth - (part.left, part.top) + 0.5) * scale + (0, below)
+    low, high = points.min(axis=0), points.max(axis=0)
+    row = np.zeros((1, 56), np.float32)
+    row[0, :5] = *(low + high) / 2, *(high - low), 0.9
+    row[0, 5::3], row[0, 6::3], row[0, 7::3] = points[:, 0], points[:, 1], 0.8
+    path = write_onnx(tmp_path / "y.onnx", (1, 3, *sides), np.ascontiguousarray(row.T[None]))
+    detector = make_detector("yolo-pose", path, "cpu", 1)
+    assert isinstance(detector, Focusing)
+    (found,) = detector.detect_part(IMAGE, part).keypoints_px
+    assert np.abs(found - truth).max() < 1e-3
 
 
 def test_boxes_that_are_not_numbers_are_nobody() -> None:
@@ -240,6 +259,20 @@ def test_rtmo_reads_boxes_and_keypoints(tmp_path: Path, swapped: bool) -> None:
     assert seen.sum() == 33
     assert np.abs(poses.keypoints_px - truth[:2])[seen].max() < 1e-3
     np.testing.assert_allclose(poses.scores[seen], 0.8, atol=1e-6)
+
+
+def test_rtmo_looks_at_a_part(tmp_path: Path) -> None:
+    part = Part(200, 100, 208, 104, 640)  # doubled, it fills the top half of 416 x 416
+    truth = people_in(part.size, 1)[0] + (part.left, part.top)
+    points = np.full((1, 1, 17, 3), 0.8, np.float32)
+    points[0, 0, :, :2] = (truth - (part.left, part.top) + 0.5) * 2
+    boxes = np.full((1, 1, 5), 0.9, np.float32)
+    detector = make_detector(
+        "rtmo", write_onnx(tmp_path / "r.onnx", (1, 3, 416, 416), boxes, points), "cpu", 1
+    )
+    assert isinstance(detector, Focusing)
+    (found,) = detector.detect_part(IMAGE, part).keypoints_px
+    assert np.abs(found - truth).max() < 1e-3
 
 
 def test_rtmo_without_people_finds_nobody(tmp_path: Path) -> None:

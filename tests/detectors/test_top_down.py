@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from e3pose.detectors import identify, make_detector, skeleton_of
+from e3pose.detectors.focus import detect_expected
 from e3pose.detectors.keypoint_heads import read_heatmaps, read_simcc
-from e3pose.detectors.top_down import crop
+from e3pose.detectors.top_down import crop, different_people
 from e3pose.errors import InputError
+from e3pose.model.expected import ExpectedView
+from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, HALPE26
 
 DOTS = ((420.0, 90.0), (380.0, 200.0), (450.0, 330.0))  # red, green, blue; pixels of the image
@@ -114,6 +117,32 @@ def test_keypoints_are_where_they_are_in_the_image(
         # A heatmap's cell is 4 pixels of the input, and those are 1.5 of the image.
         assert np.abs(poses.keypoints_px[0] - expected).max() < (3.5 if heatmaps else 1.0)
         assert (poses.scores > 0.9).all()
+
+
+def test_people_are_looked_for_where_they_are_expected(tmp_path: Path) -> None:
+    write_boxes(tmp_path / "a.onnx", [[*in_network(OTHER), 0.9]], [0])  # the wrong place
+    write_keypoints(tmp_path / "b.onnx", 17)
+    detector = make_detector("rtmpose", tmp_path)
+    truth = np.array([DOTS[k % 3] for k in range(17)])
+    off = np.tile([25.0, -20.0], (17, 1))
+    twice = ExpectedView(np.stack([truth, truth + off]), np.array([10.0, 10.0]))
+    found = detect_expected(detector, picture(), twice)
+    assert len(found) == 1  # both boxes show the same person
+    assert np.abs(found.keypoints_px[0] - truth).max() < 1.5
+    away = ExpectedView(truth[None] - (300.0, 0.0), np.array([10.0]))
+    assert len(detect_expected(detector, picture(), away)) == 0
+    assert len(detect_expected(detector, picture(), None)) == 0  # that network sees nobody there
+
+
+def test_two_people_side_by_side_are_two() -> None:
+    one = np.random.default_rng(0).uniform(0, 100, (17, 2))
+    few = np.where(np.arange(17)[:, None] < 3, one + 500, np.nan)
+    points = np.stack([one, one + (30, 0), one + (3, 2), few])
+    scores = np.where(np.isfinite(points[..., 0]), 0.5, 0.0)
+    scores[2] = 0.9  # surer than the first, who is the same
+    found = different_people(Poses2D(points, scores))
+    np.testing.assert_array_equal(found.keypoints_px, points[1:3])
+    assert len(different_people(Poses2D.empty(17))) == 0
 
 
 def test_nobody_in_the_boxes_is_nobody(tmp_path: Path) -> None:

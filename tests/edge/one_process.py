@@ -40,6 +40,7 @@ class Site:
     events: list[Event] = field(default_factory=list)
     poses: list[Poses] = field(default_factory=list)
     delayed: list[Poses] = field(default_factory=list)
+    words: list[str] = field(default_factory=list)
     edge: EdgeServer | None = None
     deadline_s: float = 0.15
     num_selected: int = 2
@@ -78,6 +79,7 @@ class Site:
             RecordedDetector(),
             self.hub.join(),
             self.clock,
+            tell=lambda line: self.words.append(f"{camera_id}: {line}"),
         )
         node.start()
         self.nodes[camera_id] = node

@@ -112,3 +112,13 @@ def test_cameras_of_a_site_are_told_in_some_slots_and_not_in_others(site: Site) 
     assert eventually(lambda: all(node.counts.focused > 10 for node in site.nodes.values()))
     assert all(node.counts.focused < node.counts.detected for node in site.nodes.values())
     assert eventually(lambda: all(site.camera(name).focused > 0 for name in site.nodes))
+
+
+@pytest.mark.slow
+def test_camera_whose_detector_ignores_feedback_says_so_once(site: Site) -> None:
+    assert eventually(lambda: all(node.counts.focused > 10 for node in site.nodes.values()))
+    ignored = [line for line in site.words if "feedback ignored" in line]
+    assert sorted(ignored) == [
+        f"{name}: feedback ignored: the detector detects in whole images only"
+        for name in sorted(site.nodes)
+    ]

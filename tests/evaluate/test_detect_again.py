@@ -19,6 +19,7 @@ from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.evaluate.summary import accuracy
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, load_recording
 from e3pose.simulate import SceneSettings, simulate
 
@@ -137,6 +138,39 @@ def test_command_says_what_feedback_lacks(
     assert "--detector: found 'simulated'" in capsys.readouterr().err  # nobody can run it
     assert run("replay", films, "--feedback", "--whole-every", 0) == 2
     assert "--whole-every" in capsys.readouterr().err
+
+
+class Plain:
+    """Knows whole images alone."""
+
+    skeleton = COCO17
+
+    def detect(self, image: Image) -> Poses2D:
+        raise AssertionError("refused before anything is looked at")
+
+
+def test_feedback_for_a_detector_without_a_use_for_it_is_refused(
+    films: Path,
+    recording: Recording,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    video = f"cam0={films / 'videos' / recording.videos['cam0']}"
+    told = DetectSettings(feedback=True)
+    with pytest.raises(InputError, match="found it with mine, which detects in whole images"):
+        detect_videos([video], recording.rig, Plain(), tmp_path / "out", told, "mine 1234")
+    assert not partial_folder(tmp_path / "out").exists()
+    (tmp_path / "mine.py").write_text(
+        "from e3pose.model.skeleton import COCO17\n\n\nclass Plain:\n    skeleton = COCO17\n"
+    )
+    own = f"{tmp_path}/mine.py:Plain"
+    for words in (
+        ("replay", "--policy", "all+feedback"),
+        ("evaluate", "--policies", "all+feedback"),
+    ):
+        assert run(words[0], films, *words[1:], "--detector", own) == 2
+        assert "--feedback: found it with" in capsys.readouterr().err
 
 
 class Interrupted(Counting):

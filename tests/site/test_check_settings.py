@@ -17,7 +17,7 @@ from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.check import Finding
-from e3pose.site.check_settings import check_budgets, check_skeletons
+from e3pose.site.check_settings import check_budgets, check_feedback, check_skeletons
 from e3pose.site.detector_speed import (
     SPARE,
     check_looks,
@@ -42,6 +42,30 @@ def cameras(*detectors: str, **keys: str) -> str:
         f'[[camera]]\nid = "c{i}"\nsource = "cam{i}.mp4"\ndetector = "{name}"\n{more}'
         for i, name in enumerate(detectors)
     )
+
+
+WHOLE = """
+class Whole:
+    def detect(self, image): ...
+
+class Parts(Whole):
+    def detect_part(self, image, part, expected=None): ...
+"""
+
+
+def test_cameras_that_ignore_feedback_are_named(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(WHOLE)
+    own = f"{tmp_path}/own.py"
+    names = (f"{own}:Whole", f"{own}:Parts", "rtmpose")
+    site = live(tmp_path, "[loop]\nfeedback = true\n" + cameras(*names))
+    (found,) = check_feedback(site)
+    assert (found.level, found.what) == ("warning", "camera c0")
+    why = f"{names[0]} has neither detect_part nor detect_in_boxes"
+    assert found.found == f"ignores feedback: {why}"
+    films = cameras("").replace("cam0.mp4", "recorded:walk")
+    (found,) = check_feedback(live(tmp_path, "[loop]\nfeedback = true\n" + films))
+    assert "keypoints, no images" in found.found
+    assert not list(check_feedback(live(tmp_path, films)))
 
 
 @pytest.mark.parametrize(

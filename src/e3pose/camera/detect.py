@@ -16,6 +16,7 @@ from e3pose.camera.slots import SlotGrid, frames_in_slots
 from e3pose.camera.together import Room, detect_together
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
+from e3pose.detectors.focus import check_feedback
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder, check_free
 from e3pose.files.lock import hold
@@ -109,6 +110,8 @@ def detect_videos(
     if settings.feedback and (rig is None or not rig.placed):
         found = "it without the places of the cameras"
         raise InputError("feedback", found, "--calibration with a file of the whole rig")
+    if settings.feedback:
+        check_feedback(detector, detector_name.partition(" ")[0])
     paths = name_videos(videos) if rig is None else pair_videos(videos, rig)
     settings = replace(settings, offsets_s={**_begins_s(paths), **settings.offsets_s})
     sources = open_sources(paths, settings.fps)

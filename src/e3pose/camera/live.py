@@ -23,7 +23,7 @@ from e3pose.camera.box import Box
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.camera.video_recorder import VideoRecorder
-from e3pose.detectors.focus import detect_expected
+from e3pose.detectors.focus import detect_expected, uses_feedback
 from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.runtime.clock import Clock
@@ -268,6 +268,7 @@ class CameraNode:
     # Detecting.
 
     def _run_detect(self) -> None:
+        told, uses = False, uses_feedback(self.detector)
         while (seen := self._frames.take()) is not None:
             begun_ns = self.clock.now_ns()
             poses = detect_expected(self.detector, image := seen.frame.look(), seen.expected)
@@ -276,6 +277,10 @@ class CameraNode:
             done_ns = self.clock.now_ns()
             self.counts.detected += 1
             self.counts.focused += seen.expected is not None
+            if seen.expected is not None and not uses and not told:
+                name = self.settings.detector or "the detector"
+                self._tell(f"feedback ignored: {name} detects in whole images only")
+                told = True
             keypoints, scores = pack_poses(poses)
             self._views.put(
                 View(

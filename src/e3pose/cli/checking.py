@@ -89,9 +89,10 @@ def _site(table: SiteTable, quick: bool) -> list[Finding]:
 
 
 def _settings(live: LiveSite) -> list[Finding]:
-    from e3pose.site.check_settings import check_budgets, check_skeletons
+    from e3pose.site.check_settings import check_budgets, check_feedback, check_skeletons
 
-    return [*check_skeletons(live), *check_budgets(live, datetime.now().astimezone())]
+    now = datetime.now().astimezone()
+    return [*check_skeletons(live), *check_feedback(live), *check_budgets(live, now)]
 
 
 def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:

@@ -129,8 +129,9 @@ def evaluate(
         ]
         for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
             make_pipeline(source, each)
-        if detector is not None or any(each.feedback for each in settings):
-            open_pixels(source, recording, detector, threads=1)
+        told = any(each.feedback for each in settings)
+        if detector is not None or told:
+            open_pixels(source, recording, detector, threads=1, feedback=told)
     warn(noise_warning(source, settings[0]))
     summaries = compare(
         source,

@@ -108,7 +108,8 @@ def replay(
             faults=faults.day(source, plan.watts),
         )
         anew = settings.feedback or detector is not None
-        look = open_pixels(source, recording, detector) if anew else None
+        told = settings.feedback
+        look = open_pixels(source, recording, detector, feedback=told) if anew else None
         replayed = run_replay(source, settings, tell=heard, look=look)
     slots = stored(
         replayed,

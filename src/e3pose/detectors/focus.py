@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.detectors.base import Image
+from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 
@@ -80,18 +81,50 @@ class Focusing(InputSize, Protocol):
         ...
 
 
+@runtime_checkable
+class InBoxes(Protocol):
+    """A detector that finds the keypoints of one person at a time, in a box around each."""
+
+    def detect_in_boxes(self, image: Image, boxes: NDArray[np.float64]) -> Poses2D:
+        """Return the people in these boxes, in pixels of `image`; nobody where nobody is.
+
+        Args:
+            image: `(height, width, 3)` RGB.
+            boxes: `(num_persons, 4)` x, y of two corners, from the outer edge of the first pixel.
+        """
+        ...
+
+
+def uses_feedback(detector: Any) -> bool:
+    """Return whether a detector looks elsewhere if it is told where people are expected."""
+    return isinstance(detector, Focusing | InBoxes)
+
+
+def check_feedback(detector: Any, name: str) -> None:
+    """Raise `InputError` unless a detector of this name can use what it is told."""
+    if not uses_feedback(detector):
+        found = f"it with {name[:80] or 'a detector'}, which detects in whole images alone"
+        raise InputError("feedback", found, "a detector with detect_part or detect_in_boxes")
+
+
 def detect_expected(detector: Any, image: Any, expected: ExpectedView | None) -> Poses2D:
     """Return the people in an image, of whom some are expected.
 
     Args:
-        detector: a `Detector`; one that is not `Focusing` looks at the whole image.
+        detector: a `Detector`; one that is neither `Focusing` nor `InBoxes` looks at the whole
+            image.
         image: what it detects in.
         expected: who is expected where; None looks at the whole image.
     """
     part = None
-    if expected is not None and isinstance(detector, Focusing):
+    if expected is not None and uses_feedback(detector):
         height, width = image.shape[:2]
-        part = part_with(expected, (width, height), detector)
+        if isinstance(detector, InBoxes):
+            boxes = boxes_of(expected, (width, height))
+            if len(boxes):
+                return detector.detect_in_boxes(image, boxes)
+        else:
+            part = part_with(expected, (width, height), detector)
     if part is None:
         whole: Poses2D = detector.detect(image)
         return whole
@@ -115,10 +148,7 @@ def part_with(
     Returns:
         The part; None to look at the whole image, as nobody is expected or the part is no smaller.
     """
-    boxes = _boxes(expected)
-    limits = np.array([*image_size, *image_size])
-    inside = np.clip(boxes, 0, limits)
-    seen = np.asarray((inside[:, 2:] > inside[:, :2]).all(axis=1))
+    inside, seen = _boxes(expected, image_size)
     if not seen.any():
         return None
     left, top = np.floor(inside[seen, :2].min(axis=0)).astype(int).tolist()
@@ -133,15 +163,33 @@ def part_with(
     return Part(left, top, width, height, side)
 
 
-def _boxes(expected: ExpectedView) -> NDArray[np.float64]:
-    """Return `(num_persons, 4)` left, top, right, bottom in pixels with margins; NaN of nobody."""
+def boxes_of(expected: ExpectedView, image_size: tuple[int, int]) -> NDArray[np.float64]:
+    """Return where in an image people are expected, with margins.
+
+    Args:
+        expected: who is expected where.
+        image_size: `(width, height)` in pixels.
+
+    Returns:
+        `(num_persons, 4)` left, top, right, bottom in pixels, of those who may be in the image.
+    """
+    inside, seen = _boxes(expected, image_size)
+    return np.asarray(inside[seen])
+
+
+def _boxes(
+    expected: ExpectedView, image_size: tuple[int, int]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return `(num_persons, 4)` boxes with margins, cut at the image, and which are in it."""
     points = expected.keypoints_px
     known = np.isfinite(points)
     low = np.where(known, points, np.inf).min(axis=1)
     high = np.where(known, points, -np.inf).max(axis=1)
     margin = MARGIN * (high - low).max(axis=1) + expected.reach_px
     with np.errstate(invalid="ignore"):
-        return np.concatenate([low - margin[:, None], high + margin[:, None]], axis=1)
+        boxes = np.concatenate([low - margin[:, None], high + margin[:, None]], axis=1)
+    inside = np.clip(boxes, 0, np.array([*image_size, *image_size]))
+    return inside, np.asarray((inside[:, 2:] > inside[:, :2]).all(axis=1))
 
 
 def _mean_px(expected: ExpectedView, seen: NDArray[np.bool_]) -> float:

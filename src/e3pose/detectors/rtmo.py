@@ -12,8 +12,10 @@ import numpy as np
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.fit import letterbox
+from e3pose.detectors.focus import Part
 from e3pose.detectors.inference import FLOATS, Network
 from e3pose.errors import InputError
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 
@@ -28,10 +30,13 @@ class Rtmo:
     """Float `(1, 3, height, width)` BGR of 0..255 in; `(1, N, 5)` and `(1, N, 17, 3)` out.
 
     The first are boxes with a score, the second x, y and score of each joint; pixels of the input.
+    A part of an image fills the same input: the grid of the decoder is written into the file.
 
     Raises:
         InputError: when the network's input or outputs are others.
     """
+
+    person_px, long_side, multiple = np.inf, SIDE, 1  # as large as the input allows
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
@@ -46,10 +51,17 @@ class Rtmo:
 
     def detect(self, image: Image) -> Poses2D:
         """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        size = check_image(image)
+        width, height = check_image(image)
+        return self.detect_part(image, Part(0, 0, width, height, SIDE))
+
+    def detect_part(
+        self, image: Image, part: Part, expected: ExpectedView | None = None
+    ) -> Poses2D:
+        """See `Focusing.detect_part`; the network leaves no ties."""
+        check_image(image)
         height, width = self._network.input_shape[2:]
-        fit = letterbox(size, (width or SIDE, height or SIDE))
-        pixels = fit.apply(image, GREY)[..., ::-1].transpose(2, 0, 1)[None]
+        fit = letterbox(part.size, (width or SIDE, height or SIDE))
+        pixels = fit.apply(part.cut(image), GREY)[..., ::-1].transpose(2, 0, 1)[None]
         dtype = FLOATS[self._network.input_dtype]
         outputs = self._network.run(np.ascontiguousarray(pixels, dtype=dtype))
         boxes, points = outputs[self._boxes], outputs[self._points]
@@ -58,7 +70,8 @@ class Rtmo:
         people = points[0][boxes[0, :, 4] > MIN_PERSON_SCORE].astype(np.float64)
         # Measured from the outer edge of the first pixel.
         keypoints = fit.to_image(people[..., :2] - 0.5)
-        return poses_in_image(keypoints, people[..., 2], size, MIN_KEYPOINT_SCORE)
+        found = poses_in_image(keypoints, people[..., 2], part.size, MIN_KEYPOINT_SCORE)
+        return part.in_image(found)
 
 
 def _places(network: Network) -> tuple[int, int]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from e3pose.detectors.base import Image, check_image, poses_in_image
 from e3pose.detectors.inference import FLOATS, Network, load_network
 from e3pose.detectors.keypoint_heads import heads_of, read_heatmaps, read_simcc
-from e3pose.detectors.person_boxes import PersonBoxes
+from e3pose.detectors.person_boxes import MAX_PEOPLE, PersonBoxes
 from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, HALPE26, Skeleton
@@ -27,6 +27,9 @@ PADDING = 1.25  # of a box, as in training
 MEAN_RGB = np.array([123.675, 116.28, 103.53], dtype=np.float32)
 DEVIATION_RGB = np.array([58.395, 57.12, 57.375], dtype=np.float32)
 MIN_KEYPOINT_SCORE = 0.3
+# Of people who were expected in a box, where no other network saw anybody; not measured.
+FEWEST = 4  # keypoints of somebody who is there
+SAME_SHARE = 0.1  # of a person's size: poses nearer to each other on average are one person
 
 
 class OnePerson:
@@ -90,12 +93,46 @@ class TopDown:
 
     def detect(self, image: Image) -> Poses2D:
         """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        size = check_image(image)
-        looks = [self._person.look(image, box) for box in self._boxes.find(image)]
+        check_image(image)
+        return self._look(image, self._boxes.find(image))
+
+    def detect_in_boxes(self, image: Image, boxes: NDArray[np.float64]) -> Poses2D:
+        """See `InBoxes.detect_in_boxes`; the network that finds boxes does not run."""
+        check_image(image)
+        return different_people(self._look(image, boxes[:MAX_PEOPLE]))
+
+    def _look(self, image: Image, boxes: NDArray[np.float64]) -> Poses2D:
+        looks = [self._person.look(image, box) for box in boxes]
         if not looks:
             return Poses2D.empty(len(self.skeleton))
         keypoints, scores = (np.stack(part) for part in zip(*looks, strict=True))
+        size = image.shape[1], image.shape[0]
         return poses_in_image(keypoints, scores, size, MIN_KEYPOINT_SCORE)
+
+
+def different_people(found: Poses2D) -> Poses2D:
+    """Return those who are there, each once: two boxes may show the same person.
+
+    Args:
+        found: what was found in each box; hardly anything in one without anybody.
+
+    Returns:
+        The people with at least `FEWEST` keypoints; of those with the same keypoints the one with
+        the highest scores.
+    """
+    points, seen = found.keypoints_px, found.scores > 0
+    kept: list[int] = []
+    for person in np.argsort(-found.scores.sum(axis=1), kind="stable").tolist():
+        if seen[person].sum() < FEWEST:
+            continue
+        size = float(np.ptp(points[person, seen[person]], axis=0).max())
+        both = seen[kept] & seen[person]
+        apart = np.where(both, np.linalg.norm(points[kept] - points[person], axis=-1), 0.0)
+        mean = apart.sum(axis=1) / np.maximum(both.sum(axis=1), 1)
+        if not (both.any(axis=1) & (mean < SAME_SHARE * size)).any():
+            kept.append(person)
+    order = sorted(kept)
+    return Poses2D(points[order], found.scores[order])
 
 
 def crop(

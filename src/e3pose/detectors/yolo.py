@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
-from e3pose.detectors.fit import letterbox
+from e3pose.detectors.fit import Fit, letterbox, letterbox_to_side
+from e3pose.detectors.focus import Part
 from e3pose.detectors.inference import FLOATS, Network
 from e3pose.errors import InputError
+from e3pose.model.expected import ExpectedView
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 
 NAME = "yolo-pose"
 SIDE = 640  # pixels, where the network leaves it free
+MULTIPLE = 32
+PERSON_PX = 200.0  # assumed: these networks are trained with people of all sizes
 VALUES = 56  # box centre x, y, width, height, score, 17 x (x, y, score)
 GREY = 114  # what these networks saw beyond the border in training
 MIN_PERSON_SCORE = 0.25
@@ -30,6 +34,8 @@ class YoloPose:
     Raises:
         InputError: when the network's input or output is another.
     """
+
+    person_px, long_side, multiple = PERSON_PX, SIDE, MULTIPLE
 
     def __init__(self, network: Network) -> None:
         self.skeleton = COCO17
@@ -46,17 +52,34 @@ class YoloPose:
 
     def detect(self, image: Image) -> Poses2D:
         """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
-        size = check_image(image)
+        width, height = check_image(image)
+        whole = letterbox((width, height), self._input_size, centred=True)
+        return self._detect(image, Part(0, 0, width, height, SIDE), whole)
+
+    def detect_part(
+        self, image: Image, part: Part, expected: ExpectedView | None = None
+    ) -> Poses2D:
+        """See `Focusing.detect_part`; the network leaves no ties."""
+        check_image(image)
+        if None in self._network.input_shape[2:]:
+            return self._detect(image, part, letterbox_to_side(part.size, part.long_side, MULTIPLE))
+        return self._detect(image, part, letterbox(part.size, self._input_size, centred=True))
+
+    @property
+    def _input_size(self) -> tuple[int, int]:
         height, width = self._network.input_shape[2:]
-        fit = letterbox(size, (width or SIDE, height or SIDE), centred=True)
-        pixels = fit.apply(image, GREY).transpose(2, 0, 1)[None] / np.float32(255)
+        return width or SIDE, height or SIDE
+
+    def _detect(self, image: Image, part: Part, fit: Fit) -> Poses2D:
+        pixels = fit.apply(part.cut(image), GREY).transpose(2, 0, 1)[None] / np.float32(255)
         dtype = FLOATS[self._network.input_dtype]
         rows = self._rows(self._network.run(np.ascontiguousarray(pixels, dtype=dtype))[0])
         rows = rows[keep_people(rows[:, :4], rows[:, 4])]
         triples = rows[:, 5:].reshape(-1, 17, 3)
         # Measured from the outer edge of the first pixel.
         keypoints = fit.to_image(triples[..., :2] - 0.5)
-        return poses_in_image(keypoints, triples[..., 2], size, MIN_KEYPOINT_SCORE)
+        found = poses_in_image(keypoints, triples[..., 2], part.size, MIN_KEYPOINT_SCORE)
+        return part.in_image(found)
 
     def _rows(self, output: NDArray[Any]) -> NDArray[np.float64]:
         """Return the `(N, 56)` candidates, whichever way round the network gives them."""

@@ -11,7 +11,7 @@ from typing import Any
 from e3pose.camera.provenance import load_video_starts
 from e3pose.camera.slot_reader import SlotReader, video_path
 from e3pose.detectors import make_detector
-from e3pose.detectors.focus import detect_expected
+from e3pose.detectors.focus import check_feedback, detect_expected
 from e3pose.errors import InputError
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.model.expected import ExpectedView
@@ -98,7 +98,11 @@ def check_pixels(recording: Recording) -> None:
 
 
 def open_pixels(
-    recording: Recording, folder: Path, model: str | None = None, threads: int | None = None
+    recording: Recording,
+    folder: Path,
+    model: str | None = None,
+    threads: int | None = None,
+    feedback: bool = False,
 ) -> PixelViews:
     """Return what looks at the videos of a stored recording.
 
@@ -107,15 +111,18 @@ def open_pixels(
         folder: where it is stored.
         model: a detector; by default the one that the recording names.
         threads: of the processor for the network; all cores by default.
+        feedback: whether it is told whom to expect.
 
     Raises:
-        InputError: when a video or the detector is missing.
+        InputError: when a video or the detector is missing, or has no use for feedback.
     """
     check_pixels(recording)
     name = model or recording.detector
     if not name:
         raise InputError("detector", "none named by the recording", "--detector NAME")
     detector = make_detector(name, threads=threads)
+    if feedback:
+        check_feedback(detector, name)
     return PixelViews(recording, detector, folder, load_video_starts(folder))
 
 
@@ -132,5 +139,6 @@ def replay_stored(
             feedback, and nobody does without.
     """
     anew = settings.feedback or detector is not None
-    look = open_pixels(recording, folder, detector, threads=1) if anew else None
+    told = settings.feedback
+    look = open_pixels(recording, folder, detector, threads=1, feedback=told) if anew else None
     return replay(recording, settings, look=look)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import datetime
 
+from e3pose.detectors import DETECTORS, GROUP
 from e3pose.energy.budgets import Budget, Supply, allowance_j, slot_shares
 from e3pose.errors import InputError
 from e3pose.model.skeleton import lacking, serves
 from e3pose.quantities import plural
+from e3pose.runtime.plugins import is_own, member
 from e3pose.settings.live import LiveSite
-from e3pose.settings.skeletons import camera_skeletons
+from e3pose.settings.skeletons import RECORDED, camera_skeletons, detector_of
 from e3pose.site.check import Finding
 
 JOULES = 3600.0  # a watt-hour
@@ -35,6 +37,31 @@ def check_skeletons(live: LiveSite) -> Iterator[Finding]:
             yield Finding("warning", what, f"{outputs}, converted, {lost}")
         else:
             yield Finding("ok", what, f"{outputs}, converted")
+
+
+def check_feedback(live: LiveSite) -> Iterator[Finding]:
+    """Look which cameras could not use the feedback that the site sends them."""
+    if not live.loop.feedback:
+        return
+    for name, camera in live.cameras.items():
+        if (camera.source or "").startswith(RECORDED):
+            why = "its source has keypoints, no images"
+        elif is_own(detector := detector_of(camera) or "") and not _own_uses_feedback(detector):
+            why = f"{detector} has neither detect_part nor detect_in_boxes"
+        else:
+            continue
+        yield Finding("warning", f"camera {name}", f"ignores feedback: {why}")
+
+
+def _own_uses_feedback(detector: str) -> bool:
+    """Return whether one's own detector uses feedback; True where only running it would tell."""
+    try:
+        found = member(GROUP, "detector", detector, DETECTORS)
+    except InputError:
+        return True  # another check tells of it
+    if isinstance(found, type) or not callable(found):
+        return hasattr(found, "detect_part") or hasattr(found, "detect_in_boxes")
+    return True
 
 
 def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
