@@ -59,8 +59,9 @@ def test_weights_and_budgets_are_compared_in_every_combination(
 ) -> None:
     figures = tmp_path / "figures.json"
     code = run(
-        "evaluate", str(folder), "--policies", "all,e3pose-mv", "--cameras", "2", "-V", "0,0.5",
-        "-E", "0.6,1", "--seeds", "1", "--jobs", "1", "--json", str(figures),
+        "evaluate", str(folder), "--policies", "round-robin,independent,e3pose-mv",
+        "--cameras", "2", "-V", "0,0.5", "-E", "0.6,1", "--seeds", "1", "--jobs", "1",
+        "--json", str(figures),
     )  # fmt: skip
     assert code == 0
     found = [
@@ -68,8 +69,12 @@ def test_weights_and_budgets_are_compared_in_every_combination(
         for row in json.loads(figures.read_text())["rows"]
     ]
     balances = [(0, 0.6), (0.5, 0.6), (0, 1), (0.5, 1)]
-    # Once: neither means anything to a policy without a budget.
-    assert found == [("all", 0, 0.6), *[("e3pose-mv", *balance) for balance in balances]]
+    assert found == [
+        ("round-robin", None, None),  # neither means anything to it
+        ("independent", None, 0.6),
+        ("independent", None, 1),
+        *[("e3pose-mv", *balance) for balance in balances],
+    ]
     told = capsys.readouterr().out
     assert " V " in told and " E " in told
 

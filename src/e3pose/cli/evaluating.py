@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -21,6 +21,9 @@ from e3pose.cli.options import (
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
+
+if TYPE_CHECKING:
+    from e3pose.select.policies import PolicyRow
 
 LOOP, ENERGY, FAULTS = LoopOptions(), EnergyOptions(), FaultOptions()
 
@@ -119,7 +122,7 @@ def evaluate(
             for name in names
             for row in [policy_row(name.removesuffix(FEEDBACK))]
             for count in (counts if row.asks_count else counts[:1])
-            for one in (loops if row.budgeted else loops[:1])
+            for one in _that_matter(loops, row)
             for each in tasks(
                 replace(one.settings(name, count).for_rig(len(source.rig), plan), faults=day),
                 [name.removesuffix(FEEDBACK)],
@@ -175,6 +178,19 @@ def _balances(loop: LoopOptions) -> list[LoopOptions]:
         )
     )
     return [replace(loop, budget=e, quality_weight=v) for e in budgets for v in weights]
+
+
+def _that_matter(loops: list[LoopOptions], row: PolicyRow) -> list[LoopOptions]:
+    """Return the combinations that a policy can tell apart, without the values it does not use."""
+    used = [
+        replace(
+            one,
+            budget=one.budget if row.spends or len(loops) == 1 else None,
+            quality_weight=one.quality_weight if row.weighs or len(loops) == 1 else None,
+        )
+        for one in loops
+    ]
+    return list({(one.budget, one.quality_weight): one for one in used}.values())
 
 
 def _counts(option: str, text: str) -> list[int]:

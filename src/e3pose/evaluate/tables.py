@@ -89,7 +89,7 @@ def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None 
         if heading not in OF_ONE_REPLAY and any(_find(row, path) for row in rows)
     }
     seeds = "/".join(sorted({str(row["seeds"]) for row in rows}))
-    title = f"mean +- standard deviation over {seeds} seeds"
+    title = "one seed" if seeds == "1" else f"mean +- standard deviation over {seeds} seeds"
     for table in fitted_tables(keys, columns, console.width, title):
         console.print(table)
         console.print()

@@ -61,6 +61,8 @@ class PolicyRow:
             online if they are fewer.
         asks_count: whether `num_selected` means anything to it.
         budgeted: whether it keeps every camera within its budget in the long run.
+        spends: whether it selects otherwise with another budget.
+        weighs: whether it selects otherwise with another quality weight.
         predictor: the predictor it uses unless told otherwise.
         holds: whether slots without a view show the poses of the slot before, being lost frames of
             a lower frame rate rather than failed estimates.
@@ -76,6 +78,8 @@ class PolicyRow:
     counts: bool = True
     asks_count: bool = True
     budgeted: bool = True
+    spends: bool = True
+    weighs: bool = True
     predictor: str = "constant-velocity"
     holds: bool = False
     foresees: bool = False
@@ -98,17 +102,27 @@ POLICIES: dict[str, PolicyRow] = {
         counts=False,
         asks_count=False,
         budgeted=False,
+        spends=False,
+        weighs=False,
     ),
-    "random": PolicyRow(lambda s: Random(s.num_selected, s.seed), "C cameras at random (RS)"),
+    "random": PolicyRow(
+        lambda s: Random(s.num_selected, s.seed),
+        "C cameras at random (RS)",
+        spends=False,
+        weighs=False,
+    ),
     "round-robin": PolicyRow(
         lambda s: RoundRobin(s.num_selected, s.phase, s.order),
         "C cameras in turn, one after another from directions far apart",
+        spends=False,
+        weighs=False,
     ),
     "independent": PolicyRow(
         lambda s: Independent(s.occlusion_limit),
         "each camera for itself, by its own 2D motion vectors and a threshold (ID)",
         counts=False,
         asks_count=False,
+        weighs=False,
         own_boxes=True,
     ),
     "central-2d": PolicyRow(
