@@ -23,7 +23,7 @@ def section(scale: Scale, made: Made) -> Section:
     names = ("a", "b")
     return Section(
         paper="<b>97.1</b>",
-        ours="ours",
+        ours="ours, by `a < b`",
         why="",
         how="how",
         tables=(
@@ -61,6 +61,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
     page = (folder / "report.html").read_text()
     assert "&lt;b&gt;97.1" in page and "<b>97.1" not in page
+    assert "ours, by <code>a &lt; b</code>" in page
     assert "Skipped: no data; expected Shelf" in page
     assert "Outside their margin: error" in page
     assert "http" not in page.replace("http-equiv", "").lower().split("</style>")[0]

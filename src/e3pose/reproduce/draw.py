@@ -15,7 +15,12 @@ if TYPE_CHECKING:
 
 WIDTH_IN, HEIGHT_IN = 4.7, 3.3  # small enough to be read on a phone
 STYLES: dict[Basis, str] = {"paper": ":", "measured": "-", "modelled": "--", "simulated": "-."}
-HATCHES: dict[Basis, str] = {"paper": "///", "measured": "", "modelled": "...", "simulated": "xx"}
+HATCHES: dict[Basis, str] = {
+    "paper": "///",
+    "measured": "",
+    "modelled": "\\\\\\",
+    "simulated": "xx",
+}
 ROOM = 0.8  # of the space between two groups of bars
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import csv
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -19,6 +20,7 @@ from e3pose.reproduce.records import Cell, Headline, Panel, Section, Spread, Tab
 
 FIGURES, TABLES = "figures", "tables"
 MISSING = "–"
+CODE = re.compile(r"`([^`]+)`")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +87,15 @@ def _section(folder: Path, part: Part) -> str:
         ("Paper", section.paper), ("Here", section.ours), ("Why", section.why),
         ("How", section.how),
     )  # fmt: skip
-    said = "".join(f"<dt>{name}</dt><dd>{escape(text)}</dd>" for name, text in words if text)
+    said = "".join(f"<dt>{name}</dt><dd>{_prose(text)}</dd>" for name, text in words if text)
     charts = "".join(_chart(folder, panel) for panel in section.panels)
     tables = "".join(_table(folder, table) for table in section.tables)
     return f'{head}<dl>{said}</dl><div class="charts">{charts}</div>{tables}</section>'
+
+
+def _prose(text: str) -> str:
+    """Return text as HTML, with what stands in backticks as code."""
+    return CODE.sub(r"<code>\1</code>", escape(text))
 
 
 def _chart(folder: Path, panel: Panel) -> str:
