@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from e3pose.quantities import plural
 from e3pose.reproduce.records import Section
 from e3pose.reproduce.work import AnyPiece, Made
 
@@ -33,6 +34,10 @@ class Scale:
         """Return how many repetitions, at most those that were asked for."""
         wanted = self.of(full, quick)
         return wanted if self.most_seeds is None else min(wanted, self.most_seeds)
+
+    def repeats(self, full: int, quick: int) -> str:
+        """Return the number of repetitions as `1 seed` or `5 seeds`."""
+        return plural(self.seeds(full, quick), "seed")
 
 
 @dataclass(frozen=True, slots=True)

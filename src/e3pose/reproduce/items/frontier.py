@@ -17,6 +17,7 @@ IdentityPiece = Piece[IdentitiesAsked, IdentityFigures]
 Runs = dict[Asked, list[Run]]
 
 SECONDS, FPS = 16.0, 12.5
+SEEDS = 5, 1
 PAPER_COUNTS, MEMORY_COUNTS = (2.0, 3.0), (1.0, 1.5, 2.0, 3.0)
 TARGETS_MM, SHOWN_TARGET_MM = (40.0, 30.0, 60.0), 40.0
 ALONE = ("all", "independent")  # policies that no C means anything to
@@ -62,7 +63,7 @@ def _counts(scale: Scale, pipeline: str, policy: str) -> tuple[float, ...]:
 
 
 def _seeds(scale: Scale) -> int:
-    return scale.seeds(5, 1)
+    return scale.seeds(*SEEDS)
 
 
 def _ask(scale: Scale, scene: str, pipeline: str, policy: str, count: float, lead: int) -> Asked:
@@ -128,7 +129,7 @@ def section(scale: Scale, made: Made) -> Section:
         ours=_said(scale, runs),
         why="A memory carries people over slots in which fewer than two cameras see them; the "
         "policy matters most where cameras do not all see everybody.",
-        how=f"Simulated scenes (people, cameras, detections), seeds 1000 to {999 + _seeds(scale)}, "
+        how=f"Simulated scenes (people, cameras, detections), {scale.repeats(*SEEDS)} from 1000, "
         f"on which nothing was chosen, {_seconds(scale):.0f} s at {FPS:g} slots per second. Every "
         "table and figure states its lead, in slots; to policies that do not look ahead, a lead is "
         f"a longer warm-up, so they have lead {SHOWN_LEAD} alone. Error with misses: whoever is "

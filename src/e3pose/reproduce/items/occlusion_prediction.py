@@ -91,7 +91,7 @@ def section(scale: Scale, made: Made) -> Section:
         "tau for that. The paper prints no figures to compare the size with.",
         how="Measured on Shelf: poses from all cameras slot by slot, boxes enlarged by 10 %; pairs "
         "of boxes by the best total IoU, those that overlap at all. PCP with 3 of 5 cameras at V = "
-        f"{WEIGHT:g}, where occlusion decides, {scale.seeds(10, 1)} seeds. Times: measured on this "
+        f"{WEIGHT:g}, where occlusion decides, {scale.repeats(10, 1)}. Times: measured on this "
         "machine, median of 100 calls, one thread, compiled. The attention-LSTM is the network as "
         "published (`--predictor attention-lstm-paper`), the own network that of the pipeline "
         "`memory`.",

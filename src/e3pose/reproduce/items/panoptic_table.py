@@ -78,9 +78,9 @@ def section(scale: Scale, made: Made) -> Section:
         "limit.",
         how="Simulated detections on Panoptic's calibration of HD cameras 3, 6, 12, 13, 23. "
         f"Motion: real motion of one person of 171026_pose3, cut into four parts that move at once "
-        f"1.1 m from the middle, {scale.of(30, 5)} s at 29.97 fps, {scale.seeds(5, 1)} seeds. "
+        f"1.1 m from the middle, {scale.of(30, 5)} s at 29.97 fps, {scale.repeats(5, 1)}. "
         "Fragment: three people of 160906_band1, 20 frames, ten of them warm-up with all cameras, "
-        f"{scale.seeds(20, 2)} seeds. Ten warm-up slots are included. The shipped predictors "
+        f"{scale.repeats(20, 2)}. Ten warm-up slots are included. The shipped predictors "
         "learned no Panoptic motion.",
         tables=(_table(runs, found),),
         panels=(_panel(found),),

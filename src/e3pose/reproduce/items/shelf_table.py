@@ -115,7 +115,7 @@ def section(scale: Scale, made: Made) -> Section:
         "default V. With a larger V the clearest views win, and budgets give way; the paper does "
         "not state its V. Its gain over all five cameras appears at no V, nor with the true "
         "occlusion.",
-        how=f"Measured on Shelf, 301 frames, detections of {detector}, {scale.seeds(20, 2)} seeds "
+        how=f"Measured on Shelf, 301 frames, detections of {detector}, {scale.repeats(20, 2)} "
         "(draws and phases 0 and on) with their standard deviation; pipeline paper with the "
         "paper's matcher and the published network unless another is named (`own predictor`: the "
         "network with this system's changes, which `memory` uses), lead 1, warm-up slots with all "

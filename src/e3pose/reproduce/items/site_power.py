@@ -98,7 +98,7 @@ def section(scale: Scale, made: Made) -> Section:
         "follows from the share of active slots alone (1 - duty) and proves nothing. The paper's "
         "spread over data sets must come from other loads on the boards, which a profile by mode "
         "does not have: here power depends on the share of slots, not on what is seen.",
-        how=f"Modelled from the shares of slots in replays, {scale.seeds(5, 1)} seeds, ten warm-up "
+        how=f"Modelled from the shares of slots in replays, {scale.repeats(5, 1)}, ten warm-up "
         "slots with all cameras included. Live videos of the paper's lab are not public. The "
         "aggressive mode counts a camera as not capturing only for the slots of an idle time "
         "beyond the time to wake.",

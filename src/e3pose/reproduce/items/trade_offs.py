@@ -78,7 +78,7 @@ def section(scale: Scale, made: Made) -> Section:
         "the gap to the least occlusion shrinks as O(1/V), as the theory of drift plus penalty "
         "says, until 301 slots are too short for the queues to settle. At E = 0.6 = C/N budgets "
         "leave no choice in the long run.",
-        how=f"Measured on Shelf (PCP, shares of slots), {scale.seeds(10, 1)} seeds; power modelled "
+        how=f"Measured on Shelf (PCP, shares of slots), {scale.repeats(10, 1)}; power modelled "
         "for two Xavier NX and three TX2 (CPU, GPU, WiFi, memory). E_n = 0.8 where C is varied, 1 "
         "with five cameras, which is SA. Occlusion: eq. (4) of the detected boxes, summed over "
         "the selected cameras.",
