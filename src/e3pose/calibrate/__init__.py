@@ -1,1 +1,1 @@
-"""Calibrating cameras: boards, lenses, places by boards or people, the floor, and the error."""
+"""Camera calibration: intrinsics, extrinsics, alignment with the floor, expected error."""

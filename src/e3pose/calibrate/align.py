@@ -1,4 +1,4 @@
-"""Put a rig into a world with z up, the floor at zero, and origin and axes by choice."""
+"""Align a rig with the world: z up, floor at zero, origin and axes as asked."""
 
 from __future__ import annotations
 

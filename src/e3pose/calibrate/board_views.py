@@ -49,7 +49,7 @@ def find_board(
     board: Board,
     times_s: Floats | None = None,
     max_frames: int = 400,
-    told: Callable[[int, int], None] = lambda done, total: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> BoardViews:
     """Look for a board.
 
@@ -60,7 +60,7 @@ def find_board(
         times_s: rising times of the frames to search, the nearest ones; None for `max_frames`,
             evenly spread.
         max_frames: with `times_s` None.
-        told: called with frames done and in all.
+        progress: takes frames done and in all.
 
     Raises:
         InputError: naming the file and what is wrong with it.
@@ -81,7 +81,7 @@ def find_board(
             times.append(time_s)
             corners.append(found)
             sharp.append(_sharpness(grey, found[np.isfinite(found[:, 0])]))
-        told(looked, max(total, looked))
+        progress(looked, max(total, looked))
     number = (board.columns - 1) * (board.rows - 1)
     return BoardViews(
         camera_id,

@@ -1,4 +1,4 @@
-"""Bundle adjustment: move cameras and points, or boards, until they explain what was seen.
+"""Bundle adjustment of cameras with points, or with a rigid board.
 
 Triggs et al., "Bundle adjustment - a modern synthesis" (2000); Hartley and Zisserman, "Multiple
 view geometry" (2nd ed.), chapter 18. Residuals are pixels of the real image to first order: the

@@ -1,4 +1,4 @@
-"""Where a second camera stands relative to a first, from points that both saw: the five-point way.
+"""Relative pose of two cameras from common points: the five-point algorithm.
 
 D. Nister, "An efficient solution to the five-point relative pose problem" (2004), inside RANSAC
 (Fischler and Bolles 1981), as OpenCV has them; Hartley and Zisserman, "Multiple view geometry",

@@ -1,4 +1,4 @@
-"""What 3D error a calibration promises over the room: from noise, and from itself."""
+"""Expected 3D error of a calibration over the room, from keypoint noise and its own covariance."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Extrinsics from people who walk about: matched 2D poses, with or without a rough start."""
+"""Extrinsics from walking people: matched 2D poses, with or without a rough start."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.calibrate.bundle import placed
 from e3pose.calibrate.from_points import PointRig, adjust_all, pair_poses, solve_points
+from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.same_people import (
     Evidence,
     Seen,
@@ -74,7 +74,7 @@ def solve_people(
     recording: Recording,
     noise: Noise,
     start: Rig | None,
-    told: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Progress = silent,
 ) -> PeopleRig:
     """Place the cameras of a recording by the people in it; scale and world are left as they come.
 
@@ -84,7 +84,7 @@ def solve_people(
         noise: what scores promise.
         start: where the cameras are thought to be, within some 10 degrees and half a metre; None
             to begin from nothing.
-        told: called with a stage, steps done and steps in all.
+        progress: takes a stage, its steps done and steps in all.
 
     Raises:
         InputError: when too few people are seen by several cameras.
@@ -105,9 +105,9 @@ def solve_people(
     focal = np.array([FOCAL_SIGMA if camera.lens_assumed else 0.0 for camera in rig.cameras])
     best: PeopleRig | None = None
     if start is not None:
-        best = _from_start(recording, noise, seen, start, focal, told)
+        best = _from_start(recording, noise, seen, start, focal, progress)
     if best is None or best.inliers < 0.6:
-        other = _from_nothing(recording, noise, seen, focal, told)
+        other = _from_nothing(recording, noise, seen, focal, progress)
         if other is not None and (best is None or other.inliers > best.inliers):
             best = other
     if best is None:
@@ -199,7 +199,7 @@ def _from_nothing(
     noise: Noise,
     seen: Seen,
     focal: Floats,
-    told: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> PeopleRig | None:
     pairs = list(combinations(range(len(recording.rig)), 2))
     evidences: list[Evidence] = []
@@ -207,7 +207,7 @@ def _from_nothing(
         found = pair_by_essential(seen, a, b)
         if found is not None:
             evidences.append(found[1])
-        told("pairs of cameras", number + 1, len(pairs))
+        progress("pairs of cameras", number + 1, len(pairs))
     joints = gather(recording, noise, seen, group(seen, evidences))
     if not len(joints.slot):
         return None
@@ -216,7 +216,7 @@ def _from_nothing(
     solved = solve_points(home, joints.keypoints_px, joints.sigma_px, poses, focal)
     if solved is None:
         return None
-    return _finish(recording, noise, seen, solved.adjusted.rig, solved.placed, focal, told)
+    return _finish(recording, noise, seen, solved.adjusted.rig, solved.placed, focal, progress)
 
 
 def _from_start(
@@ -225,7 +225,7 @@ def _from_start(
     seen: Seen,
     start: Rig,
     focal: Floats,
-    told: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> PeopleRig | None:
     everyone = np.ones(len(start), dtype=bool)
     current = start
@@ -235,8 +235,8 @@ def _from_start(
         if solved is None:
             return None
         current = solved.adjusted.rig
-        told("rough matches", number + 1, len(ROUGH_SIGMAS))
-    return _finish(recording, noise, seen, current, everyone, focal, told)
+        progress("rough matches", number + 1, len(ROUGH_SIGMAS))
+    return _finish(recording, noise, seen, current, everyone, focal, progress)
 
 
 def _rematch(
@@ -267,7 +267,7 @@ def _finish(
     rig: Rig,
     done: NDArray[np.bool_],
     focal: Floats,
-    told: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> PeopleRig | None:
     """Match people anew by the rig as it is, and adjust again."""
     best: PeopleRig | None = None
@@ -282,5 +282,5 @@ def _finish(
         size = np.linalg.norm(solved.adjusted.residuals, axis=-1)
         inliers = float((size[np.isfinite(size)] < 3.0).mean())
         best = PeopleRig(solved, joints, people, inliers)
-        told("adjusting", number + 1, len(FINE_SIGMAS))
+        progress("adjusting", number + 1, len(FINE_SIGMAS))
     return best

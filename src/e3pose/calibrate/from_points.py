@@ -1,4 +1,4 @@
-"""Extrinsics from points that are known to be the same in every view: a ball, or matched joints.
+"""Extrinsics from corresponding points: a ball, or the joints of matched people.
 
 One pair of cameras begins, by its essential matrix; the points that it triangulates place a third
 camera, and so on, bundle adjustment after each. The scale is whatever the first pair's was.

@@ -1,4 +1,4 @@
-"""Intrinsics of one camera from views of a board: Zhang's method, with the lens model chosen.
+"""Intrinsics of one camera from views of a board: Zhang's method, with a choice of lens model.
 
 Z. Zhang, "A flexible new technique for camera calibration" (2000); the fisheye model is that of
 Kannala and Brandt (2006), as OpenCV has it. Every model is fitted without some of the views and

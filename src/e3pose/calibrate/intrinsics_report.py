@@ -1,4 +1,4 @@
-"""What the intrinsics of a rig say, as lines, as plain values, and as a picture of coverage."""
+"""Report on intrinsics: lines, plain values and a picture of the coverage."""
 
 from __future__ import annotations
 

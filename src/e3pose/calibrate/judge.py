@@ -1,8 +1,7 @@
-"""Judge a calibration by a recording made with it: errors by camera, by pair, and over the room."""
+"""Validate a calibration on a recording: errors by camera, by pair and over the room."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from e3pose.calibrate.bundle import root_mean_square
 from e3pose.calibrate.expected_error import ErrorMap, error_map
 from e3pose.calibrate.from_people import match_people, solve_people
 from e3pose.calibrate.people_3d import place_people
+from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.recordings import between
 from e3pose.calibrate.triangulation import place_points
 from e3pose.errors import InputError
@@ -66,7 +66,7 @@ class Judgement:
 def judge(
     recording: Recording,
     noise: Noise,
-    told: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Progress = silent,
 ) -> Judgement:
     """Judge the calibration of a recording by its people.
 
@@ -89,7 +89,7 @@ def judge(
     inner = np.stack([camera.project(points) for camera in rig.cameras]) - pixels
     spread = 1.4826 * _median(np.abs(inner).mean(axis=-1))
     spread = np.where(np.isfinite(spread), np.maximum(spread, 0.5), np.nanmedian(spread))
-    resolved = _resolve(recording, noise, told)
+    resolved = _resolve(recording, noise, progress)
     moved_deg, moved_mm = _moved(rig, resolved)
     people = place_people(rig, joints, recording.skeleton, recording.fps)
     hips = people.of("left_hip", "right_hip")
@@ -104,9 +104,7 @@ def judge(
     )  # fmt: skip
 
 
-def _resolve(
-    recording: Recording, noise: Noise, told: Callable[[str, int, int], None]
-) -> list[Rig]:
+def _resolve(recording: Recording, noise: Noise, progress: Progress) -> list[Rig]:
     """Solve the rig anew from either half of the recording, as far as that succeeds.
 
     Two halves, as a rig that was solved from the whole would be found free of error by the whole.
@@ -121,7 +119,7 @@ def _resolve(
         except InputError:
             continue
         finally:
-            told("solving anew from halves", number + 1, 2)
+            progress("solving anew from halves", number + 1, 2)
         if found.inliers >= MIN_INLIERS and found.solved.placed.all():
             rigs.append(found.solved.adjusted.rig)
     return rigs

@@ -1,4 +1,4 @@
-"""Place one camera anew by people, while the others stay where they are."""
+"""Recalibrate one camera by people while the others stay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""People as 3D joints by person and slot, from the points of a solved rig; how tall they are."""
+"""3D joints by person and slot from triangulated points, and body heights."""
 
 from __future__ import annotations
 

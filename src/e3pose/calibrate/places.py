@@ -1,4 +1,4 @@
-"""Solve where cameras stand from films of a board, a ball or a wand, from points, or people."""
+"""Extrinsics of a rig from films of a board, a ball or a wand, from points, or people."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from e3pose.calibrate.from_boards import check_connected, solve_boards
 from e3pose.calibrate.from_people import solve_people
 from e3pose.calibrate.from_points import MIN_SHARED, PointRig, pair_poses, solve_points
 from e3pose.calibrate.people_3d import People3D, place_people
+from e3pose.calibrate.progress import Progress
 from e3pose.calibrate.scale import Scale, from_distance, from_limb, from_stature
 from e3pose.calibrate.wand import Wand, adjust_wand
 from e3pose.camera.source import open_video
@@ -28,7 +29,6 @@ from e3pose.model.noise import Noise
 from e3pose.recording.record import Recording
 
 Floats = NDArray[np.float64]
-Told = Callable[[str, int, int], None]
 Fit = tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]
 
 BALL_SIGMA_PX = 1.0
@@ -98,7 +98,7 @@ def from_board_films(
     board: Board,
     offsets_s: Mapping[str, float],
     rate: float,
-    told: Callable[[str], Callable[[int, int], None]],
+    progress_of: Callable[[str], Callable[[int, int], None]],
 ) -> Places:
     """Place cameras by films of a board that was carried about between them.
 
@@ -108,14 +108,14 @@ def from_board_films(
         board: the board.
         offsets_s: when each film began, on the common clock.
         rate: how many times a second to look.
-        told: makes what is told of a camera's progress.
+        progress_of: returns, for a camera, what takes frames done and in all.
     """
     folders = any(path.is_dir() for path in paths.values())
     times = None if folders else common_times(paths, offsets_s, rate)
     found = {}
     for camera_id, path in paths.items():
         own = None if times is None else times - offsets_s.get(camera_id, 0.0)
-        views = find_board(camera_id, path, board, own, told=told(camera_id))
+        views = find_board(camera_id, path, board, own, progress=progress_of(camera_id))
         check_size(lenses, camera_id, views.image_size)
         found[camera_id] = views
     every = (
@@ -209,8 +209,8 @@ def from_wand_seen(lenses: Rig, wand: Wand, keypoints_px: Floats) -> Places:
     )
     adjusted, flat = solved.adjusted, (len(lenses), -1, 1)
     fit = _fit(adjusted.residuals.reshape(*flat, 2), adjusted.weights.reshape(flat), BALL_SIGMA_PX)
-    told = f"a wand of {1000 * wand.length_m:g} mm, placed {1000 * solved.off_m:.1f} mm from that"
-    return _guessed(adjusted.rig, "wand", fit, Scale(1.0, told, solved.share))
+    source = f"a wand of {1000 * wand.length_m:g} mm, placed {1000 * solved.off_m:.1f} mm from that"
+    return _guessed(adjusted.rig, "wand", fit, Scale(1.0, source, solved.share))
 
 
 def _by_points(lenses: Rig, keypoints_px: Floats, source: str) -> PointRig:
@@ -248,7 +248,7 @@ def _guessed(rig: Rig, source: str, fit: Fit, scale: Scale) -> Places:
 
 
 def from_people(
-    recording: Recording, noise: Noise, start: Rig | None, known: KnownLength, told: Told
+    recording: Recording, noise: Noise, start: Rig | None, known: KnownLength, progress: Progress
 ) -> Places:
     """Place cameras by the people of a recording, and the world by where they stand.
 
@@ -257,9 +257,9 @@ def from_people(
         noise: what scores promise.
         start: a rough calibration, whose scale and world are kept unless a length is known.
         known: what fixes the scale.
-        told: of stages, steps done and in all.
+        progress: takes a stage, its steps done and in all.
     """
-    found = solve_people(recording, noise, start, told)
+    found = solve_people(recording, noise, start, progress)
     _check_all_placed(recording.rig, found.solved.placed, "see somebody")
     rig = found.solved.adjusted.rig
     notes: list[str] = []

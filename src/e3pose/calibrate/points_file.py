@@ -1,4 +1,4 @@
-"""Points that somebody else found in the views: a ball, a marker, clicked corners."""
+"""Read points marked in the views by other tools: a ball, a marker, clicked corners."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings as calibration takes them: a part of one, or with other lenses."""
+"""Parts of a recording, or a recording with other intrinsics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which tracklets of different views are one person: by essential matrices, or by a known rig."""
+"""Match tracklets across views: by essential matrices, or by a known rig."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The scale of a rig that was solved without one: a distance, a limb, a stature, or a guess."""
+"""Scale of a rig: from a known distance, a limb, a body height, or a default height."""
 
 from __future__ import annotations
 

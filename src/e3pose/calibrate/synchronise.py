@@ -1,4 +1,4 @@
-"""Find by how much the films of a rig are shifted in time, from the people in them.
+"""Synchronise the films of a rig by the motion of the people in them.
 
 First by motion: how fast joints move, up and down and in all, is alike in every view, so that
 signals correlate best at the right shift. Then by geometry: at the right shift, joints lie on the
@@ -8,7 +8,6 @@ frames. The epipolar geometry is that of the calibration, or else the pair's own
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.calibrate.from_people import observe_people, solve_people
+from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.same_people import Seen
 from e3pose.calibrate.time_shift import motion_signals, shift_by_geometry, shift_by_motion
 from e3pose.errors import InputError
@@ -83,7 +83,7 @@ def synchronise(
     recording: Recording,
     noise: Noise,
     max_shift_s: float,
-    told: Callable[[str, int, int], None] = lambda what, done, total: None,
+    progress: Progress = silent,
 ) -> Synchrony:
     """Find the offsets of a recording's cameras.
 
@@ -94,12 +94,12 @@ def synchronise(
         recording: detections; its rig helps where it is placed.
         noise: what scores promise.
         max_shift_s: films began at most so far apart.
-        told: called with a stage, steps done and steps in all.
+        progress: takes a stage, its steps done and steps in all.
 
     Raises:
         InputError: naming the cameras whose motion fits no other's.
     """
-    found = _in_slots(recording, noise, max_shift_s, told)
+    found = _in_slots(recording, noise, max_shift_s, progress)
     offsets_s = found.offsets_s - _beside_slots(recording)
     return replace(found, offsets_s=offsets_s - offsets_s[0])
 
@@ -116,22 +116,22 @@ def _in_slots(
     recording: Recording,
     noise: Noise,
     max_shift_s: float,
-    told: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> Synchrony:
     """Find the offsets of the slots that views stand in, whatever their times."""
-    first = _synchronise(recording, noise, max_shift_s, told)
+    first = _synchronise(recording, noise, max_shift_s, progress)
     if recording.rig.placed:
         return first
     moved = with_offsets(recording, first.offsets_s)
     try:
-        solved = solve_people(moved, noise, None, told)
+        solved = solve_people(moved, noise, None, progress)
     except InputError:
         return first
     if solved.inliers < MIN_INLIERS or not solved.solved.placed.all():
         return first
     rig = Rig(solved.solved.adjusted.rig.cameras)
     try:
-        second = _synchronise(replace(moved, rig=rig), noise, 2 / recording.fps, told)
+        second = _synchronise(replace(moved, rig=rig), noise, 2 / recording.fps, progress)
     except InputError:
         return first
     # What `with_offsets` moved is whole slots; the rest is what the second search saw.
@@ -147,7 +147,7 @@ def _synchronise(
     recording: Recording,
     noise: Noise,
     max_shift_s: float,
-    told: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> Synchrony:
     seen = observe_people(recording, noise)
     signals = [motion_signals(recording, camera, seen) for camera in range(len(recording.rig))]
@@ -160,7 +160,7 @@ def _synchronise(
     shifts: list[PairShift] = []
     degree = [0] * len(recording.rig)
     for number, (a, b) in enumerate(order):
-        told("pairs of cameras", number + 1, len(order))
+        progress("pairs of cameras", number + 1, len(order))
         if min(degree[a], degree[b]) >= ENOUGH_PAIRS:
             continue
         found = _pair_shift(recording, seen, a, b, *coarse[a, b])

@@ -1,4 +1,4 @@
-"""The shift in time between two views: by how joints move, and by epipolar geometry."""
+"""Time shift between two views: by the motion of joints, and by epipolar geometry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Follow people within one view, in pixels and without calibration, for as long as it is clear."""
+"""Tracklets: people tracked within one view, in pixels, as long as identity is unambiguous."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Choose the views of a board that say most of a lens: sharp, everywhere, and tilted."""
+"""Choose the most informative views of a board: sharp, spread over the image, tilted."""
 
 from __future__ import annotations
 

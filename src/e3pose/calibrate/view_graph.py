@@ -1,4 +1,4 @@
-"""Which cameras see the same things: pairs of known relative pose, chained through the strongest.
+"""The graph of cameras with a known relative pose, chained along its strongest edges.
 
 No camera has to see everything. The cameras are the nodes of a graph, a pair that saw something
 together an edge; along a spanning tree of its strongest edges every camera of a connected part is

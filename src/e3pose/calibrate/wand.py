@@ -1,4 +1,4 @@
-"""A wand, two or more markers in a row at known distances, adjusted as one stiff thing.
+"""A wand of two or more markers at known distances, adjusted as a rigid body.
 
 Points alone place cameras up to scale (`from_points`). That the markers of one time are as far
 apart as they were measured gives the scale, and ties the depth of each place of the wand.
