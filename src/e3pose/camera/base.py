@@ -1,4 +1,4 @@
-"""What a camera is made of: where its frames come from, and who finds people in them."""
+"""Protocols of a camera: a source of frames and a detector."""
 
 from __future__ import annotations
 

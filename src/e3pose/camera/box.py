@@ -1,4 +1,4 @@
-"""Room for one thing between two threads: the newest wins."""
+"""A one-element queue between two threads, in which the newest replaces the older."""
 
 from __future__ import annotations
 

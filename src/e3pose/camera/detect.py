@@ -1,4 +1,4 @@
-"""Detect people in calibrated videos and leave a recording."""
+"""Detect people in calibrated videos and write a recording."""
 
 from __future__ import annotations
 

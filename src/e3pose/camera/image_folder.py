@@ -1,4 +1,4 @@
-"""Read a folder of numbered images as a video is read: data sets are published so."""
+"""Read a folder of numbered images like a video."""
 
 from __future__ import annotations
 

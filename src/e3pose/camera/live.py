@@ -1,4 +1,4 @@
-"""A camera at work: capture, detect, send and receive, each on a thread of its own.
+"""The camera node: capture, detect, send and receive, each on its own thread.
 
     source -> capture -> [newest frame] -> detect -> [newest view] -> send ~~~> edge
                  ^---------- schedule <- receive <~~~ orders

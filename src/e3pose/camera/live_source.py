@@ -1,4 +1,4 @@
-"""Sources of frames that come at their own pace: devices, streams, files, recordings.
+"""Live sources of frames: devices, streams, files and recordings at their own pace.
 
     usb:0                        a camera of Video4Linux, `/dev/video0`
     rtsp://HOST/PATH             a network camera; http:// likewise

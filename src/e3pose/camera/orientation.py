@@ -1,4 +1,4 @@
-"""Turn decoded pictures the way their display matrix says they are to be shown.
+"""Rotate decoded frames by the display matrix of their video.
 
 A phone films with its sensor lying and writes into the file how to hold the picture. Players obey,
 so a calibration made from what a player showed is of the turned picture.

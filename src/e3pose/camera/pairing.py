@@ -1,4 +1,4 @@
-"""Tell which video belongs to which camera, by name."""
+"""Pair videos with cameras by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small pictures of what a camera looks at, for an operator who asks; nothing is kept or sent else.
+"""Small pictures of a camera's frames for operators, made on request and never stored.
 
 An image leaves the camera only where its own configuration allows it, one for each question, and
 never more than five a second. The newest image is held in memory until the next one.

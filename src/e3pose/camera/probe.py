@@ -1,4 +1,4 @@
-"""What cameras there are on this machine, and what one frame of a source tells."""
+"""Find the cameras of this machine, and read one frame of a source."""
 
 from __future__ import annotations
 

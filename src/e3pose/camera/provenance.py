@@ -1,4 +1,4 @@
-"""How a recording was detected: kept beside it in `detection.toml`, for people and for overlays."""
+"""How a recording was detected: the file `detection.toml` beside it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a camera was told to do, slot by slot."""
+"""The orders of a camera by slot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Put videos that live cameras recorded into the recording of their session."""
+"""Attach videos of live cameras to the recording of their session."""
 
 from __future__ import annotations
 

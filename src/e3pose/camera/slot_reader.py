@@ -1,4 +1,4 @@
-"""The images of a recording's videos, by rising slot."""
+"""Images of a recording's videos in the order of slots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Put frames into slots by their times."""
+"""Assign frames to slots by time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read video files frame by frame, with the times the frames were taken at.
+"""Read the frames of a video file with their times.
 
 Times come from the file's own timestamps, so a variable frame rate and dropped frames are seen as
 they are. Pictures are turned as the file's display matrix says. Frames that cannot be decoded, and

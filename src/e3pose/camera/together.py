@@ -1,4 +1,4 @@
-"""Detect in all videos slot by slot: where people are is worked out on the way, and fed back."""
+"""Detect in all videos slot by slot, with feedback from the estimated people."""
 
 from __future__ import annotations
 

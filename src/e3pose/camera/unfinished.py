@@ -1,4 +1,4 @@
-"""The folder of an interrupted detection, from which the same command goes on."""
+"""The folder of an interrupted detection, from which the same command resumes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A video of what a live camera sees, which can be read however its program ends.
+"""Write a video that stays readable if the program is killed.
 
 Matroska, because a file that was cut off is still one. MPEG-4 part 2, because its encoder is the
 fastest of FFmpeg's own, which need no GPL: half the processor time of VP9 at the same quality, for

@@ -1,4 +1,4 @@
-"""The seam between pixels and poses: a detector finds people in one image."""
+"""The Protocol of a detector: one image in, 2D poses out."""
 
 from __future__ import annotations
 

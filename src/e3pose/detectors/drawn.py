@@ -1,4 +1,4 @@
-"""People drawn as coloured dots, and a detector that finds the dots: trying all without a network.
+"""Draw people as coloured dots, and detect them without a network, for tests and examples.
 
 Every joint has a hue and every person a brightness, so that a dot says what it is. Films of them
 go through the same cameras, codecs and clocks as those of real people; what they cannot show is how

@@ -1,4 +1,4 @@
-"""Fit an image into a network's input, and bring what the network found back to the image."""
+"""Resize and pad an image for a network, and map keypoints back to the image."""
 
 from __future__ import annotations
 

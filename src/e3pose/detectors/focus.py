@@ -1,4 +1,4 @@
-"""Look at a part of an image: where people are expected, at the network's best scale."""
+"""Detect in the part of an image where people are expected, at the network's best scale."""
 
 from __future__ import annotations
 

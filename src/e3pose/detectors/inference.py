@@ -1,4 +1,4 @@
-"""Run a network file: ONNX Runtime on the best provider there is, OpenCV for a TensorFlow graph."""
+"""Run a network: ONNX Runtime on the best provider, OpenCV for TensorFlow graphs."""
 
 from __future__ import annotations
 

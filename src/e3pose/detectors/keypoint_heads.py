@@ -1,4 +1,4 @@
-"""What networks that look at one person say: coordinates as classes (SimCC), or heatmaps.
+"""Keypoint heads of top-down networks: SimCC and heatmaps.
 
 Li et al., "SimCC: a Simple Coordinate Classification Perspective for Human Pose Estimation", ECCV
 2022; Jiang et al., "RTMPose: Real-Time Multi-Person Pose Estimation based on MMPose", 2023; Xu et

@@ -1,4 +1,4 @@
-"""Detectors of the OpenPose kind: an image through a network, its maps through the decoder."""
+"""Detectors like OpenPose: heatmaps and part-affinity fields, decoded into people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Decode heatmaps and part-affinity fields into people: peaks, limbs, then people from limbs.
+"""Decode heatmaps and part-affinity fields: peaks, then limbs, then people.
 
 The bottom-up method of Cao et al., "Realtime multi-person 2D pose estimation using part affinity
 fields" (2017), over any `Topology`.

@@ -1,4 +1,4 @@
-"""People as boxes, by the outputs `dets` and `labels` of MMDeploy's detectors, such as RTMDet.
+"""Person boxes from outputs `dets` and `labels` of MMDeploy's detectors, such as RTMDet.
 
 Lyu et al., "RTMDet: An Empirical Study of Designing Real-Time Object Detectors", 2022. The exported
 network suppresses overlapping boxes itself (`detection_onnxruntime_static`).

@@ -1,4 +1,4 @@
-"""RTMO, one-stage networks of several people, by the outputs `dets` and `keypoints` of MMDeploy.
+"""RTMO, one-stage multi-person networks with outputs `dets` and `keypoints` of MMDeploy.
 
 Lu et al., "RTMO: Towards High-Performance One-Stage Real-Time Multi-Person Pose Estimation", CVPR
 2024. The exported network suppresses overlapping boxes itself (`pose-detection_rtmo_onnxruntime`).

@@ -1,4 +1,4 @@
-"""How long networks take on this machine: in processes of their own, one alone and all at once."""
+"""Latency of networks on this machine, alone and all at once, in processes of their own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Top-down detectors: one network finds people as boxes, another the keypoints of each.
+"""Top-down detectors: one network finds boxes of people, another the keypoints in each.
 
 The two files lie in one folder, whatever they are called: which is which follows from their
 outputs, and the skeleton from the number of keypoints.

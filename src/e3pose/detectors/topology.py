@@ -1,4 +1,4 @@
-"""Networks of the OpenPose kind as data: what goes in, which output channel means what, thresholds.
+"""Networks like OpenPose as data: input, output channels, thresholds.
 
 Such a network gives one heatmap per part and, per limb, a field of unit vectors along it (part
 affinity). A new one is a new row here.

@@ -1,4 +1,4 @@
-"""Any YOLO-pose network by its output format; the weights are the user's own."""
+"""YOLO-pose networks by their output format, with the user's own weights."""
 
 from __future__ import annotations
 

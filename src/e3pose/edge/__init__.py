@@ -1,1 +1,1 @@
-"""The edge server: receive, fuse, select, send; around the one `pipeline.step`."""
+"""The edge server: receive, fuse, select and send around the one `pipeline.step`."""

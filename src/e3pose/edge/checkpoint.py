@@ -1,4 +1,4 @@
-"""Keep the state of the loop in a file, so that an edge that was killed goes on where it was.
+"""Save and restore the state of the loop, so that a killed edge resumes.
 
 Everything that one slot hands to the next is a value: nested frozen records of arrays and numbers.
 It is taken apart by the names of their fields and put together again after the pattern of an

@@ -1,4 +1,4 @@
-"""Whom an edge hands its slots to: who keeps them, who learns from them, who reckons energy."""
+"""Consumers of slot records: store, online learner, energy ledger."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an edge counts, and how long things take."""
+"""Counters and durations of an edge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The people of a slot a second time: some slots later, smoothed by what came in between."""
+"""Delayed poses: smoothed with the slots that follow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The edge's energy ledger: heartbeats come in on one thread, budgets go out on another."""
+"""The energy ledger of an edge: heartbeats in on one thread, budgets out on another."""
 
 from __future__ import annotations
 

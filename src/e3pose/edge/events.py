@@ -1,4 +1,4 @@
-"""What a person should know of an edge: told, kept for its status, handed to who keeps it."""
+"""Events of an edge: logged, shown in its status, and stored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collect the views of each slot until all are in or its deadline has passed."""
+"""Collect the views of each slot until all have arrived or its deadline has passed."""
 
 from __future__ import annotations
 

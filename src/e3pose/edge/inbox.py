@@ -1,4 +1,4 @@
-"""Receiving: what cameras say, checked, sorted into views and what is known of each camera."""
+"""Receive, check and sort the messages of cameras."""
 
 from __future__ import annotations
 

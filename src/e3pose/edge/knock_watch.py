@@ -1,4 +1,4 @@
-"""Watch the cameras of a running edge for knocks, a few times a second."""
+"""Check the cameras of a running edge for displacement a few times per second."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Notice that a camera was knocked, from where published people appear in its views.
+"""Detect a displaced camera from where published people appear in its views.
 
 Every person and every 2D pose of a view whose joints differ by one offset vote for it, whether they
 are one person or not. Where the camera stands as calibrated, votes gather around zero; where it was

@@ -1,4 +1,4 @@
-"""What comes late at an edge, and what that says of its camera."""
+"""Late views of a camera, and what they indicate."""
 
 from __future__ import annotations
 

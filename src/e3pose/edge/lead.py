@@ -1,4 +1,4 @@
-"""The smallest lead with which orders arrive in time, from measured delays.
+"""The smallest lead at which orders arrive in time, from measured delays.
 
 Every camera reports its own delays. The lead follows the slowest camera, unless that one is far
 behind the others: then the site leaves it behind instead of slowing down for it.

@@ -1,4 +1,4 @@
-"""Change the loop's state between slots: another lead, slots that nobody computed."""
+"""Change the lead between slots, and carry the state over slots that were not computed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Giving orders: what every camera is to do in a slot, and whether it can have known in time."""
+"""Orders to cameras: what each does in a slot, and whether an order can arrive in time."""
 
 from __future__ import annotations
 

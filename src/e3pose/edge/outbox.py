@@ -1,4 +1,4 @@
-"""What waits to be sent: the newest for each topic and slot, and never much of it."""
+"""The send queue: the newest message of each topic and slot, bounded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an edge leaves out when its machine is too slow for its slots, and when it does it again.
+"""Load shedding: what an edge skips when its machine is too slow, and when it resumes.
 
 Whoever computes longer than a slot lasts falls behind: views wait, orders take longer, the lead
 grows, and a longer lead costs more. Before that happens the edge thins its work, one level at a

@@ -1,4 +1,4 @@
-"""Make everything that is compiled or loaded at its first use be so before the first slot."""
+"""Compile and load everything before the first slot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Publishing the people of a slot: at once, and where that is asked for again later, smoothed."""
+"""Publish the poses of a slot: at once, and optionally later, smoothed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Record what all cameras of a site see, without a calibration: an edge that only orders and keeps.
+"""Record the views of all cameras of a site that needs no calibration.
 
 All cameras look in every slot. Nothing is computed, so it does not matter when a view arrives, as
 long as it does.

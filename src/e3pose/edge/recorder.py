@@ -1,4 +1,4 @@
-"""Keep the keypoints that arrive, as recordings of some minutes each, within a bounded space."""
+"""Write arriving keypoints as recordings of some minutes each, within bounded disk space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the edge tells: the people of a slot, and how the site is."""
+"""Messages of the edge to users: poses of a slot and status of the site."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the edge knows of every camera, and which of them can be chosen."""
+"""The state of every camera at the edge, and which of them can be selected."""
 
 from __future__ import annotations
 

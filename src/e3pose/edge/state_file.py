@@ -1,4 +1,4 @@
-"""The file that an edge goes on from: kept every second, taken up at the start."""
+"""The file with an edge's state, written every second and read at the start."""
 
 from __future__ import annotations
 

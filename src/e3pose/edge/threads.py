@@ -1,4 +1,4 @@
-"""The threads of an edge: they end together, and one that fails ends all."""
+"""The threads of an edge, which end together when one of them fails."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Energy: what a camera draws, what a slot of it costs, what it may spend; meters of all of it."""
+"""Energy: power profiles, cost of a slot, budgets and virtual queues, meters."""

@@ -1,4 +1,4 @@
-"""Budgets: a share of slots, joules, watts, or a time to last until, as what a slot may cost.
+"""Energy budgets: a share of slots, joules, watts, or a time to last until.
 
 All of them become joules that a camera may spend in a slot on average, and from there the share of
 slots that the deficit queues of `energy` keep: `max(q - E, 0) + s` with a price in joules.

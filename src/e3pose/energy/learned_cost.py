@@ -1,4 +1,4 @@
-"""What an active slot of a camera costs, learned from what its meter says: pure functions.
+"""Learn the energy cost of an active slot from a camera's meter. Pure functions.
 
 A stretch of time in which a camera was active for `a` and idle for `i` seconds is taken to cost
 `a * watts_active + i * watts_idle` joules. The two powers are estimated by recursive least squares

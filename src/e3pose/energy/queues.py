@@ -1,4 +1,4 @@
-"""Energy: budgets and deficit queues, power profiles of devices, and what a selection saves."""
+"""Virtual queues, power profiles of devices, and energy saved by a selection."""
 
 from __future__ import annotations
 

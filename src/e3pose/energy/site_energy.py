@@ -1,4 +1,4 @@
-"""The energy of a whole site, as the edge keeps it: heartbeats in, budgets and costs out. Pure."""
+"""Energy of a site: heartbeats in, budgets and costs out. Pure functions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every estimator is: the views of a slot and its own memory in, the people out."""
+"""The Protocol of an estimator: views of a slot and its own state in, people out."""
 
 from __future__ import annotations
 

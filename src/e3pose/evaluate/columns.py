@@ -1,4 +1,4 @@
-"""Tables that fit the width of a terminal: columns that do not fit go to a further table."""
+"""Tables that fit the width of a terminal by wrapping columns into further tables."""
 
 from __future__ import annotations
 

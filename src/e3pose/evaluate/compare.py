@@ -1,4 +1,4 @@
-"""Compare policies: every policy over several seeds, in parallel processes, mean and spread."""
+"""Compare policies over several seeds, in parallel processes: mean and spread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What cameras see in the videos of a recording, looking anew in every slot."""
+"""Detect anew in the videos of a recording, with semantic feedback."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Static pictures with one look: SVG files, the same bytes for the same numbers."""
+"""SVG pictures in one style, byte-identical for the same numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a replay's selection spent and saved, also on the paper's two devices."""
+"""Energy spent and saved by a selection, also on the paper's two devices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether the error that the estimator expects is the error that it makes."""
+"""Expected error of the estimator against its actual error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of one replay, as records, and the one place that writes them as JSON.
+"""The figures of one replay as records, and their JSON.
 
 `docs/metrics.md` says what each figure is. One that cannot be had (no truth, no match) is None in
 a record and absent in JSON, never 0.

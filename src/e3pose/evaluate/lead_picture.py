@@ -1,4 +1,4 @@
-"""A picture of policies against lead: accuracy with its spread, and the time of a prediction."""
+"""Picture of policies against lead: accuracy with its spread, and prediction time."""
 
 from __future__ import annotations
 

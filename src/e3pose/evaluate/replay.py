@@ -1,4 +1,4 @@
-"""Replay: the live loop with blinkers, handed a recording slot by slot, selected views only."""
+"""Replay: run the live loop on a recording, slot by slot, with the selected views only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A replay whose poses are smoothed: what the loop could have said, had it been allowed to wait."""
+"""Replays with poses smoothed by later slots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An offline smoother: where joints were, from all keypoints of any views before and after.
+"""An offline smoother of one person's joints, from the keypoints of all slots and views.
 
     least sum over slots and views of  rho(|k - pi(x)| / sigma)  +  sum over slots of  |a|^2 / q dt
 

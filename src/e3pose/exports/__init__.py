@@ -1,4 +1,4 @@
-"""Exports: a take in the formats that the tools of the field open (docs/how-to/export.md)."""
+"""Export a take to the formats of other tools (docs/how-to/export.md)."""
 
 from __future__ import annotations
 

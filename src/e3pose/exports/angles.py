@@ -1,4 +1,4 @@
-"""Joint angles from keypoints: degrees, by definitions of the ISB where keypoints allow.
+"""Joint angles in degrees, by ISB definitions where keypoints allow.
 
 Keypoints show where joints are, not how bones turn about themselves. So what follows from
 directions alone is here: flexion of elbow and knee, elevation of the arm and its plane (Wu et al.,

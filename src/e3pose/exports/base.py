@@ -1,4 +1,4 @@
-"""What every export is: a take in, a file or folder in another tool's format out."""
+"""The Protocol of an export: a take in, a file or folder out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints to bones: a rest pose with limbs of fixed length, and how each bone is turned (IK).
+"""Inverse kinematics: joints to a skeleton of bones with fixed lengths and rotations.
 
 Animation formats know a tree of bones, each with an offset from its parent at rest and a rotation a
 frame. The offset's length is the median of the limb over the take; the rest pose is a T-pose that

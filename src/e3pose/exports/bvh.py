@@ -1,4 +1,4 @@
-"""BVH, the motion files of animation programs: text, y up, one person a file.
+"""BVH, motion files of animation tools: text, y up, one person per file.
 
 The tree of bones of `bones`, then six numbers of the root and three angles of every other node a
 frame: degrees about z, x and y in this order, each about the axes turned before. The format has no

@@ -1,4 +1,4 @@
-"""C3D, the binary marker files of motion capture, written by ezc3d: z up, everybody in one file.
+"""C3D, binary marker files of motion capture, by ezc3d: z up, everybody in one file.
 
 Points are labelled `track7:left_wrist`, as programs that know subjects do. The residual says where
 a point comes from, as the format has it: -1 for missing, 0 for one that no view of the frame

@@ -1,4 +1,4 @@
-"""COCO JSON: one data set of images, and people in them as 17 keypoints; needs cameras.
+"""COCO JSON: images, and people in them as 17 keypoints; needs a calibration.
 
 Images are called `CAMERA/FRAME.jpg`, though nobody made them. A keypoint's third number is COCO's
 visibility: 2 inside the image and measured in the frame, 1 inside and predicted or filled, 0

@@ -1,4 +1,4 @@
-"""Animated glTF 2.0: everybody as a skinned skeleton that moves, in one file; metres, y up.
+"""Animated glTF 2.0: skinned skeletons of everybody in one file; metres, y up.
 
 A person is a node that is shown (scale 1) or hidden (scale 0), a skin with a joint a bone, and a
 mesh of one slim octahedron a bone, so that any viewer shows something. `.glb` is one binary file,

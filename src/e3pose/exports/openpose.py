@@ -1,4 +1,4 @@
-"""OpenPose JSON: a folder with a file a frame, people as BODY_25.
+"""OpenPose JSON: a folder with one file per frame, people as BODY_25.
 
 Without cameras the files hold `pose_keypoints_3d`, world metres with z up and scores, as OpenPose
 writes its own reconstructions. With cameras there is a folder a camera, whose files hold the

@@ -1,4 +1,4 @@
-"""Another frame rate: joints between two frames lie on the line between their places there."""
+"""Resample a take to another frame rate by linear interpolation."""
 
 from __future__ import annotations
 

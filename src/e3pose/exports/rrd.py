@@ -1,4 +1,4 @@
-"""RRD, the recordings of the viewer rerun: everybody as points and limbs over time, z up."""
+"""RRD, recordings of the viewer rerun: points and limbs over time, z up."""
 
 from __future__ import annotations
 

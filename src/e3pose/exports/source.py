@@ -1,4 +1,4 @@
-"""Where a take comes from: a store, or a table of poses that replay or query wrote."""
+"""Read a take from a store, or from a pose table of `replay` or `query`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""CSV and Parquet: a row per frame and person, the joints side by side, metres with z up."""
+"""CSV and Parquet: one row per frame and person, metres with z up."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""TRC, the marker files of OpenSim and Pose2Sim: text with tabs, y up, one person a file.
+"""TRC, marker files of OpenSim and Pose2Sim: text, y up, one person per file.
 
 The layout is that of OpenSim's documentation (Marker (.trc) Files): five lines of header, a blank
 one, a row a frame. A marker that is missing has empty cells, which OpenSim reads as no number.

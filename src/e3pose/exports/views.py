@@ -1,4 +1,4 @@
-"""People as the cameras would see them: 3D poses projected into the images of a rig."""
+"""Project 3D poses into the images of a rig."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Files: written whole or not at all, read within bounds, locked, private."""
+"""Files: atomic writes, bounded reads, locks, permissions, typed tables."""

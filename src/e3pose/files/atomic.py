@@ -1,4 +1,4 @@
-"""Write files and folders so that they appear whole or not at all."""
+"""Write files and folders atomically."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read files of strangers: regular and of a bounded size, so that nothing hangs or fills memory."""
+"""Read untrusted files: regular files of bounded size only."""
 
 from __future__ import annotations
 

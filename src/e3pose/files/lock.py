@@ -1,4 +1,4 @@
-"""Keep a second program from writing what one writes already, and say which one it is."""
+"""Lock a file against a second writer, and name the program that holds it."""
 
 from __future__ import annotations
 

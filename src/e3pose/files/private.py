@@ -1,4 +1,4 @@
-"""Who may read what tells where people were: the owner alone, or the group of a shared folder.
+"""Permissions of private files: the owner alone, or the group of a shared folder.
 
 A folder is shared with its group by its setgid bit (`chmod g+s`), which also makes the system give
 all that is made in it to that group.

@@ -1,4 +1,4 @@
-"""Read a TOML file that comes with the package, by its name, or one of the user's, by its path."""
+"""Read a TOML file by the name of one in the package, or by the path of a user's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read a table of a file into a typed record: every key known, what is wrong told with its key."""
+"""Read a TOML table into a typed record; unknown keys and wrong values are errors."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Cameras: where a world point lands in an image, and which ray a pixel looks along."""
+"""Cameras: projection, distortion, rays, rigs, rotations."""

@@ -1,4 +1,4 @@
-"""Cameras and rigs: where a world point lands in an image, and which ray a pixel looks along.
+"""Cameras and rigs: projection of world points into images, and rays of pixels.
 
 Conventions: world in metres, z up; camera frame x right, y down, z forward; pixel (0, 0) is the
 centre of the top-left pixel. `T_world_camera` maps camera coordinates to world coordinates.

@@ -1,4 +1,4 @@
-"""What a camera's fields must be, with errors that name the camera and the field."""
+"""Validate the fields of a camera, with errors that name camera and field."""
 
 from __future__ import annotations
 

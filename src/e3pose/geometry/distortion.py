@@ -1,4 +1,4 @@
-"""Lens distortion: from the ideal image plane to the real one and back.
+"""Lens distortion and its inverse.
 
 Points are normalised: `x / z` and `y / z` in the camera frame. The models are OpenCV's: Brown's
 with 0, 4 (k1 k2 p1 p2), 5 (+ k3) or 8 (+ k4 k5 k6) coefficients, and its fisheye (equidistant)

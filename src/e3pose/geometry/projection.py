@@ -1,4 +1,4 @@
-"""Projection with its derivative: how a keypoint moves when the joint does."""
+"""Projection with its Jacobian."""
 
 from __future__ import annotations
 

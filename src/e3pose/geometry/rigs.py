@@ -1,4 +1,4 @@
-"""Where simulated cameras stand, and where a user's cameras look."""
+"""Simulated rigs, and where a rig's cameras look."""
 
 from __future__ import annotations
 

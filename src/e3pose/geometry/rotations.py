@@ -1,4 +1,4 @@
-"""Stacks of rotations: the angles between them, their mean, and the similarity of point sets."""
+"""Rotations: angles between them, the nearest to a matrix, similarity of point sets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Take the lens out of the keypoints of a slot: the loops of `distortion.Distortion.undistort`.
+"""Undistort the keypoints of a slot: the kernel of `distortion.Distortion.undistort`.
 
 The first guess, the Newton steps and the test at the end are the same, so a pixel without an
 inverse is NaN here where it is NaN there. The points of a camera are taken `LANES` at a time; the

@@ -1,1 +1,1 @@
-"""What everything speaks in: skeletons, poses, noise, the record of a slot."""
+"""Data model: skeletons, poses, noise, slot records."""

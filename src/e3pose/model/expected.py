@@ -1,4 +1,4 @@
-"""What a camera is expected to see in a slot: the feedback that the edge sends with its orders."""
+"""Semantic feedback: the people expected in a camera's view, sent with its orders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A detector's errors: how far keypoints are off by their score, and how long they stay so."""
+"""Noise of a detector: sigma by score, and how long errors persist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one slot leaves behind: who was found, who looked, who looks next and why."""
+"""The record of one slot: poses, tracks, selection and its reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A take: how people moved over slots of one length, each person by themselves.
+"""A take: the motion of all people over a range of slots.
 
 What smoothing and exports work on. A take is read from a store or from a table of poses, or made of
 the records of a replay. Missing is NaN, never a number.

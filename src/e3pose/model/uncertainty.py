@@ -1,4 +1,4 @@
-"""From the covariance of a position to the distance by which it may be wrong."""
+"""Error radius from the covariance of a position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Somebody enters, stays in or leaves a zone of the floor."""
+"""Zone events: a person enters, stays in or leaves a zone of the floor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Do the views of a recording agree with its rig and its truth? Rough distances in pixels."""
+"""Check that views agree with the rig and the truth, in pixels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One view, or the truth of one slot, as one line of JSON."""
+"""One view, or the truth of one slot, as a line of JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a recording that can be read, in words that say what to do."""
+"""Find problems in a recording, with advice."""
 
 from __future__ import annotations
 

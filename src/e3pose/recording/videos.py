@@ -1,4 +1,4 @@
-"""Videos that live cameras record: their names, and the recording that they belong to."""
+"""Videos of live cameras: names, times, and the recording they belong to."""
 
 from __future__ import annotations
 

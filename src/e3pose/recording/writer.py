@@ -1,4 +1,4 @@
-"""Write a recording while it happens; one that was cut off by a kill is put right afterwards.
+"""Write a recording while it happens, and repair one that was cut off.
 
 The work stands in `NAME.partial`, a growing file of lines for each camera, and gets its name when
 it is finished.

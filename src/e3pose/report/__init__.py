@@ -1,4 +1,4 @@
-"""The page that shows a run: skeletons to turn and play, the selection, the energy."""
+"""The report page: 3D player, selection, energy."""
 
 from e3pose.report.page import write_report
 

@@ -1,4 +1,4 @@
-"""The page's charts as Plotly figures: plain data and layout, nothing drawn here."""
+"""Charts of the report as Plotly figures."""
 
 from __future__ import annotations
 

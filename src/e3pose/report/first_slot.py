@@ -1,4 +1,4 @@
-"""The moment at which a page opens: one like most others, of people who move."""
+"""Choose the slot at which a report opens: typical, with moving people."""
 
 from __future__ import annotations
 

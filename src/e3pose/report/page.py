@@ -1,4 +1,4 @@
-"""Assemble the report: one HTML file that needs nothing else and asks the network for nothing.
+"""Write the report: one self-contained HTML file.
 
 Whatever comes from a recording is text: escaped in HTML, and in scripts only ever JSON in which no
 character can end the script. The page's content security policy forbids every request besides.

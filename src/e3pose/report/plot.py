@@ -1,4 +1,4 @@
-"""A picture of one slot of a take, for notebooks."""
+"""Plot one slot of a take in a notebook."""
 
 from __future__ import annotations
 

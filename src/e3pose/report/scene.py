@@ -1,4 +1,4 @@
-"""What the page's player and strips draw: a run as lists that JSON can hold. Pure."""
+"""A run as JSON lists for the page's 3D player. Pure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of a stretch of a live store: what was computed, as it was."""
+"""The report of a time range of a live store."""
 
 from __future__ import annotations
 

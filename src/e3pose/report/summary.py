@@ -1,4 +1,4 @@
-"""The summary at the top of the page: sentences and large figures."""
+"""The summary of a report: sentences and headline figures."""
 
 from __future__ import annotations
 

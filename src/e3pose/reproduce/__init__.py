@@ -1,1 +1,1 @@
-"""Redo the tables and figures of the paper with this system, beside the paper's own figures."""
+"""Reproduce the tables and figures of the paper beside the paper's own numbers."""

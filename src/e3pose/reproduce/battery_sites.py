@@ -1,4 +1,4 @@
-"""Sites on batteries: who has how much, and how long all of them last."""
+"""Sites on batteries: charges, loads, and budgets until a common end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well predicted people fill the boxes that detectors find some slots later."""
+"""IoU of predicted boxes of people with boxes detected some slots later."""
 
 from __future__ import annotations
 

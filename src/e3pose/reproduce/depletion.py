@@ -1,4 +1,4 @@
-"""A site on batteries, played through until they are empty: who runs out when."""
+"""Simulate a site on batteries until they are empty."""
 
 from __future__ import annotations
 

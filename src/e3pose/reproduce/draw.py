@@ -1,4 +1,4 @@
-"""Panels as SVG files, all in the look of the project's other pictures."""
+"""Panels as SVG files in the style of the project's pictures."""
 
 from __future__ import annotations
 

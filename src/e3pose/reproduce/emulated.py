@@ -1,4 +1,4 @@
-"""Parts of a site that take a given time, for measurements of its frame rate."""
+"""Emulated parts of a site with given latencies, for measuring its frame rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What makes identities change: people who left, tracks that were lost, people taken for others."""
+"""Causes of identity changes: people who left, lost tracks, swaps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identities over time: IDF1 by motmetrics, HOTA by its definition, changes by kind."""
+"""Identity metrics: IDF1 by motmetrics, HOTA by its definition, changes by cause."""
 
 from __future__ import annotations
 

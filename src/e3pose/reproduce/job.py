@@ -1,4 +1,4 @@
-"""The whole run: what there is to do, doing what is not kept, and the report."""
+"""A reproduction run: its pieces of work, cached results, and the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections as one HTML page that needs nothing else, and as files: SVG and CSV."""
+"""Sections as a self-contained HTML page, and as SVG and CSV files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Power of cameras from shares of slots: modelled by profiles, for the paper's two devices."""
+"""Camera power from duty cycles, by the profiles of the paper's two devices."""
 
 from __future__ import annotations
 

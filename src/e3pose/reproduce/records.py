@@ -1,4 +1,4 @@
-"""What an item of the paper becomes: tables and charts as plain records, with their words."""
+"""Tables and charts of the report as plain records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A link that delays: a relay on loopback that passes on every byte late, in both directions."""
+"""A delayed link: a TCP relay on loopback with latency in both directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One replay of a recording as a piece of work, and what the items ask of it."""
+"""One replay of a recording as a piece of work."""
 
 from __future__ import annotations
 

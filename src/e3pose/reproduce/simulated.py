@@ -1,4 +1,4 @@
-"""Detections simulated on real motion: people of Panoptic before Panoptic's cameras."""
+"""Simulated detections of real motion: people of Panoptic in Panoptic's cameras."""
 
 from __future__ import annotations
 

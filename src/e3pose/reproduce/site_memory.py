@@ -1,4 +1,4 @@
-"""How much memory the processes of a site hold, by how many people are there."""
+"""Memory of a site's processes by number of people."""
 
 from __future__ import annotations
 

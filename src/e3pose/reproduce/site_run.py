@@ -1,4 +1,4 @@
-"""A site of real processes on this machine: an edge and its cameras, started, followed, ended."""
+"""Run a site of real processes: an edge and its cameras."""
 
 from __future__ import annotations
 

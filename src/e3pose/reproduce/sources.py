@@ -1,4 +1,4 @@
-"""The recordings that the paper's evaluation needs, as far as a user has them."""
+"""Recordings that the paper's evaluation needs, as far as the user has them."""
 
 from __future__ import annotations
 

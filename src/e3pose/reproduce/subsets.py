@@ -1,4 +1,4 @@
-"""All subsets of the cameras, slot by slot: what each of them would have given. For oracles only.
+"""Oracle: the accuracy of all subsets of cameras, slot by slot.
 
 Only the evaluation may know this: it reads the truth and the views of all cameras.
 """

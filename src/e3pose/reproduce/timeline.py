@@ -1,4 +1,4 @@
-"""Frame rate against network and server delay, for the designs of the paper's timeline figure.
+"""Frame rate against network and server delay, as in the paper's timeline figure.
 
 Ours is the real thing: an edge and cameras as processes of their own, with the paper's policy and
 predictor, whose messages are delayed by a relay. The others are emulated: with central control by

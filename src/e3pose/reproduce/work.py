@@ -1,4 +1,4 @@
-"""Pieces of work whose results are kept on disk, so that a run that was stopped goes on."""
+"""Pieces of work with results cached on disk, so that a run resumes."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Which cameras look: what each would add, what hides people, and the policies that decide."""
+"""Camera selection: expected information, occlusion, policies, failure detector."""

@@ -1,4 +1,4 @@
-"""What a camera is worth where it seldom shows people: walls and shelves, which no rig tells of.
+"""Detection rate by place: where a camera seldom detects people, as behind walls and shelves.
 
 A rig's geometry says which places lie inside an image, but not what stands between. The estimator
 counts which of a camera's looks at people who were there showed them, by place

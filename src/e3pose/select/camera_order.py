@@ -1,4 +1,4 @@
-"""The order in which cameras take turns: one after another from directions far apart."""
+"""The order of a round robin: cameras in turn from directions far apart."""
 
 from __future__ import annotations
 

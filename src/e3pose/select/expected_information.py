@@ -1,4 +1,4 @@
-"""What each camera is expected to tell about everybody in a slot to come: Fisher information.
+"""Expected Fisher information of each camera about everybody in a future slot.
 
 A joint at p with covariance P, seen by the cameras of a set S, is expected to be left with
 

@@ -1,4 +1,4 @@
-"""Which cameras answer: one that is ordered again and again and sends nothing is presumed dead.
+"""Failure detector: a camera that does not answer repeated orders is presumed dead.
 
 After k orders in a row without an answer, a camera is either well and unlucky k times, or it died
 in one of these slots. It is given up as soon as the second is the likelier:

@@ -1,4 +1,4 @@
-"""Semantic feedback: the predicted people, projected into every camera that is to look.
+"""Semantic feedback: predicted people projected into every camera that is selected.
 
 After Bultmann and Behnke, "Real-time multi-view 3D human pose estimation using semantic feedback to
 smart edge sensors" (RSS 2021). What cameras do with it is in `detectors.focus`.

@@ -1,4 +1,4 @@
-"""People who are followed but not shown, and the looks that would have them shown.
+"""Hidden people: tracked but not published, and the views that would confirm them.
 
 The estimator hides somebody new until a third camera has seen the person, and somebody who walks
 when one camera alone has shown the person for long. Of such people a set S of cameras is expected

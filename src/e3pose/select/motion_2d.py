@@ -1,4 +1,4 @@
-"""What a camera can foresee by itself: 2D motion vectors of the boxes it saw last.
+"""2D motion vectors of boxes: the prediction of a camera by itself (paper's ID baseline).
 
 The paper's ID baseline and the centrally controlled alternative of its timeline figure decide from
 this, and from nothing that other cameras saw.

@@ -1,4 +1,4 @@
-"""How much people hide one another in every camera's view (paper section 3.2)."""
+"""Occlusion of a view: mean IoU of its people's boxes (paper section 3.2)."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What a run is asked to do: typed, checked once, the same from everywhere."""
+"""Settings: typed, validated once, the same for command line, site file and Python."""

@@ -1,4 +1,4 @@
-"""What a detection is asked to look at."""
+"""Settings of detection in videos."""
 
 from __future__ import annotations
 

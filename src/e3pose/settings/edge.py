@@ -1,4 +1,4 @@
-"""How an edge server runs."""
+"""Settings of the edge server."""
 
 from __future__ import annotations
 

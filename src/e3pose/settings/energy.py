@@ -1,4 +1,4 @@
-"""What the cameras draw and have: the same record from the command line, a site file and Python."""
+"""Energy settings of a rig: power profiles, batteries, budgets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can go wrong in a replay: cameras that die, views that are lost, batteries that end."""
+"""Faults injected into a replay: camera failures, lost views, empty batteries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks that the files of a site and of a camera share."""
+"""Checks shared by site files and camera files."""
 
 from __future__ import annotations
 

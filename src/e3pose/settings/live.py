@@ -1,4 +1,4 @@
-"""A site with its rig: all that an edge must know, told before anything opens."""
+"""A site with its rig, validated before anything starts."""
 
 from __future__ import annotations
 

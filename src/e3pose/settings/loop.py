@@ -1,4 +1,4 @@
-"""How the loop runs: the same record from the command line, a site file and Python."""
+"""Settings of the loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The parts of a loop, made from its settings for the place where it runs."""
+"""Make the parts of a loop from its settings and its rig."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The configuration of a site: a TOML file, every key known, every path relative to it.
+"""The site file: TOML, validated, with paths relative to the file.
 
 `docs/reference/site-file.md` describes both. Keys of `[loop]` and `[energy]` are the options of
 `e3pose replay`.

@@ -1,4 +1,4 @@
-"""The skeleton of a site: the one asked for, or the one that all of its detectors can give."""
+"""The skeleton of a site: the configured one, or one that all its detectors support."""
 
 from __future__ import annotations
 

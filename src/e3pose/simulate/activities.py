@@ -1,4 +1,4 @@
-"""What everybody does from the first slot to the last: the paths of a group over time.
+"""Activities and paths of a group of people over time.
 
 Each person lives a small script, drawn at random from the scene's habits: walk there, stand and
 gesture, take a seat, leave through a door and come back. `steering.py` moves them.

@@ -1,4 +1,4 @@
-"""A person's bones, and where the joints are for given angles and feet: forward kinematics.
+"""Body model: bones and forward kinematics from joint angles and feet.
 
 The body frame is x forward, y left, z up. Every bone has one length for ever: the knee is found
 between a hip and an ankle by the law of cosines, everything else by turning rigid pieces.

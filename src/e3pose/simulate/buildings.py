@@ -1,4 +1,4 @@
-"""Named scenes in which no camera sees everybody: rooms, halls, and rigs that lose cameras."""
+"""Scenes in which no camera sees everybody: rooms, halls, rigs with failing cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Walking without bumping: how a group's velocities change in one short time step.
+"""Collision avoidance of walking people, one short time step at a time.
 
 People head for where they want to go, foresee who or what they would pass too closely within the
 next seconds and give way sideways, and never close in on anything that is already at arm's length.

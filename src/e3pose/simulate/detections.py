@@ -1,4 +1,4 @@
-"""What one camera's detector makes of the people before it, mistakes included."""
+"""Simulate the output of one camera's detector, including its mistakes."""
 
 from __future__ import annotations
 

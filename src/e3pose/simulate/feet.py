@@ -1,4 +1,4 @@
-"""A simulated recording in a skeleton with feet: what COCO-17 lacks, beside what was simulated.
+"""Add feet to a simulated recording: keypoints that COCO-17 lacks.
 
 Feet are rigid and flat, and point where the hips face. A camera sees the joints of a foot where it
 sees the ankle, with the ankle's error and one of their own; neck, hips' middle and top of the head

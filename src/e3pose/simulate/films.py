@@ -1,4 +1,4 @@
-"""Films of a simulated recording: its detections drawn, on a room with a floor."""
+"""Render a simulated recording as videos: detections drawn over a room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Feet for a moving body: where each ankle is while a person walks, turns on the spot and stands.
+"""Gait: ankle positions while a person walks, turns or stands.
 
 Steps are planned from the path of the body, so a foot on the floor stays where it was put. Time is
 measured in steps: the progress of a bout of walking runs from 0 to its number of steps, one more

@@ -1,4 +1,4 @@
-"""What arms do: hang, swing, rest on the thighs, and gesture."""
+"""Arm motion: hanging, swinging, resting on the thighs, gesturing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which joints a camera can see: what hides behind bodies, and behind things in the scene.
+"""Self-occlusion, occlusion by other people and by objects: which joints a camera sees.
 
 A body is a set of capsules around its bones. A joint is hidden when the straight line from it to
 the camera runs through a capsule; `cover` says how squarely, from 0 (grazing) to 1.

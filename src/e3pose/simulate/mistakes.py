@@ -1,4 +1,4 @@
-"""The mistakes a detector makes about whole people: swaps, merges and ghosts."""
+"""Mistakes of detectors about whole people: swaps, merges and ghosts."""
 
 from __future__ import annotations
 

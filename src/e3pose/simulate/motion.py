@@ -1,4 +1,4 @@
-"""From lives to joints: whole-body motion sampled at the slots of a recording."""
+"""Whole-body motion, sampled at the slots of a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Noise with a memory, and how far off a keypoint of a given score is.
+"""Autocorrelated keypoint noise with a sigma by score.
 
 This is the noise `simulated`. It resembles OpenPose's on the Shelf recording: its figures are the
 residuals by score, the share of gross errors, and how residuals of one view, person and joint

@@ -1,4 +1,4 @@
-"""Things that stand in a scene: they hide people from cameras, and people walk around them."""
+"""Objects in a scene, which occlude people and obstruct their ways."""
 
 from __future__ import annotations
 

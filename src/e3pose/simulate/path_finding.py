@@ -1,4 +1,4 @@
-"""How people find their way around walls: straight where they can, else from corner to corner."""
+"""Shortest paths around walls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scene is made of: a floor, things, walls and cameras, and the habits of its people."""
+"""The layout of a scene: floor, objects, walls, cameras, habits of its people."""
 
 from __future__ import annotations
 

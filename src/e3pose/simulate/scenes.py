@@ -1,4 +1,4 @@
-"""Named scenes: what people do there, what stands in their way, and where the cameras are."""
+"""Named scenes: activities, objects and cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to simulate: the scene, its people and cameras, and how imperfect the detectors are."""
+"""Settings of a simulation: scene, people, cameras, imperfection of detectors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Make a recording of a simulated scene, with its exact truth."""
+"""Simulate a recording of a scene, with exact truth."""
 
 from __future__ import annotations
 

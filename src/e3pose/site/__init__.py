@@ -1,1 +1,1 @@
-"""A site: its configuration, and the programs that run on its machines."""
+"""The programs of a site: edge, cameras, router, checks, web page, streams, demo."""

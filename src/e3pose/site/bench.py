@@ -1,4 +1,4 @@
-"""What a look costs on this machine: milliseconds, and joules where they can be measured."""
+"""Benchmark a detector on this machine: milliseconds and joules per image."""
 
 from __future__ import annotations
 

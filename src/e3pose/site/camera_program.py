@@ -1,4 +1,4 @@
-"""The program on a camera: a camera file in, a running `CameraNode` out."""
+"""The camera program: from a camera file to a running `CameraNode`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check the machine of one camera: source, network, certificate, clock, route to the edge."""
+"""Check a camera's machine: source, network, certificate, clock, route to the edge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check that settings agree: skeletons with detectors, budgets with what cameras draw."""
+"""Check that settings agree: skeletons with detectors, budgets with power draw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check what the cameras of a site see, and with which networks, where they run on this machine."""
+"""Check the sources and networks of cameras that run on this machine."""
 
 from __future__ import annotations
 

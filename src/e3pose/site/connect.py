@@ -1,4 +1,4 @@
-"""Follow a running site from Python: slots as arrays, one after the other as they are published."""
+"""Follow a running site from Python, slot by slot as arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Control of a running edge: what operators ask for is checked at once and used from the next slot.
+"""Control of a running edge by operators: validated at once, applied from the next slot.
 
 Nothing of it is written down: an edge that is restarted runs as its site file says.
 """

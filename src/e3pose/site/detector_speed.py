@@ -1,4 +1,4 @@
-"""Whether this machine's networks are quick enough for a site whose cameras it runs."""
+"""Check that detectors are fast enough for a site on this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The program on the edge server: a site file in, a running edge out."""
+"""The edge program: from a site file to a running edge."""
 
 from __future__ import annotations
 

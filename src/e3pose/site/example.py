@@ -1,4 +1,4 @@
-"""Write a site that runs on this machine: cameras that play what was recorded, and an edge."""
+"""Write an example site: cameras that play a recording, and an edge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Follow a running site from outside: the status and the poses that its edge publishes."""
+"""Follow the status and poses that a running edge publishes."""
 
 from __future__ import annotations
 

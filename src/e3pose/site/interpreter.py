@@ -1,4 +1,4 @@
-"""Keep the interpreter out of the way of a program that has to be in time."""
+"""Reduce pauses of the Python interpreter in real-time programs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Structured logs: a line a person can read on a terminal, JSON for machines."""
+"""Structured logs: readable lines on a terminal, JSON otherwise."""
 
 from __future__ import annotations
 

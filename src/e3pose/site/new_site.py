@@ -1,4 +1,4 @@
-"""Write a site whose settings fit what was measured on this machine."""
+"""Write a site file with settings that fit this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lines that a program of a site says to a person, whoever takes them."""
+"""The Protocol of a program's log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A router before the edge of a site: it passes on, by the rules that the edge keeps."""
+"""A router in front of an edge, with the edge's access rules."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run a program until it is told to end: Ctrl-C and a polite kill end it cleanly and quickly."""
+"""Run a program until Ctrl-C or SIGTERM, and end it cleanly."""
 
 from __future__ import annotations
 

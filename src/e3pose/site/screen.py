@@ -1,4 +1,4 @@
-"""The screen of `e3pose top`: a status as text and a table that fits the terminal."""
+"""The screen of `e3pose top`: status and a table that fits the terminal."""
 
 from __future__ import annotations
 

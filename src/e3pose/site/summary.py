@@ -1,4 +1,4 @@
-"""The summary that a program of a site prints when it stops."""
+"""The summary that a program prints when it stops."""
 
 from __future__ import annotations
 

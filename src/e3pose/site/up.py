@@ -1,4 +1,4 @@
-"""Start a whole site on one machine: the edge, and a process per camera that has a source."""
+"""Start a whole site on one machine: the edge and one process per local camera."""
 
 from __future__ import annotations
 

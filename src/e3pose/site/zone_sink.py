@@ -1,4 +1,4 @@
-"""A store that keeps, beside the slots of a site, who entered, stayed in and left its zones."""
+"""A store writer that also stores zone events."""
 
 from __future__ import annotations
 

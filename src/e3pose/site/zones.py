@@ -1,4 +1,4 @@
-"""Zones of the floor: who enters, stays and leaves, from the poses that an edge publishes.
+"""Zones of the floor: enter, dwell and leave events from published poses.
 
 Not rated for safety: people may be missed, seen late or where nobody is. Pure: the state is a
 value that `advance` takes and returns.

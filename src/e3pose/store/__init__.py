@@ -1,4 +1,4 @@
-"""What every slot left behind, kept in a database: written by a thread, asked at any time.
+"""The store: slot records in a database, written by a thread and queried at any time.
 
 `StoreWriter` writes one run, `Store` answers questions. SQLite by default; other databases by URL.
 """

@@ -1,4 +1,4 @@
-"""Answers of a store: its rows as arrays and records, checked as they are read."""
+"""Query results: validated rows as arrays and records."""
 
 from __future__ import annotations
 

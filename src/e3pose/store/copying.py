@@ -1,4 +1,4 @@
-"""A store copied to another place, as it was at one moment: backup, restore, another database."""
+"""Copy a store at one moment: backup, restore, another database."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opening a store: by path or URL, for its one writer or for reading; damage is set aside."""
+"""Open a store by path or URL, for its writer or for reading; quarantine damaged files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows into the database: one transaction a batch, nothing twice, under the id of their run."""
+"""Insert rows in batches, one transaction each, idempotent by run."""
 
 from __future__ import annotations
 

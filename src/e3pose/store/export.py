@@ -1,4 +1,4 @@
-"""Answers as tables in files: CSV, Parquet, JSON; a day streams through in chunks."""
+"""Write query results as CSV, Parquet or JSON, in chunks."""
 
 from __future__ import annotations
 

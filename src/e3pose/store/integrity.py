@@ -1,4 +1,4 @@
-"""Is the file of a store still whole? Looked at beside the writer, now and then, within bounds."""
+"""Check the integrity of a store's file now and then, within bounds."""
 
 from __future__ import annotations
 

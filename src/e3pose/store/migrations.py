@@ -1,4 +1,4 @@
-"""Making the tables of a store, and bringing those of earlier versions up to the present one.
+"""Create the tables of a store, and migrate those of earlier schemas.
 
 A step is plain SQL of its time, not today's tables: it means the same when they have changed again.
 All steps are one transaction: a store has its old version or the new one, never one between.

@@ -1,4 +1,4 @@
-"""What a store on a PostgreSQL server needs: the driver, and how long the server is waited for."""
+"""PostgreSQL stores: driver and timeouts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Questions to a store: which poses, of whom, from when to when."""
+"""Query a store: poses by time, track, joint, site and run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Read slots back as the records that the loop left, for reports and figures."""
+"""Read slots of a store back as slot records, for reports and figures."""
 
 from __future__ import annotations
 

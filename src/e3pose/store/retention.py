@@ -1,4 +1,4 @@
-"""How long a store keeps what: by age and by size, oldest slots first, a few at a time."""
+"""Retention of a store by age and size, oldest slots first, a few at a time."""
 
 from __future__ import annotations
 

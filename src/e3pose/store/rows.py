@@ -1,4 +1,4 @@
-"""What goes into a store, as rows: pure, and checked again when read."""
+"""Rows of a store: pure encoding, validated when read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables of a store, their version, and what SQLite is told before they are used.
+"""The schema of a store: tables, version, SQLite pragmas.
 
 One row per person and slot, joints as a blob of float32: measured against rows per joint and blobs
 per slot in `docs/decisions/0002-store-layout.md`.

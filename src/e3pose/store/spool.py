@@ -1,4 +1,4 @@
-"""A bounded place for rows that the database cannot take now, with its room set aside beforehand.
+"""A bounded spool file for rows while the database is away, allocated beforehand.
 
 The file is allocated when all is well, so that a full disk cannot refuse it. It has two halves;
 when both are full the older is given up: the newest rows are kept. Where no file can be had the

@@ -1,4 +1,4 @@
-"""When: points in time as people write them."""
+"""Parse points in time: relative, ISO 8601, seconds of a run."""
 
 from __future__ import annotations
 

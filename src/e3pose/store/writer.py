@@ -1,4 +1,4 @@
-"""The one writer of a store: a thread that commits slots in groups while the loop goes on.
+"""The writer of a store: a thread that commits slots in groups.
 
 `append` hands a record over and returns. The thread commits what came within `commit_s`; what is
 committed is acknowledged and survives `kill -9`. When the database does not take it, rows go to a

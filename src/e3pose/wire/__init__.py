@@ -1,4 +1,4 @@
-"""What cameras and the edge say to each other, and how it travels.
+"""Messages between cameras, edge and users, and their transport.
 
     messages -> codec -> topics -> transport (memory: one process; network: zenoh)
 

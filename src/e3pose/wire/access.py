@@ -1,4 +1,4 @@
-"""The configuration of Zenoh: who listens where, with which certificate, and who may say what."""
+"""Zenoh configuration: endpoints, certificates and access rules."""
 
 from __future__ import annotations
 

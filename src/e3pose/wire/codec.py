@@ -1,4 +1,4 @@
-"""Messages <-> bytes: msgpack, a version first, everything checked on arrival."""
+"""Encode and decode messages: msgpack with a version, validated on arrival."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who is expected in a view, as the fields of an order."""
+"""Semantic feedback as fields of an order."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The transport of a real site: Zenoh, the edge being the router in its own process."""
+"""The network transport: Zenoh, with the edge as router."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a camera's clock is from the edge's: four time stamps an exchange, a line through many.
+"""Clock offset of a camera: NTP-like exchanges of four time stamps, and a line through many.
 
 An exchange has the times t1 (asked) and t4 (answered) of the camera and t2 (received) and t3 (sent)
 of the edge. As in NTP (RFC 5905, section 8) the offset is ((t2 - t1) + (t3 - t4)) / 2, off by at

@@ -1,4 +1,4 @@
-"""Where messages go. Every site has a namespace of its own: `e3pose/SITE/...`.
+"""Topics of messages, in a namespace of each site: `e3pose/SITE/...`.
 
 e3pose/SITE/camera/CAMERA/{hello,view,heartbeat,alive}   a camera writes, the edge reads
 e3pose/SITE/camera/CAMERA/clock                          a camera asks, the edge answers

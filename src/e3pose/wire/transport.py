@@ -1,4 +1,4 @@
-"""What carries messages: a Protocol that one process, and a network, can be."""
+"""The Protocol of a transport."""
 
 from __future__ import annotations
 

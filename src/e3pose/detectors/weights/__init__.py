@@ -1,4 +1,4 @@
-"""Weights of the 2D pose networks: known by name, fetched from their publishers, verified."""
+"""Weights of 2D pose networks: catalogue, download, verification."""
 
 from e3pose.detectors.weights.catalogue import MODELS as MODELS
 from e3pose.detectors.weights.catalogue import Model as Model

@@ -1,4 +1,4 @@
-"""The networks known by name: where their weights come from, their terms and their checksum."""
+"""Catalogue of networks: source of the weights, licence and checksum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Download a file whose checksum is known beforehand; it arrives whole and right, or not at all."""
+"""Download a file with a known checksum, whole or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fetch one file from the package index that pip is configured for; nothing is installed or run."""
+"""Download one file from pip's package index; nothing is installed or run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Take one known file out of a source distribution without unpacking or running any of it."""
+"""Extract one known file from a source distribution without running it."""
 
 from __future__ import annotations
 

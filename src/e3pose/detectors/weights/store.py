@@ -1,4 +1,4 @@
-"""The user's cache of weights: what is there, where it is, and getting what is not."""
+"""The user's cache of weights."""
 
 from __future__ import annotations
 

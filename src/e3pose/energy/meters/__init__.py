@@ -1,1 +1,1 @@
-"""Meters: what this machine can say of its own power."""
+"""Power meters of this machine."""

@@ -1,4 +1,4 @@
-"""What every meter is: a reading of what the device draws, which says how it is known."""
+"""The Protocol of a meter: a power reading, and whether it is measured or modelled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The battery's gauge: what is left, what goes in, and what the device draws from it."""
+"""Battery gauge: remaining charge, charging power, discharge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Remember the charge of a battery that has no gauge, so that a restart does not fill it again."""
+"""Keep the modelled charge of a battery without a gauge over restarts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The best meter that this machine has, with the model of its profile where none can be read."""
+"""Choose the best meter of this machine, or the model of its power profile."""
 
 from __future__ import annotations
 

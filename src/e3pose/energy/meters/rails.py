@@ -1,4 +1,4 @@
-"""Power rails of NVIDIA Jetson boards: INA3221 by label, and the INA238 before them.
+"""Power rails of NVIDIA Jetson boards: INA3221 and INA238 sensors.
 
 Layouts, as documented by the kernel and NVIDIA:
 

@@ -1,4 +1,4 @@
-"""Intel's and AMD's energy counters (RAPL): processor and memory, not the rest of the device."""
+"""Intel and AMD energy counters (RAPL): processor and memory only."""
 
 from __future__ import annotations
 

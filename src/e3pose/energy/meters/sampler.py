@@ -1,4 +1,4 @@
-"""A thread that reads the meter often and adds up the energy, for a camera's heartbeat."""
+"""Sample a meter on a thread and integrate energy for heartbeats."""
 
 from __future__ import annotations
 

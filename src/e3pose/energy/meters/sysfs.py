@@ -1,4 +1,4 @@
-"""Numbers and words from the kernel's files, or the reason why there are none."""
+"""Read numbers and words from sysfs, or the reason why they are missing."""
 
 from __future__ import annotations
 

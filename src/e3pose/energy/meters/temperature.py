@@ -1,4 +1,4 @@
-"""The temperature of a device, by the sensors that the kernel shows."""
+"""Temperature of a device, from the kernel's sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The estimator with a memory: one causal filter per person, fed by whatever views arrived.
+"""The filtering estimator: one causal Kalman filter per person, updated by any views.
 
     predict -> associate -> update -> existence -> births
 

@@ -1,4 +1,4 @@
-"""Where a view is off, it stays so for a while: what that means for the next look.
+"""Biases of views: keypoint errors that persist, as states of the filter.
 
 Errors of a detector have a memory (`model.noise.ErrorMemory`). The part that lasts seconds is
 learned here, as a slow bias per view, person and joint, and taken off. The part that comes and goes

@@ -1,4 +1,4 @@
-"""Where cameras show nobody although somebody is there: what a miss proves at a place.
+"""Detection maps of cameras: the evidence of a missed detection by place.
 
 A rig's geometry says which places lie inside an image, but not what stands between: a wall, a
 shelf, people who always stand there, dirt on a lens. So the looks at people who were there are

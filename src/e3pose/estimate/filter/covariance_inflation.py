@@ -1,4 +1,4 @@
-"""How wrong the filter's covariances are: a factor on the standard deviations that are stated.
+"""Covariance inflation: a factor on the standard deviations that are reported.
 
 The filter is best when it takes keypoints for noisier than they are (`learned_noise.CAUTION`) and
 people for less predictable than a predictor knows them to be, so what it computes is too large.

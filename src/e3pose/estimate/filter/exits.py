@@ -1,4 +1,4 @@
-"""Where people come and go: what a place says of somebody whom no camera shows any more.
+"""Exits: the probability that an unseen person has left, by place.
 
 People leave through doors and over the borders of what the cameras see, seldom from the middle of
 a room. So it is counted, per place of the floor, for how long people were followed there and how

@@ -1,4 +1,4 @@
-"""How noisy each camera's keypoints are, as a factor on what the noise file states: learned.
+"""Learned noise: a factor on each camera's keypoint sigma.
 
 After the update of a slot each keypoint is compared with where all other evidence puts the joint:
 the residual of the update, divided by what the keypoint itself left of it (its leverage). Its

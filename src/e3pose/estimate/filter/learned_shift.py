@@ -1,4 +1,4 @@
-"""How far each camera's keypoints are all off the same way: learned, and taken off.
+"""Learned shift: a constant keypoint offset of each camera, subtracted.
 
 A camera that was bumped, or a calibration that is off by a fraction of a degree, moves all of its
 keypoints by about as many pixels. After the update of a slot each keypoint is compared with where

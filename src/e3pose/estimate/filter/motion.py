@@ -1,4 +1,4 @@
-"""How a body moves while nobody looks: each joint beside its parent, the root in the world.
+"""Motion model: each joint relative to its parent, the root in the world.
 
     x_j' = x_p' + R_j (x_j - x_p) + w_j,    R = [1, tau (1 - exp(-dt / tau)); 0, exp(-dt / tau)]
 

@@ -1,4 +1,4 @@
-"""Where everybody will be if nothing is seen until then, how sure that is, and who showed it."""
+"""Outlook: predicted people at a future slot with their covariance."""
 
 from __future__ import annotations
 

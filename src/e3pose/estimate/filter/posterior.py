@@ -1,4 +1,4 @@
-"""What the filter knew of everybody after a slot: all that a smoother needs of it."""
+"""The filter's posterior after a slot, as a smoother needs it."""
 
 from __future__ import annotations
 

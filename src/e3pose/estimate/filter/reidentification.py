@@ -1,4 +1,4 @@
-"""Who comes back: identities that outlast a track.
+"""Re-identification: identities that outlast a track.
 
 A track that ends leaves behind what tells its person from others: the lengths of the bones and the
 place. A newcomer is compared with everybody who left within minutes, and takes an identity over

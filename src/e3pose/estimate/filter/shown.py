@@ -1,4 +1,4 @@
-"""Who is shown: people who are followed, are still there, and are where they are thought to be."""
+"""Publication of tracks: confirmed, still present, and consistent with their prediction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the estimator knows: the rig it works for, and its belief about everybody."""
+"""The state of the filter: its model of the rig, and its belief about everybody."""
 
 from __future__ import annotations
 

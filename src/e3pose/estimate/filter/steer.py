@@ -1,4 +1,4 @@
-"""Steer the filter: velocities towards what a predictor foresees, and less process noise.
+"""Correct velocities by a predictor, with less process noise.
 
 The process noise says what the filter's own motion, a velocity that fades, leaves open. A predictor
 that knows how people move foresees a part of that, and says which by the errors that it expects.

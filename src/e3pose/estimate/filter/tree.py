@@ -1,4 +1,4 @@
-"""The body as a tree: what is learned about one joint tells about its neighbours.
+"""The body as a tree: correlations between neighbouring joints.
 
 A person is a Gaussian tree. Given its parent, a joint does not depend on the rest of the body:
 

@@ -1,4 +1,4 @@
-"""Dissolve chance groups: their poses go back to the people they belong to.
+"""Dissolve spurious groups: reassign their poses to the people they belong to.
 
 In a crowd, poses of two people can meet by chance more closely than those of one person do. So
 after grouping, weakest first, a group is dissolved if each of its poses is at home in a larger one

@@ -1,4 +1,4 @@
-"""Match 2D poses across views as the paper does: greedily, by their distance from epipolar lines.
+"""Greedy matching of 2D poses across views by epipolar distance, as in the paper.
 
 The method of Tanke and Gall (2019), which the paper names. The poses of the first camera are the
 first candidates. Then, camera by camera in the order of the rig, poses are assigned to candidates,

@@ -1,4 +1,4 @@
-"""Fuse the views of one slot into 3D poses: the data plane, match and triangulate in one call."""
+"""Fuse the views of one slot into 3D poses: match and triangulate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What fusing the views of a slot takes and gives."""
+"""Settings and results of fusing the views of a slot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Match 2D poses across views: which poses of different cameras show the same person.
+"""Match 2D poses across views by agglomerative clustering of ray distances.
 
 The epipolar constraint is tested in the world: two keypoints of one joint span two rays, and the
 rays of the same point pass each other closely. Its distance is in metres, so one threshold serves

@@ -1,4 +1,4 @@
-"""Smoothing after the fact: whoever need not answer at once knows what came later."""
+"""Smoothing with later slots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smooth whole bodies: the filter run backwards over what it knew slot by slot.
+"""Rauch-Tung-Striebel smoothing of whole bodies, from the filter's posteriors.
 
 A body of the filter is a Gaussian tree over the joints (`filter.tree`). Written out it is one
 Gaussian of all positions and velocities, moved on by the filter's own motion model

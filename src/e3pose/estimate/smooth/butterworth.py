@@ -1,4 +1,4 @@
-"""The low-pass filter of biomechanics: Butterworth, fourth order, there and back without delay."""
+"""Butterworth low-pass of fourth order, zero phase, as usual in biomechanics."""
 
 from __future__ import annotations
 

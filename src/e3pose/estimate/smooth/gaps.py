@@ -1,4 +1,4 @@
-"""Gaps in a joint's path: where they are, and filling the short ones; never silently."""
+"""Find gaps in a joint's path, and interpolate the short ones, marked as filled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smooth poses that were kept: a filter read back from its own answers, then run backwards.
+"""Rauch-Tung-Striebel smoothing of stored poses, joint by joint.
 
 A store keeps where joints were thought to be and how sure that was, not velocities and not how
 joints hang together. Joint by joint, both follow from the answers: with the position's mean m- and

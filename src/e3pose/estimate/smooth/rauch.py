@@ -1,4 +1,4 @@
-"""One step back in time: what a later slot says about the one before (Rauch, Tung, Striebel 1965).
+"""One backward step of the Rauch-Tung-Striebel smoother (1965).
 
 With m, P what is known of slot k from views up to it, and m', P' what that makes one expect of the
 slot after,

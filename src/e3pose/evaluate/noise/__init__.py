@@ -1,1 +1,1 @@
-"""A detector's noise, measured on recordings without labels."""
+"""Noise of a detector, measured on recordings without labels."""

@@ -1,4 +1,4 @@
-"""A calibration of noise as a file, as tables for a terminal and as a picture."""
+"""A noise calibration as a file, as tables and as a picture."""
 
 from __future__ import annotations
 

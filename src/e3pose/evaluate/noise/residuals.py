@@ -1,4 +1,4 @@
-"""Residuals of single views against a reference that the view had no part in.
+"""Residuals of single views against a reference made without them.
 
 A person's path is smoothed over all views but one (`smoother.py`), projected into that one, and
 compared with its keypoints. No view is ever compared with itself, and nothing needs a label.

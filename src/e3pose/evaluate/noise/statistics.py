@@ -1,4 +1,4 @@
-"""Residuals -> the noise of a detector: sigma by score, gross errors, memory, bias of views."""
+"""Noise from residuals: sigma by score, gross errors, autocorrelation, bias of views."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How well predictors foresee the motion of recordings."""
+"""Evaluation of motion predictors on recordings."""

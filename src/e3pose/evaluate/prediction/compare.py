@@ -1,4 +1,4 @@
-"""Measure predictors over recordings: every predictor sees the same windows and the same noise."""
+"""Compare predictors on the same windows with the same noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The motion that predictors are measured on: truth, or tracks estimated from all cameras."""
+"""Motion for evaluating predictors: truth, or tracks estimated from all cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A picture of predicted beside actual skeletons, a row per window and a column per lead."""
+"""Picture of predicted and actual skeletons, a row per window, a column per lead."""
 
 from __future__ import annotations
 

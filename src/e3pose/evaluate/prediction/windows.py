@@ -1,4 +1,4 @@
-"""Windows to look at: chosen by the rank of their error, so that nobody picks the pretty ones."""
+"""Example windows at fixed ranks of the prediction error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Learning beside a running edge: collect, train elsewhere, swap only what is better. No torch."""
+"""Online learning beside a running edge: collect, train, validate, replace. No torch."""
 
 from e3pose.learn.online.learner import OnlineTrainer as OnlineTrainer
 from e3pose.learn.online.settings import LearningSettings as LearningSettings

@@ -1,4 +1,4 @@
-"""What the edge asks of a trainer and what comes back: files of a folder, checked on both sides."""
+"""Jobs and results exchanged with the trainer as files, checked on both sides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The online trainer: a running edge's poses in, now and then a better predictor out.
+"""The online learner: collects poses of a running edge, trains, and deploys better predictors.
 
 The edge's own thread only appends to a list and looks into a queue. Files, processes and networks
 are the business of a thread beside it, and torch that of a process of its own, so that neither a

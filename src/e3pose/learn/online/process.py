@@ -1,4 +1,4 @@
-"""The trainer's process: started, watched and ended, whatever becomes of it."""
+"""The trainer's process: start, watch and end it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recordings as if they were live: the loop of `replay` with a trainer beside it."""
+"""Online learning on recordings: the loop of `replay` with a trainer beside it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The poses of the last hours on disk: a bounded ring of small files, each whole or not there."""
+"""The poses of the last hours on disk: a bounded ring of atomic files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a running system learns."""
+"""Settings of online learning."""
 
 from __future__ import annotations
 

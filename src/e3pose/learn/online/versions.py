@@ -1,4 +1,4 @@
-"""The networks of a site: numbered, checked, listed in one file; and the way back."""
+"""Versions of a site's predictor: numbered, checked, with rollback."""
 
 from __future__ import annotations
 

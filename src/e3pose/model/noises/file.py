@@ -1,4 +1,4 @@
-"""The format of noise files: TOML, versioned, checked field by field."""
+"""Noise files: TOML, versioned, validated."""
 
 from __future__ import annotations
 

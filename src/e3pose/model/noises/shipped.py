@@ -1,4 +1,4 @@
-"""The noises that come with the package, one per detector, and those in files of users."""
+"""Load a noise model: one of the package by detector, or a user's file."""
 
 from __future__ import annotations
 

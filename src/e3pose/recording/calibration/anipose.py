@@ -1,4 +1,4 @@
-"""Calibration as aniposelib writes it, which is e3pose's own format too; Pose2Sim's is close.
+"""Calibration files of aniposelib, e3pose's own format too, and of Pose2Sim.
 
 One table a camera with `name`, `size`, `matrix`, `distortions`, `rotation` (Rodrigues vector),
 `translation` (world to camera) and optional `fisheye`. aniposelib states no units: metres are

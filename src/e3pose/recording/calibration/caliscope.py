@@ -1,4 +1,4 @@
-"""Calibration as Caliscope writes it: `[cameras.N]` or, in older projects, `[cam_N]` tables.
+"""Calibration files of Caliscope: tables `[cameras.N]` or, in older projects, `[cam_N]`.
 
 The fields are aniposelib's, with `port` for a name, `ignore`, and `rotation_count`: by how many
 quarter turns Caliscope turns the images before it looks for people. The matrix belongs to the

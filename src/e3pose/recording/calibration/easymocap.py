@@ -1,4 +1,4 @@
-"""Calibration as EasyMocap keeps it: `intri.yml` and `extri.yml` in one folder, metres.
+"""Calibration files of EasyMocap: `intri.yml` and `extri.yml` in one folder, metres.
 
 `names` lists the cameras; `K_<name>` and `dist_<name>` are in the first file, `R_<name>` (Rodrigues
 vector) or `Rot_<name>` (matrix) and `T_<name>` in the second. `H_<name>` and `W_<name>` give the

@@ -1,4 +1,4 @@
-"""Fields of untrusted calibration files: read within bounds, checked, and named when wrong."""
+"""Read and validate the fields of untrusted calibration files."""
 
 from __future__ import annotations
 

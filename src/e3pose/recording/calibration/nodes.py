@@ -1,4 +1,4 @@
-"""YAML as OpenCV's FileStorage writes it, read without OpenCV.
+"""Parse YAML of OpenCV's FileStorage without OpenCV.
 
 Every scalar stays text and every tag is ignored, so nothing in a file can name a Python object and
 a camera called `01` does not become the number 1. Aliases, which can make a small file expand to a

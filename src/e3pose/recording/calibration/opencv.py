@@ -1,4 +1,4 @@
-"""Calibration as programs that use OpenCV's FileStorage commonly write it (YAML).
+"""Calibration files of OpenCV's FileStorage (YAML).
 
 One camera a file, named by `camera_name` or else by the file; or one file with a `cameras` list of
 such cameras; or a folder of files. `FIELDS` has the accepted names; the first that is there counts.

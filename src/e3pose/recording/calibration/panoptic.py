@@ -1,4 +1,4 @@
-"""Calibration as CMU's Panoptic Studio publishes it (JSON): centimetres, and y points down."""
+"""Calibration files of CMU's Panoptic Studio (JSON): centimetres, y down."""
 
 from __future__ import annotations
 

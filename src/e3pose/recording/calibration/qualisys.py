@@ -1,4 +1,4 @@
-"""Calibration as Qualisys Track Manager exports it (`.qca.txt`, which is XML).
+"""Calibration files of Qualisys Track Manager (`.qca.txt`, XML).
 
 Lengths are millimetres, pixels are counted in 64ths, `transform` holds the camera's axes as rows
 and its centre, and the camera looks along its negative z axis with y up. The distortion is of

@@ -1,4 +1,4 @@
-"""Is a rig placed, with z up and in metres? What to do about it if not."""
+"""Check that a rig has extrinsics, z up and metres, with advice."""
 
 from __future__ import annotations
 

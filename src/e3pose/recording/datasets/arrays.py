@@ -1,4 +1,4 @@
-"""Arrays from a stranger's .npz: declared names and shapes, no pickles, bounded memory."""
+"""Read arrays of an untrusted .npz: declared names and shapes, no pickles, bounded memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""2D keypoints for a data set that has none: a recording of its images, or OpenPose JSON."""
+"""2D keypoints for a data set without any: a recording of its images, or OpenPose JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which folder of detections belongs to which camera."""
+"""Match folders of detections with cameras by name."""
 
 from __future__ import annotations
 

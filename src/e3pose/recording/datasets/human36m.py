@@ -1,4 +1,4 @@
-"""Human3.6M in the JSON layout that is in common use: cameras and 3D joints of a subject."""
+"""Human3.6M in its common JSON layout: cameras and 3D joints of a subject."""
 
 from __future__ import annotations
 

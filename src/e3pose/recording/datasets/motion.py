@@ -1,4 +1,4 @@
-"""Motion capture without cameras: clips of the CMU database as recordings that hold truth alone."""
+"""CMU motion capture: clips as recordings with truth only."""
 
 from __future__ import annotations
 

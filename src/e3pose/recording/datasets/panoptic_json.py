@@ -1,4 +1,4 @@
-"""Panoptic's published 3D bodies: one `body3DScene_<frame>.json` a frame."""
+"""3D bodies of Panoptic: one `body3DScene_<frame>.json` per frame."""
 
 from __future__ import annotations
 

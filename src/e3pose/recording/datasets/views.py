@@ -1,4 +1,4 @@
-"""From numbered frames of poses to the view series of a recording."""
+"""View series of a recording from numbered frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Skeletons drawn onto the frames they came from, as a movie or a strip of images."""
+"""Skeletons drawn over video frames, as a movie or as images."""
 
 from e3pose.report.overlay.draw import draw_poses as draw_poses
 from e3pose.report.overlay.draw import reproject as reproject

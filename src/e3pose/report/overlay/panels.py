@@ -1,4 +1,4 @@
-"""One image a slot: the cameras side by side, the slot's 3D skeletons reprojected onto each."""
+"""One image per slot: the cameras side by side with reprojected 3D skeletons."""
 
 from __future__ import annotations
 

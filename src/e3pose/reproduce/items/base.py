@@ -1,4 +1,4 @@
-"""What an item is: pieces of work, and the section of the report that is made of their results."""
+"""The Protocol of an item: its pieces of work and its section of the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every policy is: a function from the situation before a slot to the cameras it wakes."""
+"""The Protocol of a policy: the situation before a slot in, the selected cameras out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's policy: least predicted occlusion, held to each camera's long-term energy budget.
+"""The paper's policy: least predicted occlusion under long-term energy budgets.
 
 The paper's V weighs IoU, whose size depends on the site, against a queue in slots of activity. Here
 it is in camera slots: how many active slots a usual difference of occlusion between two cameras is

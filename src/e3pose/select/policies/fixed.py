@@ -1,4 +1,4 @@
-"""Policies that do not look at the scene: all cameras, random ones, each in its turn."""
+"""Policies that ignore the scene: all, random, round-robin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cameras that are expected to tell most about everybody, held to the energy budgets.
+"""Policy: the cameras with the most expected information, under energy budgets.
 
     maximise  V * (information(S) + entrants(S) + shows(S) + sum_{c in S} watch_c)
               - sum_{c in S} price_c

@@ -1,4 +1,4 @@
-"""The real four-camera clip of the demo, fetched as a file from a Python package index."""
+"""The four-camera clip of the demo, downloaded from a Python package index."""
 
 from __future__ import annotations
 

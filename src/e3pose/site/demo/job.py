@@ -1,4 +1,4 @@
-"""The main job from end to end: real videos in, a live site at work, poses and a report out.
+"""Run the demo from end to end: videos in, a live site, poses and a report out.
 
 One process per camera and one for the edge, over loopback. Where the real clip or the network
 cannot be fetched, the cameras play a simulated scene.

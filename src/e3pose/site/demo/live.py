@@ -1,4 +1,4 @@
-"""Run a site of real processes for a while, and listen to everything that is said in it."""
+"""Run a site of real processes for a while, and receive all its messages."""
 
 from __future__ import annotations
 

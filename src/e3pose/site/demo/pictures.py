@@ -1,4 +1,4 @@
-"""Pictures of a run: the 3D skeletons on the frames, or on blank ones where nothing was filmed."""
+"""Overlay pictures of a run: 3D skeletons on the frames."""
 
 from __future__ import annotations
 

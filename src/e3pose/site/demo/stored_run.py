@@ -1,4 +1,4 @@
-"""What a live run left behind, read back from its store: the records that reports are made of."""
+"""Read a live run back from its store as slot records."""
 
 from __future__ import annotations
 

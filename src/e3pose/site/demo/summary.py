@@ -1,4 +1,4 @@
-"""The demo's summary: what it did, what it saved, which files it wrote."""
+"""The summary of a demo: results, savings, files."""
 
 from __future__ import annotations
 

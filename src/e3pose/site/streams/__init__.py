@@ -1,4 +1,4 @@
-"""Streams: what an edge publishes, on to other programs in the words of their field.
+"""Streams: forward the poses of a running site to other programs.
 
     poses of a running site -> slots, zone events -> osc | lsl | foxglove | mcap | mqtt(s)
 

@@ -1,4 +1,4 @@
-"""What every stream is: slots and zone events go in, one by one, and out in other words."""
+"""The Protocol of a stream: slots and zone events in, messages out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lab Streaming Layer: an outlet of poses at the site's rate, and one of zone events as markers.
+"""Lab Streaming Layer: an outlet of poses, and one of zone events as markers.
 
 The channels of a stream are fixed, so there is room for `PEOPLE` people: for each the track id,
 then x, y, z and sigma of each joint, metres. A person keeps the place until gone; NaN is nobody.

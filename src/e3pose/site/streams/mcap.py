@@ -1,4 +1,4 @@
-"""MCAP: what `foxglove` streams, in a file."""
+"""MCAP: the messages of `foxglove` in a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MQTT as in `mqtt`, encrypted, to a broker that proves who it is."""
+"""MQTT over TLS, otherwise as `mqtt`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""OSC over UDP: a bundle a person and slot, which arrives whole or not at all.
+"""OSC over UDP: one bundle per person and slot.
 
 /e3pose/slot            slot, seconds since 1970, people
 /e3pose/person/TRACK/JOINT   x, y, z in metres, z up; joints that are known

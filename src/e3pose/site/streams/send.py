@@ -1,4 +1,4 @@
-"""The thread that takes slots from a connection and gives them to streams."""
+"""The thread that forwards slots from a connection to streams."""
 
 from __future__ import annotations
 

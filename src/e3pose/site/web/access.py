@@ -1,4 +1,4 @@
-"""The door: which requests come in, by host, origin, token and rate; for HTTP and WebSocket.
+"""Access control of HTTP and WebSocket requests: host, origin, token, rate.
 
 A browser sends what any page of the internet tells it to, also to programs on this machine. So
 a request must name a host that is ours (else a foreign name may have been pointed here), come from

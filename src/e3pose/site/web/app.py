@@ -1,4 +1,4 @@
-"""The application behind the door: page, API and live stream of one site."""
+"""The web application of one site, behind its access control."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The controlling part of the API: what is asked for goes to the edge, which decides."""
+"""The control part of the API: requests are forwarded to the edge, which decides."""
 
 from __future__ import annotations
 

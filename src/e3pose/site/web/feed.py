@@ -1,4 +1,4 @@
-"""What an edge says, handed on to whoever follows it over HTTP: the newest wins."""
+"""Fan out an edge's messages to HTTP clients; the newest wins."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What of a site does not change: cameras, skeleton and room, as the page draws them."""
+"""The static layout of a site for the page: cameras, skeleton, room."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The live part of the API: slots and status as they come, by server-sent events and WebSocket."""
+"""The live part of the API: slots and status by server-sent events and WebSocket."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page and what it loads: files of the package, and nothing from elsewhere."""
+"""Serve the page and its files from the package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a camera with the skeletons of the same slot, while an operator looks."""
+"""Camera pictures with the skeletons of the same slot, while an operator watches."""
 
 from __future__ import annotations
 

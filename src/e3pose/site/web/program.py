@@ -1,4 +1,4 @@
-"""The program `e3pose view`: a site file in, a running server out."""
+"""The program `e3pose view`: from a site file to a running web server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often somebody may ask: a bucket of tokens for each, filled at a steady rate."""
+"""Rate limit by token buckets, one per client."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the API says, as JSON and msgpack: shapes for OpenAPI, and how they are made of arrays."""
+"""Schemas of the API's JSON and msgpack, and their conversion from arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tokens of a site's view: who has one may read, or also write."""
+"""Access tokens of a site: read, or also write."""
 
 from __future__ import annotations
 

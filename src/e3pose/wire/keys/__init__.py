@@ -1,1 +1,1 @@
-"""Certificates of a site: one authority, and one certificate for the edge and each camera."""
+"""Certificates of a site: one authority, one certificate for the edge and each camera."""

@@ -1,4 +1,4 @@
-"""The folder of a site's certificates, and the list of who may do what.
+"""The folder of a site's certificates, and the roles of their holders.
 
     keys/
       keys.toml                 who there is: camera id -> common name, and who was revoked
