@@ -41,15 +41,15 @@ COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
 # Workers read the rewritten assertions of each other and of the run before.
 export PYTHONDONTWRITEBYTECODE :=
 
-test: $(VENV)/.dev  ## run the tests
+test: $(VENV)/.dev  ## run the tests; with TRACED=yes as coverage does
+	$(if $(TRACED),rm -rf $(COVERAGE) && mkdir $(COVERAGE))
 	@echo 'computing beside sites; each shows its results at its end, after some minutes'
 	@$(MAKE) --no-print-directory --keep-going --jobs 2 --output-sync=target test-sites test-computing
+	$(if $(TRACED),$(BIN)/coverage combine --quiet $(COVERAGE))
+	$(if $(TRACED),$(BIN)/coverage report)
 
-coverage: $(VENV)/.dev  ## run the tests with coverage, which takes a third longer; fails below the floor
-	rm -rf $(COVERAGE) && mkdir $(COVERAGE)
+coverage:  ## run the tests with coverage, which takes a third longer; fails below the floor
 	@$(MAKE) --no-print-directory test TRACED=yes
-	$(BIN)/coverage combine --quiet $(COVERAGE)
-	$(BIN)/coverage report
 
 test-computing: $(VENV)/.dev
 	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n 10 $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed'
