@@ -22,6 +22,7 @@ from e3pose.calibrate.board import Board
 from e3pose.calibrate.from_boards import solve_boards
 from e3pose.calibrate.judge import judge
 from e3pose.calibrate.places import KnownLength, from_people, from_points_seen, from_wand_seen
+from e3pose.calibrate.sound import RATE, onsets, shift_of
 from e3pose.calibrate.synchronise import synchronise
 from e3pose.calibrate.wand import Wand
 from e3pose.errors import InputError
@@ -34,6 +35,7 @@ from e3pose.simulate import SceneSettings, simulate
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # scenes of the tests
 
+from tests.calibrate import sounds as sound
 from tests.calibrate.people_scenes import (
     distances,
     disturbed,
@@ -158,6 +160,28 @@ def films() -> None:
             print(f"  {number} {seed} {name} {np.abs(error).max():.3f}", flush=True)
 
 
+def sounds() -> None:
+    print("films by sound: claps, seconds, largest and median error in ms, least ahead; unrelated")
+    for claps, seconds in ((6, 25.0), (6, 12.0), (3, 25.0), (2, 25.0)):
+        errors_ms, ahead, unrelated = [], [], []
+        for seed in range(701, 717):
+            rng = np.random.default_rng(seed)
+            one, other = (sound.room(rng, seconds + 7, RATE, claps) for _ in range(2))
+            late_s = rng.uniform(0, 4)
+            first, second, apart = (
+                onsets(sound.heard(heard, rng, RATE, begin_s, seconds, fast=fast))
+                for heard, begin_s, fast in ((one, 0, 0.0), (one, late_s, 5e-5), (other, 0, 0.0))
+            )
+            shift_s, _, clear = shift_of(first, second, 10.0)
+            errors_ms.append(1000 * abs(shift_s - late_s))
+            ahead.append(clear)
+            unrelated.append(shift_of(first, apart, 10.0)[2])
+        print(
+            f"  {claps} {seconds:g} {max(errors_ms):.1f} {np.median(errors_ms):.1f} "
+            f"{min(ahead):.2f} {max(unrelated):.2f}", flush=True,
+        )  # fmt: skip
+
+
 def real(path: Path) -> None:
     recording = load_recording(path)
     recording = replace(recording, truth=None)
@@ -179,3 +203,4 @@ if __name__ == "__main__":
         balls()
         people()
         films()
+        sounds()

@@ -88,6 +88,7 @@ RUNS = (
 )
 
 ELSEWHERE = {
+    "sync cam1.mp4 cam2.mp4 cam3.mp4": "tests/calibrate/test_sound.py",
     "calibrate extrinsics cam1.mp4 cam2.mp4 cam3.mp4 rig.toml --intrinsics lenses.toml "
     "--wand green,red=500mm --rate 10": "tests/calibrate/test_ball_films.py",
     "calibrate extrinsics room --only cam2": "tests/live/test_knocked_camera.py",

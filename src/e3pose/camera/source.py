@@ -100,6 +100,37 @@ class VideoSource:
                 index += 1  # without timestamps the count is the clock
         self.damage = self._describe(last_s)
 
+    def sound(self, rate: int, seconds: float) -> NDArray[np.float64] | None:
+        """Return `(num_samples,)` of its sound from the first frame on; None without any.
+
+        Args:
+            rate: samples a second.
+            seconds: of sound at most; where the file has none, samples are 0.
+        """
+        import av
+
+        samples, last = np.zeros(round(seconds * rate)), 0
+        with _container(self.path) as (container, _):
+            if not container.streams.audio:
+                return None
+            resampler = av.AudioResampler(format="flt", layout="mono", rate=rate)
+            for packet in container.demux(container.streams.audio[0]):
+                try:
+                    decoded = packet.decode()
+                except av.error.FFmpegError:  # a damaged packet leaves a gap
+                    continue
+                for heard in decoded:
+                    for part in resampler.resample(heard):
+                        begin = round((float(part.time or 0.0) - (self._first_s or 0.0)) * rate)
+                        if begin >= len(samples):
+                            return samples
+                        chunk = part.to_ndarray().reshape(-1)[max(0, -begin) :]
+                        begin = max(begin, 0)
+                        chunk = chunk[: len(samples) - begin]
+                        samples[begin : begin + len(chunk)] = chunk
+                        last = max(last, begin + len(chunk))
+        return samples[:last]
+
     def _pictures(self, start_s: float) -> Iterator[Any]:
         if start_s > 0 and self._first_s is not None:
             with _container(self.path) as (container, stream):

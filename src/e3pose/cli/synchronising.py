@@ -1,12 +1,14 @@
-"""`e3pose sync`: by how much the films of a recording are shifted in time."""
+"""`e3pose sync`: by how much videos are shifted in time, from their sound or their people."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from cyclopts import Parameter
+from numpy.typing import NDArray
 
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
@@ -16,12 +18,11 @@ if TYPE_CHECKING:
     from e3pose.calibrate.synchronise import Synchrony
     from e3pose.recording import Recording
 
+Floats = NDArray[np.float64]
+
 
 def sync(
-    recording: Path,
-    dest: Path | None = None,
-    /,
-    *,
+    *paths: str,
     calibration: Path | None = None,
     max_shift: float = 10.0,
     seconds: float = 60.0,
@@ -29,34 +30,89 @@ def sync(
     overwrite: Annotated[bool, Parameter(negative="")] = False,
     json_output: JsonFile = None,
 ) -> None:
-    """Synchronise the cameras of a recording by the motion of the people in it.
+    """Synchronise videos by their sound, or a recording by the motion of the people in it.
 
-    Example: `e3pose sync walk walk-in-step`
+    Examples: `e3pose sync cam1.mp4 cam2.mp4 cam3.mp4`, `e3pose sync walk walk-in-step`
 
-    Cameras that did not start together, or that deliver frames with a constant delay, are found
-    from the people that they see at the same time; half a minute gives about a quarter of a frame.
-    It works with and without a calibration. The command prints the offsets for `e3pose detect`
-    and `e3pose calibrate extrinsics`, and the `delay_ms` of live cameras.
+    Videos that recorded the same sounds need nothing else: three claps give about 10 ms, because
+    sound takes 3 ms per metre.
+
+    In a recording, cameras that did not start together, or that deliver frames with a constant
+    delay, are found from the people that they see at the same time; half a minute of walking gives
+    about a quarter of a frame. It works with and without a calibration. The command prints the
+    offsets for `e3pose detect` and `e3pose calibrate extrinsics`, and the `delay_ms` of live
+    cameras.
 
     Parameters
     ----------
-    recording
-        Recording folder, from `e3pose detect` or `e3pose record`.
-    dest
-        Write the synchronised recording here: each view in the slot in which it was taken.
+    paths
+        VIDEO VIDEO...: videos with sound. Or RECORDING DEST: a recording folder, from `e3pose
+        detect` or `e3pose record`, and optionally where to write the synchronised recording, each
+        view in the slot in which it was taken.
     calibration
-        Calibration file to use instead of the recording's own.
+        With a recording: calibration file to use instead of its own.
     max_shift
         Maximum difference between the start times, in seconds.
     seconds
-        Use this many seconds from the start of the recording.
+        Use this many seconds from the start.
     noise
-        Keypoint noise model, as in `e3pose replay`.
+        With a recording: keypoint noise model, as in `e3pose replay`.
     overwrite
         Replace DEST if it exists.
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
+    if not 0 < max_shift <= 600:
+        raise InputError(f"--max-shift: found {max_shift:g}, expected more than 0, at most 600 s")
+    if not 0 < seconds <= 3600:
+        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    if not paths:
+        raise InputError("PATH: found none, expected videos with sound, or a recording")
+    if Path(paths[0]).is_dir() or (len(paths) == 1 and "=" not in paths[0]):
+        _by_people(paths, calibration, max_shift, seconds, noise, overwrite, json_output)
+        return
+    if calibration is not None or noise is not None or overwrite:
+        raise InputError("--calibration, --noise, --overwrite: expected only with a recording")
+    _by_sound(paths, max_shift, seconds, json_output)
+
+
+def _by_sound(
+    paths: Sequence[str], max_shift: float, seconds: float, json_output: Path | None
+) -> None:
+    from e3pose.calibrate.sound import RATE, shifts_by_sound
+    from e3pose.camera.pairing import name_videos
+    from e3pose.camera.source import open_video
+
+    videos = {name: open_video(path) for name, path in name_videos(paths).items()}
+    if len(videos) < 2:
+        raise InputError("VIDEO...: found one video, expected at least two")
+    sounds = {}
+    for name, video in videos.items():
+        sound = video.sound(RATE, seconds + max_shift)
+        if sound is None or not sound.any():
+            raise InputError(
+                f"{video.path}: has no sound, expected videos that recorded the same sounds; from "
+                "people: e3pose detect, then e3pose sync RECORDING"
+            )
+        sounds[name] = sound
+    found = shifts_by_sound(sounds, max_shift)
+    offsets_s = dict(zip(videos, found.offsets_s.tolist(), strict=True))
+    agreement_s = _or_none(videos, found.sure_s)
+    write_json(json_output, {"offsets_s": offsets_s, "agreement_s": agreement_s})
+    if not is_stdout(json_output):
+        rates = [video.rate for video in videos.values()]
+        print("\n".join(_lines(list(videos), found.offsets_s, found.sure_s, rates, "frames")))
+
+
+def _by_people(
+    paths: Sequence[str],
+    calibration: Path | None,
+    max_shift: float,
+    seconds: float,
+    noise: str | None,
+    overwrite: bool,
+    json_output: Path | None,
+) -> None:
     from dataclasses import replace
 
     from e3pose.calibrate.recordings import first_seconds
@@ -66,10 +122,9 @@ def sync(
     from e3pose.recording import load_recording, save_recording
     from e3pose.recording.calibration import load_rig
 
-    if not 0 < max_shift <= 600:
-        raise InputError(f"--max-shift: found {max_shift:g}, expected more than 0, at most 600 s")
-    if not 0 < seconds <= 3600:
-        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    if len(paths) > 2:
+        raise InputError(f"RECORDING DEST: found {len(paths)} paths, expected one or two")
+    recording, dest = Path(paths[0]), Path(paths[1]) if len(paths) > 1 else None
     if dest is not None:
         check_free(dest, overwrite)
     loaded = load_recording(recording)
@@ -86,17 +141,9 @@ def sync(
     write_json(json_output, _values(loaded, found))
     if is_stdout(json_output):
         return
-    for name, offset_s, sure_s in zip(
-        loaded.rig.camera_ids, found.offsets_s, found.sure_s, strict=True
-    ):
-        sure = "" if np.isnan(sure_s) else f", pairs agree to {1000 * sure_s:.0f} ms"
-        frames = offset_s * loaded.fps
-        print(f"{name}: began at {offset_s:+.4f} s ({frames:+.2f} slots){sure}")
-    options = " ".join(
-        f"--offset {name}={offset_s:.4f}"
-        for name, offset_s in zip(loaded.rig.camera_ids, found.offsets_s, strict=True)
-    )
-    print(f"Options of e3pose detect and e3pose calibrate extrinsics: {options}")
+    names = loaded.rig.camera_ids
+    rates = [loaded.fps] * len(names)
+    print("\n".join(_lines(names, found.offsets_s, found.sure_s, rates, "slots")))
     delays = ", ".join(
         f"{name} {delay_ms:.0f}"
         for name, delay_ms in zip(loaded.rig.camera_ids, found.delays_ms, strict=True)
@@ -106,15 +153,29 @@ def sync(
         wrote(dest, "each view in the slot in which it was taken")
 
 
+def _lines(
+    names: Sequence[str], offsets_s: Floats, sure_s: Floats, rates: Sequence[float], unit: str
+) -> list[str]:
+    lines = []
+    for name, offset_s, own_s, rate in zip(names, offsets_s, sure_s, rates, strict=True):
+        sure = "" if np.isnan(own_s) else f", pairs agree to {1000 * own_s:.0f} ms"
+        lines.append(f"{name}: began at {offset_s:+.4f} s ({offset_s * rate:+.2f} {unit}){sure}")
+    given = zip(names, offsets_s, strict=True)
+    options = " ".join(f"--offset {name}={offset_s:.4f}" for name, offset_s in given)
+    return [*lines, f"Options of e3pose detect and e3pose calibrate extrinsics: {options}"]
+
+
+def _or_none(names: Iterable[str], sure_s: Floats) -> dict[str, float | None]:
+    given = zip(names, sure_s.tolist(), strict=True)
+    return {name: None if np.isnan(value) else value for name, value in given}
+
+
 def _values(recording: Recording, found: Synchrony) -> dict[str, object]:
     names = recording.rig.camera_ids
     return {
         "offsets_s": dict(zip(names, found.offsets_s.tolist(), strict=True)),
         "delays_ms": dict(zip(names, found.delays_ms.tolist(), strict=True)),
-        "agreement_s": {
-            name: None if np.isnan(value) else float(value)
-            for name, value in zip(names, found.sure_s, strict=True)
-        },
+        "agreement_s": _or_none(names, found.sure_s),
         "pairs": [
             {
                 "first": names[pair.first],

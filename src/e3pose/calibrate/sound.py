@@ -1,0 +1,168 @@
+"""Find by how much films are shifted in time, from the sound that all of them heard.
+
+What is compared is when sounds begin: the rise of the loudness in a few bands, a thousand times a
+second. It is alike in microphones that differ in distance, phase and echo, and stays so when their
+clocks drift by a few milliseconds; the waves themselves do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import butter, fftconvolve, sosfilt
+
+from e3pose.errors import InputError
+
+Floats = NDArray[np.float64]
+
+RATE = 8000  # samples a second
+STEPS = 1000  # of loudness, a second
+BANDS_HZ = ((150.0, 600.0), (600.0, 1500.0), (1500.0, 3500.0))
+SMOOTH_S = 0.006  # of the loudness
+FILTER_S = 0.05  # until the bands are steady
+QUIET = 0.03  # of the loudest moments: below it, noise
+CLEAR = 8.0  # deviations by which a shift stands out; the best of noise alone has 4.5
+AHEAD = 1.6  # times the height of any other shift; films of unrelated rooms reach 1.45
+BESIDE_S = 0.05  # from a shift, where it is still the same
+FULL_SHARE = 0.7  # of the shorter film; less that overlaps counts for less
+LOUDEST = 12.0  # times the root mean square of rises: one clap says no more than this
+LEAST_S = 2.0  # of two films at the same time
+AGREE_S = 0.02  # pairs that differ more than this from the others are wrong
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeardShifts:
+    """When films began, by their sound.
+
+    Attributes:
+        offsets_s: `(num_films,)` when each film's first frame was taken, against the first film's.
+        sure_s: `(num_films,)` by how much the pairs of a film disagree with its offset, root mean
+            square; NaN where one pair says all.
+    """
+
+    offsets_s: Floats
+    sure_s: Floats
+
+
+def shifts_by_sound(sounds: Mapping[str, Floats], max_shift_s: float) -> HeardShifts:
+    """Find when films began.
+
+    Args:
+        sounds: by film, `(num_samples,)` at `RATE`, from its first frame on.
+        max_shift_s: films began at most so far apart.
+
+    Raises:
+        InputError: naming the films whose sound fits no other's.
+    """
+    names = list(sounds)
+    rises = [onsets(sound) for sound in sounds.values()]
+    found: dict[tuple[int, int], tuple[float, float]] = {}
+    for a, b in combinations(range(len(names)), 2):
+        shift_s, height, ahead = shift_of(rises[a], rises[b], max_shift_s)
+        if height >= CLEAR and ahead >= AHEAD:
+            found[a, b] = shift_s, height
+    offsets_s = _along_clearest(names, found)
+    sure_s = np.full(len(names), np.nan)
+    kept = {
+        (a, b): shift_s
+        for (a, b), (shift_s, _) in found.items()
+        if abs(offsets_s[b] - offsets_s[a] - shift_s) < AGREE_S
+    }
+    rows = np.zeros((len(kept), len(names)))
+    for row, (a, b) in enumerate(kept):
+        rows[row, a], rows[row, b] = -1.0, 1.0
+    wanted = np.array(list(kept.values()))
+    offsets_s[1:] = np.linalg.lstsq(rows[:, 1:], wanted)[0]
+    misses = rows @ offsets_s - wanted
+    for index in range(len(names)):
+        own = rows[:, index] != 0
+        if own.sum() > 1:
+            sure_s[index] = float(np.sqrt(np.mean(misses[own] ** 2)))
+    return HeardShifts(offsets_s, sure_s)
+
+
+def onsets(sound: Floats) -> Floats:
+    """Return `(num_steps, num_bands)`: how fast the log of the loudness rises, `STEPS` a second."""
+    step = RATE // STEPS
+    rises = []
+    for band in BANDS_HZ:
+        heard = sosfilt(butter(2, band, "bandpass", fs=RATE, output="sos"), sound)
+        power = (heard[: len(heard) // step * step] ** 2).reshape(-1, step).mean(axis=1)
+        loud = np.sqrt(uniform_filter1d(power, max(1, round(SMOOTH_S * STEPS))))
+        floor = QUIET * float(np.quantile(loud, 0.99)) + 1e-9 if len(loud) else 1.0
+        rise = np.maximum(np.diff(np.log(loud + floor), append=np.nan), 0.0)
+        rise[: round(FILTER_S * STEPS)] = np.nan  # the filter starting is no sound
+        rise = np.minimum(rise, LOUDEST * np.sqrt(np.nanmean(rise**2)))
+        rises.append(np.nan_to_num(rise - np.nanmean(rise)) if len(rise) > STEPS else 0 * rise)
+    return np.stack(rises, axis=-1)
+
+
+def shift_of(first: Floats, second: Floats, max_shift_s: float) -> tuple[float, float, float]:
+    """Return by how many seconds the second film began after the first, and how clearly.
+
+    Args:
+        first: `(num_steps, num_bands)` onsets.
+        second: likewise.
+        max_shift_s: the largest shift.
+
+    Returns:
+        Seconds, how far their correlation stands out, in standard deviations, and how many times
+        as far as that of any other shift; 0 if the films are too short, or silent.
+    """
+    if not (first.any() and second.any()):
+        return 0.0, 0.0, 0.0
+    whole = fftconvolve(first, second[::-1], axes=0).sum(axis=-1)
+    lags = np.arange(len(whole)) - (len(second) - 1)
+    overlap = np.minimum(len(first), len(second) + lags) - np.maximum(0, lags)
+    fits = (np.abs(lags) <= max_shift_s * STEPS) & (overlap >= LEAST_S * STEPS)
+    if fits.sum() < STEPS // 10:
+        return 0.0, 0.0, 0.0
+    least = FULL_SHARE * min(len(first), len(second))  # a clap may meet another in a short overlap
+    scores = whole[fits] / np.sqrt(np.maximum(overlap[fits], least))
+    lags = lags[fits]
+    best = int(scores.argmax())
+    heights = scores - np.median(scores)
+    spread = 1.4826 * float(np.median(np.abs(heights))) + 1e-12
+    others = heights[np.abs(lags - lags[best]) > BESIDE_S * STEPS]
+    ahead = float(heights[best] / max(others.max(initial=0.0), 1e-12))
+    shift_s = float(lags[best] + _between(scores, best)) / STEPS
+    return shift_s, float(heights[best]) / spread, ahead
+
+
+def _between(scores: Floats, best: int) -> float:
+    """Return where a parabola through the best value and its neighbours has its peak, in steps."""
+    if not 0 < best < len(scores) - 1:
+        return 0.0
+    before, middle, after = scores[best - 1 : best + 2]
+    bend = before - 2 * middle + after
+    return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+
+
+def _along_clearest(
+    names: Sequence[str], found: Mapping[tuple[int, int], tuple[float, float]]
+) -> Floats:
+    """Return `(num_films,)` seconds along the clearest pairs; raise for films that none reaches."""
+    offsets_s, done = np.zeros(len(names)), {0}
+    order = sorted(found, key=lambda pair: -found[pair][1])
+    while len(done) < len(names):
+        pair = next((p for p in order if (p[0] in done) != (p[1] in done)), None)
+        if pair is None:
+            lost = ", ".join(name for i, name in enumerate(names) if i not in done)
+            raise InputError(
+                f"videos: {lost}: the sound does not match that of {names[0]} at any shift, "
+                "expected videos that recorded the same sounds (three claps), and --max-shift as "
+                "large as their starts differ; from people: e3pose detect, then e3pose sync "
+                "RECORDING"
+            )
+        (a, b), (shift_s, _) = pair, found[pair]
+        if a in done:
+            offsets_s[b] = offsets_s[a] + shift_s
+        else:
+            offsets_s[a] = offsets_s[b] - shift_s
+        done |= {a, b}
+    return offsets_s

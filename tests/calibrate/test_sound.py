@@ -1,0 +1,104 @@
+"""Films are put in step by what they heard."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.calibrate.sounds import film, heard, room
+from tests.cli.commands import run
+
+from e3pose.calibrate.sound import RATE, shifts_by_sound
+from e3pose.camera.source import open_video
+from e3pose.errors import InputError
+
+BEGAN_S = {"cam0": 2.0, "cam1": 0.317, "cam2": 4.642}
+QUARTER_FRAME_S = 0.25 / 25
+
+
+@pytest.mark.parametrize("seed", [711, 712, 713])
+def test_sound_tells_when_films_began(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    sound = room(rng, 32.0, RATE)
+    sounds = {
+        name: heard(sound, rng, RATE, begin_s, 25.0, fast=fast)
+        for (name, begin_s), fast in zip(BEGAN_S.items(), (0.0, 5e-5, -5e-5), strict=True)
+    }
+    found = shifts_by_sound(sounds, 10.0)
+    wanted = np.array(list(BEGAN_S.values())) - BEGAN_S["cam0"]
+    assert np.abs(found.offsets_s - wanted).max() < QUARTER_FRAME_S
+    assert (found.sure_s < QUARTER_FRAME_S).all()
+
+
+def test_films_that_heard_nothing_alike_are_told() -> None:
+    rng = np.random.default_rng(714)
+    sound = room(rng, 20.0, RATE)
+    sounds = {
+        "cam0": heard(sound, rng, RATE, 0.0, 15.0),
+        "cam1": heard(sound, rng, RATE, 1.0, 15.0),
+        "other": heard(room(rng, 20.0, RATE), rng, RATE, 0.0, 15.0),
+    }
+    with pytest.raises(InputError, match="videos: other: the sound does not match that of cam0"):
+        shifts_by_sound(sounds, 5.0)
+    short = {name: sound[: RATE // 2] for name, sound in sounds.items()}
+    with pytest.raises(InputError, match="cam1, other: the sound does not match"):
+        shifts_by_sound(short, 5.0)
+    silent = {name: np.zeros(10 * RATE) for name in sounds}
+    with pytest.raises(InputError, match="cam1, other: the sound does not match"):
+        shifts_by_sound(silent, 5.0)
+
+
+@pytest.fixture(scope="module")
+def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("films")
+    rng, rate = np.random.default_rng(715), 48_000
+    sound = room(rng, 18.0, rate)
+    for (name, begin_s), kind in zip(BEGAN_S.items(), ("mp4", "mp4", "mkv"), strict=True):
+        film(folder / f"{name}.{kind}", heard(sound, rng, rate, begin_s, 12.0), rate, 12.0)
+    film(folder / "mute.mp4", None, rate, 2.0)
+    return folder
+
+
+def test_sound_begins_with_the_first_picture(films: Path) -> None:
+    sound = open_video(films / "cam0.mp4").sound(RATE, 5.0)
+    assert sound is not None and len(sound) == 5 * RATE and sound.std() > 0.01
+    whole = open_video(films / "cam0.mp4").sound(RATE, 60.0)
+    assert whole is not None and abs(len(whole) / RATE - 12.0) < 0.1
+    assert open_video(films / "mute.mp4").sound(RATE, 5.0) is None
+
+
+def test_sync_of_films_prints_offsets(films: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = [films / "cam0.mp4", films / "cam1.mp4", films / "cam2.mkv"]
+    assert run("sync", *paths, "--json", "-") == 0, capsys.readouterr().err
+    told = json.loads(capsys.readouterr().out)
+    for name, begin_s in BEGAN_S.items():
+        assert told["offsets_s"][name] == pytest.approx(begin_s - BEGAN_S["cam0"], abs=0.01)
+    assert run("sync", *paths) == 0
+    assert "--offset cam0=0.0000 --offset cam1=-1.68" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (
+            ("cam0.mp4", "mute.mp4"),
+            "mute.mp4: has no sound, expected videos that recorded the same",
+        ),
+        (("cam0.mp4", "none.mp4"), "none.mp4: found no file"),
+        (("cam0.mp4", "cam1.mp4", "--overwrite"), "--overwrite: expected only with a recording"),
+        (("one=cam0.mp4",), "found one video, expected at least two"),
+    ],
+)
+def test_wrong_films_are_told(
+    films: Path,
+    words: tuple[str, ...],
+    told: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(films)
+    assert run("sync", *words) == 2
+    error = capsys.readouterr().err
+    assert told in error and error.count("\n") == 1
