@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import datetime
 import os
+import socket
 import sqlite3
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.ports import free_port
 from tests.postgres import Server
 from tests.rigs import looking
 from tests.site.tables import write_site
@@ -201,9 +203,17 @@ def test_what_keeps_the_clock_right_is_asked(
 
 
 def test_edge_that_does_not_answer_is_a_warning() -> None:
-    (found,) = check_running(None, "tcp/127.0.0.1:7001")
+    (found,) = check_running(None, f"tcp/127.0.0.1:{free_port()}")
     assert (found.level, found.what) == ("warning", "edge")
-    assert "tcp/127.0.0.1:7001" in found.found and "e3pose edge" in found.advice
+    assert "not running at tcp/127.0.0.1:" in found.found and "e3pose edge" in found.advice
+
+
+def test_port_of_another_program_is_told() -> None:
+    port = free_port()
+    with socket.create_server(("127.0.0.1", port)):
+        (found,) = check_running(None, f"tcp/127.0.0.1:{port}")
+    assert found.level == "warning" and "but no edge of this site answers" in found.found
+    assert f"sport = :{port}" in found.advice
 
 
 def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:

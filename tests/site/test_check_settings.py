@@ -153,7 +153,7 @@ def test_rate_and_deadline_are_compared_with_what_looks_take(
 
 def test_finding_says_what_the_machine_manages_and_what_to_write() -> None:
     found = looked(25, 90)
-    assert "manages 20 looks a second, 10 slots with 2 cameras each" in found["fps"].found
+    assert "manages 20 detections a second, 10 slots with 2 cameras each" in found["fps"].found
     assert "the site asks for 25 slots a second" in found["fps"].found
     assert found["fps"].advice.startswith("fps = 8,")
     assert "a detection takes 100 ms" in found["deadline_ms"].found
@@ -176,6 +176,10 @@ def test_one_camera_cannot_look_faster_than_alone() -> None:
     assert many_cores.rate == pytest.approx(40)
     assert many_cores.reach_fps(2) == pytest.approx(10)
     assert suggested_fps(many_cores, 2) == pytest.approx(10 * SPARE)
+    (fps,) = (f for f in check_looks(site(12.5, 500), many_cores, 2) if f.what == "fps")
+    assert "manages 10 slots a second, as a detection takes 100 ms; the site asks for 12.5" in (
+        fps.found
+    )
 
 
 def test_source_that_is_a_bare_number_is_a_device() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import glob
 import shutil
+import socket
 import stat
 import subprocess
 from collections.abc import Iterator, Mapping
@@ -30,6 +31,7 @@ SOON_DAYS = 30
 APART_M = 0.1  # cameras nearer to each other than this see the same
 CLOCK_MS = 5.0
 FREE_BYTES = 10**9
+LISTEN_S = 1.0  # to find out whether a port is taken
 STORE_LOOK_S = 5.0  # at its database
 
 Level = Literal["ok", "warning", "problem"]
@@ -302,8 +304,12 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
         endpoint: where it was asked.
     """
     if status is None:
-        found = f"not running at {endpoint}"
-        yield Finding("warning", "edge", found, "e3pose edge, or e3pose up on one machine")
+        found, advice = f"not running at {endpoint}", "e3pose edge, or e3pose up on one machine"
+        _, host, port = split_endpoint(endpoint)
+        if _listens(host.strip("[]"), port):
+            found = f"something listens at {endpoint}, but no edge of this site answers"
+            advice = f"wait while it starts, or see whose port it is: ss -ltnp 'sport = :{port}'"
+        yield Finding("warning", "edge", found, advice)
         return
     yield Finding("ok", "edge", f"running, slot {status.slot}, lead {status.lead}")
     for camera in status.cameras:
@@ -322,6 +328,14 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
             yield Finding("warning", what, found, "corrected; for fast motion use chrony or PTP")
         else:
             yield Finding("ok", what, f"connected, clock offset {camera.clock_offset_ms:+.1f} ms")
+
+
+def _listens(host: str, port: int) -> bool:
+    try:
+        socket.create_connection((host, port), LISTEN_S).close()
+    except OSError:
+        return False
+    return True
 
 
 def _ask(*command: str) -> str:

@@ -125,12 +125,14 @@ def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Itera
     if asked > SPARE * reached:
         cameras = plural(num_selected, "camera")
         slots = "" if site.pace == 1 else f" (fps {site.fps:g} at pace {site.pace:g})"
+        able = f"{times.rate:.2g} detections a second, {reached:.2g} slots with {cameras} each"
+        if reached < times.rate / max(num_selected, 1):  # one camera is the slowest, not all
+            able = f"{reached:.2g} slots a second, as a detection takes {1000 * alone_s:.0f} ms"
         slower = f"fps = {suggested_fps(times, num_selected):g}"
         yield Finding(
             "problem" if asked > HOPELESS * reached else "warning",
             "fps",
-            f"this machine manages {times.rate:.2g} looks a second, {reached:.2g} slots with "
-            f"{cameras} each; the site asks for {asked:.2g} slots a second{slots}",
+            f"this machine manages {able}; the site asks for {asked:.3g} slots a second{slots}",
             f"{slower}, fewer cameras a slot, a smaller network, or e3pose init to choose anew",
         )
 
