@@ -260,7 +260,16 @@ def from_people(
         progress: takes a stage, its steps done and in all.
     """
     found = solve_people(recording, noise, start, progress)
-    _check_all_placed(recording.rig, found.solved.placed, "see somebody")
+    if not found.solved.placed.all():
+        every = tuple(zip(recording.rig.camera_ids, found.solved.placed, strict=True))
+        lost = ", ".join(name for name, done in every if not done)
+        rest = ", ".join(name for name, done in every if done)
+        raise InputError(
+            f"cameras: {lost}: too little of what they see of people fits what {rest} see at the "
+            "same time, expected somebody walking for half a minute where two cameras see them; "
+            "in a live session few cameras look at once: e3pose record SITE DEST --for 60 lets all "
+            "of them"
+        )
     rig = found.solved.adjusted.rig
     notes: list[str] = []
     if found.inliers < 0.7:
