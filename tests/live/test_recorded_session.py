@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
+from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
@@ -159,3 +161,36 @@ def test_energy_of_recording_is_told_apart(session: Path) -> None:
     table = {(row["camera_id"], row["source"]) for row in rows}
     assert {("cam0", "recording"), ("cam3", "recording"), ("cam2", "modelled")} <= table
     assert ("cam2", "recording") not in table
+
+
+def test_verbs_of_recordings_take_a_session(session: Path) -> None:
+    part = str(whole(session))
+    told: dict[str, str] = {}
+    for words in (
+        ("evaluate", part, "--policies", "all,round-robin", "--cameras", "2"),
+        ("calibrate", "noise", part, "--out", str(session / "noise.toml")),
+        ("calibrate", "check", part, "--picture", str(session / "error.png")),
+    ):
+        code, told[" ".join(words[:2])], err = run(*words, seconds=COMPILE_S)
+        assert code == 0, err
+    assert "round-robin" in told[f"evaluate {part}"]
+    assert "cam0" in told["calibrate check"]
+    assert (session / "noise.toml").stat().st_size > 0
+    code, _, err = run("calibrate", "extrinsics", part, str(session / "anew.toml"), seconds=120)
+    assert code == 2 and "cam3" in err  # whose keypoints nobody kept
+
+
+def test_any_stretch_of_a_session_is_a_page(session: Path) -> None:
+    slots = Store(session / "live.db").rows("slots")
+    times = [row["time_ns"] / 1e9 for row in slots]
+    middle = datetime.fromtimestamp((times[0] + times[-1]) / 2, timezone.utc)
+    page = session / "middle.html"
+    end = middle + timedelta(seconds=2)
+    code, out, err = run(
+        "report", str(session / "site.toml"), str(page), "--from", f"{middle:%Y-%m-%dT%H:%M:%S}",
+        "--to", f"{end:%Y-%m-%dT%H:%M:%S}", seconds=COMPILE_S,
+    )  # fmt: skip
+    assert code == 0, err
+    shown = re.search(r"(\d+) slots", out)
+    assert shown is not None and 2 <= int(shown[1]) <= 21  # of the two seconds, not of the session
+    assert f"{middle:%Y-%m-%d}" in page.read_text()
