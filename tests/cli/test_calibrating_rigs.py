@@ -11,6 +11,7 @@ from tests.calibrate.people_scenes import distances, knocked, walk, without_cali
 from tests.cli.commands import run
 
 from e3pose.calibrate.align import Move
+from e3pose.calibrate.recordings import first_seconds
 from e3pose.calibrate.synchronise import with_offsets
 from e3pose.recording import load_recording, save_recording
 from e3pose.recording.calibration import load_rig, save_rig
@@ -131,6 +132,18 @@ def test_sync_says_by_how_much_a_live_camera_is_late(
     assert all(0 <= delay_ms < 25 for delay_ms in delays_ms.values())
     assert run("sync", tmp_path / "late", "--max-shift", "1") == 0
     assert "add to the delay_ms of the cameras: cam0" in capsys.readouterr().out
+
+
+def test_sync_says_what_to_record_where_little_is_seen(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_recording(without_calibration(first_seconds(recording, 3.0)), tmp_path / "short")
+    run("sync", tmp_path / "short", "--max-shift", "1")
+    told = capsys.readouterr().err
+    assert "record somebody who walks" in told or "expected people seen by both who move" in told
+    save_recording(first_seconds(recording, 3.0), tmp_path / "known")
+    assert run("sync", tmp_path / "known", "--max-shift", "1") == 0
+    assert "are too little" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

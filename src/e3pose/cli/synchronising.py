@@ -10,6 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 from numpy.typing import NDArray
 
+from e3pose.cli.options import warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from e3pose.recording import Recording
 
 Floats = NDArray[np.float64]
+
+ENOUGH_S = 8.0  # of people, to solve a calibration on the way
+MOST_APART = 0.5  # slots between pairs of cameras
 
 
 def sync(
@@ -142,6 +146,7 @@ def _by_people(
     if is_stdout(json_output):
         return
     names = loaded.rig.camera_ids
+    warn(_doubt(used, found))
     rates = [loaded.fps] * len(names)
     print("\n".join(_lines(names, found.offsets_s, found.sure_s, rates, "slots")))
     delays = ", ".join(
@@ -151,6 +156,24 @@ def _by_people(
     print(f"In a live site, add to the delay_ms of the cameras: {delays}")
     if dest is not None:
         wrote(dest, "each view in the slot in which it was taken")
+
+
+def _doubt(used: Recording, found: Synchrony) -> str:
+    """Return why offsets may be wrong, and what to record; empty if nothing says so."""
+    seconds = used.num_slots / used.fps
+    record = "record somebody who walks through the room for half a minute"
+    if not used.rig.placed and seconds < ENOUGH_S:
+        return (
+            f"{seconds:.1f} s of people without a calibration are too little to trust these "
+            f"offsets: {record}, pass --calibration, or sync the videos by their sound"
+        )
+    apart = float(np.nanmax([0.0, *found.sure_s])) * used.fps
+    if apart > MOST_APART:
+        return (
+            f"pairs of cameras disagree by up to {apart:.1f} slots, so that these offsets are "
+            f"unsure: {record}"
+        )
+    return ""
 
 
 def _lines(
