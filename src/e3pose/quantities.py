@@ -46,7 +46,11 @@ def age_s(text: str) -> float:
 
 
 def size_bytes(text: str) -> int:
-    """Read the size of a store, such as 20GB or 500 MB, of a megabyte at least."""
+    """Read the size of a store, such as 20GB or 500 MB, of a megabyte at least.
+
+    Raises:
+        InputError: for anything else, or less than 1 MB.
+    """
     size = int(quantity(text, SIZES_BYTES, "20GB"))
     if size < LEAST_SIZE_BYTES:
         raise InputError("", repr(text), "at least 1MB")
@@ -60,6 +64,9 @@ def quantity(text: object, units: Mapping[str, float], example: str) -> float:
         text: such as `1.5 h`.
         units: name to size.
         example: for the error.
+
+    Raises:
+        InputError: for anything else, 0, or a number beyond `MOST`.
     """
     wanted = f"a number and {', '.join(units)}, such as {example}"
     shown = repr(text[:40] if isinstance(text, str) else text)
@@ -85,7 +92,11 @@ def number(text: object, what: str) -> float:
 
 
 def milliseconds_s(value: object) -> float:
-    """Read a number of milliseconds, in seconds."""
+    """Read a number of milliseconds, in seconds.
+
+    Raises:
+        InputError: for anything but a number.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError("", repr(value)[:40], "a number of milliseconds")
     return value / 1000

@@ -54,6 +54,9 @@ def from_axis(up: str) -> Move:
 
     Args:
         up: one of `AXES`. For y the x axis stays, as y-up files have it.
+
+    Raises:
+        InputError: for another axis.
     """
     if up not in AXES:
         raise InputError(f"--up: found {up[:20]!r}, expected one of {', '.join(AXES)}")
@@ -218,6 +221,9 @@ def from_three_points(origin_m: Floats, ahead_m: Floats, aside_m: Floats) -> Mov
         origin_m: `(3,)` becomes the origin.
         ahead_m: `(3,)` lies on the positive x axis then.
         aside_m: `(3,)` lies on the floor, where y is positive.
+
+    Raises:
+        InputError: when the points coincide or lie on a line.
     """
     x = ahead_m - origin_m
     z = np.cross(x, aside_m - origin_m)
@@ -252,6 +258,9 @@ def with_origin(rig: Rig, origin: str, facing: str) -> Move:
         rig: already level, floor at zero.
         origin: `keep`, a camera id (the floor below it), or `x,y` in metres.
         facing: `keep`, or a camera id towards which the x axis points.
+
+    Raises:
+        InputError: for an origin that is neither a camera nor `x,y`, or a camera above it to face.
     """
     place = np.zeros(3)
     if "," in origin:

@@ -59,7 +59,11 @@ class Board:
 
     @classmethod
     def parse(cls, name: str) -> Board:
-        """Read a name such as `charuco-5x7-37mm`: columns x rows of squares, side of a square."""
+        """Read a name such as `charuco-5x7-37mm`: columns x rows of squares, side of a square.
+
+        Raises:
+            InputError: for any other name.
+        """
         match = NAME.fullmatch(name.strip().lower())
         if match is None:
             raise InputError(

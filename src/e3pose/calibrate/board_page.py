@@ -54,14 +54,22 @@ def largest_square_mm(paper: str, columns: int, rows: int) -> int:
 
 
 def paper_mm(paper: str) -> tuple[float, float]:
-    """Return width and height of an upright paper."""
+    """Return width and height of an upright paper.
+
+    Raises:
+        InputError: for a paper that is not one of `PAPERS_MM`.
+    """
     if paper.lower() not in PAPERS_MM:
         raise InputError(f"paper: found {paper[:20]!r}, expected one of {', '.join(PAPERS_MM)}")
     return PAPERS_MM[paper.lower()]
 
 
 def draw_page(board: Board, paper: str) -> Page:
-    """Lay a board out on a paper, with a bar to measure and the name that `Board.parse` reads."""
+    """Lay a board out on a paper, with a bar to measure and the name that `Board.parse` reads.
+
+    Raises:
+        InputError: when the board does not fit the paper, or the paper is unknown.
+    """
     width, height = paper_mm(paper)
     square = 1000 * board.square_m
     board_width, board_height = square * board.columns, square * board.rows

@@ -112,7 +112,15 @@ class Cameras:
 
 
 def root_mean_square(values: Floats, axis: int | tuple[int, ...]) -> Floats:
-    """Return the root mean square of the numbers that are there; NaN where none is."""
+    """Return the root mean square over axes of `(*batch)` values, of those that are finite.
+
+    Args:
+        values: NaN where missing.
+        axis: one or several.
+
+    Returns:
+        NaN where all are missing.
+    """
     there = np.isfinite(values)
     count = there.sum(axis=axis)
     total = np.where(there, values**2, 0.0).sum(axis=axis)
@@ -120,7 +128,14 @@ def root_mean_square(values: Floats, axis: int | tuple[int, ...]) -> Floats:
 
 
 def placed(camera: Camera, R: Floats, t: Floats, focal_factor: float = 1.0) -> Camera:
-    """Return a camera elsewhere: `x_camera = R x_world + t`, its focal length times a factor."""
+    """Return a camera with other extrinsics: `x_camera = R x_world + t`.
+
+    Args:
+        camera: whose lens it has.
+        R: `(3, 3)` world to camera.
+        t: `(3,)` world to camera, metres.
+        focal_factor: multiplies the focal lengths.
+    """
     T_world_camera = np.eye(4)
     T_world_camera[:3, :3] = R.T
     T_world_camera[:3, 3] = -R.T @ t

@@ -80,7 +80,11 @@ class KnownLength:
 
 
 def common_times(paths: Mapping[str, Path], offsets_s: Mapping[str, float], rate: float) -> Floats:
-    """Return `(num_times,)` seconds on the common clock during which at least two videos run."""
+    """Return `(num_times,)` seconds on the common clock during which at least two videos run.
+
+    Raises:
+        InputError: when no two videos overlap in time.
+    """
     ends = []
     for camera_id, path in paths.items():
         source = open_video(path)
@@ -183,6 +187,9 @@ def from_points_seen(
         keypoints_px: `(num_cameras, num_points, 2)` pixels; NaN where not seen.
         known: the distance of two cameras.
         source: for the report.
+
+    Raises:
+        InputError: without a known distance, or when no rig explains the points.
     """
     if known.distance is None:
         raise InputError(

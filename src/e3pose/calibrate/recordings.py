@@ -49,7 +49,11 @@ def between(recording: Recording, first: int, end: int) -> Recording:
 
 
 def with_lenses(rig: Rig, lenses: Rig) -> Rig:
-    """Return the cameras of a rig with the intrinsics of another's cameras of the same names."""
+    """Return the cameras of a rig with the intrinsics of another's cameras of the same names.
+
+    Raises:
+        InputError: for a camera without intrinsics, or of another image size.
+    """
     cameras = []
     for camera in rig.cameras:
         lens = lenses.cameras[lenses.index(camera.camera_id)]

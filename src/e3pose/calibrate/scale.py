@@ -34,7 +34,17 @@ class Scale:
 
 
 def from_distance(rig: Rig, first: str, second: str, metres: float) -> Scale:
-    """Take the distance of two cameras' lenses."""
+    """Return the scale at which two cameras are as far apart as measured.
+
+    Args:
+        rig: without a scale.
+        first: id of a camera.
+        second: id of another.
+        metres: the distance between their lenses.
+
+    Raises:
+        InputError: for one camera twice, or two at one place.
+    """
     apart = np.linalg.norm(
         rig.cameras[rig.index(first)].center_m - rig.cameras[rig.index(second)].center_m
     )
@@ -46,7 +56,17 @@ def from_distance(rig: Rig, first: str, second: str, metres: float) -> Scale:
 
 
 def from_limb(people: People3D, first: str, second: str, metres: float) -> Scale:
-    """Take the length between two joints of the (one) person."""
+    """Return the scale at which a limb has its measured length.
+
+    Args:
+        people: joints in the rig's unit.
+        first: a joint.
+        second: the joint at the other end.
+        metres: the length between them.
+
+    Raises:
+        InputError: when the two were seldom triangulated together.
+    """
     length = limb_length(people, first, second)
     if not length > 0:
         raise InputError(f"--limb: {first} and {second} were not placed together often enough")
@@ -54,7 +74,15 @@ def from_limb(people: People3D, first: str, second: str, metres: float) -> Scale
 
 
 def from_stature(people: People3D, metres: float | None) -> Scale:
-    """Take how tall people are on average; adults' average if nobody knows."""
+    """Return the scale at which people have a body height.
+
+    Args:
+        people: joints in the rig's unit.
+        metres: mean height of the people; the average of adults if None.
+
+    Raises:
+        InputError: when neither legs nor trunk of anybody were triangulated.
+    """
     found = statures(people)
     found = found[np.isfinite(found)]
     if not len(found):

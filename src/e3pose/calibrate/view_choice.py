@@ -102,7 +102,14 @@ def covered(corners_px: Floats, image_size: tuple[int, int]) -> NDArray[np.int64
 def advice(
     corners_m: Floats, corners_px: Floats, image_size: tuple[int, int], wanted_views: int = 15
 ) -> list[str]:
-    """Return what to record next for a better calibration, in words; empty if all is there."""
+    """Return what to record next for a better calibration, as sentences.
+
+    Args:
+        corners_m: `(num_corners, 3)` on the board.
+        corners_px: `(num_views, num_corners, 2)` pixels; NaN where not seen.
+        image_size: `(width, height)` pixels.
+        wanted_views: how many views are enough.
+    """
     words = []
     if len(corners_px) < wanted_views:
         words.append(f"record longer: {len(corners_px)} usable views, {wanted_views} or more help")

@@ -54,7 +54,11 @@ class Network(Protocol):
         ...
 
     def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
-        """Return the outputs for one input tensor, in the file's order."""
+        """Return the outputs for one input tensor, in the file's order.
+
+        Raises:
+            InputError: when the network does not run with a tensor of this shape.
+        """
         ...
 
 

@@ -46,7 +46,11 @@ def open_regular(path: Path, limit_bytes: int) -> BinaryIO:
 
 
 def read_bytes(path: Path, limit_bytes: int) -> bytes:
-    """Return the whole content of a regular file of at most `limit_bytes`."""
+    """Return the whole content of a regular file of at most `limit_bytes`.
+
+    Raises:
+        InputError: for anything else, or a file that grows while it is read.
+    """
     with open_regular(path, limit_bytes) as file:
         content = file.read(limit_bytes + 1)
     if len(content) > limit_bytes:
@@ -55,7 +59,11 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
 
 
 def read_lines(path: Path, limit_bytes: int) -> Iterator[tuple[int, bytes]]:
-    """Yield `(line number from 1, line without its newline)` of a regular file of bounded lines."""
+    """Yield `(line number from 1, line without its newline)` of a regular file of bounded lines.
+
+    Raises:
+        InputError: for anything else, or a line beyond `MAX_LINE_BYTES`.
+    """
     with open_regular(path, limit_bytes) as file:
         number = 0
         while line := file.readline(MAX_LINE_BYTES + 1):

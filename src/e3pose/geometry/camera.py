@@ -73,7 +73,20 @@ class Camera:
         distortion: ArrayLike = (),
         fisheye: bool = False,
     ) -> Camera:
-        """Make a camera from the textbook extrinsics `x_camera = R @ x_world + t` (metres)."""
+        """Make a camera from textbook extrinsics `x_camera = R @ x_world + t`.
+
+        Args:
+            camera_id: its id.
+            image_size: `(width, height)` pixels.
+            K: `(3, 3)` intrinsics, pixels.
+            R: `(3, 3)` world to camera; made orthonormal if nearly so.
+            t: `(3,)` world to camera, metres.
+            distortion: OpenCV coefficients of the lens model.
+            fisheye: whether they are those of OpenCV's fisheye model.
+
+        Raises:
+            InputError: naming camera and field, for a field of another shape or out of range.
+        """
         rotation = np.asarray(R, dtype=np.float64)
         translation = np.asarray(t, dtype=np.float64).reshape(-1)
         if rotation.shape != (3, 3) or translation.shape != (3,):

@@ -132,7 +132,7 @@ class CameraFields:
 
 
 def orthonormal(matrix: Floats) -> Floats:
-    """Return the rotation nearest to a matrix that is almost one; one that is stays bit by bit."""
+    """Return the rotation nearest to a `(3, 3)` matrix; an orthonormal one is returned as it is."""
     if np.abs(matrix @ matrix.T - np.eye(3)).max() < 1e-12:
         return matrix
     return nearest_rotation(matrix)

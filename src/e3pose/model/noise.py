@@ -125,5 +125,10 @@ class Noise:
         return replace(self, sigma_px=sigma_px, image_px=image_px)
 
     def of(self, scores: Floats, scale: Floats | float = 1.0) -> Floats:
-        """Return the sigma in pixels of keypoints with these scores, times `scale`."""
+        """Return sigma in pixels, `(*batch)`, by score.
+
+        Args:
+            scores: `(*batch)` in [0, 1].
+            scale: multiplies the sigma, such as by the size of a person.
+        """
         return np.asarray(np.interp(scores, self.scores, self.sigma_px) * scale)

@@ -167,6 +167,9 @@ def convert(
         Positions and scores with the target's joint axis; a joint that the source cannot give is
         NaN with score 0. A mean of joints takes the lowest of their scores. COCO-17 to Shelf-14 in
         3D estimates the head from face and shoulders (z up), as the Shelf protocol does.
+
+    Raises:
+        InputError: when the shapes do not fit the source skeleton.
     """
     if positions.shape[-2] != len(source) or scores.shape != positions.shape[:-1]:
         raise InputError(

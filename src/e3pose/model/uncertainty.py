@@ -41,5 +41,10 @@ def distance_within_m(covariance_m2: Floats, share: float) -> Floats:
 
 
 def mean_distance(total: Floats, degrees: Floats) -> Floats:
-    """Return the mean of a distance whose square has mean `total` and `degrees` of freedom."""
+    """Return the mean of a distance `(*batch)` whose square has a scaled chi-square distribution.
+
+    Args:
+        total: `(*batch)` mean of the square, square metres.
+        degrees: `(*batch)` degrees of freedom.
+    """
     return np.asarray(np.sqrt(2 * total / degrees) * poch(degrees / 2, 0.5))

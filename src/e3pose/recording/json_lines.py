@@ -54,6 +54,9 @@ def encode_view(slot: int, time_s: float, poses: Poses2D) -> bytes:
         slot: index of the slot.
         time_s: capture time in seconds since the recording began.
         poses: the people; coordinates are rounded to 0.001 px, scores to 0.00001.
+
+    Raises:
+        InputError: for a time that is not finite, or beyond `SECOND_LIMIT`.
     """
     _check_range(f"slot {slot}: people", poses.keypoints_px, PIXEL_LIMIT, "px")
     if not abs(time_s) <= SECOND_LIMIT:

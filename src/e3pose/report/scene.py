@@ -194,7 +194,7 @@ def _by_camera(
 
 
 def millimetres(points_m: Floats) -> list[int | None]:
-    """Return coordinates, one after the other, as whole millimetres; missing ones as None."""
+    """Return `(*batch, 3)` metres flattened to whole millimetres; None where NaN."""
     return [
         round(1000 * v) if abs(v) < MAX_COORDINATE_M else None
         for v in np.asarray(points_m, dtype=np.float64).ravel().tolist()

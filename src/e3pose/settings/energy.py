@@ -56,6 +56,9 @@ def per_camera(text: object, read: Callable[[str], T], example: str) -> PerCamer
         text: such as `50`, `50,cam1=20` or `cam1=20,cam2=50`.
         read: reads one value.
         example: for errors.
+
+    Raises:
+        InputError: for anything else, or two values for all cameras.
     """
     usual: T | None = None
     special: dict[str, T] = {}

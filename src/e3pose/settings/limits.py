@@ -32,7 +32,11 @@ def check_source(name: str) -> None:
 
 
 def near(folder: Path, name: str) -> Path:
-    """Return the place that a name means, relative to a folder; `~` is the user's home."""
+    """Return the place that a name means, relative to a folder; `~` is the user's home.
+
+    Raises:
+        InputError: for an empty name, or an unknown user's home.
+    """
     if not name.isprintable():
         raise InputError("", repr(name[:80]), "the name of a file or folder")
     try:

@@ -334,7 +334,11 @@ def load_site(named: Path) -> SiteTable:
 
 
 def read_site(table: Mapping[str, object], path: Path) -> SiteTable:
-    """Return the configuration that a parsed site file holds; errors are without its name."""
+    """Return the configuration that a parsed site file holds; errors are without its name.
+
+    Raises:
+        InputError: naming the key that is unknown, missing or wrong.
+    """
     loop = table.get("loop")
     if isinstance(loop, Mapping) and "lead" in loop:
         raise InputError("loop.lead", "it in [loop]", "lead at the top, a number or adaptive")

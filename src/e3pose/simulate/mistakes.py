@@ -26,7 +26,14 @@ LEGS = ((11, 12), (13, 14), (15, 16))
 def episodes(
     rng: np.random.Generator, shape: tuple[int, ...], interval_s: float, share: Floats | float
 ) -> Bools:
-    """Return `shape` booleans, true for `share` of the time, in spells along the first axis."""
+    """Return `shape` booleans that are true in episodes along the first axis.
+
+    Args:
+        rng: source of chance.
+        shape: slots first.
+        interval_s: seconds per slot.
+        share: of the time in which they are true, [0, 1], for the rest of the axes.
+    """
     latent = correlated(rng, shape, interval_s, ((1.0, EPISODE_S),))
     return np.asarray(normal_cdf(latent) < share)
 

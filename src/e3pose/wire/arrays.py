@@ -15,7 +15,11 @@ MAX_PERSONS = 256
 
 
 def pack(array: NDArray[Any]) -> Array:
-    """Return an array as it travels: floats of 4 or 8 bytes, integers of 8, or flags."""
+    """Return an array as it travels: floats of 4 or 8 bytes, integers of 8, or flags.
+
+    Raises:
+        InputError: for another dtype.
+    """
     code = {"f4": "<f4", "f8": "<f8", "i8": "<i8", "b1": "|b1"}
     name = array.dtype.str[1:]
     if name not in code:
@@ -32,7 +36,11 @@ def pack_poses(poses: Poses2D) -> tuple[Array, Array]:
 
 
 def unpack(array: Array) -> NDArray[Any]:
-    """Return the numpy array, read-only; its message must have been checked by `decode`."""
+    """Return the array with its own dtype and shape, read-only and without a copy.
+
+    Args:
+        array: of a message that `decode` has checked.
+    """
     return np.frombuffer(array.data, dtype=f"<{array.dtype}").reshape(array.shape)
 
 

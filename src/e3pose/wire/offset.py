@@ -37,7 +37,14 @@ class Exchange:
 
     @classmethod
     def of_stamps(cls, asked_ns: int, received_ns: int, sent_ns: int, answered_ns: int) -> Exchange:
-        """Return the exchange with the stamps t1, t2, t3, t4."""
+        """Return an exchange from its four time stamps, nanoseconds, as in NTP (RFC 5905).
+
+        Args:
+            asked_ns: when the question left, by the camera's clock (t1).
+            received_ns: when it arrived, by the edge's clock (t2).
+            sent_ns: when the answer left, by the edge's clock (t3).
+            answered_ns: when it arrived, by the camera's clock (t4).
+        """
         delay = (answered_ns - asked_ns) - (sent_ns - received_ns)
         offset = ((received_ns - asked_ns) + (sent_ns - answered_ns)) // 2
         return cls((asked_ns + answered_ns) // 2, offset, max(delay, 0))

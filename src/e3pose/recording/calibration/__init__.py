@@ -60,7 +60,11 @@ def save_rig(rig: Rig, path: Path) -> None:
 
 
 def find_format(path: Path) -> str:
-    """Return which of `FORMATS` a file or folder has, judged by its content."""
+    """Return which of `FORMATS` a file or folder has, judged by its content.
+
+    Raises:
+        InputError: for a file or folder of no known format.
+    """
     if path.is_dir():
         if (path / "intri.yml").is_file() or (path / "extri.yml").is_file():
             return "easymocap"

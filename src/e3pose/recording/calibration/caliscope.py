@@ -31,7 +31,11 @@ def looks_like(tables: Mapping[str, Any]) -> bool:
 
 
 def read(path: Path, tables: Mapping[str, Any]) -> Rig:
-    """Make a rig of Caliscope's tables, without the cameras that are marked `ignore`."""
+    """Make a rig of Caliscope's tables, without the cameras that are marked `ignore`.
+
+    Raises:
+        InputError: for a field that is missing or wrong, or a rotated camera.
+    """
     metadata = fields.table(tables.get("metadata", {}), f"{path}: metadata")
     metres_per_unit = 1.0
     if "units" in metadata:

@@ -24,7 +24,11 @@ SIZE_TOLERANCE = 0.05  # of a side: how far a principal point may lie from twice
 
 
 def load(path: Path) -> Rig:
-    """Read EasyMocap's pair of files, given either of them or their folder."""
+    """Read EasyMocap's pair of files, given either of them or their folder.
+
+    Raises:
+        InputError: for a file that is missing, or a field that is missing or wrong.
+    """
     folder = path if path.is_dir() else path.parent
     intrinsics_path, extrinsics_path = folder / "intri.yml", folder / "extri.yml"
     intrinsics, extrinsics = load_nodes(intrinsics_path), load_nodes(extrinsics_path)

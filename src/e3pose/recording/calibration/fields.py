@@ -41,14 +41,22 @@ def read_text(path: Path) -> str:
 
 
 def table(value: object, where: str) -> Mapping[str, Any]:
-    """Return `value` if it is a table of named fields."""
+    """Return `value` if it is a table of named fields.
+
+    Raises:
+        InputError: for anything else.
+    """
     if not isinstance(value, Mapping):
         raise InputError(f"{where}: found {_shown(value)}, expected named fields")
     return value
 
 
 def field(fields: Mapping[str, Any], name: str, where: str) -> Any:
-    """Return a field that must be there."""
+    """Return a field that must be there.
+
+    Raises:
+        InputError: when it is missing.
+    """
     if name not in fields:
         raise InputError(f"{where}: {name}: found nothing, expected a value")
     return fields[name]
@@ -60,6 +68,9 @@ def numbers(value: object, shapes: Sequence[tuple[int, ...]], where: str) -> Flo
     Values may be numbers or, from formats that keep text, strings of numbers. A matrix of the right
     number of values in another arrangement, such as a column for a row, is rearranged only if that
     arrangement has one dimension of size one.
+
+    Raises:
+        InputError: for other shapes, text, NaN or infinity.
     """
     flat: list[float] = []
     shape = _flatten(value, flat, where, depth=0)
@@ -79,7 +90,11 @@ def numbers(value: object, shapes: Sequence[tuple[int, ...]], where: str) -> Flo
 
 
 def scalar(value: object, where: str) -> float:
-    """Return one finite number."""
+    """Return one finite number.
+
+    Raises:
+        InputError: for anything else, NaN or infinity.
+    """
     number = _number(value, where)
     if not math.isfinite(number):
         raise InputError(f"{where}: found a value that is not finite, expected a number")
@@ -92,7 +107,11 @@ def name_of(value: object) -> str:
 
 
 def units_of(value: object, where: str) -> float:
-    """Return how many metres a unit has."""
+    """Return how many metres a unit has.
+
+    Raises:
+        InputError: for units other than m, cm and mm.
+    """
     key = value.strip().lower() if isinstance(value, str) else ""
     if key not in METRES_PER_UNIT:
         raise InputError(f"{where}: units: found {_shown(value)}, expected m, cm or mm")
@@ -127,7 +146,21 @@ def make_camera(
     distortion: Floats,
     fisheye: bool = False,
 ) -> Camera:
-    """Make a camera from a file's fields; an error names the file besides camera and field."""
+    """Make a camera from a file's fields.
+
+    Args:
+        path: the file, for errors.
+        name: id of the camera.
+        image_size: `(2,)` width and height, pixels.
+        K: `(3, 3)` intrinsics, pixels.
+        rotation: `(3, 3)` world to camera.
+        translation_m: `(3,)` world to camera, metres.
+        distortion: OpenCV coefficients of the lens model.
+        fisheye: whether they are those of OpenCV's fisheye model.
+
+    Raises:
+        InputError: naming file, camera and field.
+    """
     width, height = np.asarray(image_size, dtype=np.float64)
     try:
         if width != int(width) or height != int(height):
@@ -156,6 +189,9 @@ def make_rig(path: Path, cameras: Sequence[Camera], assumed_units: str | None) -
         cameras: as read, in metres.
         assumed_units: what the lengths were taken for, checked for plausibility; None if the file
             states its units, which is trusted.
+
+    Raises:
+        InputError: for no camera, too many, two of one name, or implausible distances.
     """
     if len(cameras) > MAX_CAMERAS:
         raise InputError(f"{path}: found {len(cameras)} cameras, expected at most {MAX_CAMERAS}")

@@ -38,7 +38,11 @@ PINHOLE_MODELS = ("plumb_bob", "rational_polynomial", "pinhole", "none")
 
 
 def load(path: Path) -> Rig:
-    """Read OpenCV YAML: a file, or a folder with a file for each camera."""
+    """Read OpenCV YAML: a file, or a folder with a file for each camera.
+
+    Raises:
+        InputError: for a field that is missing or wrong, or too many files.
+    """
     files = [path]
     if path.is_dir():
         files = sorted(f for f in path.iterdir() if f.suffix.lower() in (".yml", ".yaml"))

@@ -19,7 +19,11 @@ WORLD_FROM_PANOPTIC = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.
 
 
 def load(path: Path) -> Rig:
-    """Read a Panoptic calibration, all its cameras."""
+    """Read a Panoptic calibration, all its cameras.
+
+    Raises:
+        InputError: for a field that is missing or wrong, or too many cameras.
+    """
     document = fields.table(_parse(path, fields.read_text(path)), f"{path}")
     entries = fields.field(document, "cameras", f"{path}")
     if not isinstance(entries, list):

@@ -80,7 +80,11 @@ def import_openpose(
 def read_detections(
     source: Path, rig: Rig, folders: Mapping[str, str], progress: Progress = iter
 ) -> tuple[Skeleton, list[dict[int, Poses2D]]]:
-    """Return the skeleton and, per camera of `rig`, frame number to view."""
+    """Return the skeleton and, per camera of `rig`, frame number to view.
+
+    Raises:
+        InputError: for files without people, of mixed skeletons, or two of one frame.
+    """
     matched = match_folders(source, rig.camera_ids, folders)
     files = {
         path: camera
@@ -115,7 +119,11 @@ def read_detections(
 
 
 def read_people(path: Path) -> Floats:
-    """Return `(num_persons, numbers)` x, y, score, x, ... of the people of a file with a body."""
+    """Return `(num_persons, numbers)` x, y, score, x, ... of the people of a file with a body.
+
+    Raises:
+        InputError: for a file that is no OpenPose JSON, or mixes skeletons.
+    """
     content = read_bytes(path, MAX_FILE_BYTES)
     try:
         people = _DECODER.decode(content).people
@@ -136,7 +144,11 @@ def read_people(path: Path) -> Floats:
 
 
 def frame_number(file_name: str) -> int:
-    """Return the last number in a file name such as `walk_000000000012_keypoints.json`."""
+    """Return the last number in a file name such as `walk_000000000012_keypoints.json`.
+
+    Raises:
+        InputError: for a name without a number.
+    """
     # The length is checked first: the search takes time with its square.
     match = FRAME_NUMBER.search(file_name.rsplit(".", 1)[0]) if len(file_name) < 300 else None
     if match is None:

@@ -59,6 +59,9 @@ def import_panoptic(
 
     Returns:
         A recording at 29.97 Hz whose slot 0 is the first frame with a truth.
+
+    Raises:
+        InputError: for a file that cannot be read, or an unknown camera.
     """
     if detections is not None and project_truth:
         raise InputError("--project-truth: found with --detections, expected only one of them")
@@ -96,6 +99,9 @@ def truth_from_bodies(bodies: Bodies, where: str) -> tuple[Floats, tuple[str, ..
 
     Returns:
         The joints, NaN at or below confidence 0.1; a name per person; and the frame of slot 0.
+
+    Raises:
+        InputError: for no frame with bodies, or more people than fit.
     """
     if not bodies:
         raise InputError(f"{where}: found no frame with bodies, expected at least one")
@@ -117,7 +123,11 @@ def truth_from_bodies(bodies: Bodies, where: str) -> tuple[Floats, tuple[str, ..
 
 
 def rig_from_arrays(path: Path, cameras: Sequence[str]) -> Rig:
-    """Read cameras from the `cam_names`, `K`, `dist`, `R`, `t_cm`, `resolution` of an .npz."""
+    """Read cameras from the `cam_names`, `K`, `dist`, `R`, `t_cm`, `resolution` of an .npz.
+
+    Raises:
+        InputError: for an array that is missing or wrong, or an unknown camera.
+    """
     arrays = load_arrays(
         path,
         {
@@ -153,7 +163,11 @@ def rig_from_arrays(path: Path, cameras: Sequence[str]) -> Rig:
 
 
 def camera_indices(names: Sequence[str], cameras: Sequence[str]) -> list[int]:
-    """Return where the wanted cameras, by HD number or name, stand in `names`."""
+    """Return where the wanted cameras, by HD number or name, stand in `names`.
+
+    Raises:
+        InputError: for a camera that the rig does not have.
+    """
     indices = []
     for wanted in cameras:
         number = HD_NUMBER.fullmatch(wanted)

@@ -40,6 +40,9 @@ def read_bodies(
 
     Returns:
         Frame number to person number to `(19, 4)` centimetres and confidence, -1 where unknown.
+
+    Raises:
+        InputError: for no file, a wrong file, too many people, or two files of one frame.
     """
     paths = sorted(folder.glob("body3DScene_*.json"))
     if not paths:

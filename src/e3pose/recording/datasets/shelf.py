@@ -35,6 +35,9 @@ def import_shelf(source: Path, skeleton: Literal["coco17", "body25"] = "coco17")
     Returns:
         A recording at 25 fps, a slot per row of `gt3d`; rows of people are `actor1`, `actor2`, ...
         Every camera has a view in every slot, empty where nobody was found.
+
+    Raises:
+        InputError: for another skeleton, or an array that is missing or wrong.
     """
     if skeleton not in ("coco17", "body25"):
         raise InputError(f"--skeleton: found {skeleton!r}, expected coco17 or body25")

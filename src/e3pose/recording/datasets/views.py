@@ -52,6 +52,9 @@ def series_from_frames(
 
     Returns:
         Number of slots, and one series per camera.
+
+    Raises:
+        InputError: for no frame, or more slots than a recording holds.
     """
     numbers = [number for camera in frames for number in camera]
     if not numbers:

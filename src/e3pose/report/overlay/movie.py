@@ -58,7 +58,11 @@ def write_movie(path: Path, images: Iterable[Image], fps: float) -> int:
 
 
 def write_image(path: Path, image: Image) -> None:
-    """Write an RGB image as `.png` or `.jpg`, whole or not at all."""
+    """Write an RGB image as `.png` or `.jpg`, whole or not at all.
+
+    Raises:
+        InputError: for another ending.
+    """
     import cv2
 
     ok, data = cv2.imencode(path.suffix, image[..., ::-1])
