@@ -18,8 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_views import as_coco17, watched
-
 Floats = NDArray[np.float64]
 
 CLIPS = (
@@ -70,6 +68,7 @@ def recordings(out: Path, mocap: Path) -> tuple[list[Any], list[Any]]:
     from e3pose.recording import load_recording, save_recording
     from e3pose.recording.datasets.motion import import_cmu
     from e3pose.simulate import SceneSettings, simulate
+    from e3pose.simulate.watched import watched
 
     found: list[list[Any]] = [[], []]
     for side, clips in enumerate((CLIPS, HELD_OUT)):
@@ -77,8 +76,7 @@ def recordings(out: Path, mocap: Path) -> tuple[list[Any], list[Any]]:
             place = out / "recordings" / clip
             if not place.exists():
                 recording = import_cmu(mocap, clip)
-                joints = as_coco17(recording.truth.joints_m[:, 0])  # type: ignore[union-attr]
-                save_recording(watched(recording, joints[:, None], 700 + number, 4.0), place)
+                save_recording(watched(recording, 700 + number), place)
             found[side].append(load_recording(place))
     for scene, seed in SCENES:
         place = out / "recordings" / scene

@@ -18,8 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mocap_views import as_coco17, watched
-
 Floats = NDArray[np.float64]
 
 WEIGHTS = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
@@ -39,7 +37,10 @@ MISSED_M = 0.5
 def crowd(mocap: Path, number: int) -> Any:
     """Return four people of motion capture, each somewhere and turned somehow, five cameras."""
     from e3pose.geometry.rigs import ring_rig
+    from e3pose.model.skeleton import COCO17
+    from e3pose.recording import Truth
     from e3pose.recording.datasets.motion import import_cmu
+    from e3pose.simulate.watched import as_coco17, watched
 
     rng = np.random.default_rng(720 + number)
     slots = round(SECONDS * 30)
@@ -57,8 +58,13 @@ def crowd(mocap: Path, number: int) -> Any:
         joints[..., :2] = (joints[..., :2] - middle) @ turned.T + spot
         people.append(joints)
     rig = ring_rig(5, 4.2, 2.0, (1032, 776), rng)
-    there = replace(recording, name=f"CMU crowd {number}", rig=rig, fps=30.0 / STRIDE)
-    return watched(there, np.stack(people, axis=1), 720 + number, 4.2)
+    names = tuple(f"person{index + 1}" for index in range(len(people)))
+    truth = Truth(COCO17, names, np.stack(people, axis=1))
+    there = replace(
+        recording, name=f"CMU crowd {number}", rig=rig, fps=30.0 / STRIDE,
+        num_slots=len(truth.joints_m), truth=truth,
+    )  # fmt: skip
+    return watched(there, 720 + number, 4.2)
 
 
 def figures(recording: Any, weight: float) -> list[float]:
