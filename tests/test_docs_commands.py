@@ -176,6 +176,7 @@ HERE_NOT = {
         "goes on until it is stopped; tests/streams have its outputs"
     ),
     "top try --once": LIVE,
+    "train my-mocap --start shipped --replays 4": TRAINS,
     "train my-room --published --out published": TRAINS,
     "train my-room --start shipped --minutes 10": TRAINS,
     "train recordings/monday recordings/tuesday --validate recordings/wednesday "

@@ -36,6 +36,7 @@ def train(
     target: Literal["auto", "truth", "estimates"] = "auto",
     include_scored: Annotated[bool, Parameter(negative="")] = False,
     combinations: Whole = 32,
+    replays: Whole = 0,
     history: Whole = 10,
     leads: Whole = 15,
     hidden: Whole = 96,
@@ -77,6 +78,11 @@ def train(
         Also train on slots declared for evaluation; the model card says so.
     combinations
         Maximum camera combinations per slot, sampled at random.
+    replays
+        Also learn from so many replays of each recording with truth, as half of the windows:
+        simulated detectors of some of its cameras look at its people at 11 to 31 slots per second,
+        and the inputs are what the filter shows with 1 or more cameras selected per slot. --start
+        corrects its velocities.
     history
         History length M in slots.
     leads
@@ -117,6 +123,7 @@ def train(
         ("batch", batch, 2, 4096),
         ("seed", seed, 0, 2**31 - 1),
         ("combinations", combinations, 1, 1000),
+        ("replays", replays, 0, 1000),
     )
     workers = Workers(jobs, dask)
     import torch
@@ -128,6 +135,7 @@ def train(
     from e3pose.learn.train.estimates import EstimateSettings
     from e3pose.learn.train.lessons import LessonSettings
     from e3pose.learn.train.network import NetworkSettings
+    from e3pose.learn.train.replayed import ReplayedSettings
 
     # More threads are no faster with a network so small, and a hundred times slower where other
     # programs run: they wait for each other by counting.
@@ -153,6 +161,7 @@ def train(
         target="estimates" if published and target == "auto" else target,
         include_scored=include_scored,
         estimates=EstimateSettings(combinations=combinations, seed=seed),
+        replayed=ReplayedSettings(replays, _file(start) if start else None, seed),
     )
     learned, held_out = gather(
         [load_placed(path) for path in recordings],
@@ -203,15 +212,22 @@ def _with_progress(
     return motion
 
 
+def _file(start: Path) -> Path:
+    """Return the weights that `--start` names."""
+    from e3pose.predict.attention_lstm import SHIPPED
+
+    return SHIPPED if str(start) == SHIPPED_NAME else start
+
+
 def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, TrainSettings]:
     """Return the network in a file, and the settings to go on from it."""
     import hashlib
 
     from e3pose.files.bounded import read_bytes
     from e3pose.learn.train.weights import network_of
-    from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES, SHIPPED
+    from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
 
-    path = SHIPPED if str(start) == SHIPPED_NAME else start
+    path = _file(start)
     content = read_bytes(path, MAX_WEIGHTS_BYTES)
     network, _ = network_of(content, str(path))
     for name, wanted, found in (

@@ -226,7 +226,8 @@ def train(
         run.take_up(start)
         run.best_score = score(examine(start, exams))  # what comes must be better to be kept
     else:
-        run.start(sampler)
+        known = [clip for clip in training_clips if not clip.replayed]  # experts are by noise
+        run.start(Sampler(known, slots, settings.num_leads))
     board = _board(out / "tensorboard")
     losses: list[float] = []
     steps = range(run.step, settings.steps)

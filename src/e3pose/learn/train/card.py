@@ -78,7 +78,8 @@ def _seconds(clips: Sequence[Clip]) -> list[str]:
     seconds: Counter[str] = Counter()
     for clip in clips:
         name = clip.name.split(",")[0]
-        name += "" if clip.errors_m is None else ", as its cameras estimate it"
+        if clip.errors_m is not None:
+            name += ", replayed" if clip.replayed else ", as its cameras estimate it"
         name += ", scored slots too" if clip.scored else ""
         seconds[name] += round(len(clip.joints_m) / clip.fps)
     return [f"- {name}: {number} s" for name, number in seconds.items()]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.learn.train.windows import Clip
@@ -14,6 +15,7 @@ from e3pose.recording import Recording
 
 LONG_S = 60.0  # stretches this long spare their end for validation
 SIMULATED = "simulated "  # how the names of simulated recordings begin
+REPLAYED_SHARE = 0.5  # of the training windows, where there are others
 SIMULATED_SHARE = 0.2  # of the training windows, where there is other motion: it is less varied
 
 Groups = list[tuple[str, list[Clip]]]
@@ -107,17 +109,23 @@ def hold_out_ends(
 
 
 def _balanced(clips: Sequence[Clip]) -> list[Clip]:
-    """Draw alike from every second of motion, but less from simulated people."""
-    made_up = [clip.name.startswith(SIMULATED) for clip in clips]
-    seconds = [len(clip.joints_m) / clip.fps for clip in clips]
-    simulated = sum(s for s, m in zip(seconds, made_up, strict=True) if m)
-    real = sum(seconds) - simulated
-    share = (
-        min(1.0, SIMULATED_SHARE / (1 - SIMULATED_SHARE) * real / simulated)
-        if (simulated and real)
-        else 1.0
-    )
-    return [
-        replace(clip, weight=(share if m else 1.0) / clip.fps)
-        for clip, m in zip(clips, made_up, strict=True)
-    ]
+    """Draw alike from every second of motion, but less from simulated people, and half replayed."""
+    made_up = np.array([clip.name.startswith(SIMULATED) for clip in clips])
+    replayed = np.array([clip.replayed for clip in clips])
+    fps = np.array([clip.fps for clip in clips])
+    drawn = np.array([len(clip.joints_m) for clip in clips]) / fps
+    for kind in (replayed, ~replayed):
+        factor = _factor(drawn, kind & made_up, kind & ~made_up, SIMULATED_SHARE)
+        drawn[kind & made_up] *= min(1.0, factor)
+    drawn[replayed] *= _factor(drawn, replayed, ~replayed, REPLAYED_SHARE)
+    weights = drawn / np.array([len(clip.joints_m) for clip in clips])
+    return [replace(clip, weight=float(w)) for clip, w in zip(clips, weights, strict=True)]
+
+
+def _factor(
+    drawn: NDArray[np.float64], some: NDArray[np.bool_], others: NDArray[np.bool_], share: float
+) -> float:
+    """Return what to multiply `some` by, so that they are `share` of these and `others`."""
+    if not (some.any() and others.any()):
+        return 1.0
+    return float(share / (1 - share) * drawn[others].sum() / drawn[some].sum())

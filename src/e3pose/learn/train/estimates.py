@@ -216,13 +216,13 @@ def estimates_of(room: Room, chunk: Chunk) -> list[Halves]:
             if len(some) < MIN_VIEWS:
                 continue
             found = to_common(fuser.fuse(some).poses.joints_m, columns)
-            rows, people = _joined(target, found)
+            rows, people = joined(target, found)
             errors[rows, number] = found[people] - target[rows]
         result.append(_repeated(errors).astype(np.float16))
     return result
 
 
-def _joined(target_m: Floats, found_m: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def joined(target_m: Floats, found_m: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return rows of the people and of the poses that are theirs, by least total distance."""
     apart = np.linalg.norm(target_m[:, None] - found_m[None], axis=-1)
     shared = np.isfinite(apart)

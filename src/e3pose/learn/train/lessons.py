@@ -11,6 +11,7 @@ import numpy as np
 from e3pose.errors import InputError
 from e3pose.learn.train.clips import clips_of
 from e3pose.learn.train.estimates import EstimateSettings, estimated_clips
+from e3pose.learn.train.replayed import ReplayedSettings, replayed_clips
 from e3pose.learn.train.windows import Clip
 from e3pose.recording import Recording
 from e3pose.runtime.workers import Workers
@@ -28,11 +29,13 @@ class LessonSettings:
             recordings that have it outside their scored slots, else estimates.
         include_scored: learn from slots in which systems are evaluated too.
         estimates: what to make of the cameras.
+        replayed: what the filter makes of true motion, beside that motion itself.
     """
 
     target: Target = "auto"
     include_scored: bool = False
     estimates: EstimateSettings = field(default_factory=EstimateSettings)
+    replayed: ReplayedSettings = field(default_factory=ReplayedSettings)
 
 
 def lessons(
@@ -48,8 +51,8 @@ def lessons(
         recording: with truth, or with detections of two cameras or more.
         shortest: slots of the shortest clip of use.
         settings: what to learn.
-        workers: who fuses the cameras.
-        progress: called with the share of the fusing that is done.
+        workers: who fuses the cameras and replays.
+        progress: called with the share of the fusing or replaying that is done.
 
     Raises:
         InputError: when the recording has neither what is asked for, nor slots to learn it from.
@@ -63,6 +66,10 @@ def lessons(
         )
     if true:
         clips = clips_of(recording, shortest, stretches)
+        if settings.replayed.replays:
+            clips += replayed_clips(
+                recording, shortest, stretches, settings.replayed, workers, progress
+            )
     else:
         _check_views(recording)
         clips = estimated_clips(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from e3pose.model.noise import ErrorMemory
 from e3pose.predict.normalise import NUM_COMMON, Normalised, fill_gaps, normalise, to_person
 
 Floats = NDArray[np.float64]
+Real = TypeVar("Real", np.float32, np.float64)
 
 USUAL_FPS = (24.0, 31.0)
 LOG_ANY_FPS = (math.log(5.0), math.log(60.0))
@@ -40,6 +42,8 @@ class Clip:
         errors_m: `(num_slots, num_estimates, NUM_COMMON, 3)` metres by which estimates were off,
             NaN where they lacked a joint; None where motion is known exactly and is spoilt instead.
         scored: whether it holds slots in which systems are evaluated.
+        replayed: whether the errors are of one estimator slot after slot, at this pace and rate, so
+            that windows keep both.
     """
 
     name: str
@@ -48,6 +52,7 @@ class Clip:
     weight: float = 1.0
     errors_m: NDArray[np.float16] | None = None
     scored: bool = False
+    replayed: bool = False
 
     def cut(self, start: int, stop: int | None = None) -> Clip:
         """Return the clip from slot `start` to before `stop`."""
@@ -118,6 +123,7 @@ class Sampler:
         self.offsets = np.cumsum([0, *(len(p) for p in padded)])[:-1] + 1
         self.fps = np.array([c.fps for c in clips])
         self.weights = self.lengths * np.array([c.weight for c in clips])
+        self.replayed = np.array([c.replayed for c in clips])
         self.history_slots, self.num_leads = history_slots, num_leads
         self.estimates = Estimates(clips)
 
@@ -159,7 +165,12 @@ class Sampler:
         backwards = rng.random(size) < BACKWARDS
         order[backwards] = order[backwards, ::-1]
         at = start[:, None] + step[:, None] * order
-        joints = swapped_arms(self._sample(clip, at), OTHER_ARMS, rng)
+        kept = self.replayed[clip]
+        fps[kept] = self.fps[clip[kept]]
+        begun = np.minimum(start[kept], self.lengths[clip[kept]] - span)
+        at[kept] = np.floor(begun)[:, None] + np.arange(span)
+        joints = self._sample(clip, at)
+        joints[:, ~kept] = swapped_arms(joints[:, ~kept], OTHER_ARMS, rng)
         errors = self.estimates.draw(rng, clip, at[:, : self.history_slots])
         mirror = rng.random(size) < 0.5
         mirrored(joints, mirror)
@@ -178,9 +189,7 @@ class Sampler:
         low = np.minimum(at.astype(np.int64), self.lengths[clip][:, None] - 2)
         t = (at - low).T[..., None, None].astype(np.float32)
         index = (self.offsets[clip][:, None] + low).T
-        a, b, c, d = (self.frames[index + k] for k in (-1, 0, 1, 2))
-        curve = c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a))
-        return np.asarray(b + 0.5 * t * curve, dtype=np.float64)
+        return _curve(self.frames, index, t)
 
 
 class Estimates:
@@ -211,7 +220,25 @@ class Estimates:
         return errors
 
 
-def _padded(joints_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def between_frames(joints_m: Floats, at: Floats) -> Floats:
+    """Return `(len(at), *batch, 3)`: motion `(num_slots, *batch, 3)` at frames `at`, likewise.
+
+    NaN around frames where a joint is missing.
+    """
+    padded = _padded(joints_m)
+    low = np.minimum(at.astype(np.int64), len(joints_m) - 2)
+    t = (at - low).reshape(-1, *(1,) * (joints_m.ndim - 1))
+    return _curve(padded, low + 1, t)
+
+
+def _curve(frames: NDArray[Real], index: NDArray[np.int64], t: NDArray[Real]) -> Floats:
+    """Return the Catmull-Rom spline `t` of the way from frames `index` to the next ones."""
+    a, b, c, d = (frames[index + k] for k in (-1, 0, 1, 2))
+    curve = c - a + t * (2 * a - 5 * b + 4 * c - d + t * (3 * (b - c) + d - a))
+    return np.asarray(b + 0.5 * t * curve, dtype=np.float64)
+
+
+def _padded(joints_m: NDArray[Real]) -> NDArray[Real]:
     """Return the clip with one more frame at either end, as if it went on evenly."""
     before, after = 2 * joints_m[:1] - joints_m[1:2], 2 * joints_m[-1:] - joints_m[-2:-1]
     return np.concatenate([before, joints_m, after])
