@@ -11,6 +11,8 @@ from cyclopts import Parameter
 
 from e3pose.cli.fault_options import FaultOptions
 from e3pose.cli.options import (
+    GOAL,
+    OUTPUT,
     EnergyOptions,
     LoopOptions,
     Whole,
@@ -37,7 +39,7 @@ def evaluate(
     /,
     *,
     policies: str | None = None,
-    cameras: Annotated[str | None, Parameter(alias="-C")] = None,
+    cameras: Annotated[str | None, Parameter(alias="-C", group=GOAL)] = None,
     leads: str | None = None,
     seeds: Whole = 5,
     loop: LoopOptions = LOOP,
@@ -45,7 +47,7 @@ def evaluate(
     faults: FaultOptions = FAULTS,
     jobs: Whole = -1,
     detector: str | None = None,
-    json_file: JsonFile = None,
+    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
     plot: Path | None = None,
 ) -> None:
     """Compare policies on a recording: accuracy, active cameras, energy saved.

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.cli.options import FAULTS
+
 if TYPE_CHECKING:
     from e3pose.recording import Recording
     from e3pose.settings.faults import Faults
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=FAULTS)
 @dataclass(frozen=True, kw_only=True)
 class FaultOptions:
     """What goes wrong, for every verb that runs the loop."""

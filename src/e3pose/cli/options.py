@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter, Token
+from cyclopts import Group, Parameter, Token
 
 from e3pose.cli.output import STDOUT
 from e3pose.errors import InputError
@@ -19,6 +19,13 @@ from e3pose.settings.energy import EnergySettings, IdleMode
 from e3pose.settings.loop import FEEDBACK, ReplaySettings
 
 LOOP, ENERGY = ReplaySettings(), EnergySettings()
+# Groups of options in `--help`, in their order.
+GOAL = Group("Goal", sort_key=1)
+PAPER = Group("Only for --pipeline paper and its policies", sort_key=2)
+POWER = Group("Energy", sort_key=3)
+FAULTS = Group("Faults to inject", sort_key=4)
+SMOOTHING = Group("Smoothing", sort_key=5)
+OUTPUT = Group("Output", sort_key=6)
 
 
 def whole_number(_: Any, tokens: Sequence[Token]) -> int:
@@ -93,16 +100,17 @@ class LoopOptions:
     """Estimator. `default` (= `memory`): a Kalman-type filter per person that accepts any number
     of views, with the policy `information`. `paper`: the published system, which triangulates
     each slot from two or more views, with the policy `e3pose`."""
-    target_error: str | None = None
+    target_error: Annotated[str | None, Parameter(group=GOAL)] = None
     """Wake as few cameras as keep the expected joint error below this: 40mm, 4cm. Replaces
     --cameras; policy `information` only."""
     budget: Annotated[str | None, Parameter(alias="-E")] = None
     """Energy budget E: share of slots a camera may be active, C/N to 1. Default: C/N + 0.2.
     `evaluate` also takes several, comma-separated."""
     quality_weight: Annotated[str | None, Parameter(alias="-V")] = None
-    """Quality weight V: larger favours clear or informative views, smaller favours even energy use.
-    Of the paper's policies in camera slots: what a typical difference of occlusion between two
-    cameras is worth. Default: set by the policy. `evaluate` also takes several, comma-separated."""
+    """Quality weight V: larger favours better views, smaller favours even energy use. For the
+    paper's policies, V is the number of active slots that a typical difference of occlusion
+    between two cameras is worth. Default: set by the policy. `evaluate` also takes several,
+    comma-separated."""
     lead: Whole = LOOP.lead_slots
     """Lead tau: slots between a decision and the slot it is for."""
     warmup: Whole = LOOP.warmup_slots
@@ -112,34 +120,33 @@ class LoopOptions:
     phase: Whole = LOOP.phase
     """Camera that starts the round robin and wins ties."""
     predictor: str | None = None
-    """Motion predictor of the policy, which also corrects the filter's velocities (pipeline
-    `memory`): attention-lstm or a file of `e3pose train`; attention-lstm-paper (the published
-    network), constant-velocity, damped-velocity and zero-velocity correct nothing. Default:
-    attention-lstm corrects, the policy has its own; attention-lstm-paper for the policy `e3pose`
-    in the pipeline `paper`."""
+    """Motion predictor: attention-lstm, attention-lstm-paper (the published network),
+    constant-velocity, damped-velocity, zero-velocity, or a file from `e3pose train`. The policy
+    predicts with it; attention-lstm and trained files also correct the filter's velocities
+    (pipeline `memory`). Default: attention-lstm for the correction and the policy's own for the
+    policy; with --pipeline paper, attention-lstm-paper for the policy `e3pose`."""
     noise: str | None = None
     """Keypoint noise model: a detector name, or a file from `e3pose calibrate noise`. Default:
     the model of the recording's detector."""
     feedback: Annotated[bool, Parameter(negative="")] = LOOP.feedback
-    """Semantic feedback: detect anew in the videos of the recording, only where people are
-    expected, enlarged or shrunk to the size the network finds people best at. Same as +feedback
-    after the name of a policy."""
+    """Semantic feedback: detect again in the videos of the recording, only where people are
+    expected, in parts scaled to the network's best size. Same as +feedback after the name of a
+    policy."""
     whole_every: Whole = LOOP.whole_every
-    """With feedback, detect in the whole image once in this many looks."""
-    matcher: str | None = None
-    """How the pipeline `paper` finds the views of one person: `epipolar` (the paper's own,
-    default) or `rays`."""
-    match_distance: str | None = None
+    """With feedback, detect in the whole image every this many detections."""
+    matcher: Annotated[str | None, Parameter(group=PAPER)] = None
+    """How the views of one person are matched: `epipolar` (the paper's, default) or `rays`."""
+    match_distance: Annotated[str | None, Parameter(group=PAPER)] = None
     """Maximum mean distance between the rays of two views of one person: 100mm, 0.1m. Default:
     150mm. Matcher `rays` only."""
-    epipolar_px: float | None = None
+    epipolar_px: Annotated[float | None, Parameter(group=PAPER)] = None
     """Maximum mean distance from epipolar lines between two views of one person, in pixels.
     Default: 30. Matcher `epipolar` only."""
-    reject_outliers: bool = LOOP.reject_outliers
+    reject_outliers: Annotated[bool, Parameter(group=PAPER)] = LOOP.reject_outliers
     """Reject views that disagree with the others."""
-    occlusion_limit: float = LOOP.occlusion_limit
+    occlusion_limit: Annotated[float, Parameter(group=PAPER)] = LOOP.occlusion_limit
     """Occlusion threshold of the policy `independent`."""
-    round_trip_ms: float = 1000 * LOOP.round_trip_s
+    round_trip_ms: Annotated[float, Parameter(group=PAPER)] = 1000 * LOOP.round_trip_s
     """Network round trip that the policy `central-2d` waits for in each decision."""
 
     def settings(self, policy: str | None = None, cameras: float | None = None) -> ReplaySettings:
@@ -186,7 +193,7 @@ def _one(name: str, text: str | None) -> float | None:
         raise InputError(option, repr(text[:40]), "a number, such as 0.8") from None
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=POWER)
 @dataclass(frozen=True, kw_only=True)
 class EnergyOptions:
     """What the cameras draw, for every verb that reports energy."""
@@ -198,7 +205,7 @@ class EnergyOptions:
     """Mode of a camera in slots in which it is not selected."""
     battery_wh: str | None = None
     """Battery capacity in watt-hours. Per camera: 50,cam1=20. Default: the recording's, else 50."""
-    lifetime: str | None = None
+    lifetime: Annotated[str | None, Parameter(group=GOAL)] = None
     """Make every battery last this long: 10h, 90min, 2d. Sets the budget of each camera. Without
     --cameras and --target-error it also sets how many cameras to wake."""
 

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from e3pose.cli.fault_options import FaultOptions
-from e3pose.cli.options import EnergyOptions, LoopOptions, as_typed, check_outputs, options_of, warn
+from e3pose.cli.options import (
+    GOAL,
+    OUTPUT,
+    EnergyOptions,
+    LoopOptions,
+    as_typed,
+    check_outputs,
+    options_of,
+    warn,
+)
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions
@@ -27,16 +36,16 @@ def replay(
     /,
     *,
     policy: str | None = None,
-    cameras: Annotated[float | None, Parameter(alias="-C")] = None,
+    cameras: Annotated[float | None, Parameter(alias="-C", group=GOAL)] = None,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
     faults: FaultOptions = FAULTS,
     store: StoreOptions = STORE,
     smooth: SmoothOptions = SMOOTH,
     detector: str | None = None,
-    poses: Path | None = None,
-    report: Path | None = None,
-    json_file: JsonFile = None,
+    poses: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    report: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
     """Replay a recording through the live pipeline, which sees only the views it selects.
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Literal
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import as_typed
+from e3pose.cli.options import SMOOTHING, as_typed
 from e3pose.quantities import frequency_hz
 
 if TYPE_CHECKING:
     from e3pose.estimate.smooth import SmoothSettings
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=SMOOTHING)
 @dataclass(frozen=True, kw_only=True)
 class SmoothOptions:
     """How poses are smoothed after the fact, for every verb that can wait for them."""

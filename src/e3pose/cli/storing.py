@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import as_typed
+from e3pose.cli.options import OUTPUT, as_typed
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from e3pose.store import Retention
 
 
-@Parameter(name="*")
+@Parameter(name="*", group=OUTPUT)
 @dataclass(frozen=True, kw_only=True)
 class StoreOptions:
     """Where every slot is kept, for every verb that runs the loop."""
