@@ -212,20 +212,23 @@ def _advice(
     words = []
     for i, camera in enumerate(rig.cameras):
         if not seen[i].any():
-            words.append(f"{camera.camera_id} saw nobody whom others saw: walk in front of it")
+            words.append(
+                f"{camera.camera_id} saw nobody whom others saw: record people in front of it"
+            )
             continue
         if np.linalg.norm(shifts[i]) > SHIFT_SHARE * max(camera.image_size):
             words.append(
                 f"{camera.camera_id} is off by ({shifts[i, 0]:+.0f}, {shifts[i, 1]:+.0f}) px: it "
-                "was moved, or its lens or film is not that of the calibration"
+                "was moved, or its lens or image size is not that of the calibration"
             )
     if np.isfinite(moved_deg).any() and (
         np.nanmax(moved_deg) > MOVED_DEG or np.nanmax(moved_mm) > MOVED_MM
     ):
         name = rig.camera_ids[int(np.nanargmax(moved_deg / MOVED_DEG + moved_mm / MOVED_MM))]
         words.append(
-            f"people would place {name} elsewhere: e3pose calibrate extrinsics RECORDING rig.toml "
-            "--start with this calibration mends it, if they walk through all of the room"
+            f"{name} would fit these people better elsewhere; to refine the calibration, if they "
+            "walk through the whole room: e3pose calibrate extrinsics RECORDING NEW.toml --start "
+            "THIS.toml"
         )
     total = room.total_mm
     known = np.isfinite(total)
@@ -235,7 +238,7 @@ def _advice(
         if total[worst] > limit:
             words.append(
                 f"worst near x {room.x_m[worst[1]]:.1f}, y {room.y_m[worst[0]]:.1f} m: "
-                f"{total[worst]:.0f} mm with {room.cameras[worst]} cameras; turn another there, or "
-                "add one"
+                f"{total[worst]:.0f} mm with {room.cameras[worst]} cameras; point another camera "
+                "there, or add one"
             )
     return words

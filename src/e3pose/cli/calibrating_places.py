@@ -45,54 +45,55 @@ def extrinsics(
 
     Example: `e3pose calibrate extrinsics cam1.mp4 cam2.mp4 rig.toml --intrinsics lenses.toml`
 
-    From films: carry the board through the room so that every camera sees it together with some
-    other; not all need to. With --ball or --wand, coloured balls in the place of the board. From a
-    .csv or .npz of points per view, likewise.
+    From videos of a board: carry it through the room so that each camera sees it together with some
+    other camera. --ball and --wand follow coloured balls instead; a .csv or .npz file has points
+    that you found yourself.
 
-    From a recording of people who walk about, made without a calibration by `e3pose record` or
-    `e3pose detect`: `e3pose calibrate extrinsics walk rig.toml --height 178cm`
+    From people who walk about, recorded by `e3pose record` or `e3pose detect` without a
+    calibration: `e3pose calibrate extrinsics walk rig.toml --height 178cm`
 
-    To place a camera that was knocked anew, alone: `e3pose calibrate extrinsics room --only cam2`
+    Only a camera that was knocked: `e3pose calibrate extrinsics room --only cam2`
 
     Parameters
     ----------
     paths
         VIDEO... DEST, POINTS DEST, or RECORDING DEST: the sources, then the calibration file to
-        write (.toml). With --only, SITE or RECORDING, and DEST if it is not the site's own file.
+        write (.toml). With --only: SITE, or RECORDING DEST.
     intrinsics
-        The lenses, from `e3pose calibrate intrinsics` or any calibration. With a recording, in the
-        place of its own.
+        Lenses: the file of `e3pose calibrate intrinsics`, or any calibration file. Needed for
+        videos and points. Default for a recording: its own, or found from the people.
     board
-        The board's name as it is printed on it, with the side of a square as measured.
+        Board name, as printed on it, with the measured side of a square.
     ball
-        Follow a ball instead: bright (a light in the dark), red, orange, yellow, green, blue, pink.
+        Follow a ball of this colour instead: red, orange, yellow, green, blue, pink, or bright (a
+        light in the dark).
     wand
-        Follow two or more balls on a stick instead, by colour, with their distances from the first:
-        green,red=500mm or green,blue,red=200mm,500mm. With points, by the names of points.
+        Follow balls on a stick instead: their colours, and distances from the first ball, such as
+        green,red=500mm or green,blue,red=200mm,500mm. With points: the names of points.
     start
-        With a recording: a rough calibration to begin with, within some 5 degrees and 20 cm; its
-        world and scale are kept.
+        With a recording: refine this calibration, which may be off by about 5 degrees and 20 cm.
+        Its world and scale are kept.
     height
-        How tall the people are, such as 178cm; of several, on average.
+        Scale: body height of the people, on average, such as 178cm.
     distance
-        CAM1,CAM2=LENGTH: how far two lenses are apart.
+        Scale: CAM1,CAM2=LENGTH, the distance between two lenses.
     limb
-        JOINT1,JOINT2=LENGTH: how far two joints of the person are apart, such as
+        Scale: JOINT1,JOINT2=LENGTH, the distance between two joints of the person, such as
         left_knee,left_ankle=43cm.
     offset
-        CAMERA=SECONDS: when that film began, for films that did not begin together. Give it once
-        per camera.
+        CAMERA=SECONDS: start time of that video, if they did not start together; repeatable.
+        `e3pose sync` finds it.
     rate
-        Look at the films so many times a second.
+        Images per second to use of the videos.
     seconds
-        With a recording: how much of it to use, from its start; with --only, from its end.
+        With a recording: use this many seconds from its start; with --only, from its end.
     noise
-        With a recording: how far off its detector's keypoints are, as for `e3pose replay`.
+        With a recording: keypoint noise model, as in `e3pose replay`.
     update
-        With a recording: put the calibration into it too, so that it can be replayed.
+        With a recording: also write the calibration into it, so that it can be replayed.
     only
-        Place this camera alone, which was knocked, by the people whom the others see with it: of a
-        recording made with the calibration, or of what a site keeps with `record = "keypoints"`.
+        Calibrate only this camera, from people whom other cameras see too: in a recording, or in
+        what the site records with `record = "keypoints"`.
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """

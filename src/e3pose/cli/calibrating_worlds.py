@@ -278,12 +278,12 @@ def _lines(rig: Rig, found: Judgement) -> list[str]:
     from e3pose.calibrate.judge import poor_pairs
 
     width = max(len(name) for name in rig.camera_ids)
-    lines = [f"{'camera':{max(width, 6)}}  error px  shift px       people put it"]
+    lines = [f"{'camera':{max(width, 6)}}  error px  shift px       would move by"]
     for i, name in enumerate(rig.camera_ids):
         shift = f"({found.shifts_px[i, 0]:+.1f}, {found.shifts_px[i, 1]:+.1f})"
         moved = "unknown"
         if np.isfinite(found.moved_deg[i]):
-            moved = f"{found.moved_deg[i]:.2f} degrees, {found.moved_mm[i]:.0f} mm elsewhere"
+            moved = f"{found.moved_deg[i]:.2f} degrees, {found.moved_mm[i]:.0f} mm"
         lines.append(f"{name:{max(width, 6)}}  {found.errors_px[i]:8.1f}  {shift:13}  {moved}")
     total = found.room.total_mm
     if np.isfinite(total).any():
