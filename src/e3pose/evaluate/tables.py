@@ -39,9 +39,9 @@ COLUMNS: tuple[tuple[str, tuple[str, ...], int], ...] = (
     ("ms/slot", ("stage_ms", "slot", "median"), 2),
 )
 ENERGY_TITLE = (
-    "modelled energy saving of CPU, GPU, WiFi and memory on xavier-nx (nx) and tx2; x paper: "
-    "relative to 3 of 5 cameras on the same profile (in power-saving this is (1 - duty) / 0.4 by "
-    "construction); aggr.: idle cameras do not capture"
+    "Energy saving of CPU, GPU, WiFi and memory, modelled for xavier-nx and tx2. x paper: relative "
+    "to 3 of 5 cameras on the same profile; in power-saving this is (1 - duty) / 0.4 by "
+    "construction. aggr.: idle cameras do not capture"
 )
 TELLING = 1.5  # how far keypoints may be off what the noise file states, unsaid
 TELLING_PX = 3.0  # of shifts that are worth a line
@@ -61,8 +61,8 @@ FIGURE_NAMES = {
     "switches": "identity switches of labelled people",
     "expected mm": "expected joint error, mm",
     "in 90 %": "joints inside the 90 % confidence radius, %",
-    "saving %": "energy saved (CPU, GPU, WiFi, DDR), %",
-    "spread W": "standard deviation of the cameras' mean powers, W",
+    "saving %": "energy saved (CPU, GPU, WiFi, memory), %",
+    "spread W": "spread of mean power over the cameras (standard deviation), W",
     "ms/slot": "edge computing time per slot, median ms",
 }
 
@@ -93,6 +93,8 @@ def print_comparison(rows: Sequence[Mapping[str, Any]], console: Console | None 
     for table in fitted_tables(keys, columns, console.width, title):
         console.print(table)
         console.print()
+    meanings = [f"{name}: {FIGURE_NAMES[name]}" for name in columns if name in FIGURE_NAMES]
+    console.print(f"{'; '.join(meanings)}\n", style="dim", highlight=False)
     console.print(f"{ENERGY_TITLE}:", style="italic", highlight=False)
     for table in fitted_tables(keys, _devices(rows), console.width):
         console.print(table)
