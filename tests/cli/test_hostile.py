@@ -100,7 +100,7 @@ def crowd(count: int) -> str:
 # What is wrong with a recording -> what the line must say.
 RECORDINGS: dict[str, tuple[Break, str]] = {
     "no folder": (shutil.rmtree, "no such folder"),
-    "no header": (gone(HEADER), "recording.toml: file not found"),
+    "no header": (gone(HEADER), "found a folder without recording.toml"),
     "empty header": (whole(HEADER, ""), "recording.toml: format: found"),
     "truncated header": (cut(HEADER, 45), "recording.toml: .*TOML"),
     "version of tomorrow": (text(HEADER, "version = 3", "version = 4"), "version: found 4"),

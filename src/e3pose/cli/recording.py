@@ -63,7 +63,7 @@ def record(
     from e3pose.site.edge_program import edge_link, join_as_edge
     from e3pose.site.up import Program, camera_command, last_line, run_site
 
-    check_free(dest)
+    check_free(dest, None)
     table = load_site(site)
     rig = known_rig(table)
     require_sources(table, rig)

@@ -70,7 +70,7 @@ def init(
     from e3pose.site.new_site import Choice, name_sources, site_name, threads_for, write_site
     from e3pose.wire.topics import check_site
 
-    check_free(folder)
+    check_free(folder, None)
     named = name_sources(list(sources) or _asked(), folder)
     rig = None if calibration is None else _rig(calibration, named)
     count = min(2 if cameras is None else cameras, len(named))

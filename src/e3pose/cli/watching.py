@@ -59,7 +59,8 @@ def top(
         if once:
             if not follower.fresh.wait(timeout):
                 raise InputError(
-                    f"endpoint {link.endpoint}: the edge of site {table.name} does not answer"
+                    f"endpoint {link.endpoint}: the edge of site {table.name} does not answer; "
+                    "is it running? e3pose up or e3pose edge starts it"
                 )
             console.print(screen(follower.status, 0.0))
             return

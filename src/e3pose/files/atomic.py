@@ -118,18 +118,23 @@ def check_output(path: Path) -> None:
 
 
 def check_free(
-    path: Path, overwrite: bool = False, ours: tuple[str, ...] = ("recording.toml",)
+    path: Path, overwrite: bool | None = False, ours: tuple[str, ...] = ("recording.toml",)
 ) -> None:
-    """Raise `InputError` unless `atomic_folder` with these arguments may write at `path`."""
+    """Raise `InputError` unless `atomic_folder` with these arguments may write at `path`.
+
+    Args:
+        path: the folder to write.
+        overwrite: as of `atomic_folder`; None where the command has no such option.
+        ours: as of `atomic_folder`.
+    """
     if path.is_symlink():
         raise InputError(f"{path}: a symbolic link stands where a folder is to be written")
     if path.is_dir():
         if not any(path.iterdir()):
             return
         if not overwrite:
-            raise InputError(
-                f"{path}: folder exists and is not empty, pass --overwrite to replace it"
-            )
+            what = "expected a new name" if overwrite is None else "pass --overwrite to replace it"
+            raise InputError(f"{path}: folder exists and is not empty, {what}")
         if not any((path / name).is_file() for name in ours):
             raise InputError(
                 f"{path}: folder holds no {' or '.join(ours)}, so it will not be replaced; "

@@ -113,8 +113,8 @@ def make_example(folder: Path) -> Path:
 
     if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
         raise InputError(
-            f"{folder}: is there already, expected a new folder; `e3pose up {folder}` runs a site "
-            "that is there"
+            f"{folder}: is there already, expected a new folder; run the site in it with "
+            f"`e3pose up {folder}`, without --example"
         )
     with atomic_folder(folder, private=True) as made:
         recording = simulate(SCENE, 0)
