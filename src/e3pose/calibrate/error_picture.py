@@ -14,6 +14,7 @@ from e3pose.geometry.camera import Rig
 def draw_error(path: Path, room: ErrorMap, rig: Rig) -> None:
     """Draw as .png or .svg: expected error, and the number of cameras that see a hip."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     figure = Figure(figsize=(11.0, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -33,7 +34,9 @@ def draw_error(path: Path, room: ErrorMap, rig: Rig) -> None:
     seen = right.imshow(
         room.cameras, origin="lower", extent=extent, cmap="Blues", vmin=0, vmax=len(rig)
     )
-    figure.colorbar(seen, ax=right, label="cameras", shrink=0.85)
+    bar = figure.colorbar(seen, ax=right, label="cameras", shrink=0.85)
+    bar.locator = MaxNLocator(integer=True)
+    bar.update_ticks()
     right.set_title("cameras that see a hip", fontsize=10)
     for axes in (left, right):
         for camera in rig.cameras:
@@ -46,6 +49,6 @@ def draw_error(path: Path, room: ErrorMap, rig: Rig) -> None:
             )
         axes.set(xlabel="x, m", ylabel="y, m", aspect="equal")
         axes.autoscale(True)
-        axes.margins(0.08)
+        axes.margins(0.15)  # room for the names of cameras at the edge
     with atomic_file(path) as temporary:
         figure.savefig(temporary, dpi=120)

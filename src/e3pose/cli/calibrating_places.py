@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
@@ -290,17 +291,27 @@ def _lines(places: Places) -> list[str]:
     if places.scale is not None:
         sure = f"{100 * places.scale.share:.1g} %"
         lines.append(f"scale: {places.scale.known_from}, good to about {sure}")
-    for i, camera in enumerate(places.rig.cameras):
-        x, y, z = camera.center_m
-        shared = _most_shared(places, i)
-        lens = f", focal length {camera.K[0, 0]:.0f} px (found)" if camera.lens_assumed else ""
-        outliers = f"{100 * places.outliers[i]:.0f} % outliers of {places.observations[i]}"
-        others = ", ".join(f"{names[j]} ({places.together[i, j]})" for j in shared)
-        lines.append(
-            f"  {camera.camera_id}: {places.errors_px[i]:.2f} px, {outliers}, at "
-            f"{x:.2f} {y:.2f} {z:.2f} m{lens}; shares most with {others}"
-        )
+    lines += _table(places, names)
     return lines + [f"next: {words}" for words in places.notes]
+
+
+def _table(places: Places, names: Sequence[str]) -> list[str]:
+    """Return a row per camera, as narrow as a terminal is."""
+    width = max(len("camera"), *(len(name) for name in names))
+    heads = f"{'camera':{width}}  error px  outliers  points      x m    y m    z m  focal px"
+    lines = [f"{heads}  shares with"]
+    for i, camera in enumerate(places.rig.cameras):
+        x, y, z = (value + 0.0 for value in np.round(camera.center_m, 2).tolist())  # no -0.00
+        others = ", ".join(names[j] for j in _most_shared(places, i))
+        found = "*" if camera.lens_assumed else " "
+        lines.append(
+            f"{names[i]:{width}}  {places.errors_px[i]:8.2f}  {100 * places.outliers[i]:6.0f} %  "
+            f"{places.observations[i]:6d}  {x:7.2f}{y:7.2f}{z:7.2f}  {camera.K[0, 0]:7.0f}{found}"
+            f"  {others}"
+        )
+    if any(camera.lens_assumed for camera in places.rig.cameras):
+        lines.append("*: focal length found with the places")
+    return lines
 
 
 def _most_shared(places: Places, camera: int) -> list[int]:

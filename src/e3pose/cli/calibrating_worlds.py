@@ -112,7 +112,7 @@ def align(
     angle = np.degrees(np.arccos(np.clip((np.trace(move.R) - 1) / 2, -1, 1)))
     print(f"{path}: {words}; the world turned by {angle:.1f} degrees")
     for camera in moved.cameras:
-        x, y, z = camera.center_m
+        x, y, z = (value + 0.0 for value in np.round(camera.center_m, 2).tolist())  # no -0.00
         print(f"  {camera.camera_id}: at {x:.2f} {y:.2f} {z:.2f} m")
     problem = world_problem(moved, path)[1]
     if problem:
