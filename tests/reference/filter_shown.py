@@ -1,4 +1,4 @@
-"""Who is shown, where people come and go, and steering, in plain numpy."""
+"""Who is shown, and steering, in plain numpy."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_blindness import around, proof
+from tests.reference.filter_exits import measured_m
 from tests.reference.filter_motion import places
 
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.exits import (
     FOLLOWED,
     MOST_LEFT_ODDS,
-    MOST_S,
     PASSED,
     PRIOR_HZ,
     PRIOR_S,
-    measured_m,
 )
 from e3pose.estimate.filter.kernels.shown import ALONE_S, SHOWN_SPREAD_M, WALK_MPS
 from e3pose.estimate.filter.state import Belief, Model
@@ -65,17 +64,6 @@ def led_alone(belief: Belief, ahead_s: float = 0.0) -> Flags:
     second_s = np.sort(belief.last_seen_s, axis=1)[:, 1:2].min(axis=1, initial=np.inf) + ahead_s
     speed_mps = np.linalg.norm(belief.state[..., 3:].mean(axis=1), axis=-1)
     return np.asarray((second_s > ALONE_S) & (speed_mps > WALK_MPS))
-
-
-def count_exits(exits: Floats, places_m: Floats, told: Floats, corner: Floats) -> Floats:
-    """See `kernels.shown.count_exits`; `told` `(num_places, 2)` is what each place adds."""
-    cells, weights = around(places_m - corner)
-    where = (cells[..., 0], cells[..., 1])
-    exits = exits.copy()
-    np.add.at(exits, where, weights[..., None] * told[:, None])
-    kept = np.minimum(MOST_S / np.maximum(exits[where][..., FOLLOWED], 1e-12), 1.0)
-    exits[where] = exits[where] * kept[..., None]
-    return exits
 
 
 def steer(

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from tests.reference import filter_bias, filter_learned_noise
+from tests.reference import filter_bias, filter_exits, filter_learned_noise
 from tests.reference.filter_associate import associate
 from tests.reference.filter_births import give_birth
 from tests.reference.filter_existence import attend, end
 from tests.reference.filter_sides import order, turn_round
 from tests.reference.filter_update import Sightings, learn_biases, predict, update
 
-from e3pose.estimate.filter import bias, exits
+from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.kernels.step import (
     LONGEST_S,
     bounded,
@@ -73,7 +73,7 @@ def step(
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, told, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
     belief = end(give_birth(belief, fresh, model), model)
-    belief = replace(belief, exits=exits.learn(before, belief, model))
+    belief = replace(belief, exits=filter_exits.learn(before, belief, model))
     return belief, estimate_of(belief, model)
 
 

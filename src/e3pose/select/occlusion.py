@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from e3pose.geometry.camera import Rig
+
+if TYPE_CHECKING:
+    from e3pose.geometry.project import Optics
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +116,15 @@ def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
         `(num_cameras,)` the occlusion of eq. (4), and `(num_cameras, num_persons)` the share of
         each person's joints inside the image.
     """
-    pixels = rig.project(joints_m)
-    sizes = np.repeat(rig.image_sizes[:, None], pixels.shape[1], axis=1)
-    boxes, shares = _boxes(pixels, sizes)
-    return occlusion(boxes), shares
+    from e3pose.select.kernels.boxes import expect_boxes
+
+    occlusion, shares = np.empty(len(rig)), np.empty((len(rig), len(joints_m)))
+    expect_boxes(_optics(rig), np.ascontiguousarray(joints_m), occlusion, shares)
+    return occlusion, shares
+
+
+@lru_cache(maxsize=8)
+def _optics(rig: Rig) -> Optics:
+    from e3pose.geometry.project import make_optics
+
+    return make_optics(rig)

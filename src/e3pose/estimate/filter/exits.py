@@ -16,15 +16,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from e3pose.estimate.filter.state import APART_M, Belief, Model
-from e3pose.estimate.filter.tree import TRUNK
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from e3pose.estimate.filter.state import Belief, Model
 
 FOLLOWED, PASSED = 0, 1  # of the last axis: seconds, and people who came or left
 PRIOR_S, PRIOR_HZ = 1.0, 0.03  # what is thought of a place, and the seconds that this counts for
@@ -34,52 +26,28 @@ MOST_LEFT_ODDS = 1.0  # who has more likely left than not is followed, but not s
 SETTLED_S = 4.0  # of people followed before who appears has come: at first everybody appears
 
 
-def measured_m(belief: Belief, rows: Ints | Flags, model: Model) -> Floats:
-    """Return `(num_rows, 2)`: where on the floor the people at `rows` were when last shown.
-
-    The way on since then, with a velocity that fades, is taken back.
-    """
-    root = belief.state[rows, model.tree.levels[0][0]]
-    unseen_s = np.minimum(belief.last_seen_s[rows].min(axis=1, initial=np.inf), MOST_UNSEEN_S)
-    way_s = TRUNK.lasts_s * (np.exp(unseen_s / TRUNK.lasts_s) - 1)
-    return np.asarray(root[:, :2] - way_s[:, None] * root[:, 3:5])
-
-
-def learn(before: Belief, belief: Belief, model: Model) -> Floats:
-    """Return the counts after a slot.
+def count_slot(before: Belief, belief: Belief, model: Model) -> None:
+    """Add a slot to the counts `belief.exits`, an array that nobody else has yet.
 
     Args:
         before: the belief of the slot before.
-        belief: of this slot, with the counts of the slot before.
+        belief: of this slot, with a copy of the counts of the slot before.
         model: the rig.
     """
-    from e3pose.estimate.filter.kernels.shown import count_exits
+    from e3pose.estimate.filter.kernels.exits import count_slot as count
 
-    exits: Floats = belief.exits
-    root = model.tree.levels[0][0]
-    places_m = belief.state[(belief.last_seen_s == 0).any(axis=1) & belief.confirmed, root, :2]
     first = math.isnan(before.time_s)
-    followed_s = np.full(len(places_m), 0.0 if first else belief.time_s - before.time_s)
-    known, shown = before.track_ids[before.confirmed], belief.track_ids[belief.confirmed]
-    if not np.array_equal(known, shown):
-        passed_m = _passed_m(before, belief, model)
-        places_m = np.concatenate([places_m, passed_m])
-        followed_s = np.concatenate([followed_s, np.full(len(passed_m), np.nan)])
-    if len(places_m) == 0:
-        return exits
-    exits = exits.copy()
-    count_exits(np.ascontiguousarray(places_m), followed_s, model.corner_m, exits)
-    return exits
-
-
-def _passed_m(before: Belief, belief: Belief, model: Model) -> Floats:
-    """Return `(num_people, 2)`: where people came and left in a slot."""
-    root = model.tree.levels[0][0]
-    came = belief.confirmed & ~np.isin(belief.track_ids, before.track_ids[before.confirmed])
-    came &= belief.exits[..., FOLLOWED].sum() > SETTLED_S
-    left = before.confirmed & ~np.isin(before.track_ids, belief.track_ids)
-    ends_m = measured_m(before, left, model)
-    others_m = belief.state[belief.confirmed, root, :2]
-    apart_m = np.linalg.norm(ends_m[:, None] - others_m, axis=-1)
-    alone = apart_m.min(axis=1, initial=np.inf) >= APART_M  # others were second tracks
-    return np.concatenate([belief.state[came, root, :2], ends_m[alone]])
+    count(
+        0.0 if first else belief.time_s - before.time_s,
+        int(model.tree.order[0]),
+        model.corner_m,
+        before.track_ids,
+        before.confirmed,
+        before.state,
+        before.last_seen_s,
+        belief.track_ids,
+        belief.confirmed,
+        belief.state,
+        belief.last_seen_s,
+        belief.exits,
+    )

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.geometry.project import Optics, project_people
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -41,6 +42,26 @@ def box_people(keypoints_px: Floats, sizes: Floats, boxes: Floats, shares: Float
             most = size[axis] - 0.5
             box[axis] = min(max(box[axis] - margin, -0.5), most) if inside else np.nan
             box[axis + 2] = min(max(box[axis + 2] + margin, -0.5), most) if inside else np.nan
+
+
+@kernel
+def expect_boxes(optics: Optics, joints_m: Floats, occlusion: Floats, shares: Floats) -> None:
+    """Fill what every camera would see of people, see `occlusion.expected_views`.
+
+    Args:
+        optics: of the rig.
+        joints_m: `(num_people, num_joints, 3)` metres, NaN where unknown.
+        occlusion: `(num_cameras,)` filled.
+        shares: `(num_cameras, num_people)` filled.
+    """
+    num_cameras, num_people = shares.shape
+    pixels = np.empty((*joints_m.shape[:2], 2))
+    boxes, sizes = np.empty((num_cameras, num_people, 4)), np.empty((num_people, 2))
+    for camera in range(num_cameras):
+        sizes[:] = optics.sizes[camera]
+        project_people(camera, optics, joints_m, pixels)
+        box_people(pixels, sizes, boxes[camera], shares[camera])
+    occlude(boxes, occlusion)
 
 
 @kernel

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.estimate.filter.room import MODEL, run, see, standing
-from tests.reference import filter_motion, filter_shown
+from tests.reference import filter_exits, filter_motion, filter_shown
 
 from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.exits import FOLLOWED, PASSED
-from e3pose.estimate.filter.kernels.shown import count_exits, led_alone
+from e3pose.estimate.filter.kernels.exits import count_exits
+from e3pose.estimate.filter.kernels.shown import led_alone
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.shown import shown
 from e3pose.estimate.filter.steer import steer
@@ -64,7 +65,7 @@ def test_exits_are_counted_as_in_numpy(follower: Belief, seed: int) -> None:
     told[:, FOLLOWED] = np.nan_to_num(followed_s)
     told[:, PASSED] = np.isnan(followed_s)
     exits = drawn(follower, seed).exits
-    expected = filter_shown.count_exits(exits, places_m, told, MODEL.corner_m)
+    expected = filter_exits.count_exits(exits, places_m, told, MODEL.corner_m)
     count_exits(places_m, followed_s, MODEL.corner_m, exits)
     np.testing.assert_allclose(exits, expected, rtol=1e-12)
 

@@ -1,4 +1,4 @@
-"""Who is shown (`filter.shown`), and where people come and go (`filter.exits`): the loops."""
+"""Who is shown, and who is needed for that (`filter.shown`): the loops."""
 
 from __future__ import annotations
 
@@ -8,24 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.exits import (
-    FOLLOWED,
-    MOST_LEFT_ODDS,
-    MOST_S,
-    MOST_UNSEEN_S,
-    PASSED,
-    PRIOR_HZ,
-    PRIOR_S,
-)
-from e3pose.estimate.filter.kernels.blindness import cell, chance, proof, share_at
-from e3pose.estimate.filter.tree import TRUNK
+from e3pose.estimate.filter.exits import MOST_LEFT_ODDS, PRIOR_HZ, PRIOR_S
+from e3pose.estimate.filter.kernels.blindness import chance, proof, share_at
+from e3pose.estimate.filter.kernels.exits import place_back
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-TRUNK_LASTS_S = TRUNK.lasts_s
 HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
 LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
 ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
@@ -117,10 +108,8 @@ def left_odds(
     misses = 0.0  # as many as these in plain sight
     for camera in range(len(missed)):
         misses += missed[camera] * proof(detection_map[camera], root, corner_m)
-    way_s = TRUNK_LASTS_S * (math.exp(min(unseen_s, MOST_UNSEEN_S) / TRUNK_LASTS_S) - 1)
     place_m = np.empty(2)
-    for axis in range(2):
-        place_m[axis] = root[axis] - way_s * root[axis + 3]
+    place_back(root, unseen_s, place_m)
     return float(hazard_hz(exits, place_m, corner_m) * unseen_s * (1 - PLAIN) ** -misses)
 
 
@@ -128,35 +117,6 @@ def left_odds(
 def hazard_hz(exits: Floats, place_m: Floats, corner_m: Floats) -> float:
     """Return how many of the people at a place `(2,)` leave in a second."""
     return share_at(exits, place_m, corner_m, PRIOR_S, PRIOR_HZ)
-
-
-@kernel
-def count_exits(places_m: Floats, followed_s: Floats, corner_m: Floats, exits: Floats) -> None:
-    """Add people to the `exits` of `Belief`, and forget what is beyond `MOST_S`.
-
-    Args:
-        places_m: `(num_places, 2)` on the floor.
-        followed_s: `(num_places,)` seconds that somebody was followed there; NaN for somebody who
-            came or left.
-        corner_m: of the cells.
-        exits: changed in place.
-    """
-    for adding in (True, False):
-        for index in range(len(places_m)):
-            column, right = cell(places_m[index, 0] - corner_m[0])
-            row, up = cell(places_m[index, 1] - corner_m[1])
-            for a in range(2):
-                for b in range(2):
-                    door = exits[column + a, row + b]
-                    weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
-                    if not adding:
-                        kept = min(MOST_S / max(door[FOLLOWED], 1e-12), 1.0)
-                        door[FOLLOWED] *= kept
-                        door[PASSED] *= kept
-                    elif math.isnan(followed_s[index]):
-                        door[PASSED] += weight
-                    else:
-                        door[FOLLOWED] += weight * followed_s[index]
 
 
 @kernel

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -143,13 +142,13 @@ class StepKernel:
             time_s=now,
             leftovers=leftovers,
             detection_map=detection_map,
-            exits=before.exits,
+            exits=before.exits.copy(),
             noise=noise,
             shifts=shifts,
             next_id=next_id,
             **columns,
         )
-        belief = replace(belief, exits=exits.learn(before, belief, model))
+        exits.count_slot(before, belief, model)
         return belief, estimate_of(belief, model)
 
     def _room_for(self, model: Model, tracks: int, people: int, old: int) -> Memory:
