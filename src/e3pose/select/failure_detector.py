@@ -137,14 +137,14 @@ def _answered(
         useless: `(num_cameras,)` of now.
     """
     kept = 1 - 1 / MEMORY_ORDERS
-    unlucky = silence.missed
-    if unlucky.any():
-        unlucky = np.minimum(unlucky, patience(silence.loss, interval_s))
-    loss = (1 - (1 - silence.loss) * kept**unlucky) * kept
+    loss = silence.loss
+    if silence.missed.any():
+        unlucky = np.minimum(silence.missed, patience(loss, interval_s))
+        loss = 1 - (1 - loss) * kept**unlucky
     return Silence(
         missed=missed,
         useless=useless,
-        loss=np.where(who, loss, silence.loss),
+        loss=np.where(who, kept * loss, silence.loss),
         failures=np.where(who, 0, silence.failures),
         retry_slot=np.where(who, 0, silence.retry_slot),
     )

@@ -172,16 +172,16 @@ def _look(
                 at[row] += projection[row, axis] * joints_m[joint, axis]
         depth = at[2]
         total += depth
-        safe = LEAST_DEPTH_M if abs(depth) < LEAST_DEPTH_M else depth
+        scale = 1.0 / (LEAST_DEPTH_M if abs(depth) < LEAST_DEPTH_M else depth)
         inside[joint] = depth > MIN_DEPTH_M
         for row in range(2):
-            pixel = at[row] / safe
+            pixel = at[row] * scale
             pixels[joint, row] = pixel
             inside[joint] = inside[joint] and pixel > 0 and pixel < size[row]
             box[row] = min(box[row], pixel)
             box[row + 2] = max(box[row + 2], pixel)
             for axis in range(3):
-                slope[row, axis] = (projection[row, axis] - pixel * projection[2, axis]) / safe
+                slope[row, axis] = (projection[row, axis] - pixel * projection[2, axis]) * scale
         entry = 0
         for a in range(3):
             for b in range(a, 3):

@@ -70,8 +70,9 @@ class Information:
         self, situation: Situation, foresight: Foresight, allowed: Flags, count: int
     ) -> Selection:
         """Return the best `count` of the cameras `allowed`, or all if they are fewer."""
-        candidates = np.flatnonzero(np.roll(allowed, -self.phase))
-        candidates = (candidates + self.phase) % len(allowed)
+        candidates = np.flatnonzero(allowed)
+        turn = int(np.searchsorted(candidates, self.phase % len(allowed)))
+        candidates = np.concatenate([candidates[turn:], candidates[:turn]])
         count = min(count, len(candidates))
         worth = self.quality_weight * watch_nats(situation) - situation.price
         if comb(len(candidates), count) <= MOST_SUBSETS:

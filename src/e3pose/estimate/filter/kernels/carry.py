@@ -50,7 +50,7 @@ def carry(
     num_ordered, num_cameras = ordered.shape
     shares = np.zeros((num_ordered, num_cameras))
     A, B, C, information = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
-    room = np.empty((3, 3, 3))
+    room = np.empty((4, 3, 3))
     for track in range(covariance.shape[0]):
         for slot in range(num_ordered + 1):
             for camera in range(num_cameras):
@@ -109,6 +109,7 @@ def _move_on(A: Floats, B: Floats, C: Floats, lasts_s: float, drift: float, dt: 
 def _expect(A: Floats, B: Floats, C: Floats, information: Floats, room: Floats) -> None:
     """Replace the blocks by those after views of the information `information`."""
     before, after, gain = room[0], room[1], room[2]
+    kept = room[3]  # A' A^-1
     _invert(A, before)
     entry = 0
     for a in range(3):
@@ -117,25 +118,29 @@ def _expect(A: Floats, B: Floats, C: Floats, information: Floats, room: Floats) 
             gain[b, a] = gain[a, b]
             entry += 1
     _invert(gain, A)
+    _multiply(A, before, kept)
+    _multiply(before, kept, after)
     for a in range(3):  # A^-1 - A^-1 A' A^-1
         for b in range(3):
-            after[a, b] = before[a, b]
-            for i in range(3):
-                for j in range(3):
-                    after[a, b] -= before[a, i] * A[i, j] * before[j, b]
+            after[a, b] = before[a, b] - after[a, b]
+    _multiply(after, B, gain)
     for a in range(3):
         for b in range(3):
-            for i in range(3):
-                for j in range(3):
-                    C[a, b] -= B[i, a] * after[i, j] * B[j, b]
-    for a in range(3):  # A' A^-1 B
-        for b in range(3):
-            gain[a, b] = 0.0
-            for i in range(3):
-                gain[a, b] += before[a, i] * B[i, b]
+            C[a, b] -= B[0, a] * gain[0, b] + B[1, a] * gain[1, b] + B[2, a] * gain[2, b]
+    _multiply(kept, B, gain)
     for a in range(3):
         for b in range(3):
-            B[a, b] = A[a, 0] * gain[0, b] + A[a, 1] * gain[1, b] + A[a, 2] * gain[2, b]
+            B[a, b] = gain[a, b]
+
+
+@kernel
+def _multiply(first: Floats, second: Floats, product: Floats) -> None:
+    """Fill the product of two 3 x 3 matrices, neither of which it may be."""
+    for a in range(3):
+        for b in range(3):
+            product[a, b] = (
+                first[a, 0] * second[0, b] + first[a, 1] * second[1, b] + first[a, 2] * second[2, b]
+            )
 
 
 @kernel
