@@ -158,25 +158,27 @@ def moved(degrees: Floats, least: Floats) -> Knock | None:
 
 
 def _turn(votes: Floats) -> tuple[float, float]:
-    poses = len(np.unique(votes[:, :2], axis=0))
+    poses = len(np.unique(votes[:, 0] + 1j * votes[:, 1]))
     if poses < MIN_VOTES or np.ptp(votes[:, 0]) < SPAN_S:
         return np.nan, np.nan
-    offsets = votes[:, 4:]
+    offsets, slopes = votes[:, 4:], _slopes(votes[:, 2:4])
     tried = offsets[:: -(-len(offsets) // MOST_TRIED)]
     near = np.linalg.norm(tried[:, None] - offsets[None], axis=-1) < NEAR
     middle = tried[near.sum(axis=1).argmax()]
     good = np.linalg.norm(offsets - middle, axis=1) < 2 * NEAR
     rotation = np.zeros(3)
     for _ in range(4):
-        rotation = _rotation(votes[good])
-        good = np.linalg.norm(offsets - _offsets(votes, rotation), axis=1) < 2 * NEAR
+        rotation = _rotation(slopes[good], offsets[good])
+        good = np.linalg.norm(offsets - slopes @ rotation, axis=1) < 2 * NEAR
         if good.sum() < MIN_VOTES / 2:
             return np.nan, np.nan
     if good.sum() < MIN_SHARE * poses:
         return np.nan, np.nan
     size = float(np.linalg.norm(rotation))
     parts = np.array_split(np.flatnonzero(good), PARTS)
-    along = [float(_rotation(votes[part]) @ rotation) / max(size, 1e-9) for part in parts]
+    along = [
+        float(_rotation(slopes[part], offsets[part]) @ rotation) / max(size, 1e-9) for part in parts
+    ]
     return float(np.degrees(size)), float(np.degrees(min(along)))
 
 
@@ -189,14 +191,9 @@ def _slopes(places: Floats) -> Floats:
     ], axis=1)  # fmt: skip
 
 
-def _offsets(votes: Floats, rotation: Floats) -> Floats:
-    return np.asarray(_slopes(votes[:, 2:4]) @ rotation)
-
-
-def _rotation(votes: Floats) -> Floats:
+def _rotation(slopes: Floats, offsets: Floats) -> Floats:
     """Return the turn `(3,)` in radians that explains votes best, by least squares."""
-    slopes = _slopes(votes[:, 2:4])
-    normal = np.einsum("nui,nuj->ij", slopes, slopes)
-    gradient = np.einsum("nui,nu->i", slopes, votes[:, 4:])
+    rows = slopes.reshape(-1, 3)
+    normal, gradient = rows.T @ rows, rows.T @ offsets.reshape(-1)
     normal[2, 2] += (NEAR / ROLL_SIGMA) ** 2
     return np.asarray(np.linalg.solve(normal + 1e-12 * np.eye(3), gradient))
