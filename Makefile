@@ -29,13 +29,10 @@ $(VENV)/.dev: pyproject.toml | $(BIN)/python
 demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
 	$(BIN)/e3pose demo demo-output --overwrite
 
-# What computes, at a low priority, takes what sites leave of the cores: they mostly wait, and
-# come first whenever they do not, the longest of them at once. What is timed runs after the others, two at
-# a time. Tests of real processes get a second try, which the summary counts: other programs may take
-# the machine for seconds.
+# What computes, at a low priority, takes what sites leave of the cores: they mostly wait, and come
+# first whenever they do not. What is timed runs after the other sites, two at a time. Tests of real
+# processes get a second try, which the summary counts: other programs may take the machine.
 PYTEST := $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
-SITES := tests/live/test_four_cameras.py tests/live
-TIMED := tests/live tests/edge
 COVERAGE := .coverage-data
 COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
 # Workers read the rewritten assertions of each other and of the run before.
@@ -55,8 +52,8 @@ test-computing: $(VENV)/.dev
 	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n 10 $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed'
 
 test-sites: $(VENV)/.dev
-	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 4 -m 'live and not timed' $(SITES)
-	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 2 -m timed $(TIMED)
+	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 4 -m 'live and not timed' tests/live
+	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 2 -m timed tests/live tests/edge
 
 test-fast: $(VENV)/.dev  ## run the tests that take less than a minute in total
 	$(PYTEST) -n 2 -m 'not slow and not live and not timed and not shared and not network'

@@ -37,6 +37,8 @@ list(replay(recording, ReplaySettings(pipeline=sys.argv[1], num_selected=3)))
 
 # `make test` looks for these marks in these rooms only.
 ROOMS = {"live": {"live"}, "timed": {"live", "edge"}}
+# These start first: on a worker of its own at the end, each would keep the whole run waiting.
+LONGEST = ("live/test_four_cameras.py", "live/test_soak.py", "test_docs_commands.py", "wire")
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -68,8 +70,10 @@ def compile_kernels() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Refuse a test that `make test` would not run."""
+    """Put the longest first; refuse a test that `make test` would not run."""
     here = Path(__file__).parent
+    longest = [here / name for name in LONGEST]
+    items.sort(key=lambda item: not any(item.path.is_relative_to(place) for place in longest))
     for item in items:
         room = item.path.relative_to(here).parts[0]
         for mark, rooms in ROOMS.items():
