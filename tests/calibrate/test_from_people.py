@@ -24,6 +24,8 @@ from e3pose.recording.record import Recording
 
 NOISE = load_noise("simulated")
 
+pytestmark = pytest.mark.slow
+
 
 def quiet(what: str, done: int, total: int) -> None:
     del what, done, total
@@ -31,7 +33,7 @@ def quiet(what: str, done: int, total: int) -> None:
 
 @pytest.fixture(scope="module")
 def two() -> Recording:
-    return walk(731, people=2)
+    return walk(731, people=2, fps=5.0)
 
 
 def test_rig_and_focal_lengths_are_found_from_nothing(two: Recording) -> None:

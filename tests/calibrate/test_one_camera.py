@@ -18,7 +18,7 @@ NOISE = load_noise("simulated")
 
 @pytest.fixture(scope="module")
 def calm() -> Recording:
-    return walk(701, people=2, seconds=20.0)
+    return walk(701, people=2, seconds=20.0, fps=5.0)
 
 
 def test_knocked_camera_is_put_right_and_the_others_stay(calm: Recording) -> None:
@@ -45,7 +45,7 @@ def test_too_little_to_place_it_by_is_an_error(calm: Recording) -> None:
 
 def test_last_seconds_are_the_end(calm: Recording) -> None:
     end = last_seconds(calm, 5.0)
-    assert end.num_slots == 50 and end.views[0].slots[0] == 0
+    assert end.num_slots == 25 and end.views[0].slots[0] == 0
     assert np.array_equal(
         end.views[0].keypoints_px[-1], calm.views[0].keypoints_px[-1], equal_nan=True
     )

@@ -18,6 +18,8 @@ from e3pose.recording.calibration import load_rig, save_rig
 from e3pose.recording.record import Recording
 from e3pose.site.example import write_recorded
 
+pytestmark = pytest.mark.slow
+
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
@@ -169,7 +171,7 @@ def test_wrong_input_is_one_line(
 def test_one_camera_is_placed_anew_from_what_a_site_recorded(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    calm = walk(701, people=2, seconds=21.0)
+    calm = walk(701, people=2, seconds=21.0, fps=5.0)
     turned = knocked(calm, 2, 2.0, 701, 0.0)
     site = write_recorded(tmp_path / "room", calm)
     assert run("calibrate", "extrinsics", site, "--only", "cam2") == 2

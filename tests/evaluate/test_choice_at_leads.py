@@ -49,11 +49,9 @@ def mean_error(policy: str, count: float, lead: int) -> float:
     )
 
 
-@pytest.mark.parametrize(("count", "lead"), [(1, 4), (1, LONG_LEAD), (2, LONG_LEAD)])
-def test_the_error_foreseen_is_the_one_stated_once_the_views_have_come(
-    count: int, lead: int
-) -> None:
-    found = [figures(s, k, "information", count, lead) for s in SCENES for k in SEEDS]
+@pytest.mark.parametrize("count", [1, 2])
+def test_the_error_foreseen_is_the_one_stated_once_the_views_have_come(count: int) -> None:
+    found = [figures(s, k, "information", count, LONG_LEAD) for s in SCENES for k in SEEDS]
     ratio = np.median([each["foreseen"] / each["stated"] for each in found])
     assert 0.9 < ratio < 1.1
 

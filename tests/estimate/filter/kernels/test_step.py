@@ -173,7 +173,7 @@ def test_equals_the_reference_through_every_kind_of_lens() -> None:
     assert people > recording.num_slots
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_equals_the_reference_when_all_goes_wrong(seed: int) -> None:
     rng = np.random.default_rng(seed)
     slots = list(spoilt(seen(ring(), int(rng.integers(1, 6)), seed)[:60], rng))
@@ -183,7 +183,7 @@ def test_equals_the_reference_when_all_goes_wrong(seed: int) -> None:
 
 @pytest.mark.shared
 @pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
-@pytest.mark.parametrize("cameras", [1, 2, 5])
+@pytest.mark.parametrize("cameras", [2, 5])
 def test_equals_the_reference_on_a_real_recording(cameras: int) -> None:
     from e3pose.recording.datasets.shelf import import_shelf
 
