@@ -6,23 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli.commands import run
 
-from e3pose.cli.app import main
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
 
 SHARED = os.environ.get("E3POSE_SHARED")
 needs_shared = pytest.mark.skipif(not SHARED, reason="E3POSE_SHARED is not set")
-
-
-def _run(*tokens: object) -> int:
-    """Run a command line; return its exit code."""
-    try:
-        main([str(token) for token in tokens])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
 
 
 @pytest.fixture
@@ -46,13 +37,13 @@ def source(tmp_path: Path) -> Path:
 def test_openpose_makes_a_recording(source: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ("import", "openpose", source / "json", source / "rec", "--calibration",
                  source / "rig.toml", "--fps", 60, "--folder", "cam2=other")  # fmt: skip
-    assert _run(*arguments) == 0
+    assert run(*arguments) == 0
     recording = load_recording(source / "rec")
     assert (recording.num_slots, recording.fps, recording.name) == (2, 60.0, "json")
     assert "2 cameras, 2 slots at 60 fps, 4 2D poses (coco17)" in capsys.readouterr().out
-    assert _run(*arguments) == 2
+    assert run(*arguments) == 2
     assert "--overwrite" in capsys.readouterr().err
-    assert _run(*arguments, "--overwrite") == 0
+    assert run(*arguments, "--overwrite") == 0
 
 
 @pytest.mark.parametrize(
@@ -71,7 +62,7 @@ def test_a_wrong_option_is_one_line_exit_code_2_and_no_output(
 ) -> None:
     calibration = () if "--calibration" in tokens else ("--calibration", source / "rig.toml")
     before = sorted(source.iterdir())
-    assert _run("import", "openpose", source / "json", source / "rec", *calibration, *tokens) == 2
+    assert run("import", "openpose", source / "json", source / "rec", *calibration, *tokens) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.count("\n") == 1
@@ -82,7 +73,7 @@ def test_a_wrong_option_is_one_line_exit_code_2_and_no_output(
 def test_coco_makes_a_recording(source: Path) -> None:
     result = {"image_id": "cam1/4.jpg", "category_id": 1, "keypoints": [200.0, 300.0, 0.5] * 17}
     (source / "results.json").write_text(json.dumps([result]))
-    assert _run("import", "coco", source / "results.json", source / "rec", "--calibration",
+    assert run("import", "coco", source / "results.json", source / "rec", "--calibration",
                 source / "rig.toml", "--fps", 30) == 0  # fmt: skip
     recording = load_recording(source / "rec")
     assert [len(series.scores) for series in recording.views] == [1, 0]
@@ -94,7 +85,7 @@ def test_a_file_that_is_no_archive_is_named(
     tmp_path: Path, verb: str, content: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "x.npz").write_bytes(content)
-    assert _run("import", verb, tmp_path / "x.npz", tmp_path / "rec") == 2
+    assert run("import", verb, tmp_path / "x.npz", tmp_path / "rec") == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert "x.npz" in error
@@ -102,7 +93,7 @@ def test_a_file_that_is_no_archive_is_named(
 
 
 def test_the_verb_for_videos_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run("import", "videos", "rec", "collected") == 2
+    assert run("import", "videos", "rec", "collected") == 2
     assert "`e3pose attach rec collected`" in capsys.readouterr().err
 
 
@@ -110,10 +101,10 @@ def test_the_verb_for_videos_is_named(capsys: pytest.CaptureFixture[str]) -> Non
 @pytest.mark.shared
 def test_shelf_and_panoptic_survive_the_folder(tmp_path: Path) -> None:
     data = Path(str(SHARED)) / "data"
-    assert _run("import", "shelf", data / "shelf/shelf.npz", tmp_path / "shelf") == 0
+    assert run("import", "shelf", data / "shelf/shelf.npz", tmp_path / "shelf") == 0
     shelf = load_recording(tmp_path / "shelf")
     assert (shelf.num_slots, shelf.truth_complete) == (301, False)
-    assert _run("import", "panoptic", data / "panoptic/160906_band1.npz", tmp_path / "band",
+    assert run("import", "panoptic", data / "panoptic/160906_band1.npz", tmp_path / "band",
                 "--cameras", "3, 00_06", "--project-truth") == 0  # fmt: skip
     band = load_recording(tmp_path / "band")
     assert band.rig.camera_ids == ("00_03", "00_06")

@@ -5,21 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli.commands import run
 
-from e3pose.cli.app import main
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17
 from e3pose.recording import Recording, ViewSeries, save_recording
-
-
-def _run(*tokens: object) -> int:
-    """Run a command line; return its exit code."""
-    try:
-        main([str(token) for token in tokens])
-    except SystemExit as stop:
-        return int(stop.code or 0)
-    return 0
 
 
 @pytest.fixture
@@ -44,7 +35,7 @@ def folder(tmp_path: Path) -> Path:
 def test_tables_say_what_is_there_and_what_is_wrong(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _run("info", folder) == 0
+    assert run("info", folder) == 0
     lines = capsys.readouterr().out.splitlines()
     text = "\n".join(lines)
     assert "a [bold]test[/bold]" in text
@@ -58,7 +49,7 @@ def test_tables_say_what_is_there_and_what_is_wrong(
 
 
 def test_json_holds_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert _run("info", folder, "--json", "-") == 0
+    assert run("info", folder, "--json", "-") == 0
     content = json.loads(capsys.readouterr().out)
     assert content["num_slots"] == 3
     assert [camera["lost"] for camera in content["cameras"]] == [0, 1]
@@ -74,7 +65,7 @@ def test_an_unreadable_recording_is_one_line_and_exit_code_2(
     path = folder / "keypoints" / "left.jsonl"
     path.write_bytes(path.read_bytes()[:-30])
     for tokens in ((), ("--json", "-")):
-        assert _run("info", folder, *tokens) == 2
+        assert run("info", folder, *tokens) == 2
         captured = capsys.readouterr()
         assert captured.out == ""
         assert captured.err.count("\n") == 1

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.cli.commands import run
+from tests.simulate.filmed import film
 
 from e3pose.camera.detect import DetectSettings, detect_videos, partial_folder
 from e3pose.detectors import make_detector
@@ -30,10 +31,7 @@ ALL = ReplaySettings(policy="all", feedback=True, whole_every=4)
 
 @pytest.fixture(scope="module")
 def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("films") / "films"
-    words = ("--people", 2, "--cameras", 3, "--seconds", 4, "--fps", 10, "--seed", 702)
-    assert run("simulate", folder, *words, "--resolution", "640x480", "--videos") == 0
-    return folder
+    return film(tmp_path_factory.mktemp("films") / "films", cameras=3, seconds=4, seed=702)
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.commands import run
+from tests.simulate.filmed import film
 
 from e3pose.camera.source import open_video
 from e3pose.detectors import make_detector
@@ -21,10 +21,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def films(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("films") / "films"
-    words = ("--people", 2, "--cameras", 2, "--seconds", 1, "--fps", 10, "--seed", 701)
-    assert run("simulate", folder, *words, "--resolution", "640x480", "--videos") == 0
-    return folder
+    return film(tmp_path_factory.mktemp("films") / "films", cameras=2, seconds=1, seed=701)
 
 
 @pytest.fixture(scope="module")
