@@ -72,7 +72,7 @@ def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
         assert (folder / "figures" / f"{name}.svg").read_text().startswith("<?xml")
     assert "(modelled)" in (folder / "figures" / "bars.svg").read_text()
     ticks = (folder / "figures" / "decades.svg").read_text()
-    assert all(f">{mm}</text>" in ticks for mm in (20, 50, 100))
+    assert all(f">{mm}</text>" in ticks for mm in (20, 50, 100, 200))
     rows = list(csv.reader((folder / "figures" / "bars.csv").read_text().splitlines()))
     assert rows[1:3] == [["paper", "paper", "a", "1", "", ""], ["paper", "paper", "b", "2", "", ""]]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,14 +75,24 @@ def _lines(axes: Axes, panel: Panel, one: bool) -> None:
     if panel.logarithmic:
         axes.set_xscale("log")
     if panel.logarithmic_y:
-        from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
-
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(ScalarFormatter())
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        _logarithmic_y(axes, [value for line in panel.lines for value in line.y])
     if panel.from_zero:
         axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
+
+
+def _logarithmic_y(axes: Axes, values: Sequence[float]) -> None:
+    """Scale the y axis, from one labelled value to another around those that are shown."""
+    from matplotlib.ticker import FixedLocator, NullFormatter, ScalarFormatter
+
+    shown = [value for value in values if value > 0 and np.isfinite(value)]
+    ticks = [step * 10.0**power for power in range(-3, 6) for step in (1, 2, 5)]
+    low = max((tick for tick in ticks if tick <= min(shown, default=1.0)), default=ticks[0])
+    high = min((tick for tick in ticks if tick >= max(shown, default=10.0)), default=ticks[-1])
+    axes.set_yscale("log")
+    axes.set_ylim(low, max(high, 2 * low))
+    axes.yaxis.set_major_locator(FixedLocator([tick for tick in ticks if low <= tick <= high]))
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _bars(axes: Axes, panel: Panel, one: bool) -> None:

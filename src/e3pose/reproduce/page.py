@@ -14,6 +14,7 @@ from pathlib import Path
 from string import Template
 
 from e3pose.files.atomic import atomic_file
+from e3pose.quantities import plural
 from e3pose.reproduce.draw import draw
 from e3pose.reproduce.items import Item
 from e3pose.reproduce.records import Cell, Headline, Panel, Section, Spread, Table
@@ -72,7 +73,8 @@ def _summary(parts: Sequence[Part], headlines: Sequence[Headline]) -> str:
     said += f"; skipped: {', '.join(skipped)}. " if skipped else ". "
     if wrong:
         return f"{said}Outside their margin: {'; '.join(wrong)}."
-    return f"{said}All {len(headlines)} headline figures are within their margins."
+    many = plural(len(headlines), "headline figure")
+    return f"{said}{many} within {'its margin' if len(headlines) == 1 else 'their margins'}."
 
 
 def _section(folder: Path, part: Part) -> str:
