@@ -13,7 +13,7 @@ from e3pose.reproduce.records import Section, Spread
 from e3pose.reproduce.replays import Run
 from e3pose.select.policies import POLICIES
 
-ERROR_MM = {"all": 20.0, "round-robin": 25.0, "information": 24.0}
+ERROR_MM = {"all": 40.0, "round-robin": 45.0, "information": 44.0}
 
 
 def made(piece: Any) -> Run | IdentityFigures:
@@ -21,7 +21,7 @@ def made(piece: Any) -> Run | IdentityFigures:
     asked = piece.settings
     if isinstance(asked, IdentitiesAsked):
         return IdentityFigures(0.9, 0.8, 1, 0, 0)
-    error_mm = ERROR_MM.get(asked.policy, 30.0) + asked.lead + asked.seed
+    error_mm = ERROR_MM.get(asked.policy, 50.0) + asked.lead + asked.seed
     return Run({}, {}, error_mm, 1.0, (0.4,), asked.cameras or 1.5, 0.1, 1.0, 1.0, 0, ((0,),))
 
 
@@ -47,11 +47,11 @@ def test_policies_that_look_ahead_are_tried_at_every_lead(full: Section) -> None
         assert len(found) == (len(LEADS) if ahead else 1), row
     (row,) = [row for row in table.rows if row[0] == "memory: information"]
     assert [cell.mean for cell in row[first:-1] if isinstance(cell, Spread)] == pytest.approx(
-        [24.5 + lead for lead in LEADS]
+        [44.5 + lead for lead in LEADS]
     )
     beside = row[-1]
     assert isinstance(beside, Spread)
-    assert beside.mean == pytest.approx(100 * (28 / 29 + 29 / 30) / 2 - 100)
+    assert beside.mean == pytest.approx(100 * (48 / 49 + 49 / 50) / 2 - 100)
 
 
 def test_quick_run_is_small() -> None:

@@ -39,14 +39,14 @@ def reproduce(
     dest
         Output folder.
     quick
-        Few seeds and slots: minutes instead of hours.
+        Few seeds and slots: two minutes instead of half an hour and more.
     data
         Folder with shelf/ and panoptic/. Items without their data are skipped, and the report says
         where to get it.
     only
         Comma-separated items to compute, such as table-1,best-subsets.
     seeds
-        Seeds of each item, at most. Default: 5 to 20, as the item says; hours on few cores.
+        Seeds of each item, at most. Default: 5 to 20, as the item says.
     jobs
         Parallel processes on this machine. Default: one per processor core.
     cluster
