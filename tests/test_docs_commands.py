@@ -112,6 +112,16 @@ ELSEWHERE = {
     "demo": "tests/cli/test_demonstrating.py",
     "import shelf Shelf shelf-truth": "tests/cli/test_importing.py",
     "reproduce reproduced --data data": "tests/cli/test_reproducing.py",
+    **dict.fromkeys(
+        (
+            "import shelf Shelf rig",
+            "detect Shelf/Camera* told --fps 25 --calibration rig/calibration.toml --feedback",
+            "import shelf Shelf data/shelf-feedback --detections told",
+            "detect Shelf/Camera* plain --fps 25 --calibration rig/calibration.toml",
+            "import shelf Shelf data/shelf --detections plain",
+        ),
+        "tests/reproduce/test_shelf_table.py",
+    ),
 }
 LIVE = "asks a site that runs; tests/live/test_four_cameras.py runs the same with its site"
 FILMS = "needs films of people and a network that is downloaded"
@@ -133,7 +143,6 @@ HERE_NOT = {
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration calibration.toml "
     "--model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration room.toml": FILMS,
-    "detect Shelf/Camera* found --fps 25 --calibration rig/calibration.toml --feedback": DATA,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --feedback": FILMS,
     "detect recordings/videos/*/*-20261122T15*.mkv again --calibration rig.toml "
     "--model openpose-thin": FILMS,
@@ -149,8 +158,6 @@ HERE_NOT = {
     "export lab walk.parquet --from -1h --smooth rts --angles": LIVE,
     "export live.db walk.trc --from 2026-11-21T14:00 --to 2026-11-21T14:05 --smooth rts": DAY,
     "import cmu cmu_mocap.npz recordings/cmu": DATA,
-    "import shelf Shelf data/shelf-feedback --detections found": DATA,
-    "import shelf Shelf rig": DATA,
     "import shelf Shelf shelf --detections found": DATA,
     "import human36m h36m walking --subject 9 --action 14 --subaction 1": DATA,
     "init room usb:0 usb:2 usb:4 usb:6": "needs four webcams",
