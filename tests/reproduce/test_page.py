@@ -27,7 +27,9 @@ def section(scale: Scale, made: Made) -> Section:
         why="",
         how="how",
         tables=(
-            Table("table", "T", ("row", "PCP"), (("x", Spread(95.04, 0.5, 3)), ("y", None))),
+            Table("table", "T", ("row", "PCP"), (
+                ("x", Spread(95.04, 0.5, 3)), ("y", None), ("z", Spread(1, 0, 1)),
+            )),
             Table("long", "All <rows>", ("row", "PCP"), (("x", 1.0),), folded=True),
         ),
         panels=(
@@ -79,7 +81,12 @@ def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
 
 def test_a_table_keeps_its_spread(folder: Path) -> None:
     rows = list(csv.reader((folder / "tables" / "table.csv").read_text().splitlines()))
-    assert rows == [["row", "PCP", "PCP, standard deviation"], ["x", "95.04", "0.5"], ["y", "", ""]]
+    assert rows == [
+        ["row", "PCP", "PCP, standard deviation"],
+        ["x", "95.04", "0.5"],
+        ["y", "", ""],
+        ["z", "1", ""],
+    ]
 
 
 def test_a_long_table_is_folded(folder: Path) -> None:

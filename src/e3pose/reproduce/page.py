@@ -128,7 +128,7 @@ def _table(folder: Path, table: Table) -> str:
         for cell, spread in zip(row, wide, strict=True):
             mean = cell.mean if isinstance(cell, Spread) else cell
             cells.append("" if mean is None else str(mean))
-            cells += [str(cell.sd) if isinstance(cell, Spread) else ""] if spread else []
+            cells += [_sd(cell)] if spread else []
         rows.append(cells)
     _write_csv(folder / TABLES / f"{table.name}.csv", rows)
     head = "".join(f"<th>{escape(name)}</th>" for name in table.columns)
@@ -141,6 +141,11 @@ def _table(folder: Path, table: Table) -> str:
     if table.folded:
         return f"<details><summary>{title}</summary>{whole}</details>"
     return f"<h3>{title}</h3>{whole}"
+
+
+def _sd(cell: Cell) -> str:
+    """Return a standard deviation as text; nothing where there was one repetition."""
+    return str(cell.sd) if isinstance(cell, Spread) and cell.count > 1 else ""
 
 
 def shown(cell: Cell, digits: int) -> str:

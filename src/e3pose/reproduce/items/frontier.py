@@ -149,7 +149,7 @@ def section(scale: Scale, made: Made) -> Section:
             Headline(
                 "Frontier: error of information, ring, 2 cameras, lead 4, mm",
                 _error(runs[_ask(scale, "ring", "memory", "information", 2.0, SHOWN_LEAD)]).mean,
-                40.0, 75.0,
+                25.0, 75.0,
             ),
         ),
     )  # fmt: skip
