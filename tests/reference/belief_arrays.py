@@ -22,6 +22,7 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
         "exits": belief.exits,
         "noise": belief.noise,
         "shifts": belief.shifts,
+        "innovations": belief.innovations,
         **belief.columns(),
         **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
     }
@@ -57,5 +58,6 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         exits=np.array(arrays["exits"]),
         noise=np.array(arrays["noise"]),
         shifts=np.array(arrays["shifts"]),
+        innovations=np.array(arrays["innovations"]),
         **columns,
     )

@@ -87,7 +87,7 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
     if len(belief) == 0 or len(cameras) == 0:
         return belief
     since_s = belief.last_seen_s + dt
-    taught = _proved(belief, seen, cameras, since_s)
+    taught = proved(belief, seen, cameras, since_s)
     pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
     usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M) & taught[:, None]
     error = np.where(usable[..., None], seen.keypoints_px - pixels, 0.0)
@@ -140,7 +140,7 @@ def _shifts(
     return shifts
 
 
-def _proved(belief: Belief, seen: Sightings, cameras: Ints, since_s: Floats) -> Flags:
+def proved(belief: Belief, seen: Sightings, cameras: Ints, since_s: Floats) -> Flags:
     """Return `(num_tracks,)` people whom several cameras showed of late: nobody's ghost."""
     recent: Flags = np.asarray(since_s < PROOF_S)
     recent[:, cameras] |= (seen.scores > 0).any(axis=-1).T

@@ -6,7 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from tests.reference import filter_bias, filter_exits, filter_learned_noise
+from tests.reference import (
+    filter_bias,
+    filter_covariance_inflation,
+    filter_exits,
+    filter_learned_noise,
+)
 from tests.reference.filter_associate import associate
 from tests.reference.filter_births import give_birth
 from tests.reference.filter_existence import attend, end
@@ -66,6 +71,7 @@ def step(
     belief, exchanged = turn_round(belief, exchanged, assigned >= 0, cameras, dt, model)
     joints = order(exchanged, model)
     seen = _sightings(belief, cameras, keypoints, scores, assigned, joints, dt, model, knots_px)
+    belief = filter_covariance_inflation.learn(belief, seen, cameras, dt, model)
     belief = update(belief, seen, model)
     belief = filter_learned_noise.learn(belief, seen, cameras, dt, model)
     belief = learn_biases(belief, seen, cameras, dt, model)

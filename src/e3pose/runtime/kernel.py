@@ -25,7 +25,8 @@ SOURCES = (
     Path(__file__).resolve(),
 )
 FILTER_CONSTANTS = (
-    "bias", "blindness", "exits", "learned_noise", "learned_shift", "motion", "state", "tree"
+    "bias", "blindness", "covariance_inflation", "exits", "learned_noise", "learned_shift",
+    "motion", "state", "tree",
 )  # fmt: skip
 # The filter's kernels call the others, but not the other way round.
 _FILTER = _PACKAGE / "estimate" / "filter"

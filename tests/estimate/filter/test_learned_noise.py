@@ -47,7 +47,7 @@ def walking(
     factor: Floats,
     cameras_of_slot: str = "all",
     wild: float = 0.0,
-    vary: bool = False,
+    radius_m: float = 0.5,
 ) -> list[Views]:
     """Return views of three people who walk in circles, with noise that lasts as detectors' does.
 
@@ -56,10 +56,11 @@ def walking(
         factor: `(num_cameras,)` of each camera's noise, over that of `MODEL`.
         cameras_of_slot: `all`, or `turn` for one after the other.
         wild: share of keypoints that are anywhere.
+        radius_m: of the circles; people stand still where it is 0.
     """
     rng = np.random.default_rng(1)
     times = np.arange(round(seconds * FPS)) / FPS
-    circle = 0.5 * np.stack([np.cos(1.5 * times), np.sin(1.5 * times)], axis=-1)
+    circle = radius_m * np.stack([np.cos(1.5 * times), np.sin(1.5 * times)], axis=-1)
     people = np.repeat(standing(*PLACES)[None], len(times), axis=0)
     people[..., :2] += circle[:, None, None]
     scores = np.where(rng.uniform(size=people.shape[:-1]) < 0.5, *SCORES)

@@ -1,21 +1,48 @@
 """Covariance inflation: a factor on the standard deviations that are reported.
 
 The filter is best when it takes keypoints for noisier than they are (`learned_noise.CAUTION`) and
-people for less predictable than a predictor knows them to be, so what it computes is too large.
-Conditions that a factor could depend on (size in the image, speed, time unmeasured, number of
-views) are covered by the learned noise and the steered process noise: a regression on them states
-no better. Fit: `docs/experiments/2026-11-22-stated-errors.md`.
+people for less predictable than a predictor knows them to be, so what it computes is too large. A
+constant corrects that on average (fit: `docs/experiments/2026-11-22-stated-errors.md`).
+
+What is left depends on the site: people who stand still are known better than reported, people
+who run or turn worse. Innovations show it without labels: the distance of each keypoint from where
+the filter predicts it, over the expected distance. Their mean over the last ten seconds corrects
+the constant (fit: `docs/experiments/2026-11-22-inflation-learned-live.md`). Only keypoints whose
+prediction is less certain than they are count: the others measure the detector.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL
 from e3pose.estimate.filter.state import Belief, Floats
 
 # Mean error over mean stated error. A predictor explains a part of the motion of the joints that it
 # steers.
 STEERED, ALONE = 0.75, 0.85
+
+RATIO, COUNT = 0, 1  # of `Belief.innovations`
+# Mean innovation over the expected one where the reported error is the actual one. It is below 1 as
+# uncertainty is mostly along one line of sight, and errors in two directions are longer.
+USUAL = 0.80
+PRIOR = 100.0  # keypoints that the constants count for: six looks at a person
+MEMORY_S = 10.0  # of the mean, in slots that teach: people who stand begin to walk
+MOST = 2.0  # the learned factor, and its inverse
+CLIP = 5.0  # times the expected innovation: a wild keypoint teaches no more
+LEAST_SHARE = 0.5  # of an innovation's variance that must be the prediction's
+OWN_SHARE = MEDIAN / NORMAL  # of the variance that the filter takes for a keypoint's own
+
+
+def learned_factor(innovations: Floats) -> float:
+    """Return the factor on reported standard deviations that innovations ask for.
+
+    Args:
+        innovations: `Belief.innovations`.
+    """
+    ratio, count = innovations
+    factor = (ratio / USUAL * count + PRIOR) / (count + PRIOR)
+    return float(min(max(factor, 1 / MOST), MOST))
 
 
 def spread_factor(belief: Belief) -> Floats:
@@ -23,4 +50,5 @@ def spread_factor(belief: Belief) -> Floats:
 
     A joint that was not steered has all of its process noise (`steer`).
     """
-    return np.where(belief.drift_share == 1.0, ALONE, STEERED)
+    constant = np.where(belief.drift_share == 1.0, ALONE, STEERED)
+    return np.asarray(constant * learned_factor(belief.innovations))

@@ -21,7 +21,16 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 SIDES = ("left", "right")
-OF_THE_SITE = ("time_s", "leftovers", "detection_map", "exits", "noise", "shifts", "next_id")
+OF_THE_SITE = (
+    "time_s",
+    "leftovers",
+    "detection_map",
+    "exits",
+    "noise",
+    "shifts",
+    "innovations",
+    "next_id",
+)
 LIMBS = (  # joints of which detectors exchange left and right together
     ("shoulder", "elbow", "wrist", "palm", "hand", "thumb", "fingers"),
     ("hip", "knee", "ankle", "foot", "toes", "big_toe", "small_toe", "heel"),
@@ -226,6 +235,8 @@ class Belief:
             (`learned_noise`).
         shifts: `(num_cameras, 3)` pixels of the undistorted image by which each camera's keypoints
             are too far right and down, and how many keypoints taught it (`learned_shift`).
+        innovations: `(2,)` mean distance of keypoints from where they were predicted, over the
+            expected one, and how many keypoints taught it (`covariance_inflation`).
         next_id: the id that the next new person gets.
     """
 
@@ -253,6 +264,7 @@ class Belief:
     exits: Floats
     noise: Floats
     shifts: Floats
+    innovations: Floats
     next_id: int = 0
 
     def __len__(self) -> int:
@@ -292,6 +304,7 @@ class Belief:
             exits=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
             noise=np.zeros((len(model.rig) + 1, 2)),
             shifts=np.zeros((len(model.rig), 3)),
+            innovations=np.zeros(2),
         )
 
     def without_people(self) -> Belief:

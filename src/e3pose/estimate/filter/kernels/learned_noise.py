@@ -126,6 +126,16 @@ def _leaning(score: float) -> float:
 
 
 @kernel
+def proved(track: int, dt: float, views: Views, matches: Matches, tracks: Tracks) -> bool:
+    """Return whether several cameras showed a track of late, so that it is nobody's ghost."""
+    recent = 0
+    for camera in range(len(views.counts)):
+        shown = views.arrived[camera] and matches.assigned[camera, track] >= 0
+        recent += shown or tracks.last_seen_s[track, camera] + dt < PROOF_S
+    return bool(tracks.confirmed[track] and recent >= PROOF_CAMERAS)
+
+
+@kernel
 def compare_noise(
     track: int,
     dt: float,
@@ -136,11 +146,7 @@ def compare_noise(
     detectors: Detectors,
 ) -> None:
     """Compare the keypoints of a track that was just updated with what the others say."""
-    recent = 0
-    for camera in range(len(views.counts)):
-        shown = views.arrived[camera] and matches.assigned[camera, track] >= 0
-        recent += shown or tracks.last_seen_s[track, camera] + dt < PROOF_S
-    if not (tracks.confirmed[track] and recent >= PROOF_CAMERAS):
+    if not proved(track, dt, views, matches, tracks):
         return
     for camera in range(len(views.counts)):
         person = matches.assigned[camera, track]

@@ -14,6 +14,7 @@ from e3pose.estimate.filter.kernels.associate import associate
 from e3pose.estimate.filter.kernels.bias import learn_bias
 from e3pose.estimate.filter.kernels.births import give_birth
 from e3pose.estimate.filter.kernels.blindness import learn_detection_map
+from e3pose.estimate.filter.kernels.covariance_inflation import compare_predicted, learn_inflation
 from e3pose.estimate.filter.kernels.existence import attend, end
 from e3pose.estimate.filter.kernels.learned_noise import compare_noise, learn_noise, recall_noise
 from e3pose.estimate.filter.kernels.learned_shift import learn_shifts, recall_shifts
@@ -115,6 +116,7 @@ class StepKernel:
             np.array(belief.noise, order="C"),
         )
         shifts = np.array(belief.shifts, order="C")
+        innovations = np.array(belief.innovations, order="C")
         num_tracks, num_waiting, next_id = self._call(
             num_tracks,
             num_old,
@@ -125,6 +127,7 @@ class StepKernel:
             detection_map,
             noise,
             shifts,
+            innovations,
             memory,
         )
         rows = memory.waiting.order[:num_waiting]
@@ -145,6 +148,7 @@ class StepKernel:
             exits=before.exits.copy(),
             noise=noise,
             shifts=shifts,
+            innovations=innovations,
             next_id=next_id,
             **columns,
         )
@@ -192,6 +196,7 @@ def step_slot(
     detection_map: Floats,
     noise: Floats,
     shifts: Floats,
+    innovations: Floats,
     memory: Memory,
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
@@ -202,6 +207,7 @@ def step_slot(
             memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
     recall_noise(noise, site, memory.detectors)
     recall_shifts(shifts, site.sizes, memory.detectors)
+    memory.detectors.innovations[:] = 0.0
     _prepare(site, memory.detectors, views)
     num_views = 0
     for camera in range(len(views.counts)):
@@ -222,6 +228,7 @@ def step_slot(
     _revise(num_tracks, num_views, dt, site, memory)
     learn_noise(noise, memory.detectors)
     learn_shifts(shifts, site.sizes, memory.detectors)
+    learn_inflation(dt, innovations, memory.detectors.innovations)
     attend(
         num_tracks,
         dt,
@@ -261,6 +268,9 @@ def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memo
     views, tracks, passes = memory.views, memory.tracks, memory.passes
     for track in range(num_tracks):
         if num_views:
+            compare_predicted(
+                track, dt, site, views, memory.matches, tracks, memory.detectors.innovations
+            )
             update(track, dt, site, views, memory.matches.assigned, tracks, passes)
             compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
         for camera in range(len(views.counts)):

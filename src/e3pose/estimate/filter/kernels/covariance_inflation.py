@@ -1,0 +1,104 @@
+"""How wrong predictions are: the loops of `filter.covariance_inflation`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.covariance_inflation import (
+    ALONE,
+    CLIP,
+    COUNT,
+    LEAST_SHARE,
+    MEMORY_S,
+    OWN_SHARE,
+    RATIO,
+    STEERED,
+)
+from e3pose.estimate.filter.kernels.learned_noise import proved
+from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
+from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
+from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.geometry.projection import MIN_DEPTH_M
+from e3pose.runtime.kernel import kernel
+
+Floats = NDArray[np.float64]
+
+EXPECTED = math.pi / 2  # square of the mean of a distance over the variance of either coordinate
+
+
+@kernel
+def compare_predicted(
+    track: int,
+    dt: float,
+    site: Site,
+    views: Views,
+    matches: Matches,
+    tracks: Tracks,
+    fresh: Floats,
+) -> None:
+    """Compare the keypoints of a track that is about to be updated with its prediction.
+
+    `fresh` is `Detectors.innovations`.
+    """
+    if not proved(track, dt, views, matches, tracks):
+        return
+    for camera in range(len(views.counts)):
+        person = matches.assigned[camera, track]
+        if views.arrived[camera] and person >= 0:
+            since_s = tracks.last_seen_s[track, camera] + dt
+            left_over = 1.0 - site.memory.removed * math.exp(-2.0 * since_s / site.memory.lasting_s)
+            _compare(
+                views.starts[camera] + person,
+                OWN_SHARE * left_over,
+                tracks.state[track],
+                tracks.covariance[track],
+                tracks.drift_share[track],
+                site.projections[camera],
+                views,
+                tracks.bias_px[track, camera],
+                fresh,
+            )
+
+
+@kernel
+def _compare(
+    row: int,
+    own_share: float,
+    state: Floats,
+    covariance: Floats,
+    drift_share: Floats,
+    projection: Floats,
+    views: Views,
+    bias_px: Floats,
+    fresh: Floats,
+) -> None:
+    """Add the innovations of one detection; `own_share` is on its variances."""
+    for joint in range(len(state)):
+        if not views.weights[row, joint] > MIN_SCORE:
+            continue
+        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
+        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
+        if not depth > MIN_DEPTH_M:
+            continue
+        factor = ALONE if drift_share[joint] == 1.0 else STEERED
+        doubt = factor**2 * doubt_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
+        total = doubt + own_share * views.variances[row, joint]
+        if doubt > LEAST_SHARE * total:
+            du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
+            dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
+            off = math.sqrt((du * du + dv * dv) / (EXPECTED * total))
+            fresh[RATIO] += off if off < CLIP else CLIP
+            fresh[COUNT] += 1.0
+
+
+@kernel
+def learn_inflation(dt: float, innovations: Floats, fresh: Floats) -> None:
+    """Add what was found in a slot to `innovations`, which is `Belief.innovations`."""
+    if fresh[COUNT] > 0.0:
+        count = innovations[COUNT] * math.exp(-dt / MEMORY_S)
+        total = innovations[RATIO] * count + fresh[RATIO]
+        innovations[COUNT] = count + fresh[COUNT]
+        innovations[RATIO] = total / innovations[COUNT]

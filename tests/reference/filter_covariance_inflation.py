@@ -1,0 +1,54 @@
+"""How wrong predictions are, learned from innovations: `filter.covariance_inflation`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from tests.reference.filter_learned_noise import own_share, proved
+from tests.reference.filter_update import Sightings, pixel_variance
+
+from e3pose.estimate.filter import bias
+from e3pose.estimate.filter.covariance_inflation import (
+    ALONE,
+    CLIP,
+    LEAST_SHARE,
+    MEMORY_S,
+    OWN_SHARE,
+    STEERED,
+)
+from e3pose.estimate.filter.state import MIN_SCORE, Belief, Ints, Model
+from e3pose.geometry.projection import MIN_DEPTH_M, project
+
+
+def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Model) -> Belief:
+    """Return the belief after the views of a slot were compared with the predicted people.
+
+    Args:
+        belief: before the update.
+        seen: the views, without biases.
+        cameras: `(num_views,)` of the views.
+        dt: seconds since the slot before.
+        model: the noise.
+    """
+    if len(belief) == 0 or len(cameras) == 0:
+        return belief
+    since_s = belief.last_seen_s + dt
+    taught = proved(belief, seen, cameras, since_s)
+    pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
+    usable = (seen.scores > MIN_SCORE) & (depth > MIN_DEPTH_M) & taught[:, None]
+    factor = np.where(belief.drift_share == 1.0, ALONE, STEERED)
+    doubt = factor**2 * pixel_variance(jacobian, belief.covariance[..., :3, :3])
+    terms = bias.memory_terms(model.noise.memory)
+    left_over = own_share(since_s[:, cameras].T, terms)[..., None]
+    total = doubt + OWN_SHARE * left_over * seen.sigma_px**2
+    usable &= doubt > LEAST_SHARE * total
+    if not usable.any():
+        return belief
+    off = np.linalg.norm(seen.keypoints_px - pixels, axis=-1)[usable]
+    ratios = np.minimum(off / np.sqrt(np.pi / 2 * total[usable]), CLIP)
+    mean, count = belief.innovations
+    count *= np.exp(-dt / MEMORY_S)
+    now = count + len(ratios)
+    innovations = np.array([(mean * count + ratios.sum()) / now, now])
+    return replace(belief, innovations=innovations)
