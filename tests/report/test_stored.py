@@ -69,6 +69,7 @@ def test_page_shows_the_newest_run(site: Path, capsys: pytest.CaptureFixture[str
     assert "lab, 2027-01-15 08:00:00 to 08:00:03 UTC" in text
     assert "On average" in text and "Stored live by the site lab, run 2." in text
     assert shown(page)["numSlots"] == 40
+    assert "<td>adaptive: follows the delays</td>" in text
 
 
 def test_page_can_be_smoothed(site: Path) -> None:

@@ -48,7 +48,11 @@ SCRIPT_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 
 def write_report(
-    recording: Recording, records: Sequence[SlotRecord], summary: Summary, path: Path
+    recording: Recording,
+    records: Sequence[SlotRecord],
+    summary: Summary,
+    path: Path,
+    lead: str | None = None,
 ) -> None:
     """Write the page that shows a run to `path`.
 
@@ -57,14 +61,21 @@ def write_report(
         records: one per slot, in order.
         summary: the figures of `evaluate.summary.summarise`; absent ones are left out of the page.
         path: the `.html` file to write, replaced if it exists.
+        lead: what the page says of the lead where it changed during the run; that of the
+            settings by default.
     """
-    text = render(recording, records, summary)
+    text = render(recording, records, summary, lead)
     with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def render(recording: Recording, records: Sequence[SlotRecord], summary: Summary) -> str:
-    """Return the page as text."""
+def render(
+    recording: Recording,
+    records: Sequence[SlotRecord],
+    summary: Summary,
+    lead: str | None = None,
+) -> str:
+    """Return the page as text; arguments are those of `write_report`."""
     from plotly.offline import get_plotlyjs
 
     drawn = scene(recording, records)
@@ -85,7 +96,7 @@ def render(recording: Recording, records: Sequence[SlotRecord], summary: Summary
         why=WHY if "gain" in drawn else "",
         energy_words=_text(_energy_words(summary), 1000),
         energy_boxes="".join(boxes),
-        settings=_settings(recording, summary),
+        settings=_settings(recording, summary, lead),
         source=_text(recording.source),
         data=embed(drawn),
         figures=embed(charts),
@@ -134,7 +145,7 @@ def _energy_words(summary: Summary) -> str:
     )
 
 
-def _settings(recording: Recording, summary: Summary) -> str:
+def _settings(recording: Recording, summary: Summary, lead: str | None) -> str:
     rows: dict[str, Any] = {
         "cameras": ", ".join(recording.rig.camera_ids),
         "slots per second": f"{recording.fps:g}",
@@ -142,6 +153,8 @@ def _settings(recording: Recording, summary: Summary) -> str:
     }
     settings = settings_json(summary.settings)
     settings["policy"] = summary.policy
+    if lead:
+        settings["lead_slots"] = lead
     rows |= {
         SETTING_WORDS[key]: _setting(settings[key]) for key in SETTING_WORDS if key in settings
     }

@@ -24,6 +24,7 @@ from e3pose.store.query import Time
 from e3pose.store.records import slot_records
 
 AS_STORED = SmoothSettings()
+ADAPTIVE = "adaptive: follows the delays"
 MOST_SLOTS = 200_000  # of a page: two hours at 25 slots a second
 
 
@@ -92,7 +93,8 @@ def write_stretch(
     if smoothing.method is not None:
         records = smooth_poses(records, skeleton, run.run.interval_s, smoothing)
         summary = replace(summary, smooth=smoothing.method)
-    write_report(recording, records, summary, path)
+    lead = ADAPTIVE if live.site.lead == "adaptive" else None
+    write_report(recording, records, summary, path, lead)
     return len(records)
 
 
