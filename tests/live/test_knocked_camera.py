@@ -72,7 +72,7 @@ def test_turned_camera_is_told_and_placed_anew_while_the_site_runs(tmp_path: Pat
             return "try again" not in said
 
         assert eventually(placed, NOTICE_S), said
-        assert "cam2: turned by" in said and "the one before is" in said, said
+        assert "cam2: turned by" in said and "the previous file is" in said, said
     finally:
         program.send_signal(signal.SIGINT)
         output = program.communicate(timeout=60)[0].decode()
