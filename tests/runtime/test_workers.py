@@ -97,7 +97,7 @@ def test_a_cluster_without_a_worker_is_named(monkeypatch: pytest.MonkeyPatch) ->
     )
     monkeypatch.setattr("e3pose.runtime.workers.WAIT_S", 2.0)
     with (
-        distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster,
+        distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0") as cluster,
         pytest.raises(InputError, match="--dask: found no worker of tcp"),
     ):
         list(Workers(1, cluster.scheduler_address).run(draw, 0.0, range(2)))

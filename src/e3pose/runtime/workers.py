@@ -166,7 +166,9 @@ def _client(address: str, jobs: int, option: str) -> Iterator[Any]:
     if address == LOCAL:
         with (
             LocalCluster(
-                n_workers=None if jobs == -1 else jobs, threads_per_worker=1, dashboard_address=None
+                n_workers=None if jobs == -1 else jobs,
+                threads_per_worker=1,
+                dashboard_address="127.0.0.1:0",  # any free port: 8787 may be taken
             ) as cluster,
             Client(cluster) as client,
         ):
