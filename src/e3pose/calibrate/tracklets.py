@@ -14,7 +14,9 @@ Floats = NDArray[np.float64]
 
 MOST_STEP = 0.25  # of a person's size, that joints move from slot to slot
 STEP_PER_GAP = 0.1  # more for each slot without the person
-MOST_GAP_S = 0.4
+MOST_GAP_S = 0.4  # without the person, of a camera that detects in every slot
+GAP_PER_INTERVAL = 3.0  # intervals between detections, of one that is seldom active
+LONGEST_GAP_S = 1.5
 CLEAR = 1.8  # the second best must be this many times farther, or the tracklet ends
 MIN_JOINTS = 5
 MIN_LENGTH = 5
@@ -48,7 +50,7 @@ def find_tracklets(camera: int, series: ViewSeries, fps: float) -> list[Tracklet
         series: what it saw.
         fps: slots a second.
     """
-    most_gap = max(1, round(MOST_GAP_S * fps))
+    most_gap = _most_gap(series, fps)
     open_rows: list[list[int]] = []
     open_slots: list[list[int]] = []
     finished: list[tuple[list[int], list[int]]] = []
@@ -84,6 +86,13 @@ def find_tracklets(camera: int, series: ViewSeries, fps: float) -> list[Tracklet
         for slots, rows in finished
         if len(slots) >= MIN_LENGTH
     ]
+
+
+def _most_gap(series: ViewSeries, fps: float) -> int:
+    """Return over how many slots a person may be missing, more for a camera that is seldom active."""
+    steps = np.diff(series.slots)
+    often = GAP_PER_INTERVAL * float(np.median(steps)) if len(steps) else 0.0
+    return max(1, round(max(MOST_GAP_S * fps, min(often, LONGEST_GAP_S * fps))))
 
 
 def _clear(cost: Floats, i: int, j: int) -> bool:
