@@ -1,4 +1,4 @@
-"""Rotate decoded frames by the display matrix of their video.
+"""Rotate images by quarter turns: by the display matrix of a video, or as a camera is mounted.
 
 A phone films with its sensor lying and writes into the file how to hold the picture. Players obey,
 so a calibration made from what a player showed is of the turned picture.
@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,11 @@ class Orientation:
             "expected a rotation by a multiple of 90 degrees"
         )
 
+    @classmethod
+    def from_degrees(cls, degrees: int) -> Orientation:
+        """Return the rotation by 0, 90, 180 or 270 degrees clockwise."""
+        return cls(degrees in (90, 270), degrees in (90, 180), degrees in (180, 270))
+
     def apply(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return the `(height, width, 3)` image as it is to be shown."""
         if self.transpose:
@@ -64,6 +71,26 @@ class Orientation:
     def size(self, width: int, height: int) -> tuple[int, int]:
         """Return `(width, height)` of the shown image."""
         return (height, width) if self.transpose else (width, height)
+
+    def points(self, points_px: Floats, width: int, height: int) -> Floats:
+        """Return points of the decoded image as those of the shown one.
+
+        Args:
+            points_px: `(*batch, 2)` pixels; (0, 0) is the centre of the top-left one.
+            width: of the decoded image, pixels.
+            height: of the decoded image, pixels.
+        """
+        points_px = points_px[..., ::-1] if self.transpose else points_px
+        return self._mirrored(points_px, width, height)
+
+    def points_back(self, points_px: Floats, width: int, height: int) -> Floats:
+        """Return points of the shown image as those of the decoded one, see `points`."""
+        points_px = self._mirrored(points_px, width, height)
+        return points_px[..., ::-1] if self.transpose else points_px
+
+    def _mirrored(self, points_px: Floats, width: int, height: int) -> Floats:
+        last_px = np.array(self.size(width, height)) - 1.0
+        return np.where((self.flip_x, self.flip_y), last_px - points_px, points_px)
 
 
 def display_orientation(side_data: Mapping[Any, Any], where: str) -> Orientation:
