@@ -11,7 +11,7 @@ import pytest
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
-from e3pose.recording.calibration import FORMATS, load_rig
+from e3pose.recording.calibration import FORMATS, load_rig, load_rotations
 
 NAMES = sorted(FORMATS)
 INTRINSICS = np.array([[1200.0, 0.0, 960.0], [0.0, 1200.0, 540.0], [0.0, 0.0, 1.0]])
@@ -218,12 +218,14 @@ def test_unknown_format_lists_the_known(tmp_path: Path) -> None:
         load_rig(tmp_path / "a.toml", format="vicon")
 
 
-@pytest.mark.parametrize("extra", [{"rotation_count": 1}, {"rotation_count": "x"}])
-def test_turned_caliscope_camera_is_refused(
-    tmp_path: Path, files: Any, extra: dict[str, Any]
+@pytest.mark.parametrize("count", [4, -4, 0.5, "x", True, [1]])
+def test_caliscope_rotation_that_is_no_quarter_turns_is_refused(
+    tmp_path: Path, files: Any, count: Any
 ) -> None:
-    path = files.write("caliscope", tmp_path, files.with_second(extra=extra))
+    path = files.write("caliscope", tmp_path, files.with_second(extra={"rotation_count": count}))
     assert "camera 1: rotation_count" in refusal(path)
+    with pytest.raises(InputError, match=r"camera 1: rotation_count: found .*, expected quarter"):
+        load_rotations(path)
 
 
 @pytest.mark.parametrize(

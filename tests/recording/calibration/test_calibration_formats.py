@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from e3pose.geometry.camera import Camera, Rig
-from e3pose.recording.calibration import FORMATS, find_format, load_rig, save_rig
+from e3pose.recording.calibration import FORMATS, find_format, load_rig, load_rotations, save_rig
 from e3pose.recording.calibration.easymocap import guess_size
 
 NAMES = ["anipose", "pose2sim", "caliscope", "qualisys", "panoptic", "easymocap", "opencv"]
@@ -122,6 +122,22 @@ def test_caliscope_leaves_out_ignored_cameras_and_names_by_port(tmp_path: Path, 
     path = files.write("caliscope", tmp_path, files.with_second(extra={"ignore": True}))
     path.write_text("\n".join(line for line in path.read_text().splitlines() if "name" not in line))
     assert load_rig(path).camera_ids == ("cam_0", "cam_2")
+
+
+@pytest.mark.parametrize(
+    ("count", "degrees"), [(1, 90), (2, 180), (3, 270), (-1, 270), (-2, 180), (-3, 90), (0, None)]
+)
+def test_turned_caliscope_camera_has_the_calibration_of_its_unturned_images(
+    tmp_path: Path, files: Any, count: int, degrees: int | None
+) -> None:
+    path = files.write("caliscope", tmp_path, files.with_second(extra={"rotation_count": count}))
+    rig = load_rig(path)
+    np.testing.assert_allclose(rig.project(files.points_m)[1], files.pixels(files.known[1]))
+    assert load_rotations(path) == ({} if degrees is None else {"hall_2": degrees})
+
+
+def test_calibration_of_another_format_turns_no_camera(tmp_path: Path, files: Any) -> None:
+    assert load_rotations(files.write("anipose", tmp_path)) == {}
 
 
 def test_older_caliscope_tables_are_read(tmp_path: Path, files: Any) -> None:

@@ -54,6 +54,22 @@ def load_rig(path: Path, format: str | None = None) -> Rig:
     return FORMATS[format](path)
 
 
+def load_rotations(path: Path) -> dict[str, int]:
+    """Return by how many degrees clockwise images are turned for people in them to be upright.
+
+    Args:
+        path: a calibration; only Caliscope's say so.
+
+    Returns:
+        90, 180 or 270 for each camera that is turned; the calibration is of unturned images.
+
+    Raises:
+        InputError: naming the file, camera and field that is wrong.
+    """
+    path = Path(path)
+    return caliscope.rotations(path) if find_format(path) == "caliscope" else {}
+
+
 def save_rig(rig: Rig, path: Path) -> None:
     """Write a rig as aniposelib TOML in metres; the file appears whole or not at all."""
     anipose.save(rig, Path(path))

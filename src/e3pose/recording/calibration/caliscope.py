@@ -1,19 +1,21 @@
 """Calibration files of Caliscope: tables `[cameras.N]` or, in older projects, `[cam_N]`.
 
 The fields are aniposelib's, with `port` for a name, `ignore`, and `rotation_count`: by how many
-quarter turns Caliscope turns the images before it looks for people. The matrix belongs to the
-images as they were before that, so a turned camera is refused rather than guessed at.
+quarter turns, clockwise if positive, Caliscope turns the images before it looks for people. The
+matrix belongs to the images as they were before that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.recording.calibration import anipose, fields
+
+QUARTERS = 4
 
 
 def load(path: Path) -> Rig:
@@ -34,29 +36,55 @@ def read(path: Path, tables: Mapping[str, Any]) -> Rig:
     """Make a rig of Caliscope's tables, without the cameras that are marked `ignore`.
 
     Raises:
-        InputError: for a field that is missing or wrong, or a rotated camera.
+        InputError: for a field that is missing or wrong.
     """
     metadata = fields.table(tables.get("metadata", {}), f"{path}: metadata")
     metres_per_unit = 1.0
     if "units" in metadata:
         metres_per_unit = fields.units_of(metadata["units"], f"{path}: metadata")
     cameras = []
-    for section, entry in _entries(tables).items():
-        shown = section[:80].encode("unicode_escape").decode()
-        where = f"{path}: camera {shown}"
-        camera = fields.table(entry, where)
-        if camera.get("ignore", False) is True:
-            continue
-        rotations = camera.get("rotation_count", 0)
-        if rotations != 0:
-            raise InputError(
-                f"{where}: rotation_count: found {rotations!r:.40}, expected 0; turn the video "
-                "upright and calibrate that"
-            )
-        number = camera.get("cam_id", camera.get("port", section.removeprefix("cam_")))
-        name = fields.name_of(camera.get("name", f"cam_{fields.name_of(number)}"))
+    for shown, name, camera in _cameras(path, tables):
+        _degrees(camera, f"{path}: camera {shown}")
         cameras.append(anipose.read_camera(path, shown, name, camera, metres_per_unit))
     return fields.make_rig(path, cameras, None if "units" in metadata else "metres")
+
+
+def rotations(path: Path) -> dict[str, int]:
+    """Return by how many degrees clockwise images are turned for people to be upright.
+
+    Returns:
+        90, 180 or 270 for each camera that is turned.
+
+    Raises:
+        InputError: for a field that is wrong.
+    """
+    tables = anipose.parse(path, fields.read_text(path))
+    found = {
+        name: _degrees(camera, f"{path}: camera {shown}")
+        for shown, name, camera in _cameras(path, tables)
+    }
+    return {name: degrees for name, degrees in found.items() if degrees}
+
+
+def _degrees(camera: Mapping[str, Any], where: str) -> int:
+    """Return 0, 90, 180 or 270 degrees clockwise."""
+    count = camera.get("rotation_count", 0)
+    if isinstance(count, bool) or not isinstance(count, int) or abs(count) >= QUARTERS:
+        raise InputError(
+            f"{where}: rotation_count: found {count!r:.40}, expected quarter turns from -3 to 3"
+        )
+    return count % QUARTERS * 90
+
+
+def _cameras(path: Path, tables: Mapping[str, Any]) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
+    """Yield section, name and table of each camera that is not marked `ignore`."""
+    for section, entry in _entries(tables).items():
+        shown = section[:80].encode("unicode_escape").decode()
+        camera = fields.table(entry, f"{path}: camera {shown}")
+        if camera.get("ignore", False) is True:
+            continue
+        number = camera.get("cam_id", camera.get("port", section.removeprefix("cam_")))
+        yield shown, fields.name_of(camera.get("name", f"cam_{fields.name_of(number)}")), camera
 
 
 def _entries(tables: Mapping[str, Any]) -> Mapping[str, Any]:
