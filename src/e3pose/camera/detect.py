@@ -14,6 +14,7 @@ from e3pose.camera.pairing import name_videos, pair_videos
 from e3pose.camera.provenance import save_provenance
 from e3pose.camera.slots import SlotGrid, frames_in_slots
 from e3pose.camera.together import Room, detect_together
+from e3pose.camera.turned import turned
 from e3pose.camera.unfinished import Unfinished
 from e3pose.detectors import Detector
 from e3pose.detectors.focus import check_feedback
@@ -117,7 +118,7 @@ def detect_videos(
     sources = open_sources(paths, settings.fps)
     if rig is None:
         rig = assumed_rig({name: source.image_size for name, source in sources.items()})
-    for camera_id in settings.offsets_s:
+    for camera_id in (*settings.offsets_s, *settings.rotations):
         rig.index(camera_id)
     seen_rig = rig.subset([rig.index(camera_id) for camera_id in sources])
     for camera_id, source in sources.items():
@@ -177,6 +178,9 @@ class _Run:
     ) -> None:
         self.work, self.grid, self.detector, self.progress = work, grid, detector, progress
         self.sources, self.offsets_s = sources, settings.offsets_s
+        self.detectors = {
+            name: turned(detector, settings.rotations.get(name, 0)) for name in sources
+        }
         self.whole_every, self.detector_name = settings.whole_every, detector_name
         self.expected = dict(zip(sources, _expected(settings, sources, grid), strict=True))
         self.before = self.done = self.resumed = 0
@@ -201,7 +205,7 @@ class _Run:
             self.sources,
             self.offsets_s,
             room,
-            self.detector,
+            self.detectors,
             self.whole_every,
             lambda camera_id: _series(self.work.path(camera_id), len(skeleton)),
             tell,
@@ -222,7 +226,7 @@ class _Run:
         frames = frames_in_slots(source.frames(begin_s), self.grid, offset_s, first)
         with self.work.path(camera_id).open("ab", buffering=0) as file:
             for slot, time_s, frame in frames:
-                poses = self.detector.detect(frame.image)
+                poses = self.detectors[camera_id].detect(frame.image)
                 file.write(encode_view(slot, time_s, poses))
                 self._tell(camera_id, slot + 1)
         self.work.mark_done(camera_id, source.damage)
@@ -314,6 +318,8 @@ def _identity(
         size = source.path.stat().st_size
         identity[f"video of {camera_id}"] = f"{source.path.name} ({size} bytes)"
         identity[f"offset of {camera_id}"] = f"{settings.offsets_s.get(camera_id, 0.0):.9g} s"
+        if degrees := settings.rotations.get(camera_id, 0):
+            identity[f"rotation of {camera_id}"] = f"{degrees} degrees"
     return identity
 
 
@@ -364,15 +370,16 @@ def _finish(
     settings: DetectSettings,
     identity: Mapping[str, str],
 ) -> None:
+    rotations = {name: settings.rotations[name] for name in sources if name in settings.rotations}
     starts_s = {name: settings.start_s - settings.offsets_s.get(name, 0.0) for name in sources}
     with atomic_folder(dest, settings.overwrite, held=True) as folder:
         if settings.keep_videos == "refer":
             save_recording(recording, folder)
-            save_provenance(folder, identity, starts_s)
+            save_provenance(folder, identity, starts_s, rotations)
             return
         names = {name: f"{name}{sources[name].path.suffix.lower()}" for name in recording.videos}
         save_recording(replace(recording, videos=names), folder)
-        save_provenance(folder, identity, starts_s)
+        save_provenance(folder, identity, starts_s, rotations)
         (folder / "videos").mkdir()
         for camera_id, name in names.items():
             target = sources[camera_id].path.resolve()

@@ -11,6 +11,7 @@ import tomli_w
 
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
+from e3pose.settings.limits import Rotation
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -27,17 +28,25 @@ class Provenance(msgspec.Struct):
     Attributes:
         settings: what decided its content, by name.
         video_starts_s: for each camera, which time in its video is the recording's zero.
+        rotations: for each camera that is turned, by how many degrees clockwise its images were
+            turned for the detector.
     """
 
     settings: dict[str, str]
     video_starts_s: dict[str, float]
+    rotations: dict[str, Rotation] = {}
 
 
 def save_provenance(
-    folder: Path, settings: Mapping[str, str], video_starts_s: Mapping[str, float]
+    folder: Path,
+    settings: Mapping[str, str],
+    video_starts_s: Mapping[str, float],
+    rotations: Mapping[str, int] | None = None,
 ) -> None:
     """Write how the recording in `folder` was detected."""
     table = {"settings": dict(settings), "video_starts_s": dict(video_starts_s)}
+    if rotations:
+        table["rotations"] = dict(rotations)
     (folder / FILE).write_bytes(tomli_w.dumps(table).encode())
 
 

@@ -84,7 +84,7 @@ def detect_together(
     sources: Mapping[str, Source],
     offsets_s: Mapping[str, float],
     room: Room,
-    detector: Detector,
+    detectors: Mapping[str, Detector],
     whole_every: int,
     earlier: Callable[[str], ViewSeries],
     tell: Callable[[str, int], None],
@@ -97,7 +97,7 @@ def detect_together(
         sources: camera id to video, in the order of the rig.
         offsets_s: camera id to when its video's first frame was taken.
         room: where the loop runs.
-        detector: finds the people.
+        detectors: camera id to what finds the people.
         whole_every: one of so many looks is at the whole image.
         earlier: camera id to the lines that `work` has.
         tell: told a camera and the number of its slots that are done.
@@ -122,7 +122,7 @@ def detect_together(
             found = film.earlier(slot)
             if found is None and (here := film.frame(slot)) is not None:
                 told = None if expected is None else expected[index]
-                found = detect_expected(detector, here[1].image, told)
+                found = detect_expected(detectors[name], here[1].image, told)
                 with work.path(name).open("ab", buffering=0) as file:
                     file.write(encode_view(slot, here[0], found))
                 tell(name, slot + 1)

@@ -6,13 +6,14 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, as_typed
 from e3pose.errors import InputError
 from e3pose.quantities import plural
+from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ def detect(
     start: float = 0.0,
     max_slots: Whole | None = None,
     offset: Annotated[list[str] | None, Parameter(negative="")] = None,
+    rotation: Annotated[list[str] | None, Parameter(negative="")] = None,
     threads: Whole | None = None,
     feedback: Flag = False,
     whole_every: Whole = WHOLE_EVERY,
@@ -78,6 +80,10 @@ def detect(
     offset
         CAMERA=SECONDS: capture time of that camera's first frame, for cameras that did not start
         together; repeatable.
+    rotation
+        CAMERA=DEGREES: 0, 90, 180 or 270 clockwise, by which that camera's images are turned for
+        the detector so that people are upright; repeatable. Keypoints stay in pixels of the video.
+        Default: what a Caliscope calibration says, else 0.
     threads
         CPU threads of the network. Default: all cores.
     feedback
@@ -95,7 +101,7 @@ def detect(
     from e3pose.camera.detect import DetectSettings, detect_videos
     from e3pose.cli.placed import check_world
     from e3pose.files.atomic import check_free
-    from e3pose.recording.calibration import load_rig
+    from e3pose.recording.calibration import load_rig, load_rotations
 
     if len(paths) < 2:
         given = plural(len(paths), "path")
@@ -104,11 +110,19 @@ def detect(
         raise InputError("--link-videos and --copy-videos: found both, expected at most one")
     *videos, last = paths
     dest = Path(last)
+    rotations = camera_rotations("--rotation", rotation or [])
+    if calibration is not None:
+        known = load_rotations(calibration)
+        if used := {name: known[name] for name in known if name not in rotations}:
+            listed = ", ".join(f"{name} {degrees} degrees" for name, degrees in used.items())
+            print(f"images are turned for the detector, as {calibration} says: {listed}")
+        rotations = {**known, **rotations}
     settings = DetectSettings(
         fps=fps,
         every=every,
         start_s=start,
         max_slots=max_slots,
+        rotations=rotations,
         offsets_s=camera_seconds("--offset", offset or []),
         keep_videos="link" if link_videos else "copy" if copy_videos else "refer",
         overwrite=overwrite,
@@ -167,6 +181,18 @@ def camera_seconds(option: str, words: Sequence[str]) -> dict[str, float]:
         if not equals:
             raise InputError(f"{option}: found {word!r}, expected CAMERA=SECONDS")
     return offsets
+
+
+def camera_rotations(option: str, words: Sequence[str]) -> dict[str, int]:
+    """Read words such as `cam1=90`; raise `InputError` naming the option if one is not so."""
+    found: dict[str, int] = {}
+    for word in words:
+        camera_id, _, degrees = word.rpartition("=")
+        angle = int(degrees) if degrees.isascii() and degrees.isdigit() else None
+        if not camera_id or angle not in get_args(Rotation):
+            raise InputError(option, repr(word[:80]), "CAMERA=DEGREES with 0, 90, 180 or 270")
+        found[camera_id] = int(degrees)
+    return found
 
 
 @contextmanager

@@ -8,8 +8,9 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from e3pose.camera.provenance import load_video_starts
+from e3pose.camera.provenance import load_provenance
 from e3pose.camera.slot_reader import SlotReader, video_path
+from e3pose.camera.turned import turned
 from e3pose.detectors import make_detector
 from e3pose.detectors.focus import check_feedback, detect_expected
 from e3pose.errors import InputError
@@ -33,6 +34,7 @@ class PixelViews:
         detector: Any,
         folder: Path | None = None,
         starts_s: Mapping[str, float] | None = None,
+        rotations: Mapping[str, int] | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         """Open the videos.
@@ -43,6 +45,8 @@ class PixelViews:
             folder: of the recording, for videos that stand in it.
             starts_s: for each camera, which time in its video is the recording's zero; 0 if not
                 given.
+            rotations: for each camera, by how many degrees clockwise its images are turned for the
+                detector; 0 if not given.
             clock: seconds, for the time of looks only.
 
         Raises:
@@ -55,7 +59,10 @@ class PixelViews:
                 f"one of {detector.skeleton.name}",
                 f"one of {recording.skeleton.name}, as the recording",
             )
-        self._detector, self._clock = detector, clock
+        degrees, self._clock = rotations or {}, clock
+        self._detectors = [
+            turned(detector, degrees.get(name, 0)) for name in recording.rig.camera_ids
+        ]
         starts = starts_s or {}
         self._readers = [
             SlotReader(video_path(recording, name, folder), recording.fps, starts.get(name, 0.0), 0)
@@ -69,7 +76,7 @@ class PixelViews:
         if image is None:
             return None
         begun_s = self._clock()
-        poses = detect_expected(self._detector, image, expected)
+        poses = detect_expected(self._detectors[camera], image, expected)
         self.looks_s.append((slot, camera, expected is not None, self._clock() - begun_s))
         return poses
 
@@ -123,7 +130,8 @@ def open_pixels(
     detector = make_detector(name, threads=threads)
     if feedback:
         check_feedback(detector, name)
-    return PixelViews(recording, detector, folder, load_video_starts(folder))
+    noted = load_provenance(folder)
+    return PixelViews(recording, detector, folder, noted.video_starts_s, noted.rotations)
 
 
 def replay_stored(

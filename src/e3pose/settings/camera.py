@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import Literal
+from typing import Literal, get_args
 
 from e3pose.errors import InputError
 from e3pose.recording.record import MAX_FPS, MIN_FPS
+from e3pose.settings.limits import Rotation
 from e3pose.settings.loop import WHOLE_EVERY
 
 MAX_SLOTS = 100_000_000
@@ -23,6 +24,8 @@ class DetectSettings:
         every: look at every so many slots of that rate only.
         start_s: where slot 0 lies, in seconds after the common clock's zero.
         max_slots: at most so many slots; None for all.
+        rotations: for each camera, by how many degrees clockwise its images are turned for the
+            detector, so that people are upright; 0 if not given.
         offsets_s: for each camera, when its video's first frame was taken on the common clock, in
             seconds; 0 if not given.
         keep_videos: `refer` to the videos where they are, `link` or `copy` them into the recording.
@@ -36,6 +39,7 @@ class DetectSettings:
     every: int = 1
     start_s: float = 0.0
     max_slots: int | None = None
+    rotations: Mapping[str, int] = field(default_factory=dict)
     offsets_s: Mapping[str, float] = field(default_factory=dict)
     keep_videos: Literal["refer", "link", "copy"] = "refer"
     overwrite: bool = False
@@ -53,6 +57,10 @@ class DetectSettings:
             raise InputError(f"start: found {self.start_s}, expected seconds, 0 or more")
         if self.max_slots is not None and not 1 <= self.max_slots <= MAX_SLOTS:
             raise InputError(f"max slots: found {self.max_slots}, expected 1 to {MAX_SLOTS}")
+        for camera_id, degrees in self.rotations.items():
+            if degrees not in get_args(Rotation):
+                wanted = "0, 90, 180 or 270 degrees"
+                raise InputError(f"camera {camera_id}: rotation", str(degrees), wanted)
         for camera_id, offset_s in self.offsets_s.items():
             if not abs(offset_s) <= 1e7:
                 raise InputError(f"camera {camera_id}: offset: found {offset_s}, expected seconds")

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from e3pose.errors import InputError
+
+Rotation = Literal[0, 90, 180, 270]  # degrees clockwise that make people in an image upright
 
 
 def check_within(thing: str, value: float, low: float, high: float) -> None:
