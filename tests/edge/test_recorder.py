@@ -12,7 +12,7 @@ import pytest
 from tests.rigs import looking
 from tests.waiting import eventually
 
-from e3pose.camera.provenance import load_video_starts
+from e3pose.camera.provenance import load_provenance, load_video_starts
 from e3pose.camera.session_videos import attach_videos
 from e3pose.edge.gather import Arrival
 from e3pose.edge.recorder import Recorder, RecorderSettings, recordings_in
@@ -116,7 +116,7 @@ def test_videos_become_part_of_the_recordings_of_their_time(tmp_path: Path) -> N
     videos = tmp_path / "videos"
     make_videos(videos, "c0", [95, 120, 140], 160)
     make_videos(videos, "c1", [100, 121, 124, 138], 139)
-    asked = replace(settings(tmp_path), part_s=1.0, filmed=("c0", "c1", "c2"))
+    asked = replace(settings(tmp_path), part_s=1.0, filmed=("c0", "c1", "c2"), rotations={"c1": 90})
     assert record(asked, range(100, 140)) == []
     parts = recordings_in(tmp_path)
     recordings = [load_recording(part) for part in parts]
@@ -125,6 +125,7 @@ def test_videos_become_part_of_the_recordings_of_their_time(tmp_path: Path) -> N
     starts_s = [load_video_starts(part) for part in parts]
     assert starts_s[0] == pytest.approx({"c0": 5 / FPS, "c1": 0.0})
     assert starts_s[1] == pytest.approx({"c0": 0.0, "c1": -4 / FPS})
+    assert [load_provenance(part).rotations for part in parts] == [{"c1": 90}] * 2
     assert (parts[0] / "videos" / "c0.mkv").read_bytes() == b"video"
     left = sorted(path.name[-13:-5] for path in videos.rglob("*.mkv"))
     assert len(left) == 3, "those of no recording, and the shorter ones, stay"

@@ -2,7 +2,49 @@
 
 from __future__ import annotations
 
-from e3pose.site.camera_program import EdgeWatch
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tests.memory_transport import Hub
+
+from e3pose.camera.turned import Turned
+from e3pose.detectors.base import Image
+from e3pose.detectors.drawn import Drawn
+from e3pose.model.pose import Poses2D
+from e3pose.runtime.clock import WallClock
+from e3pose.settings.camera_file import load_node
+from e3pose.site.camera_program import EdgeWatch, make_camera
+
+
+class Seeing(Drawn):
+    """Keeps the `(height, width)` of what it is shown."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.shown: list[tuple[int, ...]] = []
+
+    def detect(self, image: Image) -> Poses2D:
+        self.shown.append(image.shape[:2])
+        return super().detect(image)
+
+
+def test_camera_on_its_side_detects_in_turned_images(tmp_path: Path) -> None:
+    (tmp_path / "camera.toml").write_text(
+        'format = "e3pose-camera"\nversion = 1\nsite = "lab"\ncamera = "cam1"\n'
+        'source = "usb:0"\ndetector = "drawn"\nrotation = 90\n'
+    )
+    node, seeing = load_node(tmp_path / "camera.toml"), Seeing()
+    image = np.zeros((240, 320, 3), dtype=np.uint8)
+    made = make_camera(node, Hub().join(), WallClock(), print, lambda _: {}, seeing)
+    made.detector.detect(image)
+    straight = replace(node, rotation=0)
+    make_camera(straight, Hub().join(), WallClock(), print, lambda _: {}, seeing).detector.detect(
+        image
+    )
+    assert seeing.shown == [(320, 240), (240, 320)]
+    named = make_camera(node, Hub().join(), WallClock(), print, lambda _: {})
+    assert isinstance(named.detector, Turned)
 
 
 def test_edge_that_does_not_come_is_told_once() -> None:

@@ -134,6 +134,13 @@ def test_cameras_that_run_elsewhere_are_not_looked_at(tmp_path: Path) -> None:
     assert sources(tmp_path) == []
 
 
+def test_turned_camera_that_runs_elsewhere_needs_it_in_its_own_file(tmp_path: Path) -> None:
+    site = write_site(tmp_path, '[[camera]]\nid = "c1"\nrotation = 90\n')
+    (found,) = check_sources(site, RIG)
+    assert (found.level, found.what) == ("warning", "camera c1")
+    assert found.advice == "rotation = 90 in its camera file"
+
+
 @pytest.mark.parametrize("source", ["walk.mp4", "recorded:walk", "usb:987"])
 def test_source_that_is_not_there_is_a_problem(tmp_path: Path, source: str) -> None:
     found = wrong(sources(tmp_path, source=source, model="net.onnx"))

@@ -13,7 +13,13 @@ from e3pose.detectors.timing import LookTimes
 from e3pose.errors import InputError
 from e3pose.settings.live import known_rig
 from e3pose.settings.site_file import load_site
-from e3pose.site.detector_speed import SPARE, check_looks, measure_looks, with_time_for_all
+from e3pose.site.detector_speed import (
+    SPARE,
+    check_looks,
+    lookers_of,
+    measure_looks,
+    with_time_for_all,
+)
 from e3pose.site.edge_program import check_edge
 from e3pose.site.new_site import Choice, name_sources, rates, site_name, threads_for, write_site
 
@@ -54,6 +60,17 @@ def test_site_passes_its_own_check(tmp_path: Path, source: str, times: LookTimes
     assert [finding.level for finding in found] == ["ok"], found
     kept = measure_looks(live.site, live.rig, again=False)
     assert kept is not None and (kept.together_s == times.together_s).all()
+
+
+def test_turned_camera_stays_turned_though_the_new_calibration_does_not_say_so(
+    tmp_path: Path,
+) -> None:
+    rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
+    made = choice("usb:{}", QUICK, rig=rig, rotations={"c1": 270})
+    site = load_site(write_site(tmp_path / "lab", made))
+    assert [camera.rotation for camera in site.camera] == [None, 270, None, None]
+    sizes = [looker.image_size for looker in lookers_of(site, rig).values()]
+    assert sizes[1] == sizes[0][::-1]
 
 
 def test_site_without_a_calibration_names_what_makes_it(tmp_path: Path) -> None:

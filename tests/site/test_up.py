@@ -14,6 +14,7 @@ from tests.site.tables import write_site
 
 from e3pose.cli.app import app
 from e3pose.errors import InputError
+from e3pose.recording.calibration import save_rig
 from e3pose.site import up
 from e3pose.site.up import Program, camera_command, edge_command, end, run_site, view_command
 
@@ -82,6 +83,43 @@ def test_options_of_a_camera_are_those_of_its_table(tmp_path: Path) -> None:
     assert full["--battery-wh"] == "10.0" and full["--wake-s"] == "1.5"
     assert full["--state"] == str(tmp_path / "batteries" / "c1.json")
     assert full["--meter"] == "auto" and full["--pace"] == "0.5"
+
+
+ROTATED = "port = 0\nrotation_count = 1\n"  # as Caliscope writes it
+
+
+def turned_rig(folder: Path) -> None:
+    """Write Caliscope's calibration of cameras that are all turned by 90 degrees."""
+    save_rig(RIG, folder / "rig.toml")
+    text = (folder / "rig.toml").read_text()
+    (folder / "rig.toml").write_text(text.replace("name = ", f"{ROTATED}name = "))
+
+
+@pytest.mark.parametrize(
+    ("calibration", "keys", "degrees"),
+    [
+        (None, "", None),
+        (None, "rotation = 270", "270"),
+        ("turned", "", "90"),
+        ("turned", "rotation = 180", "180"),
+        ("turned", "rotation = 0", None),
+    ],
+)
+def test_camera_is_turned_as_its_table_says_or_else_the_calibration(
+    tmp_path: Path, calibration: str | None, keys: str, degrees: str | None
+) -> None:
+    if calibration is not None:
+        turned_rig(tmp_path)
+    command = camera(tmp_path, f'source = "usb:0"\n{keys}')
+    assert options(command).get("--rotation") == degrees
+    _, bound, unused, _ = app.parse_known_args(command[3:])
+    assert not unused and bound.arguments.get("rotation") == (degrees and int(degrees))
+
+
+@pytest.mark.parametrize("value", ["45", "-90", "90.0", '"90"', "true"])
+def test_rotation_that_is_no_quarter_turn_is_named(tmp_path: Path, value: str) -> None:
+    with pytest.raises(InputError, match=r"rotation: found .*, expected 0 or 90 or 180 or 270"):
+        camera(tmp_path, f'source = "usb:0"\nrotation = {value}')
 
 
 @pytest.mark.parametrize(

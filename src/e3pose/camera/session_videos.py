@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from e3pose.camera.provenance import load_provenance, save_provenance
@@ -14,15 +14,18 @@ from e3pose.recording.videos import begin_of, choose_video, take_videos, videos_
 BEGAN, PACE = "began", "pace"  # of a session's recording, in its `detection.toml`
 
 
-def note_session(recording: Path, began_ns: int, pace: float) -> None:
+def note_session(
+    recording: Path, began_ns: int, pace: float, rotations: Mapping[str, int] | None = None
+) -> None:
     """Write down when slot 0 of a recording was, so that videos can be put to it later.
 
     Args:
         recording: its folder.
         began_ns: the middle of slot 0, since 1970.
         pace: seconds of the scene that passed in a second.
+        rotations: by camera, degrees clockwise by which its images were turned for its detector.
     """
-    save_provenance(recording, {BEGAN: str(began_ns), PACE: f"{pace:g}"}, {})
+    save_provenance(recording, {BEGAN: str(began_ns), PACE: f"{pace:g}"}, {}, rotations)
 
 
 def attach_videos(recording: Path, folder: Path, camera_ids: Sequence[str]) -> list[str]:
@@ -55,6 +58,6 @@ def attach_videos(recording: Path, folder: Path, camera_ids: Sequence[str]) -> l
             continue
         found[camera_id] = video
         starts_s[camera_id] = (began_ns - (begin_of(video) or 0)) / 1e9 * pace
-    save_provenance(recording, noted.settings, starts_s)
+    save_provenance(recording, noted.settings, starts_s, noted.rotations)
     take_videos(recording, found)
     return list(found)

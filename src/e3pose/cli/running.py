@@ -80,6 +80,7 @@ def camera(
     model: str | None = None,
     provider: str | None = None,
     threads: Whole | None = None,
+    rotation: Whole | None = None,
     fps: float | None = None,
     pace: float | None = None,
     begin_s: float | None = None,
@@ -129,6 +130,9 @@ def camera(
         Execution provider: auto, tensorrt, cuda, openvino, coreml, cpu.
     threads
         CPU threads of the network. Default: all cores.
+    rotation
+        0, 90, 180 or 270: degrees clockwise that make people in the images upright, for a camera
+        mounted on its side. Only the detector sees turned images.
     fps
         Frame rate to request from the source.
     pace
@@ -173,7 +177,8 @@ def camera(
     given = {
         "site": site, "camera": name, "source": source, "endpoint": endpoint, "keys": keys,
         "detector": detector, "model": model, "provider": provider, "threads": threads,
-        "fps": fps, "pace": pace, "begin_s": begin_s, "wake_s": wake_s, "delay_ms": delay_ms,
+        "rotation": rotation, "fps": fps, "pace": pace, "begin_s": begin_s,
+        "wake_s": wake_s, "delay_ms": delay_ms,
         "battery_wh": battery_wh, "meter": meter, "profile": profile, "state": state,
         "insecure": insecure, "pictures": pictures, "videos": videos,
         "videos_max_size": videos_max_size, "videos_part": videos_part,

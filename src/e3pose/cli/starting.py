@@ -67,12 +67,14 @@ def init(
         Playback speed of videos. Default: as slow as this machine needs to follow them.
     """
     from e3pose.files.atomic import check_free
+    from e3pose.recording.calibration import load_rotations
     from e3pose.site.new_site import Choice, name_sources, site_name, threads_for, write_site
     from e3pose.wire.topics import check_site
 
     check_free(folder, None)
     named = name_sources(list(sources) or _asked(), folder)
     rig = None if calibration is None else _rig(calibration, named)
+    rotations = {} if calibration is None else load_rotations(calibration)
     count = min(2 if cameras is None else cameras, len(named))
     if count < 1:
         raise InputError(f"--cameras: found {cameras}, expected 1 to {len(named)}")
@@ -80,7 +82,7 @@ def init(
     cores = len(os.sched_getaffinity(0))
     each = threads or threads_for(len(named), count, cores)
     probes = _probed(named, rig)
-    times = _measured(network, provider, each, probes)
+    times = _measured(network, provider, each, probes, rotations)
     choice = Choice(
         name=site_name(folder) if name is None else check_site(name),
         probes=probes,
@@ -92,6 +94,7 @@ def init(
         rig=rig,
         fps=fps,
         pace=pace,
+        rotations=rotations,
     )
     path = write_site(folder, choice)
     _tell(choice, folder, path)
@@ -193,13 +196,22 @@ def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
     return found
 
 
-def _measured(network: str, provider: str, threads: int, probes: dict[str, Probe]) -> LookTimes:
+def _measured(
+    network: str,
+    provider: str,
+    threads: int,
+    probes: dict[str, Probe],
+    rotations: dict[str, int],
+) -> LookTimes:
     from rich.console import Console
 
+    from e3pose.camera.orientation import Orientation
     from e3pose.detectors.timing import Looker, time_looks
 
+    orientations = {name: Orientation.from_degrees(rotations.get(name, 0)) for name in probes}
     lookers = [
-        Looker(network, None, provider, threads, seen.image_size) for seen in probes.values()
+        Looker(network, None, provider, threads, orientations[name].size(*seen.image_size))
+        for name, seen in probes.items()
     ]
     with Console(stderr=True).status(f"measuring {network}"):
         times = time_looks(lookers)

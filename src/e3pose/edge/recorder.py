@@ -7,7 +7,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -40,6 +40,7 @@ class RecorderSettings:
         detector: whose noise the keypoints have.
         part_s: length of one recording.
         max_bytes: of all recordings in the folder; the oldest go first.
+        rotations: by camera, degrees clockwise by which its images are turned for its detector.
     """
 
     folder: Path
@@ -52,6 +53,7 @@ class RecorderSettings:
     part_s: float = PART_S
     max_bytes: int = MAX_BYTES
     filmed: Sequence[str] = ()
+    rotations: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def videos(self) -> Path:
@@ -171,7 +173,7 @@ class Recorder:
             f"Recorded live at the site {settings.site} from {when:%Y-%m-%d %H:%M:%S} UTC. "
             "Views of cameras that were not selected are missing.",
         )  # fmt: skip
-        note_session(writer.folder, time_ns, settings.pace)
+        note_session(writer.folder, time_ns, settings.pace, settings.rotations)
         return writer
 
     def _finish(self) -> None:

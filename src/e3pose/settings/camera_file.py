@@ -13,7 +13,7 @@ from e3pose.files.table import entry, read_table
 from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import duration_s, size_bytes
 from e3pose.runtime.plugins import beside
-from e3pose.settings.limits import check_camera, check_source, check_within, near
+from e3pose.settings.limits import Rotation, check_camera, check_source, check_within, near
 from e3pose.settings.site_file import DEFAULT_DETECTOR, DEFAULT_ENDPOINT, MAX_BYTES
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
@@ -38,6 +38,7 @@ class NodeTable:
         model: file of the network.
         provider: where it runs.
         threads: of the processor for the network; all cores by default.
+        rotation: degrees clockwise that make people in its images upright, for the detector alone.
         fps: frames a second to ask of the source; None for its own.
         pace: how fast a file or recording is played.
         begin_s: seconds since 1970 at which a round of it begins, and before which nothing is
@@ -70,6 +71,7 @@ class NodeTable:
     model: str | None = None
     provider: str = "auto"
     threads: int | None = None
+    rotation: Rotation = 0
     fps: float | None = None
     pace: float = 1.0
     begin_s: float = 0.0

@@ -12,7 +12,7 @@ from e3pose.geometry.camera import Rig
 from e3pose.model.noises import DEFAULT, SHIPPED
 from e3pose.model.skeleton import Skeleton
 from e3pose.pipeline import Pipeline
-from e3pose.recording.calibration import load_rig
+from e3pose.recording.calibration import load_rig, load_rotations
 from e3pose.recording.calibration.world import assumed_rig, world_problem
 from e3pose.settings.energy import EnergyPlan
 from e3pose.settings.loop import LoopSettings
@@ -116,6 +116,20 @@ def known_rig(site: SiteTable) -> Rig:
         error = InputError("calibration", f"no {calibration}", "the file of a rig")
         raise error.at(site.path)
     return assumed_rig({camera.id: ASSUMED_SIZE for camera in site.camera})
+
+
+def rotations_of(site: SiteTable, rig: Rig) -> dict[str, int]:
+    """Return by how many degrees clockwise images of turned cameras are turned for the detector.
+
+    The site file takes precedence over the calibration.
+    """
+    calibration = site.near(site.calibration)
+    known = load_rotations(calibration) if calibration.exists() else {}
+    found = {
+        name: known.get(name, 0) if camera.rotation is None else camera.rotation
+        for name, camera in site.cameras_of(rig).items()
+    }
+    return {name: degrees for name, degrees in found.items() if degrees}
 
 
 def live_site(

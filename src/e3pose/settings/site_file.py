@@ -20,7 +20,7 @@ from e3pose.quantities import age_s, duration_s, size_bytes
 from e3pose.runtime.plugins import beside as own_beside
 from e3pose.runtime.plugins import is_own
 from e3pose.settings.energy import EnergySettings, IdleMode
-from e3pose.settings.limits import check_camera, check_source, check_within, near
+from e3pose.settings.limits import Rotation, check_camera, check_source, check_within, near
 from e3pose.settings.loop import LoopSettings
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.topics import check_site
@@ -151,6 +151,8 @@ class CameraTable:
         model: file of the network.
         provider: where it runs.
         threads: of the processor for the network; all cores by default.
+        rotation: degrees clockwise that make people in its images upright, for the detector alone;
+            by default what the calibration says.
         wake_s: seconds from aggressive power-saving to its first frame.
         delay_ms: how long after the moment it shows a frame arrives, which is taken off its time.
         battery_wh: capacity; without it the camera is on mains.
@@ -167,6 +169,7 @@ class CameraTable:
     model: str | None = None
     provider: str = "auto"
     threads: int | None = None
+    rotation: Rotation | None = None
     wake_s: float = 0.5
     delay_ms: float = 0.0
     battery_wh: float | None = None

@@ -13,6 +13,7 @@ from e3pose.camera.base import LiveDetector, NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, make_source
 from e3pose.camera.pictures import Pictures
+from e3pose.camera.turned import turned
 from e3pose.camera.video_recorder import VideoRecorder, VideoSettings
 from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import ChargeFile
@@ -220,7 +221,8 @@ def make_camera(
     if detector is None:
         looks, joints, name = _detector(node, source)
     else:
-        looks, joints, name = detector, tuple(detector.skeleton.joints), node.detector
+        looks, joints = turned(detector, node.rotation), tuple(detector.skeleton.joints)
+        name = node.detector
     settings = NodeSettings(
         site=node.site,
         camera_id=node.camera,
@@ -274,6 +276,7 @@ def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ..
     from e3pose.detectors import make_detector
 
     model = None if node.model is None else node.near(node.model)
-    detector = make_detector(node.detector, model, node.provider, node.threads)
+    made = make_detector(node.detector, model, node.provider, node.threads)
+    detector = turned(made, node.rotation)
     detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first look is slow: now, then
     return detector, detector.skeleton.joints, node.detector

@@ -8,8 +8,9 @@ import threading
 import time
 from collections.abc import Iterator
 
+from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import probe
-from e3pose.detectors.timing import Looker, time_looks
+from e3pose.detectors.timing import DEFAULT_SIZE, Looker, time_looks
 from e3pose.errors import InputError
 from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import NodeTable
@@ -73,9 +74,8 @@ def _network(node: NodeTable, size: tuple[int, int] | None) -> Iterator[Finding]
     if node.source.startswith(f"{RECORDED}:"):
         return
     model = None if node.model is None else node.near(node.model)
-    looker = Looker(node.detector, model, node.provider, node.threads)
-    if size is not None:
-        looker = Looker(node.detector, model, node.provider, node.threads, size)
+    seen_size = Orientation.from_degrees(node.rotation).size(*(size or DEFAULT_SIZE))
+    looker = Looker(node.detector, model, node.provider, node.threads, seen_size)
     try:
         look_s = float(time_looks([looker]).alone_s[0])
     except InputError as error:

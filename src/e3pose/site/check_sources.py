@@ -8,6 +8,7 @@ from pathlib import Path
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.runtime.plugins import is_own
+from e3pose.settings.live import rotations_of
 from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
 from e3pose.site.check import Finding
 
@@ -24,9 +25,14 @@ def require_sources(site: SiteTable, rig: Rig) -> None:
 
 def check_sources(site: SiteTable, rig: Rig) -> Iterator[Finding]:
     """Look at the sources and networks of cameras that `e3pose up` would run here."""
+    rotations = rotations_of(site, rig)
     for camera in site.cameras_of(rig).values():
         yield from _recording(camera)
         if camera.source is None:
+            if degrees := rotations.get(camera.id):
+                found = f"rotation = {degrees}: it turns its images on its own machine"
+                advice = f"rotation = {degrees} in its camera file"
+                yield Finding("warning", f"camera {camera.id}", found, advice)
             continue
         yield from _source(site, camera, camera.source)
         if not camera.source.startswith(RECORDED):

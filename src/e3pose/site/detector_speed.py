@@ -12,11 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from e3pose.camera.orientation import Orientation
 from e3pose.detectors.timing import DEFAULT_SIZE, Looker, LookTimes, time_looks
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Rig
 from e3pose.quantities import plural
+from e3pose.settings.live import rotations_of
 from e3pose.settings.site_file import SiteTable
 from e3pose.settings.skeletons import RECORDED, detector_of
 from e3pose.site.check import Finding
@@ -32,6 +34,7 @@ def lookers_of(site: SiteTable, rig: Rig) -> dict[str, Looker]:
     """Return the cameras whose networks `e3pose up` runs on this machine, and how."""
     found = {}
     sizes = dict(zip(rig.camera_ids, (c.image_size for c in rig.cameras), strict=True))
+    rotations = rotations_of(site, rig)
     for name, camera in site.cameras_of(rig).items():
         if camera.source is None or camera.source.startswith(RECORDED):
             continue
@@ -42,7 +45,9 @@ def lookers_of(site: SiteTable, rig: Rig) -> dict[str, Looker]:
             None if camera.model is None else site.near(camera.model),
             camera.provider,
             camera.threads,
-            sizes[name] if rig.placed else DEFAULT_SIZE,
+            Orientation.from_degrees(rotations.get(name, 0)).size(
+                *(sizes[name] if rig.placed else DEFAULT_SIZE)
+            ),
         )
     return found
 

@@ -28,7 +28,7 @@ from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.runtime.clock import Clock, WallClock
 from e3pose.select.policies.base import Policy
 from e3pose.settings.edge import EdgeSettings
-from e3pose.settings.live import LiveSite, live_site, noise_of
+from e3pose.settings.live import LiveSite, live_site, noise_of, rotations_of
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import noise_warning
 from e3pose.settings.site_file import SiteTable, load_site
@@ -343,6 +343,7 @@ def open_recorder(live: LiveSite, news: News, stack: ExitStack) -> Recorder | No
         part_s=table.part_s or PART_S,
         max_bytes=table.max_bytes or MAX_BYTES,
         filmed=[name for name, camera in live.cameras.items() if camera.record == "both"],
+        rotations=rotations_of(site, live.rig),
     )
     recorder = Recorder(settings, live.rig, news.tell)
     stack.callback(recorder.close)

@@ -7,7 +7,7 @@ import platform
 import re
 import socket
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
@@ -55,6 +55,7 @@ class Choice:
         rig: the calibration; None if it is missing.
         fps: slots a second, if somebody insists.
         pace: speed of files, if somebody insists.
+        rotations: by camera, degrees clockwise by which its images are turned for the network.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Choice:
     rig: Rig | None = None
     fps: float | None = None
     pace: float | None = None
+    rotations: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def files(self) -> bool:
@@ -255,6 +257,8 @@ def _camera(choice: Choice, camera_id: str) -> str:
         f'id = "{camera_id}"  # {width} x {height}, {seen.fps:.3g} frames per second',
         f"source = {_quoted(seen.source)}",
     ]
+    if degrees := choice.rotations.get(camera_id):
+        lines.append(_line(f"rotation = {degrees}", "degrees clockwise make people upright"))
     if choice.detector:
         lines += [
             f"detector = {_quoted(choice.detector)}",

@@ -15,6 +15,7 @@ from e3pose.files.private import append_to
 from e3pose.geometry.camera import Rig
 from e3pose.quantities import LEAST_SIZE_BYTES
 from e3pose.recording.videos import MAX_BYTES, VIDEOS
+from e3pose.settings.live import rotations_of
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
@@ -69,6 +70,7 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
         ("--detector", camera.detector),
         ("--model", None if camera.model is None else str(site.near(camera.model))),
         ("--threads", camera.threads),
+        ("--rotation", rotations_of(site, rig).get(camera_id)),
         ("--delay-ms", camera.delay_ms or None),
         ("--pace", None if site.pace == 1 else site.pace),
         ("--battery-wh", camera.battery_wh),
