@@ -158,6 +158,7 @@ def check(
     from e3pose.calibrate.error_picture import draw_error
     from e3pose.calibrate.judge import judge
     from e3pose.calibrate.recordings import first_seconds
+    from e3pose.camera.provenance import load_provenance
     from e3pose.cli.placed import check_world
     from e3pose.files.atomic import check_output
     from e3pose.model.noises import detector_of, load_noise
@@ -174,7 +175,8 @@ def check(
         rig = load_rig(calibration)
         own = [rig.index(name) for name in loaded.rig.camera_ids]
         loaded = replace(loaded, rig=rig.subset(own))
-    check_world(loaded.rig, calibration or recording, calibration or recording / "calibration.toml")
+    file = calibration or recording / "calibration.toml"
+    check_world(loaded.rig, calibration or recording, file, load_provenance(recording).rotations)
     with stage_progress() as (_, progress):
         found = judge(loaded, load_noise(noise or detector_of(loaded)), progress)
     if picture is not None:

@@ -140,7 +140,7 @@ def detect(
     if rig is None or not rig.placed:
         print(f"  not calibrated: e3pose calibrate extrinsics {dest} rig.toml --update")
     else:
-        check_world(rig, calibration, calibration)
+        check_world(rig, calibration, calibration, rotations)
 
 
 def _detector(

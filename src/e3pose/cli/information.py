@@ -35,13 +35,14 @@ def info(
     json_file
         Write the description and the problems here as JSON; - is standard output.
     """
+    from e3pose.camera.provenance import load_provenance
     from e3pose.recording import load_recording
     from e3pose.recording.description import describe
     from e3pose.recording.problems import find_problems
 
     loaded = load_recording(recording)
     description = describe(loaded)
-    problems = find_problems(loaded, recording)
+    problems = find_problems(loaded, recording, load_provenance(recording).rotations)
     if not is_stdout(json_file):
         from e3pose.evaluate.columns import table_console
 

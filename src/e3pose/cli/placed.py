@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,23 +15,27 @@ if TYPE_CHECKING:
 
 def load_placed(path: Path) -> Recording:
     """Load a recording whose cameras are placed; warn if its axes or unit look wrong."""
+    from e3pose.camera.provenance import load_provenance
     from e3pose.recording import load_recording
 
-    recording = load_recording(path)
-    check_world(recording.rig, path, path / "calibration.toml")
+    recording, rotations = load_recording(path), load_provenance(path).rotations
+    check_world(recording.rig, path, path / "calibration.toml", rotations)
     return recording
 
 
-def check_world(rig: Rig, where: object, file: object) -> None:
+def check_world(
+    rig: Rig, where: object, file: object, rotations: Mapping[str, int] | None = None
+) -> None:
     """Raise `InputError` unless cameras are placed; warn if axes or unit look wrong.
 
     Args:
         rig: the cameras.
         where: the recording or file that they are from.
         file: the calibration, for the command that mends it.
+        rotations: by camera, degrees clockwise that make people in its images upright.
     """
     from e3pose.recording.calibration.world import require_placed, world_problem
 
     require_placed(rig, where)
-    words = world_problem(rig, file)[1]
+    words = world_problem(rig, file, rotations)[1]
     warn(f"{where}: {words}" if words else "")

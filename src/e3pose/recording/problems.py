@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,12 +39,15 @@ class Problem:
     message: str
 
 
-def find_problems(recording: Recording, folder: Path | None = None) -> list[Problem]:
+def find_problems(
+    recording: Recording, folder: Path | None = None, rotations: Mapping[str, int] | None = None
+) -> list[Problem]:
     """Return what is wrong with a recording, the worst of each camera first.
 
     Args:
         recording: the recording.
         folder: where it was loaded from, to look for its videos.
+        rotations: by camera, degrees clockwise that make people in its images upright.
     """
     if recording.num_slots == 0:
         return [Problem("empty", "recording", "holds no slot")]
@@ -54,7 +58,7 @@ def find_problems(recording: Recording, folder: Path | None = None) -> list[Prob
         problems += _keypoint_problems(camera, series)
     problems += _copied_views(recording)
     if recording.rig.placed:
-        problems += _rig_problems(recording)
+        problems += _rig_problems(recording, rotations)
         problems += _consistency_problems(recording)
         problems += _truth_problems(recording)
     else:
@@ -176,7 +180,7 @@ def _copied_views(recording: Recording) -> list[Problem]:
     return problems
 
 
-def _rig_problems(recording: Recording) -> list[Problem]:
+def _rig_problems(recording: Recording, rotations: Mapping[str, int] | None) -> list[Problem]:
     rig = recording.rig
     if len(rig) < 2:
         return [Problem("one-camera", "rig", "has one camera, 3D needs at least two")]
@@ -186,7 +190,7 @@ def _rig_problems(recording: Recording) -> list[Problem]:
     for first, second in close.tolist():
         message = f"stands in the same place as {rig.camera_ids[first]}"
         problems.append(Problem("same-place", rig.camera_ids[second], message))
-    kind, message = world_problem(rig)
+    kind, message = world_problem(rig, rotations=rotations)
     if kind:
         problems.append(Problem(kind, "rig", message))
     for camera in rig.cameras:

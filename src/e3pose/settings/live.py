@@ -64,7 +64,7 @@ class LiveSite:
     def world_warning(self) -> str:
         """Return what is odd about the axes or the unit of the cameras; empty if nothing."""
         calibration = self.site.near(self.site.calibration)
-        words = world_problem(self.rig, calibration)[1]
+        words = world_problem(self.rig, calibration, rotations_of(self.site, self.rig))[1]
         return f"{calibration}: {words}" if words else ""
 
     def budgets(self, shares: Sequence[float], now: datetime) -> list[Budget]:

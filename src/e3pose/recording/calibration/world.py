@@ -10,6 +10,10 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
 
 UP_SHARE = 0.3  # mean of the images' up directions along world z, from which a rig is upright
+UP = {  # of people, in the axes of a camera, by the degrees clockwise that make them upright
+    degrees: np.array(axis, dtype=np.float64)
+    for degrees, axis in {0: (0, -1, 0), 90: (-1, 0, 0), 180: (0, 1, 0), 270: (1, 0, 0)}.items()
+}
 DOWNWARD = 0.7  # mean share of the view downwards, from which cameras hang at a ceiling
 SPAN_M = (0.2, 200.0)  # largest distance between two cameras
 FLOOR_M = -0.3  # half of the cameras below this are under the floor
@@ -44,12 +48,15 @@ def require_placed(rig: Rig, where: object) -> None:
         )
 
 
-def world_problem(rig: Rig, file: object = "calibration.toml") -> tuple[str, str]:
+def world_problem(
+    rig: Rig, file: object = "calibration.toml", rotations: Mapping[str, int] | None = None
+) -> tuple[str, str]:
     """Return a short stable name and words for what is wrong with a rig's axes or unit.
 
     Args:
         rig: the cameras; a rig that is not placed has no such problem.
         file: the calibration, for the command that mends it.
+        rotations: by camera, degrees clockwise that make people in its images upright.
 
     Returns:
         Two empty strings if nothing is wrong.
@@ -64,7 +71,10 @@ def world_problem(rig: Rig, file: object = "calibration.toml") -> tuple[str, str
                 f"cameras are at most {span_m:.3g} m apart; is the calibration in metres? "
                 '(a TOML file can say [metadata] units = "mm")'
             )
-    up = -np.mean([camera.R[1] for camera in rig.cameras], axis=0)
+    degrees = rotations or {}
+    up = np.mean(
+        [UP[degrees.get(camera.camera_id, 0)] @ camera.R for camera in rig.cameras], axis=0
+    )
     ahead = np.mean([camera.R[2] for camera in rig.cameras], axis=0)
     if up[2] < UP_SHARE and ahead[2] > -DOWNWARD:
         axis = int(np.argmax(np.abs(up)))
