@@ -89,7 +89,7 @@ def find_tracklets(camera: int, series: ViewSeries, fps: float) -> list[Tracklet
 
 
 def _most_gap(series: ViewSeries, fps: float) -> int:
-    """Return over how many slots a person may be missing, more for a camera that is seldom active."""
+    """Return for how many slots a person may be missing, more if detections are rare."""
     steps = np.diff(series.slots)
     often = GAP_PER_INTERVAL * float(np.median(steps)) if len(steps) else 0.0
     return max(1, round(max(MOST_GAP_S * fps, min(often, LONGEST_GAP_S * fps))))
