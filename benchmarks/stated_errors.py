@@ -126,11 +126,11 @@ def kept(found: Sequence[Run], leads: Sequence[float], target_mm: float) -> Iter
     yield "| mean | " + " | ".join(f"{mean:.1f}" for mean in means) + " |"
     off = np.array([each.made for each in found]) / target_mm - 1
     within = np.mean([each.within for each in found])
-    on = np.mean([each.cameras_on for each in found])
+    cameras = np.mean([each.cameras_on for each in found])
     yield (
         f"\n{(np.abs(off) <= NEAR).sum()} of {len(off)} runs within {100 * NEAR:g} % of the "
         f"target, {(off > NEAR).sum()} above, {(off < -NEAR).sum()} below; "
-        f"{within:.1f} % of joints within the stated 90 % distance; {on:.2f} cameras\n"
+        f"{within:.1f} % of joints within the stated 90 % distance; {cameras:.2f} cameras\n"
     )
 
 
