@@ -55,7 +55,7 @@ test-sites: $(VENV)/.dev
 	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 4 -m 'live and not timed' tests/live
 	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 2 -m timed tests/live tests/edge
 
-test-fast: $(VENV)/.dev  ## run the tests that take less than a minute in total
+test-fast: $(VENV)/.dev  ## run the quick tests, in about a minute
 	$(PYTEST) -n 2 -m 'not slow and not live and not timed and not shared and not network'
 
 check: $(VENV)/.dev docs  ## check formatting, lint, types, layers and documentation

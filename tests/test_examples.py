@@ -18,6 +18,8 @@ from e3pose.site.connect import LiveSlot
 from e3pose.site.example import write_recorded
 from e3pose.store import Store
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
 

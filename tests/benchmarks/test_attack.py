@@ -6,6 +6,8 @@ import pytest
 
 import attack_inputs
 
+pytestmark = pytest.mark.slow
+
 
 def test_decoders_raise_nothing_but_input_errors() -> None:
     result = attack_inputs.fuzz(seconds=60.0, decodes=20_000, seed=3)

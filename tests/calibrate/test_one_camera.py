@@ -13,6 +13,8 @@ from e3pose.geometry.rotations import angles_between
 from e3pose.model.noises import load_noise
 from e3pose.recording.record import Recording
 
+pytestmark = pytest.mark.slow
+
 NOISE = load_noise("simulated")
 
 

@@ -14,6 +14,8 @@ from e3pose.calibrate.sound import RATE, shifts_by_sound
 from e3pose.camera.source import open_video
 from e3pose.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 BEGAN_S = {"cam0": 2.0, "cam1": 0.317, "cam2": 4.642}
 QUARTER_FRAME_S = 0.25 / 25
 

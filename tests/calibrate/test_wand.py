@@ -16,6 +16,8 @@ from e3pose.calibrate.wand import Wand
 from e3pose.errors import InputError
 from e3pose.recording.calibration import load_rig, save_rig
 
+pytestmark = pytest.mark.slow
+
 TWO, THREE = "green,red=500mm", "green,blue,red=200mm,500mm"
 
 

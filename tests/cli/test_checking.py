@@ -14,6 +14,8 @@ from e3pose.site.example import write_recorded
 from e3pose.wire.keys.authority import LEAF_DAYS
 from e3pose.wire.keys.folder import add_keys, init_keys
 
+pytestmark = pytest.mark.slow
+
 NOW = datetime.datetime.now(datetime.timezone.utc)
 
 

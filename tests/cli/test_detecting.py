@@ -22,6 +22,8 @@ from e3pose.model.skeleton import COCO17
 from e3pose.recording import load_recording
 from e3pose.recording.calibration import save_rig
 
+pytestmark = pytest.mark.slow
+
 WIDTH, HEIGHT, FRAMES = 64, 48, 12
 
 # A detector that takes 0.1 s and sees the frame's brightness, so that a run can be stopped halfway.

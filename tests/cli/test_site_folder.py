@@ -14,6 +14,8 @@ from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import write_recorded
 
+pytestmark = pytest.mark.slow
+
 VERBS = {
     "edge": ("--for", "0.1"),
     "up": ("--for", "0.1", "--quiet"),

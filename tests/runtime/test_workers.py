@@ -12,6 +12,8 @@ from tests.waiting import settled
 from e3pose.errors import InputError
 from e3pose.runtime.workers import ROUND, Workers
 
+pytestmark = pytest.mark.slow
+
 
 def draw(shift: float, seed: int) -> tuple[float, int]:
     return shift + np.random.default_rng(seed).random(), os.getpid()

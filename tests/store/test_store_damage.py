@@ -16,6 +16,8 @@ from e3pose.errors import InputError
 from e3pose.store import Event, Store, StoreWriter, WriterSettings
 from e3pose.store.integrity import Watch, problem_of
 
+pytestmark = pytest.mark.slow
+
 
 def test_somebody_elses_database_is_refused(tmp_path: Path, run: Runs) -> None:
     path = tmp_path / "photos.db"

@@ -18,6 +18,8 @@ from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_
 from e3pose.store import Event, Run, Store, StoreWriter, WriterSettings
 from e3pose.store.spool import spools_of
 
+pytestmark = pytest.mark.slow
+
 CHILD = """
 import sys
 sys.path.insert(0, {tests!r})

@@ -24,6 +24,8 @@ from e3pose.wire import access
 from e3pose.wire.access import Link, zenoh_config
 from e3pose.wire.keys.folder import certificates_in
 
+pytestmark = pytest.mark.slow
+
 LARGE = 60_000_000
 GROWTH = 50_000_000  # bytes: less than one of the messages that are sent
 EDGE = """

@@ -19,6 +19,8 @@ from e3pose.wire.access import Certificates, Link, check_link
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.network import NetworkTransport, check_port, open_network
 
+pytestmark = pytest.mark.slow
+
 SILENCE_S = 0.4  # how long to wait for what must not come
 
 

@@ -17,6 +17,8 @@ from e3pose.wire.access import Link
 from e3pose.wire.keys.folder import add_keys, certificates_in, init_keys, read_roll, revoke_keys
 from e3pose.wire.network import NetworkTransport, open_network
 
+pytestmark = pytest.mark.slow
+
 PAGE = (Path(__file__).parents[2] / "docs" / "how-to" / "many-sites.md").read_text()
 NOW = datetime.datetime.now(datetime.timezone.utc)
 SILENCE_S = 0.4
