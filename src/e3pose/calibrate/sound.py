@@ -7,7 +7,7 @@ clocks drift by a few milliseconds; the waves themselves do not.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -16,6 +16,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, fftconvolve, sosfilt
 
+from e3pose.calibrate.pair_shifts import (
+    along_surest,
+    disagreement,
+    incidence,
+    subsample_peak,
+)
 from e3pose.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -66,23 +72,23 @@ def shifts_by_sound(sounds: Mapping[str, Floats], max_shift_s: float) -> HeardSh
         shift_s, height, ahead = shift_of(rises[a], rises[b], max_shift_s)
         if height >= CLEAR and ahead >= AHEAD:
             found[a, b] = shift_s, height
-    offsets_s = _along_clearest(names, found)
-    sure_s = np.full(len(names), np.nan)
-    kept = {
-        (a, b): shift_s
-        for (a, b), (shift_s, _) in found.items()
-        if abs(offsets_s[b] - offsets_s[a] - shift_s) < AGREE_S
-    }
-    rows = np.zeros((len(kept), len(names)))
-    for row, (a, b) in enumerate(kept):
-        rows[row, a], rows[row, b] = -1.0, 1.0
-    wanted = np.array(list(kept.values()))
+    clearest = sorted(found, key=lambda pair: -found[pair][1])
+    pairs = [(*pair, found[pair][0]) for pair in clearest]
+    offsets_s = along_surest(len(names), pairs)
+    lost = [name for name, offset_s in zip(names, offsets_s, strict=True) if np.isnan(offset_s)]
+    if lost:
+        raise InputError(
+            f"videos: {', '.join(lost)}: the sound does not match that of {names[0]} at any shift, "
+            "expected videos that recorded the same sounds (three claps), and --max-shift as "
+            "large as their starts differ; from people: e3pose detect, then e3pose sync RECORDING"
+        )
+    kept = [
+        pair for pair in pairs if abs(offsets_s[pair[1]] - offsets_s[pair[0]] - pair[2]) < AGREE_S
+    ]
+    rows = incidence(len(names), kept)
+    wanted = np.array([shift_s for _, _, shift_s in kept])
     offsets_s[1:] = np.linalg.lstsq(rows[:, 1:], wanted)[0]
-    misses = rows @ offsets_s - wanted
-    for index in range(len(names)):
-        own = rows[:, index] != 0
-        if own.sum() > 1:
-            sure_s[index] = float(np.sqrt(np.mean(misses[own] ** 2)))
+    sure_s = disagreement(rows, rows @ offsets_s - wanted, np.ones(len(kept)))
     return HeardShifts(offsets_s, sure_s)
 
 
@@ -130,39 +136,5 @@ def shift_of(first: Floats, second: Floats, max_shift_s: float) -> tuple[float, 
     spread = 1.4826 * float(np.median(np.abs(heights))) + 1e-12
     others = heights[np.abs(lags - lags[best]) > BESIDE_S * STEPS]
     ahead = float(heights[best] / max(others.max(initial=0.0), 1e-12))
-    shift_s = float(lags[best] + _between(scores, best)) / STEPS
+    shift_s = float(lags[best] + subsample_peak(scores, best)) / STEPS
     return shift_s, float(heights[best]) / spread, ahead
-
-
-def _between(scores: Floats, best: int) -> float:
-    """Return where a parabola through the best value and its neighbours has its peak, in steps."""
-    if not 0 < best < len(scores) - 1:
-        return 0.0
-    before, middle, after = scores[best - 1 : best + 2]
-    bend = before - 2 * middle + after
-    return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0
-
-
-def _along_clearest(
-    names: Sequence[str], found: Mapping[tuple[int, int], tuple[float, float]]
-) -> Floats:
-    """Return `(num_films,)` seconds along the clearest pairs; raise for films that none reaches."""
-    offsets_s, done = np.zeros(len(names)), {0}
-    order = sorted(found, key=lambda pair: -found[pair][1])
-    while len(done) < len(names):
-        pair = next((p for p in order if (p[0] in done) != (p[1] in done)), None)
-        if pair is None:
-            lost = ", ".join(name for i, name in enumerate(names) if i not in done)
-            raise InputError(
-                f"videos: {lost}: the sound does not match that of {names[0]} at any shift, "
-                "expected videos that recorded the same sounds (three claps), and --max-shift as "
-                "large as their starts differ; from people: e3pose detect, then e3pose sync "
-                "RECORDING"
-            )
-        (a, b), (shift_s, _) = pair, found[pair]
-        if a in done:
-            offsets_s[b] = offsets_s[a] + shift_s
-        else:
-            offsets_s[a] = offsets_s[b] - shift_s
-        done |= {a, b}
-    return offsets_s

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.calibrate.from_people import observe_people, solve_people
+from e3pose.calibrate.pair_shifts import along_surest, disagreement, incidence
 from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.same_people import Seen
 from e3pose.calibrate.time_shift import motion_signals, shift_by_geometry, shift_by_motion
@@ -221,50 +222,26 @@ def with_offsets(recording: Recording, offsets_s: Floats) -> Recording:
 def _solve(recording: Recording, shifts: list[PairShift]) -> Synchrony:
     """Bring the shifts of pairs to one offset a camera, by robust least squares."""
     number = len(recording.rig)
-    reached = {0}
-    for _ in range(number):
-        for shift in shifts:
-            if shift.first in reached or shift.second in reached:
-                reached |= {shift.first, shift.second}
-    lost = [name for i, name in enumerate(recording.rig.camera_ids) if i not in reached]
+    shifts = sorted(shifts, key=lambda s: (s.cost, -s.height))
+    pairs = [(s.first, s.second, s.slots) for s in shifts]
+    offsets = along_surest(number, pairs)
+    lost = [
+        c for c, offset in zip(recording.rig.camera_ids, offsets, strict=True) if np.isnan(offset)
+    ]
     if lost:
         raise InputError(
             f"cameras: {', '.join(lost)}: the motion of people there fits no other camera's, "
             "expected people seen by both who move (wave, step aside), and --max-shift as large "
             "as the films may be apart"
         )
-    rows = np.zeros((len(shifts), number))
-    for row, shift in zip(rows, shifts, strict=True):
-        row[shift.first], row[shift.second] = -1.0, 1.0
+    rows = incidence(number, pairs)
     wanted = np.array([shift.slots for shift in shifts])
     sigma = np.array([FINE_SIGMA * s.cost**2 if s.by_geometry else COARSE_SIGMA for s in shifts])
-    offsets = _along_best_pairs(number, shifts)
     error = (rows @ offsets - wanted) / sigma
     weights = 1 / (sigma * np.sqrt(1 + (error / 3) ** 2))
     for _ in range(20):
         offsets[1:] = np.linalg.lstsq(rows[:, 1:] * weights[:, None], wanted * weights)[0]
         error = (rows @ offsets - wanted) / sigma
         weights = 1 / (sigma * np.sqrt(1 + (error / 3) ** 2))
-    sure = np.full(number, np.nan)
-    for camera in range(number):
-        own = np.flatnonzero(rows[:, camera])
-        if len(own) > 1:
-            misses = (rows @ offsets - wanted)[own]
-            sure[camera] = float(np.sqrt(np.average(misses**2, weights=weights[own])))
+    sure = disagreement(rows, rows @ offsets - wanted, weights)
     return Synchrony(offsets / recording.fps, sure / recording.fps, tuple(shifts))
-
-
-def _along_best_pairs(number: int, shifts: list[PairShift]) -> Floats:
-    """Return `(num_cameras,)` offsets in slots along the tree of the surest pairs."""
-    offsets = np.zeros(number)
-    done = {0}
-    while len(done) < number:
-        open_pairs = [s for s in shifts if (s.first in done) != (s.second in done)]
-        best = min(open_pairs, key=lambda s: (s.cost, -s.height))
-        if best.first in done:
-            offsets[best.second] = offsets[best.first] + best.slots
-            done.add(best.second)
-        else:
-            offsets[best.first] = offsets[best.second] - best.slots
-            done.add(best.first)
-    return offsets

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
 from e3pose.calibrate.essential import epipolar_errors
+from e3pose.calibrate.pair_shifts import subsample_peak
 from e3pose.calibrate.same_people import Seen, one_to_one, pair_by_essential, pair_by_rig
 from e3pose.calibrate.tracklets import Tracklet
 from e3pose.geometry.camera import Rig
@@ -83,7 +84,7 @@ def shift_by_motion(
     best = peaks[np.argsort(-scores[peaks])][:MOST_CANDIDATES]
     if not len(best):
         return [], 0.0
-    shifts = [float(i - most + _peak(scores, int(i))) for i in best]
+    shifts = [float(i - most + subsample_peak(scores, int(i))) for i in best]
     return shifts, float((scores[best[0]] - middle) / spread)
 
 
@@ -133,7 +134,7 @@ def shift_by_geometry(
         if best in (0, len(costs) - 1):
             centre = whole + float(fractions[best])
             continue
-        centre = whole + float(fractions[best]) + STEP * _peak(-costs, best)
+        centre = whole + float(fractions[best]) + STEP * subsample_peak(-costs, best)
     return least, centre
 
 
@@ -179,12 +180,3 @@ def _cost(seen: Seen, pairs: list[tuple[int, int]], R: Floats, t: Floats, fracti
         total += float(np.minimum(errors, MOST_SIGMAS) @ np.minimum(errors, MOST_SIGMAS))
         count += int(known.sum())
     return total / count if count >= MIN_JOINTS else np.inf
-
-
-def _peak(values: Floats, best: int) -> float:
-    """Return where a parabola through three values has its peak, in steps from the middle one."""
-    if not 0 < best < len(values) - 1:
-        return 0.0
-    before, middle, after = values[best - 1 : best + 2]
-    bend = before - 2 * middle + after
-    return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0
