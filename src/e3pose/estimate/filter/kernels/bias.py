@@ -25,6 +25,12 @@ def inflation(since_s: float, terms: MemoryTerms) -> float:
 
 
 @kernel
+def left_over(since_s: float, terms: MemoryTerms) -> float:
+    """Return the share of a keypoint's variance that its learned bias does not remove."""
+    return 1.0 - terms.removed * math.exp(-2.0 * since_s / terms.lasting_s)
+
+
+@kernel
 def learn_bias(
     row: int,
     since_s: float,

@@ -17,6 +17,7 @@ from e3pose.estimate.filter.covariance_inflation import (
     RATIO,
     STEERED,
 )
+from e3pose.estimate.filter.kernels.bias import left_over
 from e3pose.estimate.filter.kernels.learned_noise import proved
 from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
 from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
@@ -49,10 +50,9 @@ def compare_predicted(
         person = matches.assigned[camera, track]
         if views.arrived[camera] and person >= 0:
             since_s = tracks.last_seen_s[track, camera] + dt
-            left_over = 1.0 - site.memory.removed * math.exp(-2.0 * since_s / site.memory.lasting_s)
             _compare(
                 views.starts[camera] + person,
-                OWN_SHARE * left_over,
+                OWN_SHARE * left_over(since_s, site.memory),
                 tracks.state[track],
                 tracks.covariance[track],
                 tracks.drift_share[track],

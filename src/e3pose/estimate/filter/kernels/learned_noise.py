@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
-from e3pose.estimate.filter.kernels.bias import inflation
+from e3pose.estimate.filter.kernels.bias import inflation, left_over
 from e3pose.estimate.filter.kernels.learned_shift import compare_shift
 from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
 from e3pose.estimate.filter.kernels.scratch import Detectors, Matches, Site, Tracks, Views
@@ -155,7 +155,7 @@ def compare_noise(
             _compare(
                 camera,
                 views.starts[camera] + person,
-                1.0 - site.memory.removed * math.exp(-2.0 * since_s / site.memory.lasting_s),
+                left_over(since_s, site.memory),
                 inflation(since_s, site.memory),
                 tracks.state[track],
                 tracks.covariance[track],
@@ -170,7 +170,7 @@ def compare_noise(
 def _compare(
     camera: int,
     row: int,
-    left_over: float,
+    own_share: float,
     factor: float,
     state: Floats,
     covariance: Floats,
@@ -181,7 +181,7 @@ def _compare(
 ) -> None:
     """Add the evidence of one detection, and how much of it lies beyond the median.
 
-    `left_over` is the share of its variances beside the learned bias, `factor` that of the update.
+    `own_share` is the share of its variances beside the learned bias, `factor` that of the update.
     """
     tilt = len(detectors.logs) - 1
     for joint in range(len(state)):
@@ -198,7 +198,7 @@ def _compare(
         variance = views.variances[row, joint] * factor
         leverage = doubt / (variance * (1.0 + squares / variance * ROBUST))
         left = 1.0 - (leverage if leverage < MOST_LEVERAGE else MOST_LEVERAGE)
-        own = views.variances[row, joint] * left_over
+        own = views.variances[row, joint] * own_share
         total = own + doubt / left
         share = own / total
         if share > LEAST_SHARE:
