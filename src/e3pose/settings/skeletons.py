@@ -9,8 +9,7 @@ from e3pose.errors import InputError
 from e3pose.model.skeleton import COCO17, Skeleton, lacking, skeleton_by_name
 from e3pose.recording.folder import read_skeleton
 from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
-
-RECORDED = "recorded:"
+from e3pose.settings.sources import is_recorded, place_of
 
 
 def detector_of(camera: CameraTable) -> str | None:
@@ -18,16 +17,16 @@ def detector_of(camera: CameraTable) -> str | None:
 
     A camera that this machine runs has the default of `e3pose camera`.
     """
-    source = camera.source or RECORDED
-    return camera.detector or (None if source.startswith(RECORDED) else DEFAULT_DETECTOR)
+    runs_here = camera.source is not None and not is_recorded(camera.source)
+    return camera.detector or (DEFAULT_DETECTOR if runs_here else None)
 
 
 def camera_skeleton(site: SiteTable, camera: CameraTable) -> Skeleton | None:
     """Return what a camera's detector outputs; None where that shows only when it runs."""
     source = camera.source or ""
-    if source.startswith(RECORDED):
+    if is_recorded(source):
         try:
-            return read_skeleton(site.near(source.removeprefix(RECORDED)))
+            return read_skeleton(site.near(place_of(source) or ""))
         except InputError:
             return None  # told when the camera starts
     name = detector_of(camera)

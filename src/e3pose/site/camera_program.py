@@ -19,10 +19,10 @@ from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
-from e3pose.errors import InputError
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.runtime.clock import Clock, WallClock
 from e3pose.settings.camera_file import NodeTable, load_node
+from e3pose.settings.sources import is_recorded, located
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
 from e3pose.wire.access import Link, check_link, split_endpoint
@@ -30,7 +30,6 @@ from e3pose.wire.keys.folder import certificates_in, check_certificates
 from e3pose.wire.network import open_network
 from e3pose.wire.transport import Transport
 
-RECORDED = "recorded"
 ALONE_S = 5.0
 
 
@@ -178,23 +177,6 @@ def open_camera(
     raise AssertionError("an exit stack lets no error pass")
 
 
-def source_name(node: NodeTable) -> str:
-    """Return what a camera captures, files by their place.
-
-    Raises:
-        InputError: for a recording without a name.
-    """
-    name = node.source
-    kind, colon, rest = name.partition(":")
-    if kind == RECORDED and not rest:
-        raise InputError("source", repr(name), "recorded:RECORDING, the folder of a recording")
-    if kind == RECORDED and colon:
-        return f"{RECORDED}:{node.near(rest)}"
-    if "://" not in name and kind not in ("usb", "gstreamer"):
-        return str(node.near(name))
-    return name
-
-
 def make_camera(
     node: NodeTable,
     transport: Transport,
@@ -216,7 +198,9 @@ def make_camera(
     Raises:
         InputError: when the source or the network cannot be used.
     """
-    source = make_source(source_name(node), node.camera, clock, node.fps, node.pace, node.begin_s)
+    source = make_source(
+        located(node.source, node.near), node.camera, clock, node.fps, node.pace, node.begin_s
+    )
     looks: LiveDetector
     if detector is None:
         looks, joints, name = _detector(node, source)
@@ -268,7 +252,7 @@ def _recorder(node: NodeTable, tell: Callable[[str], Any]) -> VideoRecorder | No
 
 def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:
     """Return what finds the people, the joints that it gives, and its name."""
-    if node.source.startswith(f"{RECORDED}:"):
+    if is_recorded(node.source):
         recording = source.recording
         return RecordedDetector(), recording.skeleton.joints, recording.detector
     import numpy as np

@@ -14,7 +14,8 @@ from e3pose.detectors.timing import DEFAULT_SIZE, Looker, time_looks
 from e3pose.errors import InputError
 from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import NodeTable
-from e3pose.site.camera_program import RECORDED, camera_link, source_name
+from e3pose.settings.sources import is_recorded, located
+from e3pose.site.camera_program import camera_link
 from e3pose.site.check import CLOCK_MS, SOON_DAYS, Finding, Level, check_clock
 from e3pose.wire import topics
 from e3pose.wire.access import split_endpoint
@@ -55,7 +56,7 @@ def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
 def _source(node: NodeTable) -> Iterator[tuple[Finding, tuple[int, int] | None]]:
     what = "source"
     try:
-        seen = probe(source_name(node), node.camera, node.fps)
+        seen = probe(located(node.source, node.near), node.camera, node.fps)
     except InputError as error:
         advice = "connect the camera" if node.source.startswith("usb:") else ""
         yield Finding("problem", what, str(error), advice), None
@@ -71,7 +72,7 @@ def _source(node: NodeTable) -> Iterator[tuple[Finding, tuple[int, int] | None]]
 
 
 def _network(node: NodeTable, size: tuple[int, int] | None) -> Iterator[Finding]:
-    if node.source.startswith(f"{RECORDED}:"):
+    if is_recorded(node.source):
         return
     model = None if node.model is None else node.near(node.model)
     seen_size = Orientation.from_degrees(node.rotation).size(*(size or DEFAULT_SIZE))

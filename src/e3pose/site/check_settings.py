@@ -12,7 +12,8 @@ from e3pose.model.skeleton import lacking, serves
 from e3pose.quantities import plural
 from e3pose.runtime.plugins import is_own, member
 from e3pose.settings.live import LiveSite
-from e3pose.settings.skeletons import RECORDED, camera_skeletons, detector_of
+from e3pose.settings.skeletons import camera_skeletons, detector_of
+from e3pose.settings.sources import is_recorded
 from e3pose.site.check import Finding
 
 JOULES = 3600.0  # a watt-hour
@@ -44,7 +45,7 @@ def check_feedback(live: LiveSite) -> Iterator[Finding]:
     if not live.loop.feedback:
         return
     for name, camera in live.cameras.items():
-        if (camera.source or "").startswith(RECORDED):
+        if is_recorded(camera.source):
             why = "its source has keypoints, no images"
         elif is_own(detector := detector_of(camera) or "") and not _own_uses_feedback(detector):
             why = f"{detector} has neither detect_part nor detect_in_boxes"

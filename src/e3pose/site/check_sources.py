@@ -10,9 +10,8 @@ from e3pose.geometry.camera import Rig
 from e3pose.runtime.plugins import is_own
 from e3pose.settings.live import rotations_of
 from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
+from e3pose.settings.sources import is_recorded, place_of
 from e3pose.site.check import Finding
-
-RECORDED = "recorded:"  # how the source of a camera begins that plays a recording
 
 
 def require_sources(site: SiteTable, rig: Rig) -> None:
@@ -35,7 +34,7 @@ def check_sources(site: SiteTable, rig: Rig) -> Iterator[Finding]:
                 yield Finding("warning", f"camera {camera.id}", found, advice)
             continue
         yield from _source(site, camera, camera.source)
-        if not camera.source.startswith(RECORDED):
+        if not is_recorded(camera.source):
             yield from _network(site, camera)
 
 
@@ -47,22 +46,20 @@ def _recording(camera: CameraTable) -> Iterator[Finding]:
     if camera.source is None:
         found = f"record = {camera.record!r}: videos stay on its own machine"
         yield Finding("warning", what, found, 'videos = "videos" in its camera file')
-    elif camera.source.startswith(RECORDED):
+    elif is_recorded(camera.source):
         found = f"record = {camera.record!r}, but its source has keypoints, no images"
         yield Finding("problem", what, found, 'record = "keypoints"')
 
 
 def _source(site: SiteTable, camera: CameraTable, source: str) -> Iterator[Finding]:
     """Check whether a source is there, as far as that can be seen without opening it."""
-    what, kind = f"camera {camera.id}", source.partition(":")[0]
-    recorded = source.startswith(RECORDED)
-    local = recorded or ("://" not in source and kind not in ("usb", "gstreamer"))
-    path = site.near(source.removeprefix(RECORDED))
-    if local and not path.exists():
+    what, place = f"camera {camera.id}", place_of(source)
+    path = None if place is None else site.near(place)
+    if path is not None and not path.exists():
         yield Finding("problem", what, f"source {path} does not exist")
-    elif local and not recorded and (broken := _broken(path)):
+    elif path is not None and not is_recorded(source) and (broken := _broken(path)):
         yield Finding("problem", what, broken)
-    elif kind == "usb" and not Path(f"/dev/video{source.partition(':')[2]}").exists():
+    elif source.startswith("usb:") and not Path(f"/dev/video{source.partition(':')[2]}").exists():
         yield Finding("problem", what, f"{source}: no such device", "connect the camera")
     else:
         yield Finding("ok", what, f"source {source[:60]}")

@@ -20,7 +20,8 @@ from e3pose.geometry.camera import Rig
 from e3pose.quantities import plural
 from e3pose.settings.live import rotations_of
 from e3pose.settings.site_file import SiteTable
-from e3pose.settings.skeletons import RECORDED, detector_of
+from e3pose.settings.skeletons import detector_of
+from e3pose.settings.sources import is_recorded
 from e3pose.site.check import Finding
 
 KEPT = "look-times.json"  # beside the site file
@@ -36,7 +37,7 @@ def lookers_of(site: SiteTable, rig: Rig) -> dict[str, Looker]:
     sizes = dict(zip(rig.camera_ids, (c.image_size for c in rig.cameras), strict=True))
     rotations = rotations_of(site, rig)
     for name, camera in site.cameras_of(rig).items():
-        if camera.source is None or camera.source.startswith(RECORDED):
+        if camera.source is None or is_recorded(camera.source):
             continue
         detector = detector_of(camera) or ""
         own = site.near(detector)

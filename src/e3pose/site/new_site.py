@@ -21,6 +21,7 @@ from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.quantities import plural
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE, load_site
+from e3pose.settings.sources import place_of
 from e3pose.site.detector_speed import (
     KEPT,
     keep_looks,
@@ -37,7 +38,6 @@ MOST_FPS = 25.0  # beyond it, poses get no better
 LEAST_DEADLINE_MS = 150
 PROFILE = "xavier-nx"
 NETWORKS = ("movenet-multipose", "openpose-thin")  # the first that is installed, by default
-PLACE = re.compile(r"(?:rtsps?|https?|rtmp|udp)://")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Choice:
     @property
     def files(self) -> bool:
         """Whether all that is seen was recorded before."""
-        return all(_is_file(probe.source) for probe in self.probes.values())
+        return all(place_of(probe.source) is not None for probe in self.probes.values())
 
 
 def name_sources(words: list[str], folder: Path) -> dict[str, str]:
@@ -93,7 +93,7 @@ def name_sources(words: list[str], folder: Path) -> dict[str, str]:
         camera_id, equals, source = word.partition("=")
         if not equals or "/" in camera_id or ":" in camera_id or Path(word).exists():
             camera_id, source = "", word
-        if _is_file(source):
+        if place_of(source) is not None:
             if source.isdigit() and not Path(source).exists():
                 raise InputError("source", repr(source), f"usb:{source} for /dev/video{source}")
             stem = re.sub(r"[^A-Za-z0-9_.-]", "_", Path(source).stem)[:64]
@@ -278,10 +278,6 @@ def _named(choice: Choice) -> Rig:
     from e3pose.recording.calibration.world import assumed_rig
 
     return assumed_rig({name: seen.image_size for name, seen in choice.probes.items()})
-
-
-def _is_file(source: str) -> bool:
-    return not PLACE.match(source) and source.partition(":")[0] not in ("usb", "gstreamer")
 
 
 def _port() -> int:

@@ -17,6 +17,7 @@ from e3pose.quantities import LEAST_SIZE_BYTES
 from e3pose.recording.videos import MAX_BYTES, VIDEOS
 from e3pose.settings.live import rotations_of
 from e3pose.settings.site_file import SiteTable
+from e3pose.settings.sources import located
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
 from e3pose.wire.access import split_endpoint
@@ -48,12 +49,7 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
         raise InputError(f"camera {camera_id}: source", "none", wanted, str(site.path))
     protocol, host, port = split_endpoint(site.link.endpoint)
     host = "localhost" if host in ANY_HOST or protocol == "tls" else host
-    kind, colon, rest = camera.source.partition(":")
-    source = camera.source
-    if kind == "recorded" and colon:
-        source = f"recorded:{site.near(rest)}"
-    elif "://" not in source and kind not in ("usb", "gstreamer"):
-        source = str(site.near(source))
+    source = located(camera.source, site.near)
     command = [
         sys.executable, "-m", "e3pose", "camera",
         "--site", site.name, "--name", camera_id, "--source", source,

@@ -1,0 +1,45 @@
+"""Sources of cameras in settings files: which ones name a file or a folder, and where it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from e3pose.errors import InputError
+
+RECORDED = "recorded:"  # keypoints of a recording, no images
+DEVICES = ("usb:", "gstreamer:")
+
+
+def is_recorded(source: str | None) -> bool:
+    """Return whether a source plays the keypoints of a recording."""
+    return (source or "").startswith(RECORDED)
+
+
+def place_of(source: str) -> str | None:
+    """Return the file or folder that a source names; None for a device or a stream.
+
+    Raises:
+        InputError: for a recording without a name.
+    """
+    if is_recorded(source):
+        if source == RECORDED:
+            raise InputError("source", repr(source), "recorded:RECORDING, a recording's folder")
+        return source.removeprefix(RECORDED)
+    return None if "://" in source or source.startswith(DEVICES) else source
+
+
+def located(source: str, near: Callable[[str], Path]) -> str:
+    """Return a source whose file or folder is given by its place.
+
+    Args:
+        source: as a settings file has it.
+        near: finds places relative to that file.
+
+    Raises:
+        InputError: for a recording without a name.
+    """
+    place = place_of(source)
+    if place is None:
+        return source
+    return f"{RECORDED if is_recorded(source) else ''}{near(place)}"
