@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from e3pose.cli.app import VERBS, app
+from e3pose.cli.app import CALIBRATE_VERBS, GROUPS, VERBS, app
 from e3pose.cli.options import EnergyOptions, LoopOptions
 from e3pose.edge import roster
 from e3pose.files.bounded import parse_toml
@@ -131,3 +131,16 @@ def test_pages_agree_with_the_code_on_how_long_a_liar_is_left_out() -> None:
     for page in ("docs/reference/faults.md", "docs/reference/messages.md"):
         said = " ".join(BY_PAGE[page].split())
         assert re.search(r"twenty (such )?in ten seconds (leave it out|is left out) for five", said)
+
+
+def test_readme_lists_the_verbs_of_each_group() -> None:
+    table = BY_PAGE["README.md"].partition("## Commands")[2].partition("##")[0]
+    rows = re.findall(r"^\| ([A-Z][\w ]+) \| (`.*`) \|$", table, re.M)
+    listed = {
+        title: tuple(name for name in re.findall(r"`([\w -]+)`", names) if title != "Calibrate")
+        for title, names in rows
+    }
+    assert listed == {title: verbs for title, verbs in GROUPS.items()} | {"Calibrate": ()}
+    (calibrations,) = (names for title, names in rows if title == "Calibrate")
+    verbs = [name.split()[-1] for name in re.findall(r"`([\w -]+)`", calibrations)]
+    assert verbs == [*CALIBRATE_VERBS, "noise"]
