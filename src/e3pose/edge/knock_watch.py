@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from e3pose.edge.knocks import MOVED_DEG, Knock, Watch, look, moved, turned_deg
+from e3pose.edge.knocks import MOVED_DEG, Knock, Sight, Watch, look, moved, turned_deg
 from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import SlotRecord
 
-LOOK_S = 0.2  # views of a camera in between are not looked at
+LOOK_S = 0.2  # views of a camera in between are left out
 ASK_S = 1.0
 ASKED = 3  # times in a row that the answer must be the same camera, before it is told
 
@@ -29,6 +29,7 @@ class KnockWatch:
         self.knock: Knock | None = None
         self._watch = Watch.begin(len(rig))
         self._looked_s = dict.fromkeys(range(len(rig)), -np.inf)
+        self._sights: dict[int, list[Sight]] = {}  # since it was asked last
         self._ask_s = -np.inf
         self._answers: list[Knock | None] = [None] * ASKED
 
@@ -40,13 +41,14 @@ class KnockWatch:
             views: by camera, what the detectors found.
         """
         now_s = record.time_s
-        fresh = {i: view for i, view in views.items() if now_s - self._looked_s[i] >= LOOK_S}
-        if fresh:
-            self._looked_s |= dict.fromkeys(fresh, now_s)
-            people = record.poses, record.covariance_m2
-            self._watch = look(self._watch, self.rig, now_s, fresh, *people)
+        for index, view in views.items():
+            if now_s - self._looked_s[index] >= LOOK_S:
+                self._looked_s[index] = now_s
+                sight = Sight(now_s, view, record.poses, record.covariance_m2)
+                self._sights.setdefault(index, []).append(sight)
         if now_s - self._ask_s >= ASK_S:
             self._ask_s = now_s
+            self._watch, self._sights = look(self._watch, self.rig, self._sights), {}
             self._answers = [*self._answers[1:], self._ask()]
 
     def _ask(self) -> Knock | None:
