@@ -56,9 +56,9 @@ def test_newer_view_of_a_slot_counts() -> None:
 def test_waits_only_for_cameras_that_are_wanted() -> None:
     gather = Gather(2)
     gather.add(0, 0, arrival())
-    assert gather.waits_for(np.array([True, True]))
-    assert not gather.waits_for(np.array([True, False]))
-    assert not gather.waits_for(np.array([False, False]))
+    assert gather.missing(np.array([True, True])) == [1]
+    assert gather.missing(np.array([True, False])) == []
+    assert gather.missing(np.array([False, False])) == []
 
 
 def test_skipped_slots_are_forgotten() -> None:
@@ -74,21 +74,46 @@ def test_skipped_slots_are_forgotten() -> None:
 def test_sleeper_is_woken_by_a_view_of_its_slot() -> None:
     gather, clock = Gather(1), WallClock()
     threading.Timer(0.005, lambda: gather.add(0, 0, arrival())).start()
-    while gather.waits_for(np.array([True])):
-        gather.sleep(clock, clock.now_ns() + 10**9)
+    while missing := gather.missing(np.array([True])):
+        gather.sleep(clock, clock.now_ns() + 10**9, missing)
     assert set(gather.close()) == {0}
 
 
+def test_nobody_sleeps_once_the_views_that_are_awaited_are_here() -> None:
+    naps, clock = Naps(), ManualClock(1000)
+    gather = Gather(3, _lock=naps)
+    gather.add(0, 0, arrival())
+    gather.sleep(clock, 10**12, [0])
+    assert naps.seconds == []
+    gather.sleep(clock, 10**12, [0, 1])
+    assert len(naps.seconds) == 1
+
+
+def test_sleeper_is_woken_by_the_last_view_that_is_awaited() -> None:
+    naps, clock = Naps(), ManualClock(1000)
+    gather = Gather(3, _lock=naps)
+    gather.sleep(clock, 10**12, [0, 1])
+    gather.add(0, 0, arrival())
+    gather.add(1, 1, arrival())
+    assert naps.woken == 0
+    gather.add(0, 1, arrival())
+    assert naps.woken == 1
+
+
 class Naps(threading.Condition):
-    """A condition that notes how long somebody wants to wait, and does not."""
+    """A condition that notes how long somebody wants to wait, and does not, and who is woken."""
 
     def __init__(self) -> None:
         super().__init__()
         self.seconds: list[float | None] = []
+        self.woken = 0
 
     def wait(self, timeout: float | None = None) -> bool:
         self.seconds.append(timeout)
         return False
+
+    def notify_all(self) -> None:
+        self.woken += 1
 
 
 def test_nobody_sleeps_past_the_deadline() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,7 @@ from e3pose.runtime.clock import Clock
 
 MAX_AHEAD_SLOTS = 64  # a view of a slot farther ahead than any order is a clock gone wrong
 LATEST = 25  # late views whose age is remembered: a second of them, about
-WAIT_NS = 20_000_000  # how long to sleep at most between looks at who is still online
+WAIT_NS = 50_000_000  # how long to sleep at most between looks at who is still online
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +47,7 @@ class Gather:
     late: NDArray[np.int64] = field(init=False)
     _late_by_s: list[deque[float]] = field(init=False)
     _slots: dict[int, dict[int, Arrival]] = field(default_factory=dict)
+    _awaited: frozenset[int] = frozenset()
     _lock: threading.Condition = field(default_factory=threading.Condition)
 
     def __post_init__(self) -> None:
@@ -65,7 +66,7 @@ class Gather:
                 return False
             views = self._slots.setdefault(slot, {})
             views[camera] = arrival
-            if slot == self.slot:
+            if slot == self.slot and self._awaited <= views.keys():
                 self._lock.notify_all()
             return True
 
@@ -79,15 +80,21 @@ class Gather:
         with self._lock:
             self._lock.notify_all()
 
-    def waits_for(self, wanted: NDArray[np.bool_]) -> bool:
-        """Return whether a view of a wanted camera is missing in the oldest open slot."""
+    def missing(self, wanted: NDArray[np.bool_]) -> list[int]:
+        """Return the wanted cameras that have no view in the oldest open slot."""
         with self._lock:
             here = self._slots.get(self.slot, {})
-            return any(camera not in here for camera in np.flatnonzero(wanted).tolist())
+            return [camera for camera in np.flatnonzero(wanted).tolist() if camera not in here]
 
-    def sleep(self, clock: Clock, until_ns: int) -> None:
-        """Wait for a view of the oldest open slot, for a time, or a moment."""
+    def sleep(self, clock: Clock, until_ns: int, awaited: Collection[int] = ()) -> None:
+        """Wait until the oldest open slot has the views of some cameras, for a time, or a moment.
+
+        Without such cameras any view of that slot ends it.
+        """
         with self._lock:
+            self._awaited = frozenset(awaited)
+            if awaited and self._awaited <= self._slots.get(self.slot, {}).keys():
+                return
             nap_ns = min(until_ns - clock.now_ns(), WAIT_NS)
             if nap_ns > 0:
                 self._lock.wait(nap_ns / 1e9)

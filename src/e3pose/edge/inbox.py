@@ -97,13 +97,15 @@ class Inbox:
 
     def troubles(self) -> list[str]:
         """Return, camera by camera, why it cannot be chosen; empty where it can."""
-        now_ns, paused = self.clock.now_ns(), self.paused()
-        return [
-            PAUSED
-            if camera.camera_id in paused
-            else trouble(life, self.joints, self._size(camera), now_ns)
-            for life, camera in zip(self.roster.lives, self.rig.cameras, strict=True)
-        ]
+        return [self.trouble(index) for index in range(len(self.rig))]
+
+    def trouble(self, index: int) -> str:
+        """Return why a camera cannot be chosen; empty if it can."""
+        camera = self.rig.cameras[index]
+        if camera.camera_id in self.paused():
+            return PAUSED
+        life = self.roster.lives[index]
+        return trouble(life, self.joints, self._size(camera), self.clock.now_ns())
 
     def _size(self, camera: Camera) -> tuple[int, int] | None:
         """Return the size that a camera's images must have; None before it was ever seen."""

@@ -164,7 +164,7 @@ def trouble(
         return f"sends invalid messages ({life.fault})"
     if life.hello is None:  # without a frame it cannot know, and may say why
         return (life.beat.problem if life.beat else "") or "connecting"
-    if not serves(life.hello.joints, joints):
+    if life.hello.joints != tuple(joints) and not serves(life.hello.joints, joints):
         return _other_joints(life.hello.joints, joints)
     if image_size is not None and tuple(life.hello.image_size) != tuple(image_size):
         width, height = life.hello.image_size

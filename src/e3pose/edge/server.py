@@ -270,17 +270,19 @@ class EdgeServer:
         middle_ns, deadline_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
         while not self.crew.stopping.is_set():
             now_ns = self.clock.now_ns()
-            if now_ns >= deadline_ns or (now_ns >= middle_ns and not self._waits(times, slot)):
+            if now_ns < middle_ns:
+                self.gather.sleep(self.clock, middle_ns)
+                continue
+            missing = self._missing(times, slot)
+            if now_ns >= deadline_ns or not missing:
                 return True
-            self.gather.sleep(self.clock, middle_ns if now_ns < middle_ns else deadline_ns)
+            self.gather.sleep(self.clock, deadline_ns, missing)
         return False
 
-    def _waits(self, times: SlotTimes, slot: int) -> bool:
-        """Return whether a view is missing, of a camera that was ordered and is there."""
-        ordered = self._ordered(times, slot)
-        return self.gather.waits_for(ordered) and self.gather.waits_for(
-            ordered & self.inbox.online()
-        )
+    def _missing(self, times: SlotTimes, slot: int) -> list[int]:
+        """Return the cameras that were ordered and are there, whose view is yet to come."""
+        ordered = self.gather.missing(self._ordered(times, slot))
+        return [camera for camera in ordered if not self.inbox.trouble(camera)]
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()

@@ -47,7 +47,4 @@ def unpack(array: Array) -> NDArray[Any]:
 def poses_2d(view: View) -> Poses2D:
     """Return what a view shows, with NaN and score 0 where a keypoint is missing."""
     with np.errstate(invalid="ignore"):  # there are NaNs that NumPy warns of
-        keypoints = unpack(view.keypoints_px).astype(np.float64)
-        scores = unpack(view.scores).astype(np.float64)
-    missing = ~(np.isfinite(keypoints).all(axis=-1) & (scores > 0))
-    return Poses2D(np.where(missing[..., None], np.nan, keypoints), np.where(missing, 0.0, scores))
+        return Poses2D(unpack(view.keypoints_px), unpack(view.scores))
