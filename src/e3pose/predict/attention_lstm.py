@@ -40,8 +40,9 @@ class AttentionLstm:
     """
 
     def __init__(self, skeleton: Skeleton, weights: Path = SHIPPED) -> None:
-        from e3pose.predict.kernels.prediction import predict_tracks
+        from e3pose.predict.kernels.prediction import Parts, predict_tracks
         from e3pose.predict.kernels.tracks import Joints
+        from e3pose.runtime.held import hold
 
         self.weights, self.curves, self.history_slots = _load(weights)
         self.states_error = len(self.weights.couple) > 0  # the paper's own network does not
@@ -61,6 +62,7 @@ class AttentionLstm:
             carried,
             np.array(LEFT_RIGHT, dtype=np.int64),
         )
+        self._parts = hold(Parts(self.weights, self.joints, self.curves))
         self._run = predict_tracks
 
     def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
@@ -83,9 +85,7 @@ class AttentionLstm:
         shape = lead_slots, history_m.shape[1], self.num_joints
         joints_m, error_m = np.empty((*shape, 3)), np.empty(shape)
         self._run(
-            self.weights,
-            self.joints,
-            self.curves,
+            self._parts,
             self.history_slots,
             float(interval_s),
             MAX_LEADS,

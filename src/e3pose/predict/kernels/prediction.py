@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,16 +11,23 @@ from e3pose.predict.kernels.history import close_gaps, common_joints, describe
 from e3pose.predict.kernels.layers import BLOCK
 from e3pose.predict.kernels.network import Weights, run_network
 from e3pose.predict.kernels.tracks import Curves, Joints, place_tracks
+from e3pose.runtime.held import Held
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 
 
+class Parts(NamedTuple):
+    """What is constant about a network and a skeleton."""
+
+    weights: Weights
+    joints: Joints
+    curves: Curves
+
+
 @kernel
 def predict_tracks(
-    weights: Weights,
-    joints: Joints,
-    curves: Curves,
+    parts: Held[Parts],
     history_slots: int,
     interval_s: float,
     most_leads: int,
@@ -29,9 +38,7 @@ def predict_tracks(
     """Fill what `AttentionLstm.predict` returns: describe people, run the network, place them.
 
     Args:
-        weights: of the network.
-        joints: of the skeleton.
-        curves: of the expected errors.
+        parts: what is constant.
         history_slots: that the network takes.
         interval_s: seconds a slot.
         most_leads: that the network is run for; later ones repeat the last of these.
@@ -40,6 +47,7 @@ def predict_tracks(
         joints_m: `(num_leads, num_tracks, num_joints, 3)` metres, filled.
         error_m: `(num_leads, num_tracks, num_joints)` metres, filled.
     """
+    weights, joints, curves = parts.values
     num_common, num_leads, num_tracks = len(joints.columns), len(joints_m), joints_m.shape[1]
     common_m = np.full((history_slots, num_tracks, num_common, 3), np.nan)
     before = history_slots - len(history_m)

@@ -33,6 +33,7 @@ from e3pose.estimate.filter.shown import Estimate, estimate_of
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS, Belief, Floats, Leftovers, Model
 from e3pose.geometry.undistort import undistort_slot
 from e3pose.model.pose import MAX_PIXEL, MIN_SCORE, Poses2D
+from e3pose.runtime.held import Held, hold
 from e3pose.runtime.kernel import kernel
 
 LONGEST_S = 10.0  # after a longer pause everybody is somewhere else
@@ -123,12 +124,12 @@ class StepKernel:
             now,
             dt,
             belief.next_id,
-            self._site,
+            self._constants,
             detection_map,
             noise,
             shifts,
             innovations,
-            memory,
+            self._held_memory,
         )
         rows = memory.waiting.order[:num_waiting]
         leftovers = Leftovers(
@@ -159,7 +160,7 @@ class StepKernel:
         """Return memory with room for so many tracks, people in a view and old leftovers."""
         if model is not self._model:
             self._model = model
-            self._site = make_site(model)
+            self._constants = hold(make_site(model))
             self._columns = tuple(Belief.empty(model).columns())
             self._room = (0, 0, 0)
         room = self._room
@@ -170,6 +171,7 @@ class StepKernel:
                 max(old, room[2], MAX_LEFTOVERS),
             )
             self._memory = make_memory(model, *self._room)
+            self._held_memory = hold(self._memory)
         return self._memory
 
 
@@ -192,14 +194,15 @@ def step_slot(
     time_s: float,
     dt: float,
     next_id: int,
-    site: Site,
+    constants: Held[Site],
     detection_map: Floats,
     noise: Floats,
     shifts: Floats,
     innovations: Floats,
-    memory: Memory,
+    room: Held[Memory],
 ) -> tuple[int, int, int]:
-    """Advance the tracks and leftovers in `memory`; return their numbers and the next id."""
+    """Advance the tracks and leftovers in `room`; return their numbers and the next id."""
+    site, memory = constants.values, room.values
     views, tracks = memory.views, memory.tracks
     predict(num_tracks, dt, site, tracks, memory.passes)
     for track in range(num_tracks):
