@@ -2,7 +2,7 @@
 
     python benchmarks/bench_truth.py [SEED ...]
 
-Prints for every scene, with all, two and one of the cameras a slot: the mean error of joints, the
+Prints for every scene, with all, two and one of the cameras per slot: the mean error of joints, the
 error that the estimator expects, recall, false people, changes of identity, and how many of the
 joints lie within the 90 % ellipsoids of their covariances.
 """
@@ -104,7 +104,7 @@ def spread_order(number: int) -> list[int]:
 
 
 def run(recording: Recording, cameras: int) -> Score:
-    """Run the estimator over a recording, so many cameras a slot, taking turns."""
+    """Run the estimator over a recording, so many cameras per slot, taking turns."""
     model = Model(recording.rig, recording.skeleton, SIMULATED)
     step, belief, score = StepKernel(), Belief.empty(model), Score()
     order = spread_order(len(recording.rig))

@@ -101,7 +101,7 @@ class Cropped:
 
 
 def _policies(names: str) -> list[tuple[str, float | None]]:
-    """Return policies and their cameras a slot; those that choose wake two."""
+    """Return policies and their cameras per slot; those that choose wake two."""
     return [(name, None if name == "all" else 2.0) for name in names.split(",")]
 
 

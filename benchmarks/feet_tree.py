@@ -47,7 +47,7 @@ VARIANTS: dict[str, Callable[[], object]] = {
 
 
 def errors_mm(name: str) -> dict[str, float]:
-    """Return mean errors of groups of joints, two cameras a slot."""
+    """Return mean errors of groups of joints, two cameras per slot."""
     found: dict[str, list[float]] = {}
     for seed in SEEDS:
         recording = with_skeleton(simulate(SCENE, seed), name, seed)

@@ -3,7 +3,7 @@
     python benchmarks/independent_sweep.py
 
 The paper states neither. Simulated people in rings of five cameras, pipeline `paper`; recall and
-precision at 200 mm as their harmonic mean in percent, MPJPE in mm and cameras a slot.
+precision at 200 mm as their harmonic mean in percent, MPJPE in mm and cameras per slot.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FOUND_M = 0.2
 
 
 def figures(recording: Any, policy: Any) -> tuple[float, float, float]:
-    """Return the harmonic mean in percent, MPJPE in mm and cameras a slot."""
+    """Return the harmonic mean in percent, MPJPE in mm and cameras per slot."""
     from e3pose.evaluate.metrics import candidates, first_matches, mpjpe_mm
     from e3pose.evaluate.replay import ReplaySettings, replay
 

@@ -36,7 +36,7 @@ AFTER_S = 60.0
 def watched(
     recording: Recording, cameras: int
 ) -> tuple[list[tuple[float, int | None, float]], Floats, float]:
-    """Return what was told when of which camera, the turns at every look, and ms a slot.
+    """Return what was told when of which camera, the turns at every look, and ms per slot.
 
     The camera is None where one is said to stand as calibrated again.
     """

@@ -102,7 +102,7 @@ def main() -> None:
     for history_m in histories:
         choose(history_m)
     choosing = time.thread_time() - began
-    print(f"processor time: fuse {1000 * fusing / source.num_slots:.3f} ms a slot, "
+    print(f"processor time: fuse {1000 * fusing / source.num_slots:.3f} ms per slot, "
           f"predict and select {1000 * choosing / source.num_slots:.3f} ms; two threads can be "
           f"{(fusing + choosing) / max(fusing, choosing):.2f} times as fast at most")  # fmt: skip
     rates: dict[str, list[float]] = {"one thread": [], "two threads": []}

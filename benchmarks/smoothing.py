@@ -5,7 +5,7 @@
 Panoptic motion and Shelf need the recordings that E3POSE_SHARED names.
 
 A table of MPJPE (mm), the 95 % quantile (mm), acceleration error (m/s2) and the share of joints in
-their 90 % band, by cameras a slot: the causal filter, the smoother over bodies with 200 ms and
+their 90 % band, by cameras per slot: the causal filter, the smoother over bodies with 200 ms and
 with everything that comes later, and smoothers of the kept poses alone. Simulated people in ten
 scenes, people who move as the Panoptic sequence before a ring of cameras, and PCP on Shelf.
 """

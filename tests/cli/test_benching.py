@@ -1,4 +1,4 @@
-"""`e3pose models bench` says what a look costs on this machine."""
+"""`e3pose models bench` says what a detection costs on this machine."""
 
 from __future__ import annotations
 

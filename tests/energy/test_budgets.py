@@ -1,4 +1,4 @@
-"""Budgets in every spelling become joules a slot, and batteries that end together."""
+"""Budgets in every spelling become joules per slot, and batteries that end together."""
 
 from __future__ import annotations
 

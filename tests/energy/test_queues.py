@@ -260,7 +260,7 @@ def test_a_lifetime_that_idle_cameras_outspend_names_the_camera() -> None:
 def test_price_is_the_papers_queue_where_cameras_cost_the_same() -> None:
     deficit = np.array([0.0, 1.5, 3.0])
     np.testing.assert_allclose(price(deficit, np.full(3, 0.25)), deficit)
-    # Twice the joules a slot: a queue of as many slots holds twice as much, and grows by twice.
+    # Twice the joules per slot: a queue of as many slots holds twice as much, and grows by twice.
     dearer = price(np.ones(3), np.array([2.0, 1.0, 1.0]))
     assert dearer[0] == pytest.approx(4 * dearer[1])
 

@@ -159,7 +159,7 @@ def test_ledger_takes_heartbeats_and_reckons_every_minute() -> None:
 
 
 def test_pipeline_follows_the_reckoning() -> None:
-    """A battery that does not pay for two cameras a slot gets fewer, and other budgets."""
+    """A battery that does not pay for two cameras per slot gets fewer, and other budgets."""
     now_ns = [0]
     ledger = EnergyLedger(
         ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("until", 3600.0)] * 2, 0.04, 2,

@@ -40,7 +40,7 @@ CAMERA = """
 id = "{id}"
 source = "recorded:{source}"
 """
-NEAR_M = 0.12  # of the median joint of a foot, from three cameras a slot
+NEAR_M = 0.12  # of the median joint of a foot, from three cameras per slot
 
 
 @pytest.mark.parametrize(

@@ -99,8 +99,8 @@ def test_detector_of_another_skeleton_is_told_with_what_it_lacks(tmp_path: Path)
         ("1W", "problem", "does not even pay for idling"),
         ("0.01J", "problem", "it draws 6.2 W idle and 12 W active (profile xavier-nx)"),
         ("6W", "problem", 'above 6.2 W, or idle_mode = "aggressive-power-saving"'),
-        ("10W", "ok", "pays for 2.4 cameras a slot"),
-        ("30%", "warning", "pays for 1.2 cameras a slot, the site asks for 2"),
+        ("10W", "ok", "pays for 2.4 cameras per slot"),
+        ("30%", "warning", "pays for 1.2 cameras per slot, the site asks for 2"),
     ],
 )
 def test_budget_is_compared_with_what_cameras_draw(

@@ -31,7 +31,7 @@ class Room:
     Attributes:
         rig: the cameras.
         skeleton: of the detector.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         detector: name of the network.
         source: nothing, as `detector` says it.
     """

@@ -85,7 +85,7 @@ def bench(
     threads: Whole | None = None,
     seconds: float = 3.0,
 ) -> None:
-    """Measure networks on this machine: milliseconds and joules a look.
+    """Measure networks on this machine: milliseconds and joules per detection.
 
     Example: `e3pose models bench openpose-thin --resolution 1280x720 --resolution 1920x1080`
 

@@ -56,7 +56,7 @@ def init(
     threads
         CPU threads of each network. Default: the cores, shared among the cameras of a slot.
     cameras
-        How many cameras look in a slot. Default: 2.
+        Active cameras per slot. Default: 2.
     calibration
         Calibration file of the cameras, in any supported format.
     name

@@ -342,7 +342,9 @@ class EdgeServer:
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"
-            self.news.tell("lead", f"lead {changed} from {before} to {self.lead.slots} slots")
+            self.news.tell(
+                "lead", f"lead {changed} from {before} to {plural(self.lead.slots, 'slot')}"
+            )
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
             for ahead in range(before, self.lead.slots):  # slots that nobody was told of yet

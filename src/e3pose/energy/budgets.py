@@ -21,7 +21,7 @@ from e3pose.quantities import DURATIONS_S, ENERGIES_J, POWERS_W, SHARES, quantit
 Floats = NDArray[np.float64]
 Kind = Literal["duty", "joules", "watts", "until", "together"]
 
-FORM = "0.6 (share of slots), 60%, 0.3J (a slot), 4W, until 18:00, for 8h, or together"
+FORM = "0.6 (share of slots), 60%, 0.3J (per slot), 4W, until 18:00, for 8h, or together"
 UNTIL = re.compile(r"until\s+(\d{1,2}):(\d{2})")
 LEAST_SHARE = 1e-3  # of slots: the queues of a camera that may spend nothing must still end
 BISECTIONS = 60
@@ -34,7 +34,7 @@ class Budget:
 
     Attributes:
         kind: what `value` means.
-        value: share of slots; joules a slot; watts; seconds since 1970 to last until. Nothing for
+        value: share of slots; joules per slot; watts; seconds since 1970 to last until. Nothing for
             `together`: all batteries are to last equally long, and as long as possible.
     """
 
@@ -124,7 +124,7 @@ def allowance_j(
         supplies: `(num_cameras,)` what there is.
         active_j: `(num_cameras,)` cost of an active slot.
         idle_j: `(num_cameras,)` cost of an idle slot.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         now_s: seconds since 1970.
         num_selected: cameras that are to be active in a slot, which those that are to last
             `together` share among them; others count with the share that they are given.
@@ -209,7 +209,7 @@ def lifetime_s(supply: Supply, watts: float) -> float:
 def _wanted_j(
     budget: Budget, supply: Supply, active: float, idle: float, interval_s: float, now_s: float
 ) -> float:
-    """Return joules a slot that one camera's budget names, not yet limited to what slots cost."""
+    """Return joules per slot that one camera's budget names, not yet limited to what slots cost."""
     if budget.kind == "duty":
         return idle + budget.value * (active - idle)
     if budget.kind == "joules":

@@ -70,7 +70,7 @@ def check_budget(budget: ArrayLike, num_selected: float) -> None:
             "budget",
             f"{shares.min():g}",
             f"at least {num_selected / len(shares):g} "
-            f"for {num_selected:g} of {len(shares)} cameras a slot",
+            f"for {num_selected:g} of {len(shares)} cameras per slot",
         )
 
 

@@ -100,8 +100,8 @@ class Reckoning:
         budget: `(num_cameras,)` the paper's E_n, for the queues.
         cost_j: `(num_cameras,)` of an active slot beyond an idle one, for their price.
         slots: what slots cost each camera, and whether that was measured.
-        num_selected: cameras a slot, as a mean: what was asked for, or fewer if the budgets do not
-            pay for as many.
+        num_selected: mean cameras per slot: the number requested, or fewer if the budgets do not
+            pay for it.
         starved: `(num_cameras,)` whether the budget does not even pay for idle slots.
     """
 
@@ -176,7 +176,7 @@ def reckon(
     Args:
         cameras: `(num_cameras,)` what is known of them.
         budgets: `(num_cameras,)` what each may spend.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         now_s: seconds since 1970.
         num_selected: cameras that are to be active in a slot.
     """

@@ -15,7 +15,7 @@ from e3pose.recording import Recording
 if TYPE_CHECKING:
     from e3pose.pipeline import SlotRecord
 
-# The devices of the paper, and what 3 of 5 cameras a slot save on each of them: percent of the
+# The devices of the paper, and what 3 of 5 cameras per slot save on each of them: percent of the
 # power of CPU, GPU, WiFi and memory, lowest and highest.
 PAPER_SAVINGS = {"xavier-nx": (20.66, 31.21), "tx2": (17.72, 28.67)}
 PAPER_DUTY = 3 / 5

@@ -51,7 +51,7 @@ def draw_leads(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             latency.plot(*_curve(mine, TIME)[:2], **look)
         seeds = max(row["seeds"] for row in rows)
         accuracy.set_title(f"{title}, {seeds} seeds" if seeds > 1 else title)
-        latency.set_title("prediction, median ms a slot")
+        latency.set_title("prediction, median ms per slot")
         latency.set_ylim(bottom=0)
         for axes in (accuracy, latency):
             axes.set_xlabel("lead, slots")

@@ -206,7 +206,7 @@ def acceleration_error_mps2(
         predicted: per slot `(num_persons, num_joints, 3)` metres.
         track_ids: per slot `(num_persons,)`.
         truth: `(num_slots, num_actors, num_joints, 3)` metres.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
     """
     total, count = 0.0, 0
     recent: list[dict[tuple[int, int], Floats]] = []  # by track and actor, of the last two slots

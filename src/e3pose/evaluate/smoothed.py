@@ -76,7 +76,7 @@ def smooth_poses(
     Args:
         records: slot by slot.
         skeleton: of the poses.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         settings: the method; gaps stay as they are.
     """
     take = smoothed(take_of_records(records, skeleton, interval_s, ""), replace(settings, fill_s=0))

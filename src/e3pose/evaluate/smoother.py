@@ -37,7 +37,7 @@ def smooth(
         sigma_px: `(num_slots, num_cameras, num_joints)` expected error; inf to leave one out.
         projections: `(num_cameras, 3, 4)`.
         start_m: `(num_slots, num_joints, 3)` where joints were roughly, all finite.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         passes: how often to start again from the last path.
 
     Returns:

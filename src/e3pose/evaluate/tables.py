@@ -118,7 +118,7 @@ def _devices(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
 
 
 def _asked(row: Mapping[str, Any]) -> str:
-    """Return what was asked for: cameras a slot, or at most so many millimetres."""
+    """Return what was asked for: cameras per slot, or at most so many millimetres."""
     target_mm = row.get("target_mm")
     if target_mm is not None:
         return f"{target_mm:g} mm"

@@ -231,7 +231,7 @@ def _skeleton(path: Path, names: Sequence[str]) -> Skeleton:
 def _clock(
     path: Path, table: dict[str, NDArray[Any]], slots: NDArray[np.int64]
 ) -> tuple[float, int | None]:
-    """Return seconds a slot, and when slot 0 was if the table says."""
+    """Return seconds per slot, and when slot 0 was if the table says."""
     first, last = int(slots.argmin()), int(slots.argmax())
     count = int(slots[last] - slots[first])
     if count == 0:
@@ -244,7 +244,7 @@ def _clock(
         times_s = table["time"].astype(np.float64)
         interval_s, started_ns = float(times_s[last] - times_s[first]) / count, None
     if not 1e-4 < interval_s < 1e4:
-        raise InputError(f"{path}: found {interval_s:g} s a slot, expected rising times")
+        raise InputError(f"{path}: found {interval_s:g} s per slot, expected rising times")
     return round(interval_s, 9), started_ns
 
 

@@ -60,7 +60,7 @@ class Take:
     Attributes:
         name: what a person calls it.
         skeleton: of the joint axis.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         motions: one a person, by track id.
         started_ns: time of slot 0 since 1970, UTC; None where nobody knows.
     """
@@ -123,7 +123,7 @@ def motion_of(
     slots = slots[order]
     if (np.diff(slots) == 0).any():
         twice = int(slots[1:][np.diff(slots) == 0][0])
-        raise InputError(f"track {track_id}: found slot {twice} twice, expected one row a slot")
+        raise InputError(f"track {track_id}: found slot {twice} twice, expected one row per slot")
     rows = slots - slots[0]
     shape = (int(rows[-1]) + 1, joints_m.shape[1])
     here: NDArray[np.bool_] = np.asarray(np.isfinite(joints_m[order]).all(axis=-1))

@@ -40,7 +40,7 @@ class Predictor(Protocol):
         Args:
             history_m: `(num_slots, num_tracks, num_joints, 3)` metres, oldest first; NaN where a
                 joint was not estimated or the person was not there yet.
-            interval_s: seconds a slot.
+            interval_s: seconds per slot.
             lead_slots: how many slots to look ahead, the paper's tau, at least 1.
 
         Returns:

@@ -41,7 +41,7 @@ class DampedVelocity:
 
 
 def _mean_velocity(recent_m: Floats) -> Floats:
-    """Return `(num_tracks, num_joints, 3)` metres a slot, from the first to the last known."""
+    """Return `(num_tracks, num_joints, 3)` metres per slot, from the first to the last known."""
     last, age = newest_known(recent_m)
     first, since_start = newest_known(recent_m[::-1])
     slots = len(recent_m) - 1 - age - since_start

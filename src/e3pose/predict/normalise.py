@@ -39,7 +39,7 @@ class Normalised:
         centre_m: `(num_tracks, 3)` where the person's frame is in the world.
         heading: `(num_tracks, 2)` the unit vector in the floor plane from their right to their
             left.
-        speed_m: `(num_tracks,)` root mean square motion of a joint in a slot.
+        speed_m: `(num_tracks,)` root mean square motion of a joint per slot.
         seen: `(num_tracks, NUM_COMMON)` joints that the history shows at all.
         newest_m: `(num_tracks, NUM_COMMON, 3)` world metres in the newest slot, gaps closed.
     """
@@ -119,7 +119,7 @@ def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> 
     Args:
         history_m: `(any number of slots, num_tracks, NUM_COMMON, 3)` metres, oldest first, NaN
             where missing.
-        interval_s: seconds a slot, one number or `(num_tracks,)`.
+        interval_s: seconds per slot, one number or `(num_tracks,)`.
         num_slots: how many slots the network looks back; a longer history is cut, a shorter one
             counts as missing before it began.
     """

@@ -77,7 +77,7 @@ def deplete(
             `together` has the batteries last equally long and prices them in joules.
         quality_weight: the paper's V.
         hours: at most.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         seed: of the occlusions, which wander slowly between 0 and 1.
     """
     rng = np.random.default_rng(seed)

@@ -63,7 +63,7 @@ class Memory:
         camera_rss: of a camera, the mean of all.
         camera_pss: likewise.
         people: tracked by the edge, the mean of the last published statuses.
-        selected: cameras a slot, the mean.
+        selected: cameras per slot, the mean.
     """
 
     edge_rss: float

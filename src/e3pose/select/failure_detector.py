@@ -65,7 +65,7 @@ def patience(loss: Floats, interval_s: float) -> Counts:
 
     Args:
         loss: `(num_cameras,)` share of the orders that go without an answer, [0, 1].
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
     """
     unlucky = np.clip(loss, *LOSS_RANGE)[:, None] ** _ROWS
     died = _ROWS * min(interval_s / MEAN_LIFE_S, 1.0)
@@ -82,7 +82,7 @@ def listen(
         slot: the slot that was closed.
         ordered: `(num_cameras,)` who was to send a view.
         arrived: `(num_cameras,)` whose view came in time.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
     """
     missed = np.where(arrived, 0, silence.missed + ordered)
     useless = np.where(arrived, 0, silence.useless + ordered)
@@ -110,7 +110,7 @@ def forgive(silence: Silence, views_late: Flags, orders_late: Flags, interval_s:
         views_late: `(num_cameras,)` whose view came after its slot was closed: it lives, but if no
             view was in time for `USELESS_S` it stays given up for its time.
         orders_late: `(num_cameras,)` who had an order too late: no fault of its own.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
     """
     alive = orders_late | (views_late & ~_is_useless(silence, interval_s))
     missed = np.where(views_late | orders_late, 0, silence.missed)
@@ -132,7 +132,7 @@ def _answered(
     Args:
         silence: what was known before.
         who: `(num_cameras,)` whoever answered.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         missed: `(num_cameras,)` of now.
         useless: `(num_cameras,)` of now.
     """

@@ -25,7 +25,7 @@ def recent_error_m(before_m: float, covariance_m2: Floats, interval_s: float) ->
     Args:
         before_m: what was returned for the slot before.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of the people shown; NaN where unknown.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
     """
     from e3pose.select.kernels.foresight import stated_error
 

@@ -33,7 +33,7 @@ class LiveSite:
         rig: the cameras.
         cameras: what the file says of each, in the order of the rig.
         skeleton: of the poses.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         detector: whose noise serves all cameras.
         plan: what the cameras draw and have.
         loop: how the loop runs, with all that follows from the rig.

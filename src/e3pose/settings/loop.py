@@ -23,7 +23,7 @@ PIPELINES = {
     "memory": ("memory", "information"),
     "paper": ("paper", "e3pose"),
 }
-PAPER_CAMERAS = 3  # a slot, as in the paper; it needs two views of everybody
+PAPER_CAMERAS = 3  # per slot, as in the paper; it needs two views of everybody
 USUAL_CAMERAS = 2
 BUDGET_MARGIN = 0.2  # of the default budget above C/N: the paper's 0.8 for 3 of 5 cameras
 # Of the camera slots that a lifetime affords: the rest lets the choice among the cameras be free.
@@ -178,7 +178,7 @@ class LoopSettings:
                 return replace(self, num_selected=min(default_cameras(self.pipeline), num_cameras))
             if not 0 < count <= num_cameras:
                 wanted = f"more than 0 and at most the rig's {num_cameras}"
-                raise InputError("cameras", f"{count:g} a slot", wanted)
+                raise InputError("cameras", f"{count:g} per slot", wanted)
             return self
         if self.num_selected is not None and self.target_error_m is not None:
             found = "it with cameras"
@@ -217,7 +217,7 @@ def pipeline_row(name: str) -> tuple[str, str]:
 
 
 def default_cameras(pipeline: str) -> int:
-    """Return how many cameras are woken in a slot where nobody says."""
+    """Return the default number of cameras per slot."""
     return PAPER_CAMERAS if pipeline_row(pipeline)[0] == "paper" else USUAL_CAMERAS
 
 

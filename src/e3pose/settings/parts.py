@@ -266,7 +266,7 @@ def shares(settings: LoopSettings, num_cameras: int) -> NDArray[np.float64]:
         elif budget.sum() < num_selected - 1e-9:
             raise InputError(
                 "budget",
-                f"{budget.sum():.3g} cameras a slot in all",
+                f"{budget.sum():.3g} cameras per slot in all",
                 f"at least {num_selected:g}, as many as are to be selected",
             )
     return budget

@@ -104,12 +104,12 @@ def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
         yield Finding(
             "warning",
             "budget",
-            f"pays for {plural(round(float(shares.sum()), 2), 'camera')} a slot, the site asks "
+            f"pays for {plural(round(float(shares.sum()), 2), 'camera')} per slot, the site asks "
             f"for {selected:g}",
             f"cameras = {shares.sum():.2g} in [loop], or a larger budget",
         )
     elif not starved:
-        yield Finding("ok", "budget", f"pays for {shares.sum():.2g} cameras a slot")
+        yield Finding("ok", "budget", f"pays for {shares.sum():.2g} cameras per slot")
 
 
 def _starved(live: LiveSite, index: int, budget: Budget, active_w: float, idle_w: float) -> Finding:

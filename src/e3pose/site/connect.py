@@ -82,7 +82,7 @@ def take_of_slots(slots: Sequence[LiveSlot], interval_s: float, name: str = "liv
 
     Args:
         slots: in any order, each once, with the same joints; one at least.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         name: of the take.
 
     Raises:

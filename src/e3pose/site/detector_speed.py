@@ -111,7 +111,7 @@ def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Itera
     Args:
         site: its file.
         times: of the cameras that this machine runs.
-        num_selected: cameras that look in a slot.
+        num_selected: active cameras per slot.
     """
     alone_s, together_s = float(times.alone_s.max()), float(times.together_s.max())
     looks = f"{1000 * alone_s:.0f} ms per detection, {1000 * together_s:.0f} ms with all cameras"
@@ -139,7 +139,7 @@ def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Itera
             "problem" if asked > HOPELESS * reached else "warning",
             "fps",
             f"this machine manages {able}; the site asks for {asked:.3g} slots a second{slots}",
-            f"{slower}, fewer cameras a slot, a smaller network, or e3pose init to choose anew",
+            f"{slower}, fewer cameras per slot, a smaller network, or e3pose init to choose anew",
         )
 
 

@@ -31,7 +31,7 @@ class Example:
         sources: camera id to what it sees, relative to the site file.
         fps: slots a second of the scene.
         skeleton: of the detectors.
-        cameras: how many to wake a slot.
+        cameras: how many to wake per slot.
         pace: how fast what was recorded is played.
         deadline_ms: how long after a slot its views are waited for.
         camera: further keys of every camera's table.

@@ -50,7 +50,7 @@ class Choice:
         detector: name of the network, or its file; empty where keypoints are recorded.
         provider: where the network runs.
         threads: of the processor, for each camera.
-        num_selected: cameras that look in a slot.
+        num_selected: active cameras per slot.
         times: how long looks take; None if nobody looks.
         rig: the calibration; None if it is missing.
         fps: slots a second, if somebody insists.
@@ -196,7 +196,7 @@ def site_text(choice: Choice, folder: Path) -> str:
             'max_size = "20GB"',
             "",
             "[loop]",
-            _line(f"cameras = {count}", f"of {total} look in a slot, on average"),
+            _line(f"cameras = {count}", f"of {total} active per slot, on average"),
             _line('# target_error = "40mm"', "or: as few as keep the expected error below this"),
             "",
             "[energy]",

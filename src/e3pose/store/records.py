@@ -24,7 +24,7 @@ def slot_records(
     Args:
         rows: of the table `slots` of one run, as `Store.rows` gives them.
         poses: of the same run and time.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         first_slot: the slot that becomes 0.
     """
     return [_record(row, poses, interval_s, first_slot) for row in rows]

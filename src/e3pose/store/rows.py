@@ -34,7 +34,7 @@ class Run:
         site: name of the site.
         name: what a person calls this run, such as the recording's name.
         started_ns: time of slot 0 since 1970, UTC.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         skeleton: name of the skeleton.
         joints: its joint names, in axis order.
         cameras: camera ids of the rig, in axis order.

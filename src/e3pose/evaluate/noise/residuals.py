@@ -128,7 +128,7 @@ def leave_one_out(
         people: with their detections.
         rig: the cameras.
         noise: the errors that the reference expects of keypoints.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         progress: told after every person.
     """
     scales = np.array([max(c.image_size) for c in rig.cameras]) / noise.image_px

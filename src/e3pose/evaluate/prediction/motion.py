@@ -41,7 +41,7 @@ class Motion:
         source: `truth`, or `estimates` where the recording has none.
         skeleton: the convention of the joints.
         rig: the cameras that people are boxed in.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         people: per person `(num_slots, num_joints, 3)` metres, NaN where unknown.
     """
 

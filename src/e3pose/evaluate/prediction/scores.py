@@ -135,7 +135,7 @@ def latencies_ms(
     Args:
         predictor: the one to time.
         history_m: `(num_slots, num_persons, num_joints, 3)` metres.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         leads: slots ahead.
         clock: seconds.
         repeats: calls per lead, after one that does not count.

@@ -28,7 +28,7 @@ class Window:
     Attributes:
         name: of the recording.
         skeleton: the convention of the joints.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         history_m: `(num_slots, num_joints, 3)` what predictors are given, oldest first.
         future_m: `(num_leads, 14, 3)` what then happened, body joints at the leads of the settings.
         error_m: mean error of the predictor that ranks.

@@ -26,7 +26,7 @@ class Job(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     Attributes:
         parent: process that ends the training by ending.
         joints: of the skeleton.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         learn: files of poses to learn from, oldest first.
         held_back: files that are never learned from, the newest.
         base: weights to go on from.

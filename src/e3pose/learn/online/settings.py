@@ -17,7 +17,7 @@ class LearningSettings:
     """How a running system learns. The numbers are choices, not measurements.
 
     Attributes:
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         leads: slots ahead at which a new network must be better.
         margin: share by which its error must be lower, at each of these leads.
         least_windows: held-back windows without which nothing is decided.

@@ -26,7 +26,7 @@ def collected_clips(
     Args:
         chunks: oldest first; people are followed from one into the next.
         skeleton: of the poses.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         shortest: slots of the shortest clip of use.
     """
     rows: dict[tuple[int, int], list[tuple[NDArray[np.int64], Floats, Floats]]] = {}

@@ -186,7 +186,7 @@ def evidence(features: Tensor, speed: Tensor) -> Tensor:
 
     Args:
         features: `(history_slots, num_tracks, NUM_FEATURES)`.
-        speed: `(num_tracks, 1)` metres a slot.
+        speed: `(num_tracks, 1)` metres per slot.
     """
     motions = 10 * speed * features[1:, :, NUM_AXES : 2 * NUM_AXES]
     return torch.cat([features[-1, :, :NUM_AXES], motions.transpose(0, 1).flatten(1)], -1)

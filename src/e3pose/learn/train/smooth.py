@@ -19,7 +19,7 @@ def smooth(joints_m: Floats, interval_s: float) -> Floats:
 
     Args:
         joints_m: `(num_slots, *batch, 3)` metres of one person, NaN where missing.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
 
     Returns:
         The same shape. A gap is closed if there are samples on both sides of it within 0.12 s; NaN

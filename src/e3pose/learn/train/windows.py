@@ -141,7 +141,7 @@ class Sampler:
         corruption: Corruption,
         rates: tuple[float, float] | None = None,
     ) -> tuple[Floats, Floats, Floats]:
-        """Return `size` pieces of motion, their spoilt histories, and seconds a slot.
+        """Return `size` pieces of motion, their spoilt histories, and seconds per slot.
 
         All have slots a second within `rates`, where these are given and clips are long enough.
 
@@ -291,7 +291,7 @@ def estimation_noise(
     Args:
         num_slots: length.
         level_m: `(size,)` root mean square error of a joint.
-        interval_s: `(size,)` seconds a slot.
+        interval_s: `(size,)` seconds per slot.
         rng: random numbers.
     """
     size = len(level_m)

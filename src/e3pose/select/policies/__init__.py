@@ -26,7 +26,7 @@ class PolicySettings:
     """What a user may say about a policy.
 
     Attributes:
-        num_selected: the paper's C, cameras a slot; a mean if it is no whole number.
+        num_selected: the paper's C, cameras per slot; a mean if it is no whole number.
         quality_weight: the paper's V, of its own policies in camera slots; the policy's own by
             default.
         target_error_m: of policies that aim: the expected error to keep with the fewest cameras.

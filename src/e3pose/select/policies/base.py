@@ -21,7 +21,7 @@ class Situation:
 
     Attributes:
         slot: the slot that is decided for, `lead_slots` after the newest views.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         online: `(num_cameras,)` reachable and allowed to be selected.
         occlusion: `(num_cameras,)` paper eq. (4) of the people predicted in 3D for `slot`.
         own_occlusion: `(num_cameras,)` the same from each camera's own 2D motion vectors; NaN where

@@ -43,7 +43,7 @@ class RoundRobin:
     """Wake `num_selected` online cameras after one another.
 
     Attributes:
-        num_selected: cameras a slot; a mean if it is no whole number.
+        num_selected: cameras per slot; a mean if it is no whole number.
         phase: who is first.
         order: of the turns, such as `turns.spread_order` finds; rig order if empty.
     """

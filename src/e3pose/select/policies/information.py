@@ -43,7 +43,7 @@ class Information:
     """Wake the cameras of most expected information: a number of them, or as few as suffice.
 
     Attributes:
-        num_selected: cameras a slot; a mean if it is no whole number.
+        num_selected: cameras per slot; a mean if it is no whole number.
         quality_weight: the paper's V; larger prefers information to even batteries.
         target_error_m: wake the fewest cameras whose expected error, corrected by what was stated
             lately, meets this as a mean over the slots, in place of `num_selected`.

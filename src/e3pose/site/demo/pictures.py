@@ -69,7 +69,7 @@ def _played(
     moments_s: NDArray[np.float64],
     site: Path,
 ) -> Iterator[Image]:
-    """Yield one image a slot; the videos begin again where the moments do."""
+    """Yield one image per slot; the videos begin again where the moments do."""
     from e3pose.report.overlay import overlay_images
 
     again = np.flatnonzero(np.diff(moments_s) < 0) + 1

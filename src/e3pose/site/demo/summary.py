@@ -69,7 +69,7 @@ class DemoReport:
         not_fetched: what could not be had and why, one line each.
         num_cameras: of the rig.
         network: which searched the frames for people.
-        people: mean number of people in 3D a slot.
+        people: mean number of people in 3D per slot.
         live: what was measured while it ran.
         summary: the run's figures.
         seconds: it took in all.

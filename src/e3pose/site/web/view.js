@@ -158,7 +158,7 @@ function showStatus(status) {
   byId("rate").textContent = number(status.fps, 1);
   const [usual_ms, worst_ms] = status.latency_ms;
   byId("latency").textContent = usual_ms === null ? "–" : `${number(usual_ms, 1)} ms (99 %: ${number(worst_ms, 0)} ms)`;
-  byId("lead").textContent = number(status.lead, 0, " slots");
+  byId("lead").textContent = number(status.lead, 0, status.lead === 1 ? " slot" : " slots");
   byId("of-then").hidden = mode === "live";
   const modelled = watts.some((camera) => !camera.measured) ? "~" : "";
   byId("power").textContent = watts.length ? `${modelled}${watts.reduce((sum, camera) => sum + camera.power_w, 0).toFixed(1)} W` : "–";
