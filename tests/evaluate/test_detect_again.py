@@ -121,9 +121,9 @@ def test_commands_compare_a_policy_with_and_without_feedback(
     ]  # fmt: skip
     words = ("--policy", "round-robin+feedback", "--detector", "drawn", "--whole-every", 3)
     assert run("replay", films, *words) == 0
-    assert " of 90 told whom to expect" in capsys.readouterr().out
+    assert " of 90 in the part where people were expected" in capsys.readouterr().out
     assert run("replay", films, "--policy", "all", "--detector", "drawn") == 0
-    assert "looks: 0 of 120 told whom to expect" in capsys.readouterr().out
+    assert "detections: 0 of 120 in the part where people were expected" in capsys.readouterr().out
 
 
 def test_command_says_what_feedback_lacks(

@@ -14,25 +14,25 @@ from e3pose.recording import load_recording, save_recording
 from e3pose.reproduce.items.base import Scale
 from e3pose.reproduce.items.shelf_table import ROWS, SEMANTIC, pieces, section
 from e3pose.reproduce.replays import Run, recording_of, replayed
-from e3pose.reproduce.sources import TOLD, load_sources
+from e3pose.reproduce.sources import SHELF_FEEDBACK, load_sources
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.simulate.films import frames
 
 
 def made(piece: Any) -> Run:
     """Return figures of a replay that nobody ran; those with feedback are better."""
-    average = 97.0 if piece.settings.recording == TOLD else 94.0
+    average = 97.0 if piece.settings.recording == SHELF_FEEDBACK else 94.0
     pcp = {"actor1": average, "actor2": average, "actor3": average, "average": average}
     return Run(pcp, {}, 50.0, 1.0, (1.0,), 5.0, 0.1, 1.0, 1.0, 0, ((0,),))
 
 
-@pytest.mark.parametrize("data", [("shelf",), ("shelf", TOLD)])
+@pytest.mark.parametrize("data", [("shelf",), ("shelf", SHELF_FEEDBACK)])
 def test_row_is_measured_or_the_table_says_why_not(data: tuple[str, ...]) -> None:
     scale = Scale(quick=True, data=data)
     found = section(scale, made)  # type: ignore[arg-type]
     (row,) = [row for row in found.tables[0].rows if str(row[0]).startswith(SEMANTIC.name)]
     asked = [piece.settings for piece in pieces(scale)]
-    if TOLD in data:
+    if SHELF_FEEDBACK in data:
         assert SEMANTIC.asked in asked and getattr(row[5], "mean", None) == 97.0
     else:
         assert SEMANTIC.asked not in asked and row[5] is None
@@ -40,7 +40,7 @@ def test_row_is_measured_or_the_table_says_why_not(data: tuple[str, ...]) -> Non
 
 
 def test_every_row_says_what_found_its_keypoints() -> None:
-    found = section(Scale(quick=True, data=("shelf", TOLD)), made)  # type: ignore[arg-type]
+    found = section(Scale(quick=True, data=("shelf", SHELF_FEEDBACK)), made)  # type: ignore[arg-type]
     (table,) = found.tables
     column = table.columns.index("2D detector")
     named = {str(row[0]): str(row[column]) for row in table.rows}
@@ -50,13 +50,13 @@ def test_every_row_says_what_found_its_keypoints() -> None:
 
 
 def test_detections_with_feedback_are_read_where_they_are(tmp_path: Path) -> None:
-    assert TOLD not in load_sources(tmp_path).names
+    assert SHELF_FEEDBACK not in load_sources(tmp_path).names
     scene = simulate(SceneSettings("ring", people=1, seconds=0.4, fps=10, cameras=2), 701)
-    save_recording(scene, tmp_path / TOLD)
+    save_recording(scene, tmp_path / SHELF_FEEDBACK)
     sources = load_sources(tmp_path)
-    assert sources.names == (TOLD,)
+    assert sources.names == (SHELF_FEEDBACK,)
     assert recording_of(sources, SEMANTIC.asked).num_slots == scene.num_slots
-    assert load_recording(tmp_path / TOLD).num_slots == scene.num_slots
+    assert load_recording(tmp_path / SHELF_FEEDBACK).num_slots == scene.num_slots
 
 
 FIRST, SLOTS = 300, 14  # images and labels; the protocol of Shelf begins here
@@ -100,12 +100,12 @@ def test_images_of_shelf_give_the_row_with_feedback(
     images = sorted(Path("Shelf").glob("Camera*"))
     assert run("import", "shelf", "Shelf", "rig", *frames_asked) == 0
     looks = ("--fps", 25, "--calibration", "rig/calibration.toml", "--model", "drawn")
-    for name, more in (("shelf", ()), (TOLD, ("--feedback",))):
+    for name, more in (("shelf", ()), (SHELF_FEEDBACK, ("--feedback",))):
         assert run("detect", *images, f"found-{name}", *looks, *more) == 0
         detections = ("--detections", f"found-{name}")
         assert run("import", "shelf", "Shelf", f"data/{name}", *frames_asked, *detections) == 0
     sources = load_sources(tmp_path / "data")
-    assert sources.names == ("shelf", TOLD)
+    assert sources.names == ("shelf", SHELF_FEEDBACK)
     runs = [replayed(sources, row.asked) for row in (SEMANTIC, ROWS[0])]
     assert all(run.cameras == 5 and run.recall == 1.0 and run.error_mm < 35 for run in runs)
     assert runs[1].average > 75 and abs(runs[0].average - runs[1].average) < 5

@@ -57,7 +57,7 @@ class Wand:
             raise InputError(OPTION, f"{len(markers)} markers", f"at most {MOST_MARKERS}")
         twice = [name for name in markers if markers.count(name) > 1]
         if twice:
-            wanted = "markers that can be told apart"
+            wanted = "markers that can be distinguished"
             raise InputError(OPTION, f"{twice[0]} twice", wanted)
         try:
             places_m = np.array([0.0, *(length_m(length) for length in given)])

@@ -100,7 +100,7 @@ def detect_videos(
         settings: which frames to look at; all by default.
         detector_name: of the detector, and after a space which weights these are, such as a
             checksum; work begun with others is not continued.
-        progress: told after every frame how many slots of all cameras are done, of about how
+        progress: called after every frame with how many slots of all cameras are done, of about how
             many.
 
     Raises:
@@ -190,7 +190,7 @@ class _Run:
         return {camera_id: self._detect(camera_id) for camera_id in self.sources}
 
     def detect_together(self, rig: Rig) -> dict[str, str]:
-        """Look at all videos slot by slot, told who is where; return what was damaged in each."""
+        """Go through all videos slot by slot, with feedback; return what was damaged in each."""
         skeleton, reached = self.detector.skeleton, dict.fromkeys(self.sources, 0)
         room = Room(rig, skeleton, 1 / self.grid.fps, self.detector_name.partition(" ")[0])
 

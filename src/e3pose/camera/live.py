@@ -268,7 +268,7 @@ class CameraNode:
     # Detecting.
 
     def _run_detect(self) -> None:
-        told, uses = False, uses_feedback(self.detector)
+        warned, uses = False, uses_feedback(self.detector)
         while (seen := self._frames.take()) is not None:
             begun_ns = self.clock.now_ns()
             poses = detect_expected(self.detector, image := seen.frame.look(), seen.expected)
@@ -277,10 +277,10 @@ class CameraNode:
             done_ns = self.clock.now_ns()
             self.counts.detected += 1
             self.counts.focused += seen.expected is not None
-            if seen.expected is not None and not uses and not told:
+            if seen.expected is not None and not uses and not warned:
                 name = self.settings.detector or "the detector"
                 self._tell(f"feedback ignored: {name} detects in whole images only")
-                told = True
+                warned = True
             keypoints, scores = pack_poses(poses)
             self._views.put(
                 View(

@@ -23,7 +23,7 @@ class Schedule:
     Attributes:
         session: of the edge that gave them; 0 before the first.
         times: where slots lie; None before the first order.
-        active: slot to whether to look in it, for slots that were told of.
+        active: slot to whether to look in it, for slots with an order.
         expected: slot to who is expected in it, for slots in which only that is looked at.
         idle_mode: what to do otherwise.
         orders: how many came.

@@ -32,7 +32,7 @@ def attach_videos(recording: Path, folder: Path, camera_ids: Sequence[str]) -> l
     """Move the videos of a session into its recording; return the cameras that got theirs.
 
     Args:
-        recording: a folder that `note_session` was told of, at the site or elsewhere since.
+        recording: a folder that `note_session` noted, at the site or moved since.
         folder: has a folder of videos for each camera.
         camera_ids: whose videos are wanted; those with a video already stay as they are.
 

@@ -89,7 +89,7 @@ def detect_together(
     earlier: Callable[[str], ViewSeries],
     tell: Callable[[str, int], None],
 ) -> int:
-    """Detect in every camera's video, told by the slots before who is where.
+    """Detect in every camera's video, with feedback from the slots before.
 
     Args:
         work: takes the lines; what it has already is not detected again.
@@ -100,7 +100,7 @@ def detect_together(
         detectors: camera id to what finds the people.
         whole_every: one of so many looks is at the whole image.
         earlier: camera id to the lines that `work` has.
-        tell: told a camera and the number of its slots that are done.
+        tell: called with a camera and the number of its slots that are done.
 
     Returns:
         Slots of all cameras that an earlier run had done.
@@ -121,8 +121,8 @@ def detect_together(
         for index, (name, film) in enumerate(zip(sources, films, strict=True)):
             found = film.earlier(slot)
             if found is None and (here := film.frame(slot)) is not None:
-                told = None if expected is None else expected[index]
-                found = detect_expected(detectors[name], here[1].image, told)
+                people = None if expected is None else expected[index]
+                found = detect_expected(detectors[name], here[1].image, people)
                 with work.path(name).open("ab", buffering=0) as file:
                     file.write(encode_view(slot, here[0], found))
                 tell(name, slot + 1)

@@ -189,7 +189,7 @@ def main(tokens: Sequence[str] | None = None) -> None:
         try:
             app(tokens, exit_on_error=False, print_error=False)
         finally:
-            sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
+            sys.stdout.flush()  # here, where a full disk or a closed pipe can still be reported
     except CycloptsError as error:
         _fail(f"{_one_line(error)} (try --help)")
     except BrokenPipeError:  # the reader of our output went away: nothing is left to tell it

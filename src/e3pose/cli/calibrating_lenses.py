@@ -179,7 +179,7 @@ def check_picture(option: str, path: Path) -> None:
 
 @contextmanager
 def camera_bar(label: str) -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """Yield what makes a bar for one camera, told of work done and in all; silent in a pipe."""
+    """Yield what makes a bar for one camera, of work done and in all; silent in a pipe."""
     from rich.console import Console
     from rich.progress import Progress
 

@@ -172,9 +172,9 @@ def _people(
         if not rough.placed:
             raise InputError(f"{start}: holds lenses without places, expected a rough calibration")
         rough = rough.subset([rough.index(name) for name in recording.rig.camera_ids])
-    with stage_progress() as (_, told):
+    with stage_progress() as (_, progress):
         return from_people(
-            recording, load_noise(noise or detector_of(recording)), rough, known, told
+            recording, load_noise(noise or detector_of(recording)), rough, known, progress
         )
 
 

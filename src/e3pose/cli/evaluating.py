@@ -132,11 +132,11 @@ def evaluate(
                 ahead,
             )
         ]
-        for each in settings[::seeds]:  # a wrong option is told before hours of work, not after
+        for each in settings[::seeds]:  # a wrong option fails before hours of work, not after
             make_pipeline(source, each)
-        told = any(each.feedback for each in settings)
-        if detector is not None or told:
-            open_pixels(source, recording, detector, threads=1, feedback=told)
+        feedback = any(each.feedback for each in settings)
+        if detector is not None or feedback:
+            open_pixels(source, recording, detector, threads=1, feedback=feedback)
     warn(noise_warning(source, settings[0]))
     summaries = compare(
         source,

@@ -112,7 +112,7 @@ def learn_replay(
     }
     given = {key: value for key, value in options.items() if value is not None}
     loop = ReplaySettings(**given)  # type: ignore[arg-type]
-    for source in sources:  # a wrong option is told before anything is written
+    for source in sources:  # a wrong option fails before anything is written
         make_pipeline(source, loop)
     trainer = OnlineTrainer(out, sources[0].skeleton, settings, WallClock(), background=paced)
     try:

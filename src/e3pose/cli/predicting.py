@@ -147,7 +147,7 @@ def _measure(
     from e3pose.predict import make_predictor
 
     for name in names:
-        make_predictor(name)  # a wrong name is told before minutes of work, not after
+        make_predictor(name)  # a wrong name fails before minutes of work, not after
     parts, rows, latency = [], [], None
     windows: list[Window] = []
     console = Console(stderr=True)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from e3pose.settings.site_file import SiteTable
 
 LOOK_S = 1.0
-MOST_RESTARTS = 3  # of a camera, before it is told why it ends
+MOST_RESTARTS = 3  # of a camera, before the command reports why it ends
 
 
 def record(

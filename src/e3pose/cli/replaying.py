@@ -104,7 +104,7 @@ def replay(
     source = faults.thinned(load_placed(recording))
     posteriors: list[Posterior] = []
 
-    def heard(people: People) -> None:
+    def keep_posterior(people: People) -> None:
         if smoothing.method == "rts" and people.posterior is not None:
             posteriors.append(people.posterior)
 
@@ -117,9 +117,9 @@ def replay(
             faults=faults.day(source, plan.watts),
         )
         anew = settings.feedback or detector is not None
-        told = settings.feedback
-        look = open_pixels(source, recording, detector, feedback=told) if anew else None
-        replayed = run_replay(source, settings, tell=heard, look=look)
+        feedback = settings.feedback
+        look = open_pixels(source, recording, detector, feedback=feedback) if anew else None
+        replayed = run_replay(source, settings, tell=keep_posterior, look=look)
     slots = stored(
         replayed,
         store,

@@ -260,7 +260,7 @@ def up(
     if example:
         make_example(site)
     table = _delayed(load_site(site), delay)
-    checked = check_edge(table)  # what is wrong is told here, not in a log
+    checked = check_edge(table)  # an error is shown here, not in a log
     check_port(edge_link(table)[0].endpoint)
     warn(checked.world_warning())
     rig = checked.rig
@@ -317,7 +317,7 @@ def _check_looks(site: SiteTable, live: LiveSite) -> None:
     from e3pose.site.check_sources import require_sources
     from e3pose.site.detector_speed import check_looks, hopeless, measure_looks
 
-    require_sources(site, live.rig)  # told here, not in the log of a camera
+    require_sources(site, live.rig)  # an error is shown here, not in the log of a camera
     with Console(stderr=True).status("measuring the networks"):
         times = measure_looks(site, live.rig, again=False)
     if times is None:

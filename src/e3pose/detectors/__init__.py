@@ -94,7 +94,7 @@ def make_detector(
 
     Args:
         name: a key of `DETECTORS`, or the path of a network file, or of a folder with the two of a
-            top-down detector, whose kind is then told from inputs and outputs.
+            top-down detector, whose kind then follows from inputs and outputs.
         model: a network file to use instead of the one that `name` has in the user's cache.
         provider: `auto` for the first of `inference.PROVIDERS` that is there, or one of them,
             which must then be there.

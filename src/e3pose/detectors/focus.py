@@ -96,12 +96,12 @@ class InBoxes(Protocol):
 
 
 def uses_feedback(detector: Any) -> bool:
-    """Return whether a detector looks elsewhere if it is told where people are expected."""
+    """Return whether a detector uses feedback about where people are expected."""
     return isinstance(detector, Focusing | InBoxes)
 
 
 def check_feedback(detector: Any, name: str) -> None:
-    """Raise `InputError` unless a detector of this name can use what it is told."""
+    """Raise `InputError` unless a detector of this name uses feedback."""
     if not uses_feedback(detector):
         found = f"it with {name[:80] or 'a detector'}, which detects in whole images alone"
         raise InputError("feedback", found, "a detector with detect_part or detect_in_boxes")

@@ -132,7 +132,7 @@ def _answer(pipe: Connection, timeout_s: float) -> float:
 
 
 def _look(pipe: Connection, looker: Looker) -> None:
-    """Load a network, then look for as long as told, until the pipe ends."""
+    """Load a network, then detect for the seconds received, until the pipe ends."""
     width, height = looker.image_size
     grey = np.random.default_rng(0).integers(0, 256, (height, width, 1), dtype=np.uint8)
     image = np.repeat(grey, 3, axis=2)

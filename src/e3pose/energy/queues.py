@@ -36,7 +36,7 @@ def price(deficit: Floats, cost_j: Floats) -> Floats:
     """Return what the queues ask for an active slot: the drift of half their squares in joules.
 
     A queue of `deficit` slots holds `deficit * cost_j` joules, and an active slot adds `cost_j`, so
-    that the drift is their product. It is told in units of the rig's mean cost, which makes it the
+    that the drift is their product. It is given in units of the rig's mean cost, which makes it the
     paper's q_n where all cameras cost the same.
 
     Args:

@@ -81,16 +81,16 @@ class PixelViews:
         return poses
 
     def words(self) -> str:
-        """Return how many looks were at parts of images, and how long looks took."""
+        """Return how many detections were in parts of images, and how long detections took."""
         parts = [seconds for _, _, part, seconds in self.looks_s if part]
         wholes = [seconds for _, _, part, seconds in self.looks_s if not part]
-        count = f"{len(parts)} of {len(self.looks_s)} told whom to expect"
+        count = f"{len(parts)} of {len(self.looks_s)} in the part where people were expected"
         times = [
             f"{1000 * median(taken):.3g} ms {what}"
-            for taken, what in ((parts, "each"), (wholes, "each at the whole image"))
+            for taken, what in ((parts, "each"), (wholes, "each in the whole image"))
             if taken
         ]
-        return f"looks: {', '.join([count, *times])} (median, this machine)"
+        return f"detections: {', '.join([count, *times])} (median, this machine)"
 
 
 def check_pixels(recording: Recording) -> None:
@@ -118,7 +118,7 @@ def open_pixels(
         folder: where it is stored.
         model: a detector; by default the one that the recording names.
         threads: of the processor for the network; all cores by default.
-        feedback: whether it is told whom to expect.
+        feedback: whether it is given the people expected in the image.
 
     Raises:
         InputError: when a video or the detector is missing, or has no use for feedback.
@@ -147,6 +147,6 @@ def replay_stored(
             feedback, and nobody does without.
     """
     anew = settings.feedback or detector is not None
-    told = settings.feedback
-    look = open_pixels(recording, folder, detector, threads=1, feedback=told) if anew else None
+    feedback = settings.feedback
+    look = open_pixels(recording, folder, detector, threads=1, feedback=feedback) if anew else None
     return replay(recording, settings, look=look)

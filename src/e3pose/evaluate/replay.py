@@ -23,7 +23,7 @@ from e3pose.settings.faults import Faults
 from e3pose.settings.loop import ReplaySettings as ReplaySettings
 from e3pose.settings.parts import make_pipeline as make_pipeline
 
-# What a camera sees in a slot, given whom it is told to expect; None where it sees nothing.
+# What a camera sees in a slot, given the people expected in it; None where it sees nothing.
 Look = Callable[[int, int, ExpectedView | None], Poses2D | None]
 Expected = tuple[ExpectedView, ...] | None
 

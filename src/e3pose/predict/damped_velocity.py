@@ -13,7 +13,7 @@ from e3pose.predict.newest import newest_known
 
 Floats = NDArray[np.float64]
 
-FRAME_S = 1 / 30  # the frame in which span and decay are told
+FRAME_S = 1 / 30  # the time unit of span and decay
 SPAN_FRAMES = 3
 DECAY = 0.85  # of the velocity, every frame
 ROUNDING = 1e-3  # so that 29.97 fps counts as 30

@@ -278,7 +278,7 @@ def _skeleton(where: Path, name: str) -> Skeleton:
 def _header(recording: Recording) -> Mapping[str, Any]:
     table: dict[str, Any] = {
         "format": FORMAT,
-        # An older reader is told of a newer version only by what it could not read.
+        # A newer version is an error only for a reader that cannot read what it adds.
         "version": 3
         if recording.detector
         else 2

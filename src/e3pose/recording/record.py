@@ -115,7 +115,7 @@ class Recording:
         detector: what found the keypoints, by the name of a noise file (`model.noises`); empty
             where nobody said.
         battery_wh: camera id to the energy in its battery at the start; others have a supply, or
-            the battery that an evaluation is told of.
+            the battery that an evaluation assumes.
         dies_at_s: camera id to when it went for good and could no longer be reached.
 
     Raises:

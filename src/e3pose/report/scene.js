@@ -2,7 +2,7 @@
 // draw with it. Units are millimetres, z is up.
 "use strict";
 
-// Told apart by people with any colour vision, on white (after Okabe and Ito, without yellow).
+// Distinct with any colour vision, on white (after Okabe and Ito, without yellow).
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#b38600", "#4d4d4d", "#8a4b16"];
 const INK = "#1f2937", PALE = "#c3cad4", LOST_INK = "#b91c1c", TRUTH_INK = "#9aa3af", SLEEP_INK = "#9fb4d6";
 const ASLEEP = 0, AWAKE = 1, LOST = 2, DEEP = 3; // what a camera does: saving, active, lost, not capturing

@@ -24,7 +24,7 @@ from e3pose.simulate import SceneSettings, simulate
 Floats = NDArray[np.float64]
 
 SHELF, FRAGMENT, MOTION = "shelf", "panoptic-fragment", "panoptic-motion"
-TOLD = "shelf-feedback"
+SHELF_FEEDBACK = "shelf-feedback"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class Asked:
     """What to replay and how.
 
     Attributes:
-        recording: `SHELF`, `TOLD`, `FRAGMENT`, `MOTION`, or the name of a simulated scene.
+        recording: `SHELF`, `SHELF_FEEDBACK`, `FRAGMENT`, `MOTION`, or a simulated scene.
         policy: who decides.
         pipeline: a name of `settings.loop.PIPELINES`.
         cameras: the paper's C.
@@ -117,7 +117,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class SeesAll:
-    """A policy that is told the true occlusion of the slot that it decides for.
+    """A policy that knows the true occlusion of the slot it decides for.
 
     Attributes:
         policy: who decides.
@@ -210,9 +210,9 @@ def recording_of(sources: Sources, asked: Asked) -> Recording:
     if asked.recording == SHELF:
         assert sources.shelf is not None, "items say what they need"
         return sources.shelf
-    if asked.recording == TOLD:
-        assert sources.told is not None, "items say what they need"
-        return sources.told
+    if asked.recording == SHELF_FEEDBACK:
+        assert sources.feedback is not None, "items say what they need"
+        return sources.feedback
     if asked.recording == FRAGMENT:
         assert sources.panoptic is not None, "items say what they need"
         return with_detections(sources.panoptic, asked.seed)

@@ -60,7 +60,7 @@ class SiteRun:
             time.sleep(LOOK_S)
 
     def take(self, poses: Poses) -> None:
-        """Take in a published slot; people who are told again are none."""
+        """Take in a published slot; poses that are published again, smoothed, are skipped."""
         if poses.selected:
             came = (time.monotonic(), len(poses.selected), len(poses.arrived))
             self.slots.setdefault(poses.slot, came)

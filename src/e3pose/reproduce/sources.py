@@ -13,15 +13,15 @@ from e3pose.recording.datasets.panoptic import import_panoptic
 from e3pose.recording.datasets.shelf import import_shelf
 
 SHELF, PANOPTIC = "shelf", "panoptic"
-TOLD = "shelf-feedback"
+SHELF_FEEDBACK = "shelf-feedback"
 SHELF_FILE = "shelf.npz"
 FRAGMENT_FILE = "160906_band1.npz"
 MOTION_FILE = "171026_pose3_train.npz"
 WHERE = {
     SHELF: "Shelf with OpenPose detections: DATA/shelf, a recording or shelf.npz, see "
     "docs/reference/import-formats.md",
-    TOLD: "Shelf as e3pose detect --feedback sees it: DATA/shelf-feedback, a recording, see "
-    "docs/how-to/reproduce.md",
+    SHELF_FEEDBACK: "Shelf as e3pose detect --feedback sees it: DATA/shelf-feedback, a recording, "
+    "see docs/how-to/reproduce.md",
     PANOPTIC: "fragments of CMU Panoptic (domedb.perception.cs.cmu.edu): DATA/panoptic with "
     f"{FRAGMENT_FILE} and {MOTION_FILE}",
 }
@@ -33,14 +33,14 @@ class Sources:
 
     Attributes:
         shelf: the Shelf sequence with detections and labels; None if it was not found.
-        told: the same with detections made with semantic feedback.
+        feedback: the same with detections made with semantic feedback.
         panoptic: three people on Panoptic's five cameras, truth alone.
         motion: one person's real motion on the same cameras, truth alone.
         stamp: a digest of the files.
     """
 
     shelf: Recording | None = None
-    told: Recording | None = None
+    feedback: Recording | None = None
     panoptic: Recording | None = None
     motion: Recording | None = None
     stamp: str = ""
@@ -48,13 +48,17 @@ class Sources:
     @property
     def names(self) -> tuple[str, ...]:
         """Which data sets there are."""
-        there = {SHELF: self.shelf, TOLD: self.told, PANOPTIC: self.panoptic and self.motion}
+        there = {
+            SHELF: self.shelf,
+            SHELF_FEEDBACK: self.feedback,
+            PANOPTIC: self.panoptic and self.motion,
+        }
         return tuple(name for name, value in there.items() if value is not None)
 
     @property
     def detectors(self) -> dict[str, str]:
         """What found the keypoints of Shelf, by data set, where the recording says so."""
-        found = {SHELF: self.shelf, TOLD: self.told}
+        found = {SHELF: self.shelf, SHELF_FEEDBACK: self.feedback}
         return {name: each.detector for name, each in found.items() if each and each.detector}
 
 
@@ -79,7 +83,7 @@ def load_sources(folder: Path | None) -> Sources:
     both = fragment.exists() and motion.exists()
     return Sources(
         shelf=_shelf(folder / SHELF),
-        told=_shelf(folder / TOLD),
+        feedback=_shelf(folder / SHELF_FEEDBACK),
         panoptic=import_panoptic(fragment) if both else None,
         motion=_motion(motion, fragment) if both else None,
         stamp=digest.hexdigest()[:16],
@@ -97,5 +101,5 @@ def _motion(path: Path, fragment: Path) -> Recording:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    for name in (SHELF, TOLD, PANOPTIC):
+    for name in (SHELF, SHELF_FEEDBACK, PANOPTIC):
         yield from sorted(path for path in (folder / name).glob("*") if path.is_file())

@@ -109,7 +109,7 @@ class NodeTable:
 
 
 def is_camera_file(path: Path) -> bool:
-    """Return whether a file says that it is that of a camera; other files are told of later."""
+    """Return whether a file declares itself a camera file; errors in it are raised later."""
     try:
         return path.is_file() and read_toml(path, MAX_BYTES).get("format") == CAMERA_FORMAT
     except InputError:

@@ -20,7 +20,7 @@ class EdgeSettings:
         adaptive_lead: whether the lead follows the delays; otherwise it stays.
         start_wait_s: how long to wait for the rest once two cameras are there.
         pace: seconds of the scene that pass in a second; below 1 recordings are played slower.
-        smooth_delay_s: how much later people are told a second time, smoothed; 0 for never.
+        smooth_delay_s: how much later poses are published a second time, smoothed; 0 for never.
     """
 
     site: str

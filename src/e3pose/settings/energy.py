@@ -76,7 +76,7 @@ def per_camera(text: object, read: Callable[[str], T], example: str) -> PerCamer
 
 
 def read_profile(text: object) -> PerCamera[str]:
-    """Read names of power profiles; whether there are such is told when they are loaded."""
+    """Read names of power profiles; unknown names are an error when they are loaded."""
     return per_camera(text, str, "xavier-nx or xavier-nx,cam3=tx2")
 
 

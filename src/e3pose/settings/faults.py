@@ -14,7 +14,7 @@ class Kill:
     Attributes:
         camera_id: which; `each` for that at the position `phase` of the rig.
         time_s: from when on it is gone, seconds.
-        slot: the same as a slot, if it was told so.
+        slot: the same as a slot, if it was given so.
     """
 
     camera_id: str

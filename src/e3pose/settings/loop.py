@@ -155,7 +155,7 @@ class LoopSettings:
 
     @property
     def row_name(self) -> str:
-        """The policy that decides and whether cameras are told whom to expect."""
+        """The policy that decides and whether cameras get feedback."""
         return self.policy_name + FEEDBACK * self.feedback
 
     def for_rig(

@@ -24,7 +24,7 @@ from e3pose.select.camera_order import spread_order
 from e3pose.select.policies import POLICIES, Policy, PolicyRow, PolicySettings, policy_row
 from e3pose.settings.loop import LoopSettings, pipeline_row
 
-STEERING = "attention-lstm"  # steers the estimator with a memory unless told otherwise
+STEERING = "attention-lstm"  # steers the filter by default
 STEERING_SLOTS = 10  # of history, which the network of `STEERING` looks back on
 PAPER_PREDICTOR = "attention-lstm-paper"  # in place of `STEERING`, which has more parts
 PAPER_MATCHER: Matcher = "epipolar"

@@ -114,12 +114,12 @@ class RecordTable:
 
 @dataclass(frozen=True, slots=True)
 class ZoneTable:
-    """`[[zone]]`: a part of the floor, of which it is told who enters, stays and leaves.
+    """`[[zone]]`: a part of the floor, with events for who enters, stays and leaves.
 
     Attributes:
         name: letters, digits, `-`, `_`, `.`.
         corners: x and y of its corners in metres, in order around it.
-        dwell_s: how long somebody stays before that is told.
+        dwell_s: how long somebody stays before the event `dwell`.
     """
 
     name: str = entry(write='"door"')

@@ -28,7 +28,7 @@ def camera_skeleton(site: SiteTable, camera: CameraTable) -> Skeleton | None:
         try:
             return read_skeleton(site.near(place_of(source) or ""))
         except InputError:
-            return None  # told when the camera starts
+            return None  # an error when the camera starts
     name = detector_of(camera)
     if name is None:
         return None
@@ -36,7 +36,7 @@ def camera_skeleton(site: SiteTable, camera: CameraTable) -> Skeleton | None:
     try:
         own = name not in DETECTORS and site.near(name).exists()
         return skeleton_of(str(site.near(name)) if own else name, model)
-    except (InputError, ImportError):  # told by the camera, which runs it
+    except (InputError, ImportError):  # an error of the camera, which runs it
         return None
 
 

@@ -22,7 +22,7 @@ LIKE_SHARE = 0.35  # of a height: how far a detection may be from the person it 
 
 
 def check_people(people: int | None) -> None:
-    """Raise `InputError` for more people than can be told apart by their shade."""
+    """Raise `InputError` for more people than differ in their shade."""
     if people is None or not 0 <= people <= len(LEVELS):
         found = "the scene's own number" if people is None else str(people)
         raise InputError("films", f"{found} of people", f"at most {len(LEVELS)}: --people 2")
@@ -32,7 +32,7 @@ def check_filmable(recording: Recording) -> Truth:
     """Return the truth of a recording that can be filmed.
 
     Raises:
-        InputError: for more people than can be told apart by their shade, or another skeleton.
+        InputError: for more people than differ in their shade, or another skeleton.
     """
     truth = recording.truth
     if truth is None or truth.skeleton != COCO17:

@@ -74,7 +74,7 @@ class EdgeWatch:
     Attributes:
         tell: called with what a person should know.
         endpoint: where the edge is looked for.
-        alone_s: seconds without the edge, at the start, before that is told.
+        alone_s: seconds without the edge, at the start, before a warning.
     """
 
     tell: Callable[[str], None]
@@ -171,8 +171,8 @@ def open_camera(
         stack.enter_context(power)
         stack.enter_context(made)
         runs_on = getattr(made.detector, "provider", "")  # a recording has no network
-        told = {"provider": runs_on} if runs_on else {}
-        log.info("ready", source=table.source, endpoint=table.endpoint, **told)
+        provider = {"provider": runs_on} if runs_on else {}
+        log.info("ready", source=table.source, endpoint=table.endpoint, **provider)
         return Camera(made, EdgeWatch(log.info, table.endpoint), clock, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 

@@ -33,7 +33,7 @@ class SiteControls:
 
         Args:
             live: the site.
-            ledger: told other budgets.
+            ledger: takes other budgets.
         """
         self._live, self._ledger, self._loop = live, ledger, live.loop
         self._own: dict[str, Budget] = {}  # camera to the budget that an operator gave it

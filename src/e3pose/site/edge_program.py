@@ -241,7 +241,7 @@ def make_edge(
     site = live.site
     checkpoint = site.near(site.state) if site.state else None
     if checkpoint is not None:
-        with suppress(OSError):  # told when the state is kept
+        with suppress(OSError):  # reported when the state is saved
             make_folder(checkpoint.parent)
         stack.enter_context(hold(checkpoint))
     news = News(clock, tell)
@@ -291,7 +291,7 @@ def open_store(live: LiveSite, started_ns: int, news: News, stack: ExitStack) ->
     Args:
         live: the site.
         started_ns: when the run began that its slots belong to.
-        news: told how the keeping goes.
+        news: called with events of saving.
         stack: closes it.
     """
     site, place = live.site, live.site.store_place
@@ -325,7 +325,7 @@ def open_recorder(live: LiveSite, news: News, stack: ExitStack) -> Recorder | No
 
     Args:
         live: the site.
-        news: told what keeps it from recording.
+        news: called with reasons that it cannot record.
         stack: closes it.
     """
     cameras = [camera.record in ("keypoints", "both") for camera in live.cameras.values()]

@@ -67,7 +67,7 @@ class Router:
         self.site, self._seen = roll.site, seen
 
     def look(self) -> None:
-        """Join anew if the list changed; what is wrong with it is told once, and tried again."""
+        """Reconnect if the list changed; an error in it is logged once, and retried."""
         if self._transport is not None and self._look() == self._seen:
             return
         try:

@@ -144,7 +144,7 @@ class Program:
 def run_site(
     programs: Sequence[Program], stopped: Callable[[], bool], tell: Callable[[str], None]
 ) -> None:
-    """Run programs until stopped; one that ends by itself is started again, or told of.
+    """Run programs until stopped; one that ends by itself is restarted, or reported.
 
     Args:
         programs: the edge first; `stopped` may add others to the list, started already.

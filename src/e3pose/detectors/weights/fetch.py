@@ -40,7 +40,7 @@ def fetch_file(
         url: http or https.
         sha256: of the file, in hexadecimal.
         dest: where to put it; folders above are made.
-        progress: told how far it is.
+        progress: called with bytes done and bytes in all.
         size_bytes: exact size if known; more is never downloaded.
 
     Raises:
@@ -85,7 +85,7 @@ def save_verified(
         sha256: expected, in hexadecimal.
         size_bytes: expected, if known; reading stops where it is exceeded.
         total: what to tell `progress`.
-        progress: told how far it is.
+        progress: called with bytes done and bytes in all.
     """
     digest, done = hashlib.sha256(), 0
     limit = MAX_BYTES if size_bytes is None else size_bytes

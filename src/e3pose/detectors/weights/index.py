@@ -116,7 +116,7 @@ def fetch_from_index(
         kind: `sdist` or `wheel` (any platform's; the checksum decides).
         sha256: of the file, in hexadecimal.
         dest: where to put it; folders above are made.
-        progress: told how far it is.
+        progress: called with bytes done and bytes in all.
         index_url: a simple index to use instead of the configured ones.
 
     Raises:

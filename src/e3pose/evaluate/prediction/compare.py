@@ -84,7 +84,7 @@ def evaluate_motion(
         motion: what really happened.
         predictors: names of `PREDICTORS`.
         settings: how to measure.
-        advance: told how many windows were predicted since the last call.
+        advance: called with how many windows were predicted since the last call.
 
     Returns:
         Condition -> predictor -> tally.

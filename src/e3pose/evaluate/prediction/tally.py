@@ -28,7 +28,7 @@ class Tally:
         wanted: joints whose future is known.
         found: of these, predicted ones.
         error_m: their distances.
-        rooted: joints that can be told relative to the middle of the hips.
+        rooted: joints that are given relative to the middle of the hips.
         rooted_error_m: their distances.
         claimed: joints for which the predictor stated an expected error.
         claim_m: these expected errors.

@@ -102,7 +102,7 @@ def _replayed(
     columns = common_columns(seen.skeleton)
     joints = to_common(truth.joints_m, columns)
     errors = np.full((*joints.shape[:2], 1, NUM_COMMON, 3), np.nan, dtype=np.float16)
-    told: list[People] = []
+    published: list[People] = []
     most = len(seen.rig)
     counts = np.arange(1, most + 1)  # few cameras are usual, and err most
     count = int(rng.choice(counts, p=(1 / counts) / (1 / counts).sum()))
@@ -112,8 +112,8 @@ def _replayed(
         predictor="constant-velocity" if settings.predictor is None else str(settings.predictor),
         phase=number,
     )
-    for record in replay(seen, replaying, tell=told.append):
-        found = to_common(told.pop().poses.joints_m, columns)
+    for record in replay(seen, replaying, tell=published.append):
+        found = to_common(published.pop().poses.joints_m, columns)
         target = joints[record.slot]
         rows, people = joined(target, found)
         errors[record.slot, rows, 0] = found[people] - target[rows]

@@ -14,7 +14,7 @@ from e3pose.model.skeleton import Skeleton
 Image = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
-# Told apart with any colour vision (after Okabe and Ito), bright enough for dim pictures, and in
+# Distinct with any colour vision (after Okabe and Ito), bright enough for dim pictures, and in
 # the order of the report's, so that a person has much the same colour in both.
 TRACK_COLORS: tuple[Color, ...] = (
     (60, 150, 255), (255, 115, 25), (0, 225, 150), (255, 140, 205),

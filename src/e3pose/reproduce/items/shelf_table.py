@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from e3pose.reproduce.items.base import Item, Scale
 from e3pose.reproduce.records import Basis, Cell, Headline, Line, Panel, Section, Spread, Table
-from e3pose.reproduce.replays import SHELF, TOLD, Asked, Run, over_seeds
+from e3pose.reproduce.replays import SHELF, SHELF_FEEDBACK, Asked, Run, over_seeds
 from e3pose.reproduce.work import AnyPiece, Made
 
 # PCP of actors 1-3 and their average as the paper cites them, and what found the keypoints: Dong et
@@ -71,7 +71,7 @@ ROWS = (
         for count in MEMORY_CAMERAS
     ),
 )
-SEMANTIC = Row("SA + feedback", Asked(TOLD, "all"))
+SEMANTIC = Row("SA + feedback", Asked(SHELF_FEEDBACK, "all"))
 NO_PIXELS = (
     " SA + feedback (RSS 2021) is not measured: it needs the images of Shelf, which are not with "
     "the detections that these rows use; docs/how-to/reproduce.md says how to add it."
@@ -86,7 +86,7 @@ def _seeds(scale: Scale, row: Row) -> int:
 
 def _rows(scale: Scale) -> tuple[Row, ...]:
     """Return the rows that can be measured."""
-    return (*ROWS[:1], SEMANTIC, *ROWS[1:]) if TOLD in scale.data else ROWS
+    return (*ROWS[:1], SEMANTIC, *ROWS[1:]) if SHELF_FEEDBACK in scale.data else ROWS
 
 
 def pieces(scale: Scale) -> Sequence[AnyPiece]:

@@ -63,7 +63,7 @@ class PolicyRow:
         budgeted: whether it keeps every camera within its budget in the long run.
         spends: whether it selects otherwise with another budget.
         weighs: whether it selects otherwise with another quality weight.
-        predictor: the predictor it uses unless told otherwise.
+        predictor: the predictor it uses by default.
         holds: whether slots without a view show the poses of the slot before, being lost frames of
             a lower frame rate rather than failed estimates.
         foresees: whether it needs to know what each camera is expected to tell.

@@ -41,7 +41,7 @@ def draw(
         moments_s: `(num_slots,)` which moment of the videos each slot was about.
         folder: to leave them in.
         site: whose `videos` folder has the videos.
-        progress: told of every picture.
+        progress: called after every picture.
     """
     from e3pose.report.overlay import stack_strip, write_image, write_movie
 

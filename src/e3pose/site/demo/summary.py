@@ -28,7 +28,7 @@ class LiveFigures:
         pace: seconds of the scene that passed in a second.
         look_ms: how long this machine took to look at one frame before; 0 if simulated.
         cores: it has.
-        lead_slots: how many slots ahead cameras were told.
+        lead_slots: how many slots ahead orders were sent.
         orders: that came to cameras.
         late_orders: of those, that came after their slot had begun.
         views: that cameras sent.
