@@ -1,7 +1,9 @@
-"""The pages are true: links lead somewhere, commands parse, files load, all options are told."""
+"""The pages are true: links lead somewhere, commands parse, files load, options are described."""
 
 from __future__ import annotations
 
+import ast
+import importlib
 import re
 import shlex
 from dataclasses import fields
@@ -144,3 +146,23 @@ def test_readme_lists_the_verbs_of_each_group() -> None:
     (calibrations,) = (names for title, names in rows if title == "Calibrate")
     verbs = [name.split()[-1] for name in re.findall(r"`([\w -]+)`", calibrations)]
     assert verbs == [*CALIBRATE_VERBS, "noise"]
+
+
+def imported() -> list[tuple[str, str, str]]:
+    """Return page, module and name of all that the Python of pages imports from the package."""
+    return [
+        (page, node.module, name.name)
+        for page, text in BY_PAGE.items()
+        for block in blocks(text, "python")
+        for node in ast.walk(ast.parse(block))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("e3pose")
+        for name in node.names
+        if node.module
+    ]
+
+
+def test_what_the_python_of_a_page_imports_exists() -> None:
+    found = imported()
+    assert len(found) > 20
+    lacking = [each for each in found if not hasattr(importlib.import_module(each[1]), each[2])]
+    assert not lacking

@@ -16,7 +16,7 @@ from e3pose.edge.roster import (
     come_or_go,
     flooding,
     greet,
-    hear,
+    mark_heard,
     take_beat,
     take_wrong,
     trouble,
@@ -49,7 +49,7 @@ def test_camera_that_is_well_can_be_chosen() -> None:
     [
         (CameraLife("cam1"), "never connected"),
         (come_or_go(well(), False, NOW), "not connected"),
-        (hear(CameraLife("cam1"), NOW), "connecting"),
+        (mark_heard(CameraLife("cam1"), NOW), "connecting"),
         (greet(CameraLife("cam1"), HELLO, NOW), "connected, waiting for its first status"),
     ],
 )
@@ -193,11 +193,11 @@ def test_flood_is_noticed_and_ends_with_its_second() -> None:
     life = well()
     limit = round(FLOOD_RATE * (25 + 10))
     for _ in range(limit):
-        life = hear(life, NOW)
+        life = mark_heard(life, NOW)
     assert not flooding(life, 25)
-    life = hear(life, NOW)
+    life = mark_heard(life, NOW)
     assert flooding(life, 25)
-    assert not flooding(hear(life, NOW + SECOND), 25)
+    assert not flooding(mark_heard(life, NOW + SECOND), 25)
 
 
 def test_restarted_program_is_counted_and_begins_anew() -> None:

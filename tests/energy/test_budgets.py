@@ -87,7 +87,7 @@ def test_nothing_is_saved_once_the_time_has_come() -> None:
 
 
 def test_battery_lasts_exactly_until_its_time() -> None:
-    """Follow the share, reckoned every minute, and the battery is empty at the time named."""
+    """Follow the share, updated every minute, and the battery is empty at the time named."""
     battery_j, now_s, end_s = 6.3 * 7200, 0.0, 7200.0
     while battery_j > 0 and now_s < 2 * end_s:
         share = shares_of(Budget("until", end_s), Supply(battery_j), now_s)

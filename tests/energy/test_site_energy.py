@@ -11,7 +11,7 @@ import pytest
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import Budget
 from e3pose.energy.profiles import load_profile
-from e3pose.energy.site_energy import CameraEnergy, hear, new_camera, reckon
+from e3pose.energy.site_energy import CameraEnergy, estimate_energy, new_camera, observe
 from e3pose.pipeline import Pipeline
 from e3pose.select.policies.drift_plus_penalty import DriftPlusPenalty
 from e3pose.store import EnergyReading
@@ -42,7 +42,7 @@ def lived(
             mode="active", energy_j=energy_j, measured=measured, active_s=active_s, idle_s=idle_s,
             battery_j=battery_j, charging_w=charging_w,
         )  # fmt: skip
-        camera = hear(camera, beat)
+        camera = observe(camera, beat)
         share = rng.uniform(0.1, 0.9)
         active_s += share * BEAT_S
         idle_s += (1 - share) * BEAT_S
@@ -52,14 +52,14 @@ def lived(
 
 def test_cost_is_learned_from_heartbeats() -> None:
     camera = lived(new_camera(PROFILE))
-    (slot,) = reckon([camera], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
+    (slot,) = estimate_energy([camera], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
     assert slot.measured
     assert slot.active_j == pytest.approx(7.0 * 0.04, rel=0.02)
     assert slot.idle_j == pytest.approx(3.0 * 0.04, rel=0.02)
 
 
 def test_modelled_energy_teaches_nothing() -> None:
-    (slot,) = reckon(
+    (slot,) = estimate_energy(
         [lived(new_camera(PROFILE), measured=False)], [Budget("duty", 0.5)], 0.04, 0.0, 1
     ).slots
     assert not slot.measured
@@ -76,13 +76,13 @@ def test_recording_video_costs_slots_of_every_kind_unless_it_was_measured() -> N
                 energy_j=12.0 * number, measured=measured, active_s=float(number),
                 recording_j=2.0 * number,
             )  # fmt: skip
-            camera = hear(camera, beat)
+            camera = observe(camera, beat)
         return camera
 
-    (slot,) = reckon([recorded(False)], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
+    (slot,) = estimate_energy([recorded(False)], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
     assert slot.active_j == pytest.approx(12.0 * 0.04) and slot.idle_j == pytest.approx(7.2 * 0.04)
     camera = lived(recorded(True), session=2)
-    (slot,) = reckon([camera], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
+    (slot,) = estimate_energy([camera], [Budget("duty", 0.5)], 0.04, 0.0, 1).slots
     assert slot.measured and slot.active_j == pytest.approx(7.0 * 0.04, rel=0.02)
 
 
@@ -95,7 +95,7 @@ def test_restarted_camera_goes_on_learning() -> None:
 def test_heartbeats_out_of_order_are_left_out() -> None:
     camera = lived(new_camera(PROFILE), beats=10)
     assert camera.beat is not None
-    assert hear(camera, camera.beat) is camera
+    assert observe(camera, camera.beat) is camera
 
 
 def test_budgets_follow_what_was_learned_and_the_batteries() -> None:
@@ -104,12 +104,12 @@ def test_budgets_follow_what_was_learned_and_the_batteries() -> None:
         lived(new_camera(PROFILE), battery_j=5.0 * 3600, charging_w=1.0),
         lived(new_camera(PROFILE)),
     ]
-    reckoning = reckon(cameras, [Budget("until", 3600.0)] * 3, 0.04, 0.0, 2)
+    estimate = estimate_energy(cameras, [Budget("until", 3600.0)] * 3, 0.04, 0.0, 2)
     # 5 W of a camera that draws 3 to 7: half of the slots; a watt of sun pays for a quarter more.
-    np.testing.assert_allclose(reckoning.budget, [0.5, 0.75, 1.0], atol=0.02)
-    np.testing.assert_allclose(reckoning.cost_j, 0.16, rtol=0.03)
+    np.testing.assert_allclose(estimate.budget, [0.5, 0.75, 1.0], atol=0.02)
+    np.testing.assert_allclose(estimate.cost_j, 0.16, rtol=0.03)
     np.testing.assert_allclose(
-        reckoning.spent_j(np.array([True, False, True])), [0.28, 0.12, 0.28], rtol=0.03
+        estimate.spent_j(np.array([True, False, True])), [0.28, 0.12, 0.28], rtol=0.03
     )
 
 
@@ -121,15 +121,15 @@ def test_a_cloud_is_no_evening() -> None:
     assert evening.supply().charging_w < 0.05
 
 
-def test_ledger_takes_heartbeats_and_reckons_every_minute() -> None:
+def test_ledger_takes_heartbeats_and_estimates_every_minute() -> None:
     now_ns, kept = [0], list[EnergyReading]()
     ledger = EnergyLedger(
         ["a", "b"], [PROFILE] * 2, ["power-saving"] * 2, [Budget("watts", 5.0)] * 2, 0.04, 1,
         lambda: now_ns[0], kept.append,
     )  # fmt: skip
-    before, new = ledger.reckoning()
+    before, new = ledger.estimate()
     assert new, "the first holds from the beginning"
-    assert not ledger.reckoning()[1]
+    assert not ledger.estimate()[1]
     assert [slot.measured for slot in before.slots] == [False, False]
     rng = np.random.default_rng(0)
     energy_j = active_s = 0.0
@@ -145,11 +145,11 @@ def test_ledger_takes_heartbeats_and_reckons_every_minute() -> None:
         spent_s = BEAT_S * rng.uniform(0.1, 0.9)
         active_s += spent_s
         energy_j += 7.0 * spent_s + 3.0 * (BEAT_S - spent_s)
-    after, new = ledger.reckoning()
+    after, new = ledger.estimate()
     assert new
     assert [slot.measured for slot in after.slots] == [True, False]
     np.testing.assert_allclose(after.budget[0], 0.5, atol=0.02)  # 5 W between 3 and 7
-    assert not ledger.reckoning()[1]
+    assert not ledger.estimate()[1]
     np.testing.assert_allclose(ledger.spent_j(np.array([True, True])), [0.28, 0.4], rtol=0.02)
     assert len(kept) == 199
     last_j = energy_j - (7.0 * spent_s + 3.0 * (BEAT_S - spent_s))  # what was told in the end
@@ -158,7 +158,7 @@ def test_ledger_takes_heartbeats_and_reckons_every_minute() -> None:
     assert {reading.span_s for reading in kept} == {BEAT_S}
 
 
-def test_pipeline_follows_the_reckoning() -> None:
+def test_pipeline_follows_the_estimate() -> None:
     """A battery that does not pay for two cameras per slot gets fewer, and other budgets."""
     now_ns = [0]
     ledger = EnergyLedger(
@@ -170,11 +170,11 @@ def test_pipeline_follows_the_reckoning() -> None:
         predictor=cast(Any, None), policy=DriftPlusPenalty(2), budget=np.ones(2),
         clock=lambda: 0.0, waking=DriftPlusPenalty,
     )  # fmt: skip
-    on_mains, news = ledger.reckoned(pipeline)
+    on_mains, news = ledger.updated(pipeline)
     assert news == []
     np.testing.assert_array_equal(on_mains.budget, [1.0, 1.0])
     assert on_mains.policy == DriftPlusPenalty(2)
-    again, _ = ledger.reckoned(on_mains)
+    again, _ = ledger.updated(on_mains)
     assert again is on_mains, "nothing changes within a minute"
     energy_j = active_s = 0.0
     rng = np.random.default_rng(0)
@@ -191,7 +191,7 @@ def test_pipeline_follows_the_reckoning() -> None:
                     battery_j=5.0 * (3600 - now_ns[0] / 1e9),
                 )
             )  # fmt: skip
-    changed, news = ledger.reckoned(on_mains)
+    changed, news = ledger.updated(on_mains)
     np.testing.assert_allclose(changed.budget, 0.5, atol=0.02)  # 5 W between 3 and 7
     assert isinstance(changed.policy, DriftPlusPenalty)
     assert changed.policy.num_selected == pytest.approx(0.95, abs=0.04)
@@ -214,9 +214,9 @@ def test_battery_that_cannot_last_is_told_once() -> None:
         predictor=cast(Any, None), policy=DriftPlusPenalty(1), budget=np.ones(2),
         clock=lambda: 0.0,
     )  # fmt: skip
-    _, news = ledger.reckoned(pipeline)
+    _, news = ledger.updated(pipeline)
     ((camera_id, line),) = news
     assert camera_id == "a"
     assert "budget below its idle power of 5.2 W" in line
     now_ns[0] = 61 * 10**9
-    assert ledger.reckoned(pipeline)[1] == []
+    assert ledger.updated(pipeline)[1] == []

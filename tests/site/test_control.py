@@ -49,7 +49,7 @@ def next_pipeline(consumers: Consumers, pipeline: Pipeline) -> tuple[Pipeline, l
     """Return the parts of the slot after, and what was told, without a learner."""
     assert consumers.controls is not None and consumers.ledger is not None
     pipeline, told = consumers.controls.applied(pipeline)
-    return consumers.ledger.reckoned(pipeline)[0], told
+    return consumers.ledger.updated(pipeline)[0], told
 
 
 def policy(pipeline: Pipeline) -> Information:

@@ -83,7 +83,7 @@ class Consumers:
     Attributes:
         sink: keeps every slot.
         learner: improves the predictor.
-        ledger: reckons what cameras spend and may spend.
+        ledger: keeps what cameras spend and may spend.
         controls: what operators ask for.
         recorder: keeps what cameras saw, as recordings.
         watch: notices that a camera was knocked.
@@ -153,7 +153,7 @@ class Consumers:
         if self.watch is not None:
             events += self.watch.news()
         if self.ledger is not None:
-            pipeline, news = self.ledger.reckoned(pipeline)
+            pipeline, news = self.ledger.updated(pipeline)
             events += [("energy", line, camera_id) for camera_id, line in news]
         if self.learner is not None:
             self.learner.collect(record)

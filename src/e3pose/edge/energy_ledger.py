@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from e3pose.energy.budgets import Budget
 from e3pose.energy.profiles import DeviceProfile, Mode
-from e3pose.energy.site_energy import CameraEnergy, Reckoning, hear, new_camera, reckon
+from e3pose.energy.site_energy import (
+    CameraEnergy,
+    EnergyEstimate,
+    estimate_energy,
+    new_camera,
+    observe,
+)
 from e3pose.pipeline import Pipeline
 from e3pose.quantities import plural
 
@@ -20,12 +26,12 @@ if TYPE_CHECKING:
     from e3pose.store.rows import EnergyReading
     from e3pose.wire.messages import Heartbeat
 
-RECKON_S = 60.0
+UPDATE_S = 60.0
 RECORDING = "recording"  # the part of a reading that recording video took, in a row of its own
 
 
 class EnergyLedger:
-    """Keeps what is known of every camera's energy; `take` and `reckoning` on any thread."""
+    """Keeps what is known of every camera's energy; `take` and `estimate` on any thread."""
 
     def __init__(
         self,
@@ -57,9 +63,9 @@ class EnergyLedger:
         self._budgets, self._interval_s = tuple(budgets), interval_s
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
         self._lock = threading.Lock()
-        self._reckoning = self._reckon()
-        self._last: Reckoning | None = None
-        self._reckoned_ns: int | None = None  # nobody has asked yet
+        self._estimate = self._estimated()
+        self._last: EnergyEstimate | None = None
+        self._estimated_ns: int | None = None  # nobody has asked yet
 
     def take(self, beat: Heartbeat) -> None:
         """Take in a heartbeat; those of cameras that the rig does not have are left out."""
@@ -68,7 +74,7 @@ class EnergyLedger:
             return
         with self._lock:
             before = self._cameras[index].beat
-            self._cameras[index] = hear(self._cameras[index], beat)
+            self._cameras[index] = observe(self._cameras[index], beat)
         if self._keep is None or before is None or before.session != beat.session:
             return
         span_s = (beat.sent_edge_ns - before.sent_edge_ns) / 1e9
@@ -93,33 +99,35 @@ class EnergyLedger:
         """
         with self._lock:
             self._budgets, self._num_selected = tuple(budgets), num_selected
-            self._reckoned_ns = None
+            self._estimated_ns = None
 
-    def reckoning(self) -> tuple[Reckoning, bool]:
+    def estimate(self) -> tuple[EnergyEstimate, bool]:
         """Return budgets and costs, worked out anew once a minute, and whether they are new."""
         now_ns = self._now_ns()
-        if self._reckoned_ns is not None and now_ns - self._reckoned_ns < RECKON_S * 1e9:
-            return self._reckoning, False
+        if self._estimated_ns is not None and now_ns - self._estimated_ns < UPDATE_S * 1e9:
+            return self._estimate, False
         with self._lock:
-            self._reckoning, self._reckoned_ns = self._reckon(), now_ns
-        return self._reckoning, True
+            self._estimate, self._estimated_ns = self._estimated(), now_ns
+        return self._estimate, True
 
-    def reckoned(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str | None, str]]]:
+    def updated(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str | None, str]]]:
         """Return a pipeline with the budgets and costs of the present, between two slots.
 
         Also what a person should know, each with the camera that it is about: costs that were
         measured for the first time or no longer are, budgets that pay for too little.
         """
-        reckoning, new = self.reckoning()
+        estimate, new = self.estimate()
         if not new:
             return pipeline, []
-        last, self._last = self._last, reckoning
-        changed = replace(pipeline, budget=reckoning.budget, cost_j=reckoning.cost_j)
+        last, self._last = self._last, estimate
+        changed = replace(pipeline, budget=estimate.budget, cost_j=estimate.cost_j)
         if pipeline.waking is not None:
-            changed = replace(changed, policy=pipeline.waking(reckoning.num_selected))
-        return changed, self._news(last, reckoning)
+            changed = replace(changed, policy=pipeline.waking(estimate.num_selected))
+        return changed, self._news(last, estimate)
 
-    def _news(self, last: Reckoning | None, now: Reckoning) -> list[tuple[str | None, str]]:
+    def _news(
+        self, last: EnergyEstimate | None, now: EnergyEstimate
+    ) -> list[tuple[str | None, str]]:
         news: list[tuple[str | None, str]] = []
         for index, camera_id in enumerate(self._index):
             cost = now.slots[index]
@@ -148,10 +156,10 @@ class EnergyLedger:
 
     def spent_j(self, selected: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return `(num_cameras,)` joules that a slot with this selection is charged with."""
-        return self._reckoning.spent_j(selected)
+        return self._estimate.spent_j(selected)
 
-    def _reckon(self) -> Reckoning:
-        return reckon(
+    def _estimated(self) -> EnergyEstimate:
+        return estimate_energy(
             self._cameras,
             self._budgets,
             self._interval_s,

@@ -16,7 +16,7 @@ from e3pose.edge.roster import (
     come_or_go,
     flooding,
     greet,
-    hear,
+    mark_heard,
     take_beat,
     take_wrong,
     trouble,
@@ -137,7 +137,7 @@ class Inbox:
         now_ns = self.clock.now_ns()
         if self._floods(index, now_ns):
             return None
-        life = self._change(index, lambda life: hear(life, now_ns))
+        life = self._change(index, lambda life: mark_heard(life, now_ns))
         if flooding(life, 1 / self.interval_s):
             self._flood_until_ns[index] = (now_ns // 10**9 + 1) * 10**9
         return index

@@ -111,7 +111,7 @@ def rivals(life: CameraLife, now_ns: int) -> tuple[int, ...]:
     return tuple(sorted(life.sessions[-2:])) if len(recent) >= RIVAL_RETURNS else ()
 
 
-def hear(life: CameraLife, now_ns: int) -> CameraLife:
+def mark_heard(life: CameraLife, now_ns: int) -> CameraLife:
     """Return the life of a camera from which anything came."""
     second = now_ns // 10**9
     messages = life.messages + 1 if second == life.second else 1

@@ -93,8 +93,8 @@ class CameraEnergy:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reckoning:
-    """What the loop needs to know of energy until the next reckoning.
+class EnergyEstimate:
+    """What the loop needs to know of energy until the next estimate.
 
     Attributes:
         budget: `(num_cameras,)` the paper's E_n, for the queues.
@@ -123,7 +123,7 @@ def new_camera(profile: DeviceProfile, idle_mode: Mode = "power-saving") -> Came
     return CameraEnergy(unlearned(profile, idle_mode))
 
 
-def hear(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
+def observe(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
     """Take in a heartbeat: what was measured since the one before, and the battery.
 
     A camera that was restarted counts from nothing again; its two first heartbeats say nothing of
@@ -164,13 +164,13 @@ def _slot_cost(camera: CameraEnergy, interval_s: float) -> SlotCost:
     return replace(cost, active_j=cost.active_j + video_j, idle_j=cost.idle_j + video_j)
 
 
-def reckon(
+def estimate_energy(
     cameras: Sequence[CameraEnergy],
     budgets: Sequence[Budget],
     interval_s: float,
     now_s: float,
     num_selected: float,
-) -> Reckoning:
+) -> EnergyEstimate:
     """Return budgets and costs for the slots to come; to be asked again every minute.
 
     Args:
@@ -188,7 +188,7 @@ def reckon(
     budget = slot_shares(allowed_j, active_j, idle_j)
     affordable = float(budget.sum())
     enough = affordable >= num_selected - 1e-6
-    return Reckoning(
+    return EnergyEstimate(
         budget=budget,
         cost_j=np.maximum(active_j - idle_j, LEAST_COST_J),
         slots=slots,

@@ -8,7 +8,7 @@ from math import pi, sin
 import numpy as np
 
 from e3pose.energy.profiles import load_profile
-from e3pose.reproduce.depletion import RECKON_SLOTS, BatteryCamera, BudgetKind, deplete
+from e3pose.reproduce.depletion import UPDATE_SLOTS, BatteryCamera, BudgetKind, deplete
 from e3pose.reproduce.sources import Sources
 
 DAY_H = 24.0
@@ -86,7 +86,7 @@ def site_figures(sources: Sources, asked: SiteAsked) -> SiteFigures:
         quality_weight=asked.quality_weight, hours=asked.hours, interval_s=SLOT_S,
     )  # fmt: skip
     every = max(1, len(played.charge) // 60)
-    step_h = RECKON_SLOTS * SLOT_S / 3600
+    step_h = UPDATE_SLOTS * SLOT_S / 3600
     return SiteFigures(
         complete_h=played.full_h,
         empty_h=tuple(None if np.isnan(h) else float(h) for h in played.empty_h),

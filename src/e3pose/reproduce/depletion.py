@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 BudgetKind = Literal["equal", "each", "together"]
 
-RECKON_SLOTS = 60  # how often budgets follow the batteries
+UPDATE_SLOTS = 60  # how often budgets follow the batteries
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Depletion:
         duty: `(num_cameras,)` share of the slots of its life in which it was active.
         full_h: hours for which as many cameras as asked for were active in every slot.
         occlusion: mean occlusion of the cameras selected, over `full_h`.
-        charge: `(num_reckonings, num_cameras)` share of the battery left, every `RECKON_SLOTS`.
+        charge: `(num_updates, num_cameras)` share of the battery left, every `UPDATE_SLOTS`.
     """
 
     empty_h: Floats
@@ -97,7 +97,7 @@ def deplete(
     sun_j = np.zeros(count)
     for slot in range(int(hours * 3600 / interval_s)):
         hour = slot * interval_s / 3600
-        if slot % RECKON_SLOTS == 0:
+        if slot % UPDATE_SLOTS == 0:
             charge.append(battery_j / full_j)
             sun_j = np.array([camera.sun_w(hour) for camera in cameras]) * interval_s
             if budget == "together":

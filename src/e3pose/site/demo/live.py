@@ -70,7 +70,7 @@ class Heard:
     begin_ns: int = 0
 
     def listen(self, site: str, transport: Transport) -> None:
-        """Hear all from now on; on loopback without certificates everybody may."""
+        """Receive all messages from now on; on loopback, no certificate is needed."""
         transport.subscribe(topics.of_camera(site, topics.ANY, "view"), self._view)
         transport.subscribe(topics.of_camera(site, topics.ANY, "heartbeat"), self._beat)
         transport.subscribe(f"{topics.ROOT}/{site}/order/{topics.ANY}", self._order)
