@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 Floats = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ def mean_interval(values: Floats) -> Interval:
     mean = float(np.mean(values))
     if len(values) < 2:
         return Interval(mean, mean, mean)
-    half = float(student_t.ppf((1 + LEVEL) / 2, len(values) - 1))
+    half = float(stdtrit(len(values) - 1, (1 + LEVEL) / 2))
     half *= float(np.std(values, ddof=1)) / len(values) ** 0.5
     return Interval(mean, mean - half, mean + half)
 

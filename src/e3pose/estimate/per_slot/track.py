@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from e3pose.model.pose import Poses3D
 
@@ -100,6 +99,8 @@ def associate(
     tracks: Tracks, poses: Poses3D, interval_s: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the rows of tracks and of poses that are the same person, by least total distance."""
+    from scipy.optimize import linear_sum_assignment  # takes longer to import than all else here
+
     distance = _distances(tracks.last_known_m(), poses.joints_m)
     gate = np.minimum(GATE_M + GATE_SPEED_MPS * interval_s * (tracks.unseen + 1), GATE_LIMIT_M)
     excess = np.where(distance <= gate[:, None], distance, GATE_LIMIT_M * 100)
