@@ -8,9 +8,7 @@ from typing import Any
 
 import httpx
 import pytest
-import schemathesis
 from hypothesis import HealthCheck, given, settings
-from schemathesis.specs.openapi.checks import positive_data_acceptance
 from tests.site.web.watched import SLOTS, STARTED_NS, Watched
 from tests.waiting import eventually
 
@@ -122,11 +120,15 @@ def test_site_without_a_store_says_so() -> None:
 
 
 def _schema(store: Store | None) -> Any:
+    import schemathesis
+
     app = inner_app(Site(Feed("lab"), store, lambda: {"site": "lab"}))
     return schemathesis.openapi.from_asgi("/api/openapi.json", app)
 
 
 def test_no_request_that_can_be_written_breaks_the_api(watched: Watched) -> None:
+    from schemathesis.specs.openapi.checks import positive_data_acceptance
+
     schema = _schema(Store(watched.folder / "lab.db"))
     operations = [result.ok() for result in schema.get_all_operations()]
     assert {operation.path for operation in operations} >= {
