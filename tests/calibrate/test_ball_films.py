@@ -18,7 +18,7 @@ from e3pose.recording.calibration import load_rig, save_rig
 
 pytestmark = pytest.mark.slow
 
-SIZE, FPS, SECONDS = (640, 480), 10.0, 20.0
+SIZE, FPS, SECONDS = (480, 360), 8.0, 15.0
 RADIUS_M = 0.06
 GREEN, RED, GREY = (20, 190, 60), (210, 30, 40), 110
 WAND_M = 0.5

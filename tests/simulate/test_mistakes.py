@@ -97,7 +97,7 @@ def test_whole_people_are_missed_in_episodes_as_often_as_asked() -> None:
 
 def test_occluded_joints_are_missed_more_often_and_score_lower() -> None:
     detector = replace(DetectorSettings(), person_miss=0, merge=0, swap=0, ghosts=0, noise=0)
-    settings = SceneSettings(scene="crossing", people=2, seconds=120, cameras=3, detector=detector)
+    settings = SceneSettings(scene="crossing", people=2, seconds=60, cameras=3, detector=detector)
     recording = simulate(settings, 5)
     assert recording.truth is not None
     joints = recording.truth.joints_m
