@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import signal
 import subprocess
@@ -12,13 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.calibrate.people_scenes import knocked, walk
+from tests.cli import commands
 from tests.waiting import eventually
 
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rotations import angles_between
 from e3pose.recording import save_recording
 from e3pose.recording.calibration import load_rig
+from e3pose.settings.site_file import load_site
 from e3pose.site.example import Example, write_example
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.wire.network import open_network
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]
 
@@ -40,40 +43,54 @@ def angle(rig: Rig, other: Rig) -> float:
     return float(np.degrees(angles_between(rig.cameras[2].R[None], other.cameras[2].R[None])[0]))
 
 
-def test_turned_camera_is_told_and_placed_anew_while_the_site_runs(tmp_path: Path) -> None:
+def test_turned_camera_is_told_and_placed_anew_while_the_site_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     calm = walk(701, people=2, seconds=40.0)
     turned = knocked(calm, 2, 3.0, 701, 0.0)
     room = tmp_path / "room"
     save_recording(turned, room / "recording")
     sources = dict.fromkeys(calm.rig.camera_ids, "recorded:recording")
-    example = Example("room", sources, calm.fps, calm.skeleton.name, camera={"record": "keypoints"})
-    write_example(room, example, calm.rig)
+    example = Example(
+        "room", sources, calm.fps, calm.skeleton.name, camera={"record": "keypoints"},
+        loop={"policy": "round-robin"},  # half of the slots are cam2's, others would avoid it
+    )  # fmt: skip
+    site_file = write_example(room, example, calm.rig)
     program = subprocess.Popen(
         [sys.executable, "-m", "e3pose", "up", "room"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=ENVIRONMENT,
     )  # fmt: skip
+    follower = Follower("room")
+    transport = open_network(viewer_link(load_site(site_file), None))
     try:
-        told = io.StringIO()
+        follower.listen(transport)
 
         def noticed() -> bool:
-            told.seek(0)
-            told.truncate()
-            told.write(run(tmp_path, "top", "room", "--once"))
-            return "cam2: has moved: turned by" in told.getvalue()
+            cameras = follower.status.cameras if follower.status else ()
+            return any(camera.turned_deg is not None for camera in cameras)
 
-        assert eventually(noticed, COMPILE_S + NOTICE_S), told.getvalue()
-        assert "calibrate extrinsics SITE --only cam2" in told.getvalue()
+        assert eventually(noticed, COMPILE_S + NOTICE_S), follower.status
+        top = run(tmp_path, "top", "room", "--once")
+        assert "cam2: has moved: turned by" in top, top
+        assert "calibrate extrinsics SITE --only cam2" in top
         assert "has moved: turned by" in run(tmp_path, "check", "room")
-        said = ""
+        said, tried = "", 0
 
         def placed() -> bool:  # it may be noticed before enough is recorded
-            nonlocal said
-            said = run(tmp_path, "calibrate", "extrinsics", "room", "--only", "cam2")
-            return "cam2: turned by" in said
+            nonlocal said, tried
+            slot = follower.status.slot if follower.status else 0
+            if slot < tried + 2 * calm.fps:
+                return False
+            tried = slot
+            code = commands.run("calibrate", "extrinsics", "room", "--only", "cam2")
+            said = "".join(capsys.readouterr())
+            return code == 0
 
         assert eventually(placed, NOTICE_S), said
         assert "cam2: turned by" in said and "the previous file is" in said, said
     finally:
+        transport.close()
         program.send_signal(signal.SIGINT)
         output = program.communicate(timeout=60)[0].decode()
     assert "Traceback" not in output
