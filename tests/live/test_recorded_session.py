@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import subprocess
+from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli import commands
 from tests.live.processes import COMPILE_S, e3pose, run
 from tests.ports import free_port
 from tests.waiting import eventually
@@ -56,7 +58,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("session")
     code, _, err = run(
         "simulate", str(folder / "films"), "--people", "2", "--seconds", "6", "--fps", f"{FPS:g}",
-        "--cameras", "4", "--videos", seconds=120,
+        "--cameras", "4", "--resolution", "640x480", "--videos", seconds=120,
     )  # fmt: skip
     assert code == 0, err
     site = SITE.replace("PORT", str(free_port()))
@@ -76,6 +78,19 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def verb(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Return what runs a verb that must succeed, and returns what it printed."""
+
+    def of(*words: object) -> str:
+        code = commands.run(*words)
+        said = capsys.readouterr()
+        assert code == 0, said.err
+        return said.out
+
+    return of
+
+
 def finished(recordings: Path) -> int:
     if not recordings.is_dir():
         return 0
@@ -90,7 +105,7 @@ def whole(session: Path) -> Path:
     return max(parts, key=lambda part: load_recording(part).num_slots)
 
 
-def test_session_is_a_recording_with_its_videos(session: Path) -> None:
+def test_session_is_a_recording_with_its_videos(session: Path, verb: Callable[..., str]) -> None:
     part = whole(session)
     recording = load_recording(part)
     views = [len(series.slots) for series in recording.views]
@@ -98,13 +113,13 @@ def test_session_is_a_recording_with_its_videos(session: Path) -> None:
     assert set(recording.videos) == {"cam0", "cam1"}
     frames = list(open_video(part / "videos" / recording.videos["cam0"]).frames())
     assert len(frames) > 1.5 * views[0]  # also of slots in which it was not selected
-    code, out, err = run("replay", str(part), seconds=COMPILE_S)
-    assert code == 0, err
-    code, out, err = run("info", str(part), seconds=60)
-    assert code == 0 and "missing-video" not in out, err
+    verb("replay", part)
+    assert "missing-video" not in verb("info", part)
 
 
-def test_videos_show_what_was_seen_at_the_same_times(session: Path) -> None:
+def test_videos_show_what_was_seen_at_the_same_times(
+    session: Path, verb: Callable[..., str]
+) -> None:
     """Detected again from the video, people are where they were in the live session."""
     part = whole(session)
     recording = load_recording(part)
@@ -119,13 +134,9 @@ def test_videos_show_what_was_seen_at_the_same_times(session: Path) -> None:
         assert np.median(off_s) < 1e-3 and off_s.max() < 0.3 / FPS
     again = session / "again"
     offsets = [f"--offset={name}={-starts_s[name]}" for name in ("cam0", "cam1")]
-    videos = [str(part / "videos" / f"{name}.mkv") for name in ("cam0", "cam1")]
-    calibration = str(session / "films" / "calibration.toml")
-    code, _, err = run(
-        "detect", *videos, str(again), "--calibration", calibration, "--model", "drawn", *offsets,
-        seconds=120,
-    )  # fmt: skip
-    assert code == 0, err
+    videos = [part / "videos" / f"{name}.mkv" for name in ("cam0", "cam1")]
+    drawn = ("--calibration", session / "films" / "calibration.toml", "--model", "drawn")
+    verb("detect", *videos, again, *drawn, *offsets)
     assert compared(recording, load_recording(again)) > 10
 
 
@@ -146,14 +157,11 @@ def compared(live: Recording, again: Recording) -> int:
     return count
 
 
-def test_video_alone_stays_beside_the_recordings(session: Path) -> None:
+def test_video_alone_stays_beside_the_recordings(session: Path, verb: Callable[..., str]) -> None:
     videos = videos_in(session / "recordings" / "videos" / "cam3")
     assert videos and all(begin_of(path) for path in videos)
-    code, out, err = run(
-        "detect", *map(str, videos[-1:]), str(session / "third"), "--calibration",
-        str(session / "films" / "calibration.toml"), "--model", "drawn", seconds=120,
-    )  # fmt: skip
-    assert code == 0 and "cam3" in out, err
+    drawn = ("--calibration", session / "films" / "calibration.toml", "--model", "drawn")
+    assert "cam3" in verb("detect", videos[-1], session / "third", *drawn)
 
 
 def test_energy_of_recording_is_told_apart(session: Path) -> None:
@@ -163,34 +171,27 @@ def test_energy_of_recording_is_told_apart(session: Path) -> None:
     assert ("cam2", "recording") not in table
 
 
-def test_verbs_of_recordings_take_a_session(session: Path) -> None:
-    part = str(whole(session))
-    told: dict[str, str] = {}
-    for words in (
-        ("evaluate", part, "--policies", "all,round-robin", "--cameras", "2"),
-        ("calibrate", "noise", part, "--out", str(session / "noise.toml")),
-        ("calibrate", "check", part, "--picture", str(session / "error.png")),
-    ):
-        code, told[" ".join(words[:2])], err = run(*words, seconds=COMPILE_S)
-        assert code == 0, err
-    assert "round-robin" in told[f"evaluate {part}"]
-    assert "cam0" in told["calibrate check"]
-    assert (session / "noise.toml").stat().st_size > 0
-    code, _, err = run("calibrate", "extrinsics", part, str(session / "anew.toml"), seconds=120)
-    assert code == 2 and "cam3" in err  # whose keypoints nobody kept
+def test_verbs_of_recordings_take_a_session(
+    session: Path, verb: Callable[..., str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    part, noise = whole(session), session / "noise.toml"
+    policies = ("--policies", "all,round-robin", "--cameras", 2, "--seeds", 1, "--jobs", 1)
+    assert "round-robin" in verb("evaluate", part, *policies)
+    verb("calibrate", "noise", part, "--out", noise)
+    assert noise.stat().st_size > 0
+    assert "cam0" in verb("calibrate", "check", part, "--picture", session / "error.png")
+    assert commands.run("calibrate", "extrinsics", part, session / "anew.toml") == 2
+    assert "cam3" in capsys.readouterr().err  # whose keypoints nobody kept
 
 
-def test_any_stretch_of_a_session_is_a_page(session: Path) -> None:
+def test_any_stretch_of_a_session_is_a_page(session: Path, verb: Callable[..., str]) -> None:
     slots = Store(session / "live.db").rows("slots")
     times = [row["time_ns"] / 1e9 for row in slots]
     middle = datetime.fromtimestamp((times[0] + times[-1]) / 2, timezone.utc)
     page = session / "middle.html"
     end = middle + timedelta(seconds=2)
-    code, out, err = run(
-        "report", str(session / "site.toml"), str(page), "--from", f"{middle:%Y-%m-%dT%H:%M:%S}",
-        "--to", f"{end:%Y-%m-%dT%H:%M:%S}", seconds=COMPILE_S,
-    )  # fmt: skip
-    assert code == 0, err
+    stretch = ("--from", f"{middle:%Y-%m-%dT%H:%M:%S}", "--to", f"{end:%Y-%m-%dT%H:%M:%S}")
+    out = verb("report", session / "site.toml", page, *stretch)
     shown = re.search(r"(\d+) slots", out)
     assert shown is not None and 2 <= int(shown[1]) <= 21  # of the two seconds, not of the session
     assert f"{middle:%Y-%m-%d}" in page.read_text()
