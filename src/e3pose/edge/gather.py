@@ -66,7 +66,7 @@ class Gather:
                 return False
             views = self._slots.setdefault(slot, {})
             views[camera] = arrival
-            if slot == self.slot and self._awaited <= views.keys():
+            if slot == self.slot and self._awaited and self._awaited <= views.keys():
                 self._lock.notify_all()
             return True
 
@@ -89,7 +89,7 @@ class Gather:
     def sleep(self, clock: Clock, until_ns: int, awaited: Collection[int] = ()) -> None:
         """Wait until the oldest open slot has the views of some cameras, for a time, or a moment.
 
-        Without such cameras any view of that slot ends it.
+        Without such cameras no view ends it.
         """
         with self._lock:
             self._awaited = frozenset(awaited)
