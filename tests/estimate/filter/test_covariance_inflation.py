@@ -11,19 +11,18 @@ from tests.estimate.filter.test_learned_noise import FPS as ROOM_FPS
 from tests.estimate.filter.test_learned_noise import stated, walking
 from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 
-from e3pose.estimate.filter import Belief, Model
+from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.covariance_inflation import (
     ALONE,
     COUNT,
     MOST,
     STEERED,
     USUAL,
-    learned_factor,
-    spread_factor,
 )
+from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
+from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.model.noises import load_noise
 from e3pose.simulate import SceneSettings, simulate
 
 pytestmark = pytest.mark.slow
@@ -35,12 +34,8 @@ QUIET = np.ones(NUM_CAMERAS)
 
 
 def test_joints_that_a_predictor_steers_are_known_better() -> None:
-    rig = simulate(SceneSettings("ring", people=1, seconds=0.2, cameras=4), seed=8)
-    nobody = Belief.empty(Model(rig.rig, rig.skeleton, load_noise("simulated")))
-    assert spread_factor(nobody).shape == (0, len(rig.skeleton))
-    shares = np.array([[1.0, 0.4, 2.0]])
-    factor = spread_factor(replace(nobody, drift_share=shares))
-    np.testing.assert_array_equal(factor, [[ALONE, STEERED, STEERED]])
+    factors = [spread_factor(share, 1.0) for share in (1.0, 0.4, 2.0)]
+    assert factors == [ALONE, STEERED, STEERED]
 
 
 @pytest.mark.parametrize("predictor", ["attention-lstm", "constant-velocity"])
@@ -71,9 +66,12 @@ def test_the_factor_is_the_constant_until_innovations_teach_and_then_theirs() ->
 
 
 def test_it_is_on_all_that_is_stated() -> None:
-    nobody = replace(Belief.empty(MODEL), drift_share=np.array([[1.0, 0.4]]))
-    taught = replace(nobody, innovations=np.array([1.5 * USUAL, 1e4]))
-    np.testing.assert_allclose(spread_factor(taught) / spread_factor(nobody), 1.5, rtol=0.01)
+    nobody = Belief.empty(MODEL)
+    assert stated_factor(nobody) == 1.0
+    one = replace(nobody, drift_share=np.array([[1.0, 0.4]]), confirmed=np.ones(1, dtype=bool))
+    assert stated_factor(one) == pytest.approx((ALONE + STEERED) / 2)
+    taught = replace(one, innovations=np.array([1.5 * USUAL, 1e4]))
+    assert stated_factor(taught) == pytest.approx(1.5 * stated_factor(one), rel=0.01)
 
 
 def test_people_who_stand_still_are_stated_to_be_known_better_than_walkers() -> None:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from tests.estimate.filter.room import MODEL, run, see, standing
 
-from e3pose.estimate.filter import Belief
-from e3pose.estimate.filter.shown import needed, shown
+from e3pose.estimate.filter import Belief, outlook
+from e3pose.estimate.filter.shown import shown
 from e3pose.model.pose import Poses2D
 
 FPS = 12.5
@@ -61,15 +61,15 @@ def test_nobody_is_shown_of_nobody() -> None:
 
 def test_who_is_hidden_without_a_second_camera_needs_one() -> None:
     belief = led_by_one_camera(1.0, 1.0)
-    assert not needed(belief, 0.1).any()
-    assert needed(belief, 0.3).tolist() == [[False, True, True, True, True]]
-    assert not needed(led_by_one_camera(0.1, 9.0), 0.3).any()  # stands
+    assert not outlook(MODEL, belief, 0.1).needed.any()
+    assert outlook(MODEL, belief, 0.3).needed.tolist() == [[False, True, True, True, True]]
+    assert not outlook(MODEL, led_by_one_camera(0.1, 9.0), 0.3).needed.any()  # stands
 
 
 def test_somebody_new_needs_a_third_camera() -> None:
     belief, estimates = run([see(PLACE, (0, 2))], FPS)
     assert len(estimates[0]) == 0
-    assert needed(belief, 0.3).tolist() == [[False, True, False, True, True]]
+    assert outlook(MODEL, belief, 0.3).needed.tolist() == [[False, True, False, True, True]]
     _, estimates = run([see(PLACE, (3,))], FPS, belief=belief)
     assert len(estimates[0]) == 1
 
@@ -80,7 +80,7 @@ def test_a_needed_camera_has_the_person_shown() -> None:
     assert shown(belief, MODEL).all()
     later = replace(belief, last_seen_s=belief.last_seen_s + [[0.0, 0.1, 0.1, 0.1, 0.1]])
     assert not shown(later, MODEL).any()
-    for camera in np.flatnonzero(needed(belief, 0.1)[0]):
+    for camera in np.flatnonzero(outlook(MODEL, belief, 0.1).needed[0]):
         seen = later.last_seen_s.copy()
         seen[0, camera] = 0.0
         assert shown(replace(later, last_seen_s=seen), MODEL).all()

@@ -13,10 +13,7 @@ prediction is less certain than they are count: the others measure the detector.
 
 from __future__ import annotations
 
-import numpy as np
-
 from e3pose.estimate.filter.learned_noise import MEDIAN, NORMAL
-from e3pose.estimate.filter.state import Belief, Floats
 
 # Mean error over mean stated error. A predictor explains a part of the motion of the joints that it
 # steers.
@@ -32,23 +29,3 @@ MOST = 2.0  # the learned factor, and its inverse
 CLIP = 5.0  # times the expected innovation: a wild keypoint teaches no more
 LEAST_SHARE = 0.5  # of an innovation's variance that must be the prediction's
 OWN_SHARE = MEDIAN / NORMAL  # of the variance that the filter takes for a keypoint's own
-
-
-def learned_factor(innovations: Floats) -> float:
-    """Return the factor on reported standard deviations that innovations ask for.
-
-    Args:
-        innovations: `Belief.innovations`.
-    """
-    ratio, count = innovations
-    factor = (ratio / USUAL * count + PRIOR) / (count + PRIOR)
-    return float(min(max(factor, 1 / MOST), MOST))
-
-
-def spread_factor(belief: Belief) -> Floats:
-    """Return `(num_tracks, num_joints)`: the factor that makes standard deviations honest.
-
-    A joint that was not steered has all of its process noise (`steer`).
-    """
-    constant = np.where(belief.drift_share == 1.0, ALONE, STEERED)
-    return np.asarray(constant * learned_factor(belief.innovations))

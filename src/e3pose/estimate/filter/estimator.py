@@ -17,7 +17,7 @@ from e3pose.estimate.filter import (
     learned_shift,
     outlook,
 )
-from e3pose.estimate.filter.covariance_inflation import spread_factor
+from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.estimate.filter.posterior import posterior_of
 from e3pose.estimate.filter.reidentification import Identities, identify
 from e3pose.estimate.filter.steer import foreseen, steer
@@ -116,22 +116,10 @@ class Filtered:
         return replace(self.begin(), belief=memory.belief.without_people())
 
     def outlook(self, memory: FilterMemory, ahead_s: float) -> Outlook:
-        """See `Estimator.outlook`.
-
-        One factor for everybody makes it honest as a whole: it changes what is expected, but not
-        which cameras tell most.
-        """
-        expected = outlook(self.model, memory.belief, ahead_s)
-        factor = 1.0
-        if memory.belief.confirmed.any():
-            factor = float(spread_factor(memory.belief)[memory.belief.confirmed].mean())
-        return replace(
-            expected,
-            track_ids=memory.identities.of(expected.track_ids),
-            covariance=expected.covariance * factor**2,
-            drift_m2ps3=expected.drift_m2ps3 * factor**2,
-            sigma_px=expected.sigma_px * factor,
-        )
+        """See `Estimator.outlook`."""
+        belief = memory.belief
+        track_ids = memory.identities.of(belief.track_ids)
+        return outlook(self.model, belief, ahead_s, track_ids, stated_factor(belief))
 
 
 def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
@@ -155,5 +143,5 @@ def _graded(
 
     stated_m2 = np.empty_like(estimate.covariance_m2)
     scores = np.empty(estimate.measured.shape)
-    grade(rows, spread_factor(belief), estimate.covariance_m2, stated_m2, scores)
+    grade(rows, belief.drift_share, belief.innovations, estimate.covariance_m2, stated_m2, scores)
     return stated_m2, scores

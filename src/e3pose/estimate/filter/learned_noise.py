@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.estimate.filter.state import Floats, Model
+from e3pose.estimate.filter.state import Floats
 
 LOG, COUNT = 0, 1  # of the last axis of `Belief.noise`
 ALIKE = 60.0  # keypoints that the other cameras' mean counts for
@@ -52,15 +52,6 @@ def factors(noise: Floats, weight: float) -> Floats:
     logs = np.empty(len(noise))
     find_logs(noise, weight, logs)
     return np.asarray(np.exp(logs[:-1]))
-
-
-def sigma_px(model: Model, noise: Floats) -> Floats:
-    """Return `(num_cameras,)` sigma of each camera's keypoints of the best score."""
-    from e3pose.estimate.filter.kernels.learned_noise import quietest
-
-    stated, sigma = model.noise, np.empty(len(model.scales))
-    quietest(noise, stated.weight, model.scales, stated.scores, stated.sigma_px, sigma)
-    return sigma
 
 
 def found(noise: Floats, weight: float) -> Floats:

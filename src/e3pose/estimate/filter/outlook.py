@@ -6,36 +6,71 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter import learned_noise
-from e3pose.estimate.filter.motion import places
-from e3pose.estimate.filter.shown import needed
-from e3pose.estimate.filter.state import Belief, Leftovers, Model
+from e3pose.estimate.filter.state import Belief, Ints, Model
 
 Floats = NDArray[np.float64]
 
 
-def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
-    """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen."""
-    from e3pose.estimate.filter.kernels.shown import chances
+def outlook(
+    model: Model,
+    belief: Belief,
+    ahead_s: float,
+    track_ids: Ints | None = None,
+    factor: float = 1.0,
+) -> Outlook:
+    """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen.
 
-    joints_m = places(model.tree, belief.state, ahead_s)[..., :3]
+    Args:
+        model: of the filter.
+        belief: about everybody.
+        ahead_s: 0 or more.
+        track_ids: `(num_tracks,)` identities; the belief's own ids by default.
+        factor: on standard deviations (`stated_factor`).
+    """
+    from e3pose.estimate.filter.kernels.outlook import count_newest, expect
+    from e3pose.estimate.filter.kernels.scratch import held_site
+
     drift, lasts_s = model.alone
-    shows = np.empty((len(belief), len(model.rig)))
-    chances(belief.detection_map, joints_m, model.tree.order[0], model.corner_m, shows)
-    unexplained, times_s = _newest(belief.leftovers, len(model.rig))
+    num_cameras, leftovers = len(model.rig), belief.leftovers
+    people, looks = belief.drift_share.shape, belief.last_seen_s.shape
+    joints_m, covariance = np.empty((*people, 3)), np.empty((*people, 6, 6))
+    drift_m2ps3, shows = np.empty(people), np.empty(looks)
+    needed, sigma_px = np.empty(looks, dtype=bool), np.empty(num_cameras)
+    expect(
+        held_site(model),
+        ahead_s,
+        factor,
+        drift,
+        belief.state,
+        belief.covariance,
+        belief.drift_share,
+        belief.last_seen_s,
+        belief.seen_by,
+        belief.confirmed,
+        belief.detection_map,
+        belief.noise,
+        joints_m,
+        covariance,
+        drift_m2ps3,
+        shows,
+        needed,
+        sigma_px,
+    )
+    unexplained, times_s = np.empty(num_cameras, dtype=np.int64), np.empty(num_cameras)
+    count_newest(leftovers.cameras, leftovers.times_s, unexplained, times_s)
     return Outlook(
-        track_ids=belief.track_ids,
+        track_ids=belief.track_ids if track_ids is None else track_ids,
         confirmed=belief.confirmed,
         joints_m=joints_m,
-        covariance=belief.covariance,
-        drift_m2ps3=drift * belief.drift_share,
+        covariance=covariance,
+        drift_m2ps3=drift_m2ps3,
         velocity_lasts_s=lasts_s,
         has_memory=True,
         delivered=belief.delivered,
         shows=shows,
         last_seen_s=belief.last_seen_s,
-        needed=needed(belief, ahead_s),
-        sigma_px=learned_noise.sigma_px(model, belief.noise),
+        needed=needed,
+        sigma_px=sigma_px,
         memory=model.noise.memory,
         unexplained=unexplained,
         unexplained_s=belief.time_s - times_s,
@@ -43,9 +78,11 @@ def outlook(model: Model, belief: Belief, ahead_s: float) -> Outlook:
     )
 
 
-def _newest(waiting: Leftovers, num_cameras: int) -> tuple[NDArray[np.int64], Floats]:
-    """Return `(num_cameras,)` detections of each camera's newest look, and the time of that."""
-    times_s = np.full(num_cameras, -np.inf)
-    np.maximum.at(times_s, waiting.cameras, waiting.times_s)
-    newest = waiting.cameras[waiting.times_s == times_s[waiting.cameras]]
-    return np.bincount(newest, minlength=num_cameras), times_s
+def stated_factor(belief: Belief) -> float:
+    """Return the factor that makes the standard deviations of all who are shown honest at once.
+
+    One factor for everybody changes what is expected, but not which cameras tell most.
+    """
+    from e3pose.estimate.filter.kernels.outlook import mean_factor
+
+    return mean_factor(belief.drift_share, belief.innovations, belief.confirmed)

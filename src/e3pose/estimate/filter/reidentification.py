@@ -138,13 +138,14 @@ def identify(
     if len(new):
         present = _join(present, _shown(new, belief, model))
         present = _take(present, np.argsort(present.tracks))
-    if len(departed.track_ids):
-        fresh = departed.seen_s > belief.time_s - DEPARTED_S
+    fresh = departed.seen_s > belief.time_s - DEPARTED_S
+    if len(fresh) > MAX_DEPARTED or not fresh.all():
         departed = _take(departed, np.flatnonzero(fresh)[-MAX_DEPARTED:])
-    open_rows = np.flatnonzero(present.since_s > belief.time_s - DECIDE_S)
-    open_rows = open_rows[present.tracks[open_rows] == present.track_ids[open_rows]]
-    if len(open_rows) and len(departed.track_ids):
-        present, departed = _recognise(present, departed, open_rows, belief, model)
+    if len(departed.track_ids):
+        undecided = present.since_s > belief.time_s - DECIDE_S
+        rows = np.flatnonzero(undecided & (present.tracks == present.track_ids))
+        if len(rows):
+            present, departed = _recognise(present, departed, rows, belief, model)
     return Identities(present, departed)
 
 

@@ -50,24 +50,6 @@ def shown(belief: Belief, model: Model) -> Flags:
     return flags
 
 
-def needed(belief: Belief, ahead_s: float) -> Flags:
-    """Return `(num_tracks, num_cameras)`: cameras of which one must show a person, who is hidden
-    otherwise.
-
-    Somebody new is shown once a third camera has seen the person, and who walks while a second one
-    does. Nobody else needs a camera.
-
-    Args:
-        belief: about everybody.
-        ahead_s: seconds after the belief's slot, if nothing is seen until then.
-    """
-    from e3pose.estimate.filter.kernels.shown import find_needed
-
-    flags = np.empty(belief.last_seen_s.shape, dtype=bool)
-    find_needed(belief.state, belief.last_seen_s, belief.confirmed, belief.seen_by, ahead_s, flags)
-    return flags
-
-
 def estimate_of(belief: Belief, model: Model) -> Estimate:
     """Return the people who are believed to be there, and where."""
     from e3pose.estimate.filter.kernels.shown import show

@@ -13,9 +13,12 @@ from e3pose.estimate.filter.covariance_inflation import (
     COUNT,
     LEAST_SHARE,
     MEMORY_S,
+    MOST,
     OWN_SHARE,
+    PRIOR,
     RATIO,
     STEERED,
+    USUAL,
 )
 from e3pose.estimate.filter.kernels.bias import left_over
 from e3pose.estimate.filter.kernels.learned_noise import proved
@@ -83,7 +86,7 @@ def _compare(
         depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
         if not depth > MIN_DEPTH_M:
             continue
-        factor = ALONE if drift_share[joint] == 1.0 else STEERED
+        factor = spread_factor(drift_share[joint], 1.0)
         doubt = factor**2 * doubt_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
         total = doubt + own_share * views.variances[row, joint]
         if doubt > LEAST_SHARE * total:
@@ -92,6 +95,25 @@ def _compare(
             off = math.sqrt((du * du + dv * dv) / (EXPECTED * total))
             fresh[RATIO] += off if off < CLIP else CLIP
             fresh[COUNT] += 1.0
+
+
+@kernel
+def learned_factor(innovations: Floats) -> float:
+    """Return the factor on reported standard deviations that `Belief.innovations` ask for."""
+    ratio, count = innovations[RATIO], innovations[COUNT]
+    factor = (ratio / USUAL * count + PRIOR) / (count + PRIOR)
+    return float(min(max(factor, 1 / MOST), MOST))
+
+
+@kernel
+def spread_factor(drift_share: float, learned: float) -> float:
+    """Return the factor that makes a joint's standard deviations honest.
+
+    Args:
+        drift_share: of `Belief`; a joint that was not steered has all of its process noise.
+        learned: see `learned_factor`.
+    """
+    return (ALONE if drift_share == 1.0 else STEERED) * learned
 
 
 @kernel

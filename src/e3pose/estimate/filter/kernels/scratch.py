@@ -5,6 +5,7 @@ Everything is a structure of arrays: one array per quantity, a row per track, de
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, Belief, Model
 from e3pose.geometry.undistort import Lenses, make_lenses
+from e3pose.runtime.held import Held, hold
 from e3pose.runtime.kernel import LANES
 
 Floats = NDArray[np.float64]
@@ -80,6 +82,12 @@ def make_site(model: Model) -> Site:
         float(model.wait_s),
         make_lenses(model.rig),
     )
+
+
+@lru_cache(maxsize=8)
+def held_site(model: Model) -> Held[Site]:
+    """Return the constants of a model as kernels take them."""
+    return hold(make_site(model))
 
 
 class Views(NamedTuple):

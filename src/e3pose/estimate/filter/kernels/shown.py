@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.exits import MOST_LEFT_ODDS, PRIOR_HZ, PRIOR_S
 from e3pose.estimate.filter.kernels.blindness import chance, proof, share_at
+from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.kernels.exits import place_back
 from e3pose.runtime.kernel import kernel
 
@@ -120,14 +121,9 @@ def hazard_hz(exits: Floats, place_m: Floats, corner_m: Floats) -> float:
 
 
 @kernel
-def chances(
-    detection_map: Floats, joints_m: Floats, root: int, corner_m: Floats, shows: Floats
-) -> None:
-    """Fill `shows` `(num_tracks, num_cameras)`: how likely a look shows people, see `Outlook`."""
-    for track in range(len(joints_m)):
-        for camera in range(len(detection_map)):
-            likely = chance(detection_map[camera], joints_m[track, root], corner_m)
-            shows[track, camera] = min(likely / PLAIN, 1.0)
+def likely_shown(detection_map: Floats, root_m: Floats, corner_m: Floats) -> float:
+    """Return how likely a camera's look shows somebody at a place, see `Outlook.shows`."""
+    return float(min(chance(detection_map, root_m, corner_m) / PLAIN, 1.0))
 
 
 @kernel
@@ -139,7 +135,10 @@ def find_needed(
     ahead_s: float,
     needed: Flags,
 ) -> None:
-    """Fill `needed` `(num_tracks, num_cameras)` as `filter.shown.needed` has it.
+    """Fill `needed` `(num_tracks, num_cameras)`, see `Outlook.needed`.
+
+    Somebody new is shown once a third camera has seen the person, and who walks while a second one
+    does. Nobody else needs a camera.
 
     All but the last two are of `Belief`; `ahead_s` seconds pass without a look.
     """
@@ -179,21 +178,28 @@ def show(
 
 @kernel
 def grade(
-    rows: Integers, factors: Floats, covariance_m2: Floats, stated_m2: Floats, scores: Floats
+    rows: Integers,
+    drift_share: Floats,
+    innovations: Floats,
+    covariance_m2: Floats,
+    stated_m2: Floats,
+    scores: Floats,
 ) -> None:
     """Fill the covariances that are stated of people, and the scores of their joints.
 
     Args:
         rows: `(num_persons,)` of their tracks.
-        factors: `(num_tracks, num_joints)` on standard deviations (`covariance_inflation`).
+        drift_share: `(num_tracks, num_joints)` of `Belief`.
+        innovations: of `Belief`.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of `Estimate`.
         stated_m2: likewise, filled: with these factors.
         scores: `(num_persons, num_joints)` filled: certainty in (0, 1], 0 for joints never
             measured.
     """
+    learned = learned_factor(innovations)
     for index in range(len(rows)):
         for joint in range(scores.shape[1]):
-            factor = factors[rows[index], joint]
+            factor = spread_factor(drift_share[rows[index], joint], learned)
             block = covariance_m2[index, joint]
             variance = (block[0, 0] + block[1, 1] + block[2, 2]) / 3
             score = max(1.0 / (1.0 + variance / HALF_SCORE_M**2), LEAST_SCORE)

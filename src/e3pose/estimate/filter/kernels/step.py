@@ -24,8 +24,8 @@ from e3pose.estimate.filter.kernels.scratch import (
     Memory,
     Site,
     Views,
+    held_site,
     make_memory,
-    make_site,
 )
 from e3pose.estimate.filter.kernels.sides import turn_round
 from e3pose.estimate.filter.kernels.update import learn_bones, update
@@ -160,7 +160,7 @@ class StepKernel:
         """Return memory with room for so many tracks, people in a view and old leftovers."""
         if model is not self._model:
             self._model = model
-            self._constants = hold(make_site(model))
+            self._constants = held_site(model)
             self._columns = tuple(Belief.empty(model).columns())
             self._room = (0, 0, 0)
         room = self._room
