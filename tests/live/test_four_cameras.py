@@ -8,10 +8,12 @@ import shlex
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli import commands
 from tests.ports import free_port
 from tests.test_docs import BY_PAGE, blocks
 from tests.waiting import eventually
@@ -29,6 +31,7 @@ COMMAND_S = 300.0
 CENTRE_M, LIVE_M = 0.25, 0.1  # in a room of eight metres, on a machine that does other things
 UP = "e3pose up room"
 CHECK = "e3pose check room"
+COMPUTING = ("simulate", "calibrate", "query", "report")  # in this process: they start no other
 TRIES = 8  # it measures how quick the machine is, which may be busy
 
 
@@ -50,21 +53,38 @@ def start(command: str, folder: Path) -> subprocess.Popen[str]:
     )
 
 
-def run(command: str, folder: Path) -> tuple[int, str]:
-    with start(command, folder) as program:
-        said, _ = program.communicate(timeout=COMMAND_S)
-        return program.returncode, said
+@pytest.fixture
+def run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[[str], tuple[int, str]]:
+    """Return what runs a command of the page, and returns its exit code and what it said."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def of(command: str) -> tuple[int, str]:
+        program, *words = shlex.split(command)
+        if words[0] in COMPUTING:
+            assert program == "e3pose"
+            code = commands.run(*words)
+            return code, "".join(capsys.readouterr())
+        with start(command, tmp_path) as started:
+            said, _ = started.communicate(timeout=COMMAND_S)
+            return started.returncode, said
+
+    return of
 
 
-def test_page_leads_from_four_sources_to_live_poses(tmp_path: Path) -> None:
+def test_page_leads_from_four_sources_to_live_poses(
+    tmp_path: Path, run: Callable[[str], tuple[int, str]]
+) -> None:
     folder = tmp_path
-    commands = page_commands()
-    before, after = commands[: commands.index(UP)], commands[commands.index(UP) + 1 :]
+    page = page_commands()
+    before, after = page[: page.index(UP)], page[page.index(UP) + 1 :]
     said: dict[str, str] = {}
     for number, command in enumerate(before):
         missing = command == CHECK and command in before[number + 1 :]
         for _ in range(1 if command != CHECK or missing else TRIES):
-            code, said[command] = run(command, folder)
+            code, said[command] = run(command)
             if code == 0:
                 break
         assert code == (1 if missing else 0), f"{command}: {said[command]}"
@@ -85,7 +105,7 @@ def test_page_leads_from_four_sources_to_live_poses(tmp_path: Path) -> None:
             store = folder / "room" / "live.db"
             assert eventually(lambda: store.exists() and slots(store) > 60, COMPILE_S)
             for command in after:
-                code, said[command] = run(command, folder)
+                code, said[command] = run(command)
                 assert code == 0, f"{command}: {said[command]}"
         finally:
             site.send_signal(signal.SIGINT)

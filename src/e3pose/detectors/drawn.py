@@ -52,18 +52,17 @@ class Drawn:
 
         size = check_image(image)
         colors = np.asarray(cv2.cvtColor(part.cut(image), cv2.COLOR_RGB2HSV))
-        hue, saturation, level = (colors[..., channel] for channel in range(3))
-        bright = (saturation >= SATURATED) & (level > LEVELS[-1] // 2)
+        bright = cv2.inRange(colors, (0, SATURATED, LEVELS[-1] // 2 + 1), (HUES, 255, 255))
         # A codec mixes the colours along an edge.
-        inside = cv2.erode(bright.astype(np.uint8), np.ones((3, 3), dtype=np.uint8))
-        rows, columns = np.nonzero(inside)
-        if not len(rows):
+        inside = cv2.findNonZero(cv2.erode(bright, np.ones((3, 3), dtype=np.uint8)))
+        if inside is None:
             return Poses2D.empty(len(COCO17))
-        shade = level[rows, columns].astype(np.int64)
+        columns, rows = np.asarray(inside).reshape(-1, 2).T
+        hue, shade = colors[rows, columns, 0], colors[rows, columns, 2].astype(np.int64)
         away = np.abs(shade[:, None] - np.array(LEVELS))
         person = away.argmin(axis=1)
         step = HUES / len(COCO17)
-        joint = np.round(hue[rows, columns] / step).astype(np.int64) % len(COCO17)
+        joint = np.round(hue / step).astype(np.int64) % len(COCO17)
         label = np.where(away.min(axis=1) <= LEVEL_TOLERANCE, person * len(COCO17) + joint, -1)
         keypoints, found = _centres(label, columns, rows, _radius(size[1]))
         found &= found.sum(axis=1, keepdims=True) >= FEWEST
