@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import signal
 import subprocess
@@ -67,6 +68,17 @@ def compile_kernels() -> None:
     for program in [subprocess.Popen(command) for command in commands]:
         if program.wait() != 0:
             raise pytest.UsageError("the kernels do not compile")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Hide from the garbage collector what stays: thousands of tests, and all modules."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
