@@ -49,7 +49,7 @@ coverage:  ## run the tests with coverage, which takes a third longer; fails bel
 	@$(MAKE) --no-print-directory test TRACED=yes
 
 test-computing: $(VENV)/.dev
-	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n 10 $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed'
+	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n 10 $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed' --ignore tests/live
 
 test-sites: $(VENV)/.dev
 	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 4 -m 'live and not timed' tests/live

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
 
 from e3pose.reproduce.identity_scores import Frame, hota, idf1
 
-pytest.importorskip(
-    "motmetrics", reason="motmetrics is not installed: pip install e3pose[reproduce]"
+pytestmark = pytest.mark.skipif(
+    find_spec("motmetrics") is None,
+    reason="motmetrics is not installed: pip install e3pose[reproduce]",
 )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,9 @@ from e3pose.predict import make_predictor
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
-pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+pytestmark = pytest.mark.skipif(
+    find_spec("matplotlib") is None, reason="matplotlib is not installed"
+)
 
 SVG = "{http://www.w3.org/2000/svg}"
 LEADS = (1, 5, 10)
