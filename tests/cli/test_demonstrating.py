@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.site.left_by_demo import canned
 
 from e3pose.cli.app import main
 from e3pose.simulate import DetectorSettings, SceneSettings
@@ -26,6 +27,7 @@ def unreachable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr("e3pose.site.demo.job.STAND_IN", small)
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("E3POSE_OFFLINE", "1")
+    monkeypatch.setattr("e3pose.site.demo.live.run_live", canned)
     return tmp_path / "demo"
 
 
