@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -69,7 +70,7 @@ def test_lenses_are_measured_told_and_written(
         (("{pictures}",), "VIDEO... DEST: found 1 path"),
         (("{pictures}", "lenses.txt"), "expected a calibration file to write, .toml"),
         (("{pictures}", "{tmp}/a.toml", "--board", "a4"), "expected a name as it is printed"),
-        (("{pictures}", "{tmp}/a.toml", "--board", "chessboard-7x12-30mm"), "in 0 frames"),
+        (("{one}", "{tmp}/a.toml", "--board", "chessboard-7x12-30mm"), "in 0 frames"),
         (("{pictures}", "{tmp}/a.toml", "--frames", "1"), "--frames: found 1"),
         (("{pictures}", "{pictures}", "{tmp}/a.toml"), "both name camera 'left'"),
         (("{tmp}/no.mp4", "{tmp}/a.toml"), "no.mp4: found no file"),
@@ -83,7 +84,10 @@ def test_wrong_input_is_one_line(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    tokens = [word.format(pictures=pictures, tmp=tmp_path) for word in words]
+    one = tmp_path / "one"
+    one.mkdir()
+    shutil.copy(pictures / "0.png", one)  # to look for a board that is not there takes long
+    tokens = [word.format(pictures=pictures, one=one, tmp=tmp_path) for word in words]
     assert run("calibrate", "intrinsics", *tokens) == 2
     captured = capsys.readouterr()
     assert named in captured.err

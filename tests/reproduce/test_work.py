@@ -103,8 +103,8 @@ def test_results_depend_on_what_computes_and_not_on_what_shows() -> None:
     assert not work._counts(("cli", "reproducing.py"))
 
 
-@pytest.fixture
-def scheduler(tmp_path: Path) -> Iterator[str]:
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Run a Dask scheduler and two workers, all processes of their own; yields its address."""
     distributed = pytest.importorskip(
         "distributed", reason="distributed is not installed: pip install e3pose[cluster]"
@@ -113,7 +113,7 @@ def scheduler(tmp_path: Path) -> Iterator[str]:
     python = [sys.executable, "-m"]
     worker = [
         *python, "distributed.cli.dask_worker", address, "--nthreads=1", "--no-nanny",
-        "--no-dashboard", f"--local-directory={tmp_path / 'workers'}",
+        "--no-dashboard", f"--local-directory={tmp_path_factory.mktemp('workers')}",
     ]  # fmt: skip
     commands = [
         [*python, "distributed.cli.dask_scheduler", "--no-dashboard", f"--host={address}"],

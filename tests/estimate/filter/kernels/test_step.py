@@ -91,7 +91,7 @@ def seen(recording: Recording, cameras: int, seed: int = 0) -> Slots:
     return slots
 
 
-def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 3) -> Recording:
+def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 2) -> Recording:
     return simulate(
         SceneSettings(scene=name, people=people, seconds=seconds, cameras=cameras), seed=5
     )
@@ -161,13 +161,13 @@ def test_equals_the_reference_over_a_whole_scene(name: str, cameras: int) -> Non
 
 
 def test_equals_the_reference_with_many_cameras() -> None:
-    recording = scene("ring", people=8, cameras=12, seconds=2)
+    recording = scene("ring", people=8, cameras=12, seconds=1)
     people, _ = follow(Model(recording.rig, recording.skeleton, SIMULATED), seen(recording, 12))
     assert people > 2 * recording.num_slots
 
 
 def test_equals_the_reference_through_every_kind_of_lens() -> None:
-    recording = scene("ring", cameras=8, seconds=2)
+    recording = scene("ring", cameras=8, seconds=1)
     model, slots = through_lenses(recording, seen(recording, 4))
     people, _ = follow(model, slots)
     assert people > recording.num_slots
