@@ -22,7 +22,6 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
         "exits": belief.exits,
         "noise": belief.noise,
         "shifts": belief.shifts,
-        "innovations": belief.innovations,
         **belief.columns(),
         **{f"leftover_{item.name}": getattr(waiting, item.name) for item in fields(waiting)},
     }
@@ -58,6 +57,5 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         exits=np.array(arrays["exits"]),
         noise=np.array(arrays["noise"]),
         shifts=np.array(arrays["shifts"]),
-        innovations=np.array(arrays["innovations"]),
         **columns,
     )

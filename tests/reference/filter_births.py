@@ -164,6 +164,7 @@ def _start(
         "mirrored": np.zeros(2),
         "bones_m": no_bones,
         "bone_counts": no_bones,
+        "innovations": np.zeros(2),
     }
     columns = {
         name: np.concatenate([column, np.asarray(new[name], dtype=column.dtype)[None]])

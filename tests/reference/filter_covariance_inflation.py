@@ -14,6 +14,7 @@ from e3pose.estimate.filter.covariance_inflation import (
     CLIP,
     LEAST_SHARE,
     MEMORY_S,
+    MOST_M,
     OWN_SHARE,
     STEERED,
 )
@@ -31,8 +32,9 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
         dt: seconds since the slot before.
         model: the noise.
     """
+    sums_m = belief.innovations * np.exp(-dt / MEMORY_S)
     if len(belief) == 0 or len(cameras) == 0:
-        return belief
+        return replace(belief, innovations=sums_m)
     since_s = belief.last_seen_s + dt
     taught = proved(belief, seen, cameras, since_s)
     pixels, depth, jacobian = project(belief.state[..., :3], seen.projections)
@@ -43,12 +45,10 @@ def learn(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Mode
     left_over = own_share(since_s[:, cameras].T, terms)[..., None]
     total = doubt + OWN_SHARE * left_over * seen.sigma_px**2
     usable &= doubt > LEAST_SHARE * total
-    if not usable.any():
-        return belief
-    off = np.linalg.norm(seen.keypoints_px - pixels, axis=-1)[usable]
-    ratios = np.minimum(off / np.sqrt(np.pi / 2 * total[usable]), CLIP)
-    mean, count = belief.innovations
-    count *= np.exp(-dt / MEMORY_S)
-    now = count + len(ratios)
-    innovations = np.array([(mean * count + ratios.sum()) / now, now])
-    return replace(belief, innovations=innovations)
+    off = np.linalg.norm(seen.keypoints_px - pixels, axis=-1)
+    expected_px = np.sqrt(np.pi / 2 * total)
+    px_per_m = np.sqrt((jacobian**2).sum(axis=(-1, -2)) / 2)
+    expected_m = np.where(usable, np.minimum(expected_px / px_per_m, MOST_M), 0.0)
+    ratios = np.where(usable, np.minimum(off / expected_px, CLIP), 0.0)
+    fresh_m = np.stack([ratios * expected_m, expected_m], axis=-1).sum(axis=(0, 2))
+    return replace(belief, innovations=sums_m + fresh_m)

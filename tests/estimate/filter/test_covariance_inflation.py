@@ -14,12 +14,21 @@ from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
 from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.covariance_inflation import (
     ALONE,
-    COUNT,
+    EXPECTED,
+    LONE_S,
+    MEMORY_S,
     MOST,
+    MOST_LONE,
+    PRIOR_M,
     STEERED,
     USUAL,
 )
-from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
+from e3pose.estimate.filter.kernels.covariance_inflation import (
+    learned_factor,
+    lone_factor,
+    person_factor,
+    spread_factor,
+)
 from e3pose.estimate.filter.outlook import stated_factor
 from e3pose.evaluate.expected_figures import expected_figures
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -57,27 +66,44 @@ def test_the_error_stated_is_the_error_made(predictor: str) -> None:
 
 
 def test_the_factor_is_the_constant_until_innovations_teach_and_then_theirs() -> None:
+    expected_m = 1e4 * PRIOR_M
+    for times, factor in ((1.0, 1.0), (1.2, 1.2), (0.0, 1 / MOST), (100.0, MOST)):
+        taught = np.array([times * USUAL * expected_m, expected_m])
+        assert learned_factor(taught) == pytest.approx(factor, rel=0.001)
     assert learned_factor(np.zeros(2)) == 1.0
-    assert learned_factor(np.array([USUAL, 1e4])) == pytest.approx(1.0)
-    assert learned_factor(np.array([1.2 * USUAL, 1e4])) == pytest.approx(1.2, rel=0.01)
-    assert learned_factor(np.array([1.2 * USUAL, 10.0])) < 1.05
-    assert learned_factor(np.array([0.0, 1e4])) == 1 / MOST
-    assert learned_factor(np.array([100.0, 1e4])) == MOST
+    little = np.array([1.2 * USUAL * PRIOR_M / 10, PRIOR_M / 10])
+    assert 1.0 < learned_factor(little) < 1.05
 
 
-def test_it_is_on_all_that_is_stated() -> None:
+def test_everybody_has_a_factor_of_which_the_mean_is_expected_of_all() -> None:
     nobody = Belief.empty(MODEL)
     assert stated_factor(nobody) == 1.0
-    one = replace(nobody, drift_share=np.array([[1.0, 0.4]]), confirmed=np.ones(1, dtype=bool))
-    assert stated_factor(one) == pytest.approx((ALONE + STEERED) / 2)
-    taught = replace(one, innovations=np.array([1.5 * USUAL, 1e4]))
-    assert stated_factor(taught) == pytest.approx(1.5 * stated_factor(one), rel=0.01)
+    walking_m, still_m = np.array([[1.5 * USUAL, 1.0], [0.7 * USUAL, 1.0]]) * 1e4
+    people = replace(
+        nobody,
+        drift_share=np.array([[1.0, 0.4]] * 2),
+        innovations=np.stack([walking_m, still_m]),
+        last_seen_s=np.zeros((2, NUM_CAMERAS)),
+        confirmed=np.array([True, False]),
+    )
+    assert stated_factor(people) == pytest.approx(1.5 * (ALONE + STEERED) / 2, rel=1e-3)
+    everybody = replace(people, confirmed=np.ones(2, dtype=bool))
+    assert stated_factor(everybody) == pytest.approx(1.1 * (ALONE + STEERED) / 2, rel=1e-3)
+
+
+def test_people_whom_one_camera_sees_are_stated_to_be_known_worse_and_worse() -> None:
+    assert lone_factor(np.array([0.3, np.inf, 0.0])) == 1.0
+    assert lone_factor(np.array([1.6 * LONE_S, np.inf, 0.0])) == pytest.approx(1.6)
+    assert lone_factor(np.array([100.0, np.inf, 0.0])) == MOST_LONE
+    assert lone_factor(np.array([0.0])) == MOST_LONE
+    taught = np.array([1.2 * USUAL, 1.0]) * 1e4
+    assert person_factor(taught, np.array([1.6 * LONE_S, 0.0])) == pytest.approx(1.92, rel=1e-3)
 
 
 def test_people_who_stand_still_are_stated_to_be_known_better_than_walkers() -> None:
     moving, still = (
         learned_factor(
-            run(walking(8.0, QUIET, "turn", radius_m=radius_m), fps=ROOM_FPS)[0].innovations
+            run(walking(8.0, QUIET, "turn", radius_m=radius_m), fps=ROOM_FPS)[0].innovations[0]
         )
         for radius_m in (1.0, 0.0)
     )
@@ -88,19 +114,19 @@ def test_people_who_stand_still_are_stated_to_be_known_better_than_walkers() -> 
 def test_wrong_noise_changes_it_little_once_the_noise_is_learned(times: float) -> None:
     """What is wrong with the noise is learned as noise; the rest is a quarter at most."""
     slots = walking(16.0, QUIET, "turn")
-    right = learned_factor(run(slots, fps=ROOM_FPS)[0].innovations)
-    wrong = learned_factor(run(slots, fps=ROOM_FPS, model=stated(times))[0].innovations)
+    right = learned_factor(run(slots, fps=ROOM_FPS)[0].innovations[0])
+    wrong = learned_factor(run(slots, fps=ROOM_FPS, model=stated(times))[0].innovations[0])
     assert wrong == pytest.approx(right, rel=0.25)
 
 
-def test_what_is_learned_outlasts_people_and_pauses() -> None:
+def test_what_is_learned_of_people_fades_while_nobody_sees_them() -> None:
     belief, _ = run(walking(4.0, QUIET), fps=ROOM_FPS)
-    assert belief.innovations[COUNT] > 0
-    later, _ = step(MODEL, belief, {}, belief.time_s + 60)
-    assert len(later) == 0
-    np.testing.assert_array_equal(later.innovations, belief.innovations)
-    again = belief_from_arrays(belief_to_arrays(later), MODEL)
+    assert (belief.innovations[:, EXPECTED] > PRIOR_M).all()
+    again = belief_from_arrays(belief_to_arrays(belief), MODEL)
     np.testing.assert_array_equal(again.innovations, belief.innovations)
+    later, _ = step(MODEL, belief, {}, belief.time_s + 0.3)
+    left = np.exp(-0.3 / MEMORY_S)
+    np.testing.assert_allclose(later.innovations, left * belief.innovations)
 
 
 def test_ghosts_of_one_camera_teach_nothing() -> None:
@@ -108,4 +134,6 @@ def test_ghosts_of_one_camera_teach_nothing() -> None:
     alone = [{0: slot[0]} for slot in walking(8.0, QUIET)[50:]]
     late, _ = run(alone[:13], fps=ROOM_FPS, belief=belief)
     after, _ = run(alone[13:], fps=ROOM_FPS, belief=late)
-    np.testing.assert_array_equal(after.innovations, late.innovations)
+    assert set(late.track_ids) == set(after.track_ids)
+    left = np.exp(-(after.time_s - late.time_s) / MEMORY_S)
+    np.testing.assert_allclose(after.innovations, left * late.innovations)

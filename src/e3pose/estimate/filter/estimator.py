@@ -143,5 +143,13 @@ def _graded(
 
     stated_m2 = np.empty_like(estimate.covariance_m2)
     scores = np.empty(estimate.measured.shape)
-    grade(rows, belief.drift_share, belief.innovations, estimate.covariance_m2, stated_m2, scores)
+    grade(
+        rows,
+        belief.drift_share,
+        belief.innovations,
+        belief.last_seen_s,
+        estimate.covariance_m2,
+        stated_m2,
+        scores,
+    )
     return stated_m2, scores

@@ -85,4 +85,4 @@ def stated_factor(belief: Belief) -> float:
     """
     from e3pose.estimate.filter.kernels.outlook import mean_factor
 
-    return mean_factor(belief.drift_share, belief.innovations, belief.confirmed)
+    return mean_factor(belief.drift_share, belief.innovations, belief.last_seen_s, belief.confirmed)

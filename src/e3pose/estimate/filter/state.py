@@ -28,7 +28,6 @@ OF_THE_SITE = (
     "exits",
     "noise",
     "shifts",
-    "innovations",
     "next_id",
 )
 LIMBS = (  # joints of which detectors exchange left and right together
@@ -225,6 +224,8 @@ class Belief:
             showed left and right exchanged (`kernels.sides`).
         bones_m: `(num_tracks, num_bones)` lengths learned; 0 where none is.
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
+        innovations: `(num_tracks, 2)` sums of the last seconds, in metres: how far keypoints were
+            from where they were predicted, and how far was expected (`covariance_inflation`).
         leftovers: detections that wait for a second view.
         detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who
             were there, by place, and how many of them showed the person (`blindness`).
@@ -235,8 +236,6 @@ class Belief:
             (`learned_noise`).
         shifts: `(num_cameras, 3)` pixels of the undistorted image by which each camera's keypoints
             are too far right and down, and how many keypoints taught it (`learned_shift`).
-        innovations: `(2,)` mean distance of keypoints from where they were predicted, over the
-            expected one, and how many keypoints taught it (`covariance_inflation`).
         next_id: the id that the next new person gets.
     """
 
@@ -259,12 +258,12 @@ class Belief:
     mirrored: Floats
     bones_m: Floats
     bone_counts: Floats
+    innovations: Floats
     leftovers: Leftovers
     detection_map: Floats
     exits: Floats
     noise: Floats
     shifts: Floats
-    innovations: Floats
     next_id: int = 0
 
     def __len__(self) -> int:
@@ -294,6 +293,7 @@ class Belief:
             mirrored=np.zeros((0, 2)),
             bones_m=np.zeros((0, bones)),
             bone_counts=np.zeros((0, bones)),
+            innovations=np.zeros((0, 2)),
             leftovers=Leftovers(
                 np.zeros(0),
                 np.zeros(0, dtype=np.int64),
@@ -304,7 +304,6 @@ class Belief:
             exits=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
             noise=np.zeros((len(model.rig) + 1, 2)),
             shifts=np.zeros((len(model.rig), 3)),
-            innovations=np.zeros(2),
         )
 
     def without_people(self) -> Belief:

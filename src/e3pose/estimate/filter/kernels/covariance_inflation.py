@@ -8,15 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.covariance_inflation import (
+    ACTUAL,
     ALONE,
     CLIP,
-    COUNT,
+    EXPECTED,
     LEAST_SHARE,
+    LONE_S,
     MEMORY_S,
     MOST,
+    MOST_LONE,
+    MOST_M,
     OWN_SHARE,
-    PRIOR,
-    RATIO,
+    PRIOR_M,
     STEERED,
     USUAL,
 )
@@ -30,23 +33,21 @@ from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 
-EXPECTED = math.pi / 2  # square of the mean of a distance over the variance of either coordinate
+MEAN = math.pi / 2  # square of the mean of a distance over the variance of either coordinate
 
 
 @kernel
 def compare_predicted(
-    track: int,
-    dt: float,
-    site: Site,
-    views: Views,
-    matches: Matches,
-    tracks: Tracks,
-    fresh: Floats,
+    track: int, dt: float, site: Site, views: Views, matches: Matches, tracks: Tracks
 ) -> None:
     """Compare the keypoints of a track that is about to be updated with its prediction.
 
-    `fresh` is `Detectors.innovations`.
+    Advances its row of `Belief.innovations`.
     """
+    sums_m = tracks.innovations[track]
+    left = math.exp(-dt / MEMORY_S)
+    sums_m[ACTUAL] *= left
+    sums_m[EXPECTED] *= left
     if not proved(track, dt, views, matches, tracks):
         return
     for camera in range(len(views.counts)):
@@ -62,7 +63,7 @@ def compare_predicted(
                 site.projections[camera],
                 views,
                 tracks.bias_px[track, camera],
-                fresh,
+                sums_m,
             )
 
 
@@ -76,7 +77,7 @@ def _compare(
     projection: Floats,
     views: Views,
     bias_px: Floats,
-    fresh: Floats,
+    sums_m: Floats,
 ) -> None:
     """Add the innovations of one detection; `own_share` is on its variances."""
     for joint in range(len(state)):
@@ -92,35 +93,48 @@ def _compare(
         if doubt > LEAST_SHARE * total:
             du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
             dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
-            off = math.sqrt((du * du + dv * dv) / (EXPECTED * total))
-            fresh[RATIO] += off if off < CLIP else CLIP
-            fresh[COUNT] += 1.0
+            expected_px = math.sqrt(MEAN * total)
+            off = math.sqrt(du * du + dv * dv) / expected_px
+            squares = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz
+            expected_m = min(expected_px / math.sqrt(squares / 2.0), MOST_M)
+            sums_m[ACTUAL] += min(off, CLIP) * expected_m
+            sums_m[EXPECTED] += expected_m
+
+
+@kernel
+def person_factor(innovations: Floats, last_seen_s: Floats) -> float:
+    """Return the factor on all reported standard deviations of one person.
+
+    Args:
+        innovations: `(2,)` of `Belief`.
+        last_seen_s: `(num_cameras,)` of `Belief`.
+    """
+    return learned_factor(innovations) * lone_factor(last_seen_s)
 
 
 @kernel
 def learned_factor(innovations: Floats) -> float:
-    """Return the factor on reported standard deviations that `Belief.innovations` ask for."""
-    ratio, count = innovations[RATIO], innovations[COUNT]
-    factor = (ratio / USUAL * count + PRIOR) / (count + PRIOR)
+    """Return the factor that a person's row of `Belief.innovations` asks for."""
+    factor = (innovations[ACTUAL] / USUAL + PRIOR_M) / (innovations[EXPECTED] + PRIOR_M)
     return float(min(max(factor, 1 / MOST), MOST))
 
 
 @kernel
-def spread_factor(drift_share: float, learned: float) -> float:
+def lone_factor(last_seen_s: Floats) -> float:
+    """Return the factor for a person whom a single camera may have seen of late."""
+    first_s, second_s = np.inf, np.inf
+    for camera in range(len(last_seen_s)):
+        second_s = min(second_s, max(first_s, last_seen_s[camera]))
+        first_s = min(first_s, last_seen_s[camera])
+    return float(min(max(second_s / LONE_S, 1.0), MOST_LONE))
+
+
+@kernel
+def spread_factor(drift_share: float, of_person: float) -> float:
     """Return the factor that makes a joint's standard deviations honest.
 
     Args:
         drift_share: of `Belief`; a joint that was not steered has all of its process noise.
-        learned: see `learned_factor`.
+        of_person: see `person_factor`.
     """
-    return (ALONE if drift_share == 1.0 else STEERED) * learned
-
-
-@kernel
-def learn_inflation(dt: float, innovations: Floats, fresh: Floats) -> None:
-    """Add what was found in a slot to `innovations`, which is `Belief.innovations`."""
-    if fresh[COUNT] > 0.0:
-        count = innovations[COUNT] * math.exp(-dt / MEMORY_S)
-        total = innovations[RATIO] * count + fresh[RATIO]
-        innovations[COUNT] = count + fresh[COUNT]
-        innovations[RATIO] = total / innovations[COUNT]
+    return (ALONE if drift_share == 1.0 else STEERED) * of_person

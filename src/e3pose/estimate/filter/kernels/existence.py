@@ -157,6 +157,8 @@ def _move(tracks: Tracks, source: int, target: int) -> None:
     tracks.confirmed[target] = tracks.confirmed[source]
     for limb in range(tracks.mirrored.shape[1]):
         tracks.mirrored[target, limb] = tracks.mirrored[source, limb]
+    for total in range(tracks.innovations.shape[1]):
+        tracks.innovations[target, total] = tracks.innovations[source, total]
     for joint in range(tracks.state.shape[1]):
         tracks.unmeasured_s[target, joint] = tracks.unmeasured_s[source, joint]
         tracks.drift_share[target, joint] = tracks.drift_share[source, joint]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
+from e3pose.estimate.filter.kernels.covariance_inflation import person_factor, spread_factor
 from e3pose.estimate.filter.kernels.learned_noise import quietest
 from e3pose.estimate.filter.kernels.motion import move
 from e3pose.estimate.filter.kernels.scratch import Site
@@ -91,16 +91,19 @@ def expect(
 
 
 @kernel
-def mean_factor(drift_share: Floats, innovations: Floats, confirmed: Flags) -> float:
+def mean_factor(
+    drift_share: Floats, innovations: Floats, last_seen_s: Floats, confirmed: Flags
+) -> float:
     """Return the mean factor on the standard deviations of those confirmed; 1 of nobody.
 
     Arguments are of `Belief`.
     """
-    learned, total, count = learned_factor(innovations), 0.0, 0
+    total, count = 0.0, 0
     for track in range(len(confirmed)):
         if confirmed[track]:
+            of_person = person_factor(innovations[track], last_seen_s[track])
             for joint in range(drift_share.shape[1]):
-                total += spread_factor(drift_share[track, joint], learned)
+                total += spread_factor(drift_share[track, joint], of_person)
                 count += 1
     return total / count if count else 1.0
 

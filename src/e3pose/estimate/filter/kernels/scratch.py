@@ -129,6 +129,7 @@ class Tracks(NamedTuple):
     mirrored: Floats
     bones_m: Floats
     bone_counts: Floats
+    innovations: Floats
 
 
 class Waiting(NamedTuple):
@@ -163,7 +164,6 @@ class Detectors(NamedTuple):
     steps: Floats  # (num_cameras + 1,) how much they are beyond their median
     shifts_px: Floats  # (num_cameras, 2) what is taken off all keypoints
     residuals: Floats  # (num_cameras, 3) weighted sums of what is left, right and down; weights
-    innovations: Floats  # (2,) sum of innovations over the expected ones, and of how many
 
 
 class Offers(NamedTuple):
@@ -300,7 +300,6 @@ def _detectors(cameras: int, knots: int) -> Detectors:
         steps=np.zeros(cameras + 1),
         shifts_px=np.zeros((cameras, 2)),
         residuals=np.zeros((cameras, 3)),
-        innovations=np.zeros(2),
     )
 
 

@@ -14,7 +14,7 @@ from e3pose.estimate.filter.kernels.associate import associate
 from e3pose.estimate.filter.kernels.bias import learn_bias
 from e3pose.estimate.filter.kernels.births import give_birth
 from e3pose.estimate.filter.kernels.blindness import learn_detection_map
-from e3pose.estimate.filter.kernels.covariance_inflation import compare_predicted, learn_inflation
+from e3pose.estimate.filter.kernels.covariance_inflation import compare_predicted
 from e3pose.estimate.filter.kernels.existence import attend, end
 from e3pose.estimate.filter.kernels.learned_noise import compare_noise, learn_noise, recall_noise
 from e3pose.estimate.filter.kernels.learned_shift import learn_shifts, recall_shifts
@@ -117,7 +117,6 @@ class StepKernel:
             np.array(belief.noise, order="C"),
         )
         shifts = np.array(belief.shifts, order="C")
-        innovations = np.array(belief.innovations, order="C")
         num_tracks, num_waiting, next_id = self._call(
             num_tracks,
             num_old,
@@ -128,7 +127,6 @@ class StepKernel:
             detection_map,
             noise,
             shifts,
-            innovations,
             self._held_memory,
         )
         rows = memory.waiting.order[:num_waiting]
@@ -149,7 +147,6 @@ class StepKernel:
             exits=before.exits.copy(),
             noise=noise,
             shifts=shifts,
-            innovations=innovations,
             next_id=next_id,
             **columns,
         )
@@ -198,7 +195,6 @@ def step_slot(
     detection_map: Floats,
     noise: Floats,
     shifts: Floats,
-    innovations: Floats,
     room: Held[Memory],
 ) -> tuple[int, int, int]:
     """Advance the tracks and leftovers in `room`; return their numbers and the next id."""
@@ -210,7 +206,6 @@ def step_slot(
             memory.matches.places_m[track, axis] = tracks.state[track, site.order[0], axis]
     recall_noise(noise, site, memory.detectors)
     recall_shifts(shifts, site.sizes, memory.detectors)
-    memory.detectors.innovations[:] = 0.0
     _prepare(site, memory.detectors, views)
     num_views = 0
     for camera in range(len(views.counts)):
@@ -231,7 +226,6 @@ def step_slot(
     _revise(num_tracks, num_views, dt, site, memory)
     learn_noise(noise, memory.detectors)
     learn_shifts(shifts, site.sizes, memory.detectors)
-    learn_inflation(dt, innovations, memory.detectors.innovations)
     attend(
         num_tracks,
         dt,
@@ -270,10 +264,8 @@ def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memo
     """Update every track with the views that show it, and learn noise, biases and bones by it."""
     views, tracks, passes = memory.views, memory.tracks, memory.passes
     for track in range(num_tracks):
+        compare_predicted(track, dt, site, views, memory.matches, tracks)
         if num_views:
-            compare_predicted(
-                track, dt, site, views, memory.matches, tracks, memory.detectors.innovations
-            )
             update(track, dt, site, views, memory.matches.assigned, tracks, passes)
             compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
         for camera in range(len(views.counts)):
