@@ -30,7 +30,7 @@ from e3pose.select.feedback import expected_in_views, reach_m
 from e3pose.select.motion_2d import LastView, look, own_occlusion
 from e3pose.select.occlusion import Spread, expected_views
 from e3pose.select.policies.base import Policy, Selection, Situation
-from e3pose.select.stated_error import recent_error_m
+from e3pose.select.stated_error import StatedError
 
 Floats = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ class SlotState:
         last_views: what every camera remembers of its own views.
         spread: of the occlusion over cameras, as far as it was foreseen.
         shown: the people of the slot before; None before the first.
-        stated_m: mean error that the estimator stated in the last seconds, after the warm-up.
+        stated: how large errors the estimator stated in the last seconds, after the warm-up.
         focused: `(num_cameras,)` looks since each camera looked at all of its image.
     """
 
@@ -114,7 +114,7 @@ class SlotState:
     last_views: tuple[LastView, ...]
     spread: Spread = field(default_factory=Spread)
     shown: People | None = None
-    stated_m: float = float("nan")
+    stated: StatedError = field(default_factory=StatedError)
     focused: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
@@ -172,8 +172,8 @@ def step(
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     spread = state.spread.after(occlusion, pipeline.interval_s)
-    stated_m = _stated_m(pipeline, state, people)
-    state = replace(state, memory=memory, silence=silence, spread=spread, stated_m=stated_m)
+    stated = _stated(pipeline, state, people)
+    state = replace(state, memory=memory, silence=silence, spread=spread, stated=stated)
     last_views = _look(pipeline, state.last_views, views, slot)
     ordered = _in_flight(pipeline, state, online)
     situation = _situation(pipeline, state, (occlusion, visibility), last_views, online, ordered)
@@ -220,7 +220,7 @@ def step(
         last_views=last_views,
         spread=spread,
         shown=shown,
-        stated_m=stated_m,
+        stated=stated,
         focused=focused,
     )
     return after, record
@@ -278,11 +278,11 @@ def _feedback(
     return state.focused + decision, expected
 
 
-def _stated_m(pipeline: Pipeline, state: SlotState, people: People) -> float:
-    """Return `SlotState.stated_m` after this slot, where the policy asks for it."""
+def _stated(pipeline: Pipeline, state: SlotState, people: People) -> StatedError:
+    """Return `SlotState.stated` after this slot, where the policy asks for it."""
     if not pipeline.foresees or state.slot < pipeline.warmup_slots:
-        return state.stated_m
-    return recent_error_m(state.stated_m, people.covariance_m2, pipeline.interval_s)
+        return state.stated
+    return state.stated.after(people.covariance_m2, pipeline.interval_s)
 
 
 def _situation(
@@ -311,7 +311,7 @@ def _situation(
         deficit=state.deficit,
         budget=pipeline.budget,
         price=state.deficit if cost_j is None else price(state.deficit, cost_j),
-        stated_error_m=state.stated_m,
+        stated=state.stated,
     )
 
 

@@ -8,46 +8,55 @@ stated says how far off that was.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-MEMORY_S = 3.0  # of the mean
-CORRECTION = 2.0  # powers of target over stated error that the aim differs from the target
+MEMORY_S = 8.0  # of the mean
+CORRECTION = 5.0  # powers of target over stated error that the aim differs from the target
 MOST = 2.0  # times the target, and its inverse
 
 
-def recent_error_m(before_m: float, covariance_m2: Floats, interval_s: float) -> float:
-    """Return the mean error stated in the last seconds, in metres; NaN before anybody was shown.
+@dataclass(frozen=True, slots=True)
+class StatedError:
+    """Mean error stated in the last seconds, from the end of the warm-up on.
 
-    Args:
-        before_m: what was returned for the slot before.
-        covariance_m2: `(num_persons, num_joints, 3, 3)` of the people shown; NaN where unknown.
-        interval_s: seconds per slot.
+    Attributes:
+        mean_m: metres; 0 before the first.
+        filled: in [0, 1): share of the memory that there was something to remember in.
     """
-    from e3pose.select.kernels.foresight import stated_error
 
-    newest_m = stated_error(np.ascontiguousarray(covariance_m2, dtype=np.float64))
-    if math.isnan(newest_m):
-        return before_m
-    if math.isnan(before_m):
-        return newest_m
-    return before_m + (1 - math.exp(-interval_s / MEMORY_S)) * (newest_m - before_m)
+    mean_m: float = 0.0
+    filled: float = 0.0
 
+    def after(self, covariance_m2: Floats, interval_s: float) -> StatedError:
+        """Return the mean with another slot.
 
-def aim_m(target_m: float, stated_m: float) -> float:
-    """Return the expected error to choose cameras for, so that what is stated meets the target.
+        Args:
+            covariance_m2: `(num_persons, num_joints, 3, 3)` of the people shown; NaN where unknown.
+            interval_s: seconds per slot.
+        """
+        from e3pose.select.kernels.foresight import stated_error
 
-    Proportional in the logarithm: of what an uncorrected aim would miss the target by, a third is
-    left. A longer lead reacts later, but no more strongly, as the mean is longer than any lead.
+        newest_m = stated_error(np.ascontiguousarray(covariance_m2, dtype=np.float64))
+        if math.isnan(newest_m):
+            return self
+        share = 1 - math.exp(-interval_s / MEMORY_S)
+        filled = self.filled + share * (1 - self.filled)
+        mean_m = self.mean_m + share / filled * (newest_m - self.mean_m)
+        return StatedError(mean_m, filled)
 
-    Args:
-        target_m: the error asked for.
-        stated_m: `recent_error_m`; NaN leaves the target alone.
-    """
-    if math.isnan(stated_m) or stated_m <= 0:
-        return target_m
-    factor = math.pow(target_m / stated_m, CORRECTION)
-    return target_m * min(max(factor, 1 / MOST), MOST)
+    def aim_m(self, target_m: float) -> float:
+        """Return the expected error to choose cameras for, so that what is stated meets the target.
+
+        Proportional in the logarithm: of what an uncorrected aim would miss the target by, a sixth
+        is left. An error that was stated for a short time only corrects little, so that the
+        certainty which the warm-up leaves behind is not made up for.
+        """
+        if not self.mean_m > 0:
+            return target_m
+        factor = math.pow(target_m / self.mean_m, CORRECTION * self.filled)
+        return target_m * min(max(factor, 1 / MOST), MOST)

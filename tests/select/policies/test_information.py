@@ -14,6 +14,7 @@ from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.newcomers import Entrants
 from e3pose.select.policies import Selection, Situation
 from e3pose.select.policies.information import LOOK_AGAIN_S, Information
+from e3pose.select.stated_error import StatedError
 
 EYE = np.array([1.0, 0, 0, 1, 0, 1])
 
@@ -169,10 +170,11 @@ def test_what_was_stated_moves_the_number_of_cameras() -> None:
     errors = [float(seen.expected_error_m(np.arange(6)[None] < n)[0]) for n in range(1, 6)]
     policy = Information(3, target_error_m=errors[2] * 1.001)
 
-    def count(stated_error_m: float) -> int:
-        return int(policy.select(situation(seen, stated_error_m=stated_error_m)).sum())
+    def count(mean_m: float, filled: float = 0.9) -> int:
+        stated = StatedError(mean_m, filled)
+        return int(policy.select(situation(seen, stated=stated)).sum())
 
-    assert count(np.nan) == count(errors[2]) == 3
+    assert count(errors[0], filled=0.0) == count(errors[2]) == 3
     assert count(errors[0]) > 3 > count(errors[4])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import floor
 from typing import Protocol
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.model.slot_record import Selection as Selection
 from e3pose.select.expected_information import Foresight
+from e3pose.select.stated_error import StatedError
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +36,7 @@ class Situation:
         spread: how much `occlusion` usually differs between cameras here, the unit of V of the
             paper's policies; 0 where nobody has hidden anybody yet.
         foresight: what each camera is expected to tell; None where nobody asked for it.
-        stated_error_m: mean error that the estimator stated in the last seconds, after the warm-up;
-            NaN where it states none yet.
+        stated: how large errors the estimator stated in the last seconds, after the warm-up.
     """
 
     slot: int
@@ -51,7 +51,7 @@ class Situation:
     price: Floats
     spread: float = 0.0
     foresight: Foresight | None = None
-    stated_error_m: float = float("nan")
+    stated: StatedError = field(default_factory=StatedError)
 
 
 class Policy(Protocol):

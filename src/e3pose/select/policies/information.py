@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from e3pose.select.expected_information import Foresight
 from e3pose.select.policies.base import Selection, Situation, count_at
-from e3pose.select.stated_error import aim_m
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -61,7 +60,7 @@ class Information:
         if foresight is None:
             raise ValueError("the policy needs a foresight")
         if self.target_error_m is not None:
-            aim = aim_m(self.target_error_m, situation.stated_error_m)
+            aim = situation.stated.aim_m(self.target_error_m)
             return self._fewest(situation, foresight, aim)
         count = count_at(situation.slot, self.num_selected)
         return self._best(situation, foresight, situation.online, count)
