@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaincinv, poch
+from scipy.special import fdtri, poch
 
 Floats = NDArray[np.float64]
+
+# Degrees of freedom of the t-distribution of errors over the distance expected of them; it holds
+# their quantiles from 50 to 99 % (`docs/experiments/2026-11-22-inflation-by-person.md`).
+TAILS = 4.0
 
 
 def expected_distance_m(covariance_m2: Floats) -> Floats:
@@ -32,12 +36,17 @@ def axis_sigma_m(covariance_m2: Floats) -> Floats:
 def distance_within_m(covariance_m2: Floats, share: float) -> Floats:
     """Return the distance `(*batch)` that holds `share` of the positions, in metres.
 
-    As `expected_distance_m`; 0.9 is the band that reports show.
+    Covariances are right on average, but one is too large and another too small, so that errors
+    have the tails of a t-distribution. This one has the mean of `expected_distance_m`; 0.9 is the
+    band that reports show.
     """
     total = np.trace(covariance_m2, axis1=-2, axis2=-1)
     squared = (covariance_m2 * np.swapaxes(covariance_m2, -1, -2)).sum(axis=(-1, -2))
     degrees = total**2 / squared
-    return np.asarray(np.sqrt(2 * total / degrees * gammaincinv(degrees / 2, share)))
+    mean = np.sqrt(TAILS / 2) / poch(
+        TAILS / 2 - 0.5, 0.5
+    )  # of the root of the inverse of chi-square
+    return np.asarray(np.sqrt(total * fdtri(degrees, TAILS, share)) / mean)
 
 
 def mean_distance(total: Floats, degrees: Floats) -> Floats:
