@@ -43,9 +43,8 @@ def distance_within_m(covariance_m2: Floats, share: float) -> Floats:
     total = np.trace(covariance_m2, axis1=-2, axis2=-1)
     squared = (covariance_m2 * np.swapaxes(covariance_m2, -1, -2)).sum(axis=(-1, -2))
     degrees = total**2 / squared
-    mean = np.sqrt(TAILS / 2) / poch(
-        TAILS / 2 - 0.5, 0.5
-    )  # of the root of the inverse of chi-square
+    # The mean of the root of an inverse chi-square variable: that of a t-distribution's scale.
+    mean = np.sqrt(TAILS / 2) / poch(TAILS / 2 - 0.5, 0.5)
     return np.asarray(np.sqrt(total * fdtri(degrees, TAILS, share)) / mean)
 
 
