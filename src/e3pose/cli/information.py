@@ -109,7 +109,8 @@ def _camera_tables(cameras: tuple[CameraDescription, ...], width: int) -> list[T
         "median score": [_number(c.median_score, "{:.2f}") for c in cameras],
         "video": [c.video or "-" for c in cameras],
     }
-    return fitted_tables({"camera": [c.camera_id for c in cameras]}, columns, width)
+    left = ("camera", "image", "lens", "centre, m", "video")
+    return fitted_tables({"camera": [c.camera_id for c in cameras]}, columns, width, left=left)
 
 
 def _truth_line(description: Description) -> str:

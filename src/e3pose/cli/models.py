@@ -27,7 +27,7 @@ def list_models() -> None:
     columns: dict[str, list[str]] = {"weights": [], "size": [], "licence": [], "network": []}
     for model in MODELS.values():
         if model.source is None:
-            state, size = "your own file: --model PATH", "-"
+            state, size = "your own file", "-"
         else:
             state = "installed" if is_installed(model.name) else "not installed"
             size = f"{model.size_bytes / 1e6:.1f} MB"
@@ -35,7 +35,8 @@ def list_models() -> None:
         for cells, cell in zip(columns.values(), row, strict=True):
             cells.append(cell)
     console = table_console(200)
-    for table in fitted_tables({"name": list(MODELS)}, columns, console.width):
+    left = ("name", "weights", "licence", "network")
+    for table in fitted_tables({"name": list(MODELS)}, columns, console.width, left=left):
         console.print(table)
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.progress import Progress
 
 T = TypeVar("T")
@@ -18,9 +20,35 @@ def track_progress(items: Iterable[T], total: int | None, label: str) -> Iterato
     from rich.progress import track
 
     console = Console(stderr=True)
-    yield from track(
-        items, description=label, total=total, console=console, disable=not console.is_terminal
-    )
+    with _compiling_said(console):
+        yield from track(
+            items, description=label, total=total, console=console, disable=not console.is_terminal
+        )
+
+
+@contextmanager
+def _compiling_said(console: Console) -> Iterator[None]:
+    """Say on a terminal, once, that kernels are compiled, for a minute in which no bar moves."""
+    if "numba" not in sys.modules or not console.is_terminal:
+        yield
+        return
+    from numba.core import event
+
+    class Notice(event.Listener):  # type: ignore[misc]  # untyped
+        """Prints at the first kernel that is not in the cache on disk."""
+
+        said = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.said:
+                self.said = True
+                console.print("Compiling for this machine: once, one to two minutes.", style="dim")
+
+        def on_end(self, event: Any) -> None:
+            """Nothing: the bar goes on."""
+
+    with event.install_listener("numba:compile", Notice()):
+        yield
 
 
 @contextmanager

@@ -141,13 +141,13 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
         if value is not None:
             figures.add_row(FIGURE_NAMES.get(heading, heading), f"{value:.{digits}f}")
     _print(figures, console)
-    for line in noise_lines(summary):
+    for line in (*warmup_lines(summary), *noise_lines(summary)):
         _print(line, console)
     selection, energy = summary.selection, summary.energy
     if selection is None or energy is None:
         return
     cameras = Table(
-        title=f"cameras: profile {energy.profile}, {energy.battery_wh:g} Wh batteries",
+        title=f"cameras, modelled: profile {energy.profile}, {energy.battery_wh:g} Wh",
         title_justify="left",
     )
     cameras.add_column("camera", no_wrap=True)
@@ -163,6 +163,14 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
             f"{figure.battery_hours:.2f}",
         )
     _print(cameras, console)
+
+
+def warmup_lines(summary: Summary) -> list[str]:
+    """Return a line on the warm-up if it is a tenth of the run or more, so that means show it."""
+    warmup = summary.settings.warmup_slots
+    if not summary.slots or 10 * warmup < summary.slots:
+        return []
+    return [f"warm-up: all cameras are active in the first {plural(warmup, 'slot')}"]
 
 
 def noise_lines(summary: Summary) -> list[str]:
