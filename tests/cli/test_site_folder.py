@@ -103,7 +103,7 @@ def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) ->
         (("--joint", "tail"), "--joint: found 'tail'"),
         (("--from", "soon"), "--from, --to: found 'soon'"),
         (("--from", "9", "--to", "5"), "--from, --to: found '9' to '5'"),
-        (("--what", "runs", "--from", "-1h"), "--from: found it with --what runs"),
+        (("--what", "runs", "--from", "-1h"), "--from: found with --what runs"),
         (("--what", "slots", "--track", "1"), "--track: found 1 with --what slots"),
     ],
 )

@@ -151,7 +151,7 @@ def test_detector_of_one_person_gets_a_box_of_each_who_is_expected_in_the_image(
 
 def test_detector_without_a_use_for_feedback_is_refused_by_name() -> None:
     check_feedback(Network(), "network")
-    with pytest.raises(InputError, match="feedback: found it with mine:Own, which detects in whol"):
+    with pytest.raises(InputError, match="feedback: found with mine:Own, which detects in whol"):
         check_feedback(object(), "mine:Own")
 
 

@@ -71,5 +71,5 @@ def test_the_papers_pipeline_has_nothing_to_smooth_with(tmp_path: Path) -> None:
         'format = "e3pose-site"\nversion = 1\nname = "lab"\ncalibration = "rig.toml"\nfps = 25\n'
         'smooth_delay_ms = 200\n[loop]\npipeline = "paper"\n'
     )
-    with pytest.raises(InputError, match="smooth_delay_ms: found it with the pipeline paper"):
+    with pytest.raises(InputError, match="smooth_delay_ms: found with the pipeline paper"):
         load_site(tmp_path / "site.toml")

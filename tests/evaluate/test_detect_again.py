@@ -156,7 +156,7 @@ def test_feedback_for_a_detector_without_a_use_for_it_is_refused(
 ) -> None:
     video = f"cam0={films / 'videos' / recording.videos['cam0']}"
     told = DetectSettings(feedback=True)
-    with pytest.raises(InputError, match="found it with mine, which detects in whole images"):
+    with pytest.raises(InputError, match="found with mine, which detects in whole images"):
         detect_videos([video], recording.rig, Plain(), tmp_path / "out", told, "mine 1234")
     assert not partial_folder(tmp_path / "out").exists()
     (tmp_path / "mine.py").write_text(
@@ -168,7 +168,7 @@ def test_feedback_for_a_detector_without_a_use_for_it_is_refused(
         ("evaluate", "--policies", "all+feedback"),
     ):
         assert run(words[0], films, *words[1:], "--detector", own) == 2
-        assert "--feedback: found it with" in capsys.readouterr().err
+        assert "--feedback: found with" in capsys.readouterr().err
 
 
 class Interrupted(Counting):
@@ -211,7 +211,7 @@ def test_detection_with_feedback_goes_on_after_an_interruption(
 
 
 def test_detection_with_feedback_needs_the_places_of_cameras(films: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="without the places of the cameras"):
+    with pytest.raises(InputError, match="without camera positions"):
         detect_videos(
             [films / "videos" / "cam0.mp4"], None, Counting(), tmp_path / "out",
             DetectSettings(feedback=True),

@@ -164,12 +164,12 @@ def test_views_that_disagree_match_up_to_the_distance(
         (
             "default",
             0.15,
-            "match_distance: found it with the pipeline default",
+            "match_distance: found with the pipeline default",
         ),
         (
             "memory",
             0.15,
-            "match_distance: found it with the pipeline memory",
+            "match_distance: found with the pipeline memory",
         ),
         ("paper", 0.0, "match_distance: found 0 mm"),
         ("paper", 0.3, "match_distance: found 300 mm, expected .* less than 300 mm"),
@@ -196,18 +196,18 @@ def test_the_paper_matches_by_pixels_from_epipolar_lines(
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"pipeline": "memory", "matcher": "rays"}, "matcher: found it with the pipeline memory"),
-        ({"epipolar_px": 20.0}, "epipolar_px: found it with the pipeline default"),
+        ({"pipeline": "memory", "matcher": "rays"}, "matcher: found with the pipeline memory"),
+        ({"epipolar_px": 20.0}, "epipolar_px: found with the pipeline default"),
         ({"pipeline": "paper", "matcher": "best"}, "matcher: found 'best', expected rays or"),
         ({"pipeline": "paper", "epipolar_px": 0.0}, "epipolar_px: found 0 px"),
         ({"pipeline": "paper", "epipolar_px": float("nan")}, "epipolar_px: found nan px"),
         (
             {"pipeline": "paper", "match_distance_m": 0.1},
-            "match_distance: found it with the matcher epipolar, expected the matcher rays",
+            "match_distance: found with the matcher epipolar, expected the matcher rays",
         ),
         (
             {"pipeline": "paper", "matcher": "rays", "epipolar_px": 20.0},
-            "epipolar_px: found it with the matcher rays, expected the matcher epipolar",
+            "epipolar_px: found with the matcher rays, expected the matcher epipolar",
         ),
     ],
 )

@@ -175,7 +175,7 @@ TOML, VIEW, TRUTH = "recording.toml", "keypoints/cam1.jsonl", "truth.jsonl"
 @pytest.mark.parametrize(
     ("break_it", "message"),
     [
-        (lambda folder: shutil.rmtree(folder), "rec: found no such folder"),
+        (lambda folder: shutil.rmtree(folder), "rec: no such folder"),
         (_remove(TOML), r"found a folder without recording.toml"),
         (_write(TOML, b""), "recording.toml: format: found 'None'"),
         (_cut(TOML, 0.3), "recording.toml: "),

@@ -212,5 +212,5 @@ def test_other_kinds_of_database_are_refused() -> None:
 
 def test_size_of_a_server_is_not_ours_to_keep(url: str, run: Runs) -> None:
     settings = WriterSettings(retention=Retention(max_bytes=10**9))
-    with pytest.raises(InputError, match="max_size: found it with a database server"):
+    with pytest.raises(InputError, match="max_size: found with a database server"):
         StoreWriter(url, run(), settings)

@@ -109,8 +109,8 @@ def detect_videos(
     settings = settings or DetectSettings()
     check_free(dest, settings.overwrite)
     if settings.feedback and (rig is None or not rig.placed):
-        found = "it without the places of the cameras"
-        raise InputError("feedback", found, "--calibration with a file of the whole rig")
+        found = "without camera positions"
+        raise InputError("feedback", found, "--calibration with the positions of all cameras")
     if settings.feedback:
         check_feedback(detector, detector_name.partition(" ")[0])
     paths = name_videos(videos) if rig is None else pair_videos(videos, rig)
@@ -118,8 +118,12 @@ def detect_videos(
     sources = open_sources(paths, settings.fps)
     if rig is None:
         rig = assumed_rig({name: source.image_size for name, source in sources.items()})
-    for camera_id in (*settings.offsets_s, *settings.rotations):
-        rig.index(camera_id)
+    for option, chosen in (("offset", settings.offsets_s), ("rotation", settings.rotations)):
+        for camera_id in chosen:
+            try:
+                rig.index(camera_id)
+            except InputError as error:
+                raise error.at(thing=option) from None
     seen_rig = rig.subset([rig.index(camera_id) for camera_id in sources])
     for camera_id, source in sources.items():
         _check_size(seen_rig, camera_id, source)

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
-from cyclopts import App, CycloptsError, Group
+from cyclopts import App, CycloptsError, Group, MissingArgumentError
 
 from e3pose import __version__
 from e3pose.cli.attaching import attach
@@ -215,7 +215,12 @@ def _fail(message: str) -> NoReturn:
 
 
 def _one_line(error: Exception) -> str:
-    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+    if isinstance(error, MissingArgumentError) and error.argument is not None:
+        what = (
+            f"{error.keyword} needs a value" if error.keyword else f"missing {error.argument.name}"
+        )
+        text = f"{' '.join(error.command_chain or ())}: {what}"
+    elif isinstance(error, OSError) and error.strerror and error.filename is not None:
         text = f"{os.fsdecode(error.filename)}: {error.strerror.lower()}"
     else:
         text = (isinstance(error, OSError) and error.strerror) or str(error)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 EXIT_INTERRUPTED = 130
 
 Flag = Annotated[bool, Parameter(negative="")]
+# What errors call a setting, and the option that sets it.
+OPTIONS = {"feedback": "--feedback", "offset": "--offset", "rotation": "--rotation"}
 
 
 def detect(
@@ -110,6 +112,8 @@ def detect(
         raise InputError("--link-videos and --copy-videos: found both, expected at most one")
     *videos, last = paths
     dest = Path(last)
+    if dest.is_file():
+        raise InputError("DEST", f"the file {dest}", "a folder to create, after the videos")
     rotations = camera_rotations("--rotation", rotation or [])
     if calibration is not None:
         known = load_rotations(calibration)
@@ -134,7 +138,7 @@ def detect(
     if calibration is not None:
         rig = load_rig(calibration)
     detector, name = _detector(model, family, provider, threads)
-    with _resumable(dest), as_typed({"feedback": "--feedback"}), frame_bar() as progress:
+    with _resumable(dest), as_typed(OPTIONS), frame_bar() as progress:
         report = detect_videos(videos, rig, detector, dest, settings, name, progress)
     _print(dest, report)
     if rig is None or not rig.placed:

@@ -96,9 +96,9 @@ def export(
 
     form = format_of(dest, format_name)
     if angles and form not in ("csv", "parquet"):
-        raise InputError(f"--angles: found it with {form}, expected csv or parquet")
+        raise InputError(f"--angles: found with {form}, expected csv or parquet")
     if units is not None and form not in ("trc", "c3d", "bvh"):
-        raise InputError(f"--units: found it with {form}, expected trc, c3d or bvh")
+        raise InputError(f"--units: found with {form}, expected trc, c3d or bvh")
     asked_smoothing = smooth.settings()
     with as_typed({"": "--fill"}):
         fill_s = 0.0 if fill is None else duration_s(fill)
@@ -108,7 +108,7 @@ def export(
         from e3pose.recording.calibration import load_rig
 
         if form not in ("coco", "openpose"):
-            raise InputError(f"--calibration: found it with {form}, expected coco or openpose")
+            raise InputError(f"--calibration: found with {form}, expected coco or openpose")
         rig = load_rig(calibration)
     for number in [*(track or ()), *([] if run is None else [run])]:
         if not 0 <= number < 2**63:

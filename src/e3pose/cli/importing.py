@@ -86,7 +86,7 @@ def shelf(
         return
     for option, value in (("--frames", frames), ("--detections", detected.detections)):
         if value is not None:
-            raise InputError(option, f"it with {source.name}", "the published folder of Shelf")
+            raise InputError(option, f"with {source.name}", "the published folder of Shelf")
     _save(import_shelf(source, skeleton), dest, overwrite)
 
 

@@ -97,7 +97,7 @@ def query(
     if what == "runs":
         for option, value in (("--from", from_), ("--to", to)):
             if value is not None:
-                raise InputError(f"{option}: found it with --what runs, which lists whole runs")
+                raise InputError(f"{option}: found with --what runs, which lists whole runs")
     for option, value in (("--track", track), ("--run", run)):
         if value is not None and not 0 <= value < 2**63:
             raise InputError(f"{option}: found {str(value)[:40]}, expected a number of 0 or more")

@@ -152,7 +152,7 @@ def train(
     )
     before: AttentionLstm | None = None
     if start is not None and published:
-        raise InputError("--published", "it with --start", "one of them")
+        raise InputError("--published", "with --start", "one of them")
     if start is not None:
         before, settings = _gone_on_from(start, settings)
     if dropout is not None:

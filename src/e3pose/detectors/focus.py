@@ -103,7 +103,7 @@ def uses_feedback(detector: Any) -> bool:
 def check_feedback(detector: Any, name: str) -> None:
     """Raise `InputError` unless a detector of this name uses feedback."""
     if not uses_feedback(detector):
-        found = f"it with {name[:80] or 'a detector'}, which detects in whole images alone"
+        found = f"with {name[:80] or 'a detector'}, which detects in whole images alone"
         raise InputError("feedback", found, "a detector with detect_part or detect_in_boxes")
 
 

@@ -180,7 +180,8 @@ def open_top_down(
     """
     if not folder.is_dir():
         wants = "a folder with a network for people's boxes and one for keypoints"
-        raise InputError(str(folder), "a file" if folder.exists() else "no such folder", wants)
+        found = "found a file" if folder.exists() else "no such folder"
+        raise InputError(f"{folder}: {found}, expected {wants}")
     files = network_files(folder)
     if len(files) != 2:
         wants = "two: one that finds people as boxes, one that finds keypoints"

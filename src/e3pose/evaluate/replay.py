@@ -80,7 +80,7 @@ def replay(
         estimator=asked.estimator if estimator is None else estimator,
     )
     if settings.feedback and look is None:
-        raise InputError("feedback", "it without pixels", "a recording with videos")
+        raise InputError("feedback", "without pixels", "a recording with videos")
     pipeline = make_pipeline(recording, settings, clock)
     day = settings.faults
     gone_s = deaths_s(recording, day.kills, settings.phase)

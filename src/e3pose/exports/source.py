@@ -109,9 +109,7 @@ def take_from_table(path: Path, asked: Asked) -> Take:
     """
     for option, value in (("--site", asked.site), ("--run", asked.run)):
         if value is not None:
-            raise InputError(
-                f"{option}: found it with {path}, expected a store: a table is one run"
-            )
+            raise InputError(f"{option}: found with {path}, expected a store: a table is one run")
     table = _read(path)
     runs = set(np.unique(table["run"]).tolist()) if "run" in table else {0}
     if len(runs) > 1:

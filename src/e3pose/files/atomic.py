@@ -128,7 +128,7 @@ def check_free(
         ours: as of `atomic_folder`.
     """
     if path.is_symlink():
-        raise InputError(f"{path}: a symbolic link stands where a folder is to be written")
+        raise InputError(f"{path}: found a symbolic link, expected the name of a folder to create")
     if path.is_dir():
         if not any(path.iterdir()):
             return
@@ -141,7 +141,7 @@ def check_free(
                 "remove it yourself or choose another name"
             )
     elif path.exists():
-        raise InputError(f"{path}: a file stands where a folder is to be written")
+        raise InputError(f"{path}: found a file, expected the name of a folder to create")
     _check_above(path)
 
 

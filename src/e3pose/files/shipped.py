@@ -34,7 +34,7 @@ def read_shipped(
     path = Path(name_or_path)
     if not path.is_file():
         raise InputError(
-            f"{name[:200] or repr(name)}: {what}: found no such file, "
+            f"{name[:200] or repr(name)}: {what}: no such file, "
             f"expected {', '.join(names)} or the path of a TOML file"
         )
     return read_toml(path, limit_bytes), str(path)

@@ -71,8 +71,8 @@ def load_recording(path: Path | str) -> Recording:
     """
     folder = Path(path)
     if not folder.is_dir():
-        what = "a file, expected a recording folder" if folder.exists() else "no such folder"
-        raise InputError(f"{folder}: found {what}")
+        what = "found a file" if folder.exists() else "no such folder"
+        raise InputError(f"{folder}: {what}, expected a recording folder")
     if not (folder / HEADER).exists():
         raise InputError(f"{folder}: found a folder without {HEADER}, expected a recording folder")
     header = _read_header(folder / HEADER)

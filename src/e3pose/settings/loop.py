@@ -181,10 +181,10 @@ class LoopSettings:
                 raise InputError("cameras", f"{count:g} per slot", wanted)
             return self
         if self.num_selected is not None and self.target_error_m is not None:
-            found = "it with cameras"
+            found = "with cameras"
             raise InputError("target_error", found, "one of them: it chooses the number of cameras")
         if plan.budget is not None and self.budget is not None:
-            raise InputError("lifetime", "it with budget", "one of them: it sets all budgets")
+            raise InputError("lifetime", "with budget", "one of them: it sets all budgets")
         count = self.num_selected
         if count is None and plan.budget is not None:
             count = min(LIFETIME_SHARE * sum(plan.budget), num_cameras)

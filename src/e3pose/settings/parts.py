@@ -187,15 +187,14 @@ def _fusion(settings: LoopSettings) -> FusionSettings:
         if value is not None and not paper:
             raise InputError(
                 thing,
-                f"it with the pipeline {settings.pipeline}, which matches views to people it "
-                "follows",
+                f"with the pipeline {settings.pipeline}, which matches views to people it follows",
                 "the pipeline paper",
             )
     if matcher not in MATCHERS:
         raise InputError("matcher", repr(matcher)[:60], " or ".join(MATCHERS))
     for thing, wanted in (("match_distance", "rays"), ("epipolar_px", "epipolar")):
         if asked[thing] is not None and matcher != wanted:
-            raise InputError(thing, f"it with the matcher {matcher}", f"the matcher {wanted}")
+            raise InputError(thing, f"with the matcher {matcher}", f"the matcher {wanted}")
     usual = FusionSettings(
         refine_steps=PAPER_REFINE_STEPS,
         reject_outliers=settings.reject_outliers,
@@ -239,7 +238,7 @@ def noise_warning(place: Place, settings: LoopSettings) -> str:
 def _check(settings: LoopSettings, row: PolicyRow, num_cameras: int) -> None:
     if settings.target_error_m is not None and not row.aims:
         aiming = ", ".join(name for name, each in POLICIES.items() if each.aims)
-        found = f"it with the policy {settings.policy_name}, which wakes a given number of cameras"
+        found = f"with the policy {settings.policy_name}, which wakes a given number of cameras"
         raise InputError("target_error", found, aiming)
     costs = settings.cost_j
     if costs is not None and not (len(costs) == num_cameras and all(0 < c < 1e9 for c in costs)):

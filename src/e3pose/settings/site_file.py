@@ -252,7 +252,7 @@ class SiteTable:
         if self.smooth_delay_ms and self.loop.pipeline == "paper":
             raise InputError(
                 "smooth_delay_ms",
-                "it with the pipeline paper, whose estimator has nothing to smooth with",
+                "with the pipeline paper, whose estimator has nothing to smooth with",
                 "the pipeline memory",
             )
         check_within("pace", self.pace, 1e-3, 1)

@@ -84,7 +84,7 @@ class SiteControls:
             raise InputError("camera_id", "none", "the camera to pause, or whose budget it is")
         loop, words = self._loop, []
         if control.cameras is not None and control.target_error_mm is not None:
-            raise InputError("target_error_mm", "it with cameras", "one of them")
+            raise InputError("target_error_mm", "with cameras", "one of them")
         if control.cameras is not None:
             loop = replace(loop, num_selected=control.cameras, target_error_m=None)
             words.append(f"{plural(control.cameras, 'camera')} per slot")
@@ -99,7 +99,7 @@ class SiteControls:
         loop = loop.for_rig(len(self._live.rig))
         chosen = make_policy(self._live, loop)
         if chosen[1] is None and control.cameras is not None:
-            found = f"it with the policy {loop.policy_name}, which has no number of cameras"
+            found = f"with the policy {loop.policy_name}, which has no number of cameras"
             raise InputError("cameras", found, "another policy in the site file")
         self._budget(dict(self._own), loop)
         self._loop, self._chosen = loop, chosen
@@ -110,7 +110,7 @@ class SiteControls:
         if name not in self._live.rig.camera_ids:
             raise InputError("camera_id", name, f"one of {', '.join(self._live.rig.camera_ids)}")
         if {control.cameras, control.target_error_mm, control.quality_weight} != {None}:
-            raise InputError("camera_id", "it with a setting of the site", "one of them at a time")
+            raise InputError("camera_id", "with a setting of the site", "one of them at a time")
         if control.budget:
             own = self._own | {name: parse_budget(control.budget, datetime.now().astimezone())}
             self._budget(own, self._loop)

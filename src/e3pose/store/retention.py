@@ -12,7 +12,7 @@ from e3pose.store.rows import NS
 BATCH_SLOTS = 200  # a few milliseconds of work: eight times what 25 slots a second add
 VACUUM_PAGES = 500
 SIZE_OF_SERVER = (
-    "max_size: found it with a database server, which keeps the space of what is deleted, "
+    "max_size: found with a database server, which keeps the space of what is deleted, "
     "expected keep, such as keep = '30d'"
 )
 

@@ -122,7 +122,7 @@ def test_memory_of_a_file_reaches_the_noise() -> None:
 def test_missing_field_and_missing_file_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="sigma_px"):
         decode_noise({k: v for k, v in GOOD.items() if k != "sigma_px"}, "my.toml")
-    with pytest.raises(InputError, match="noise: found no such file, expected simulated, openpose"):
+    with pytest.raises(InputError, match="noise: no such file, expected simulated, openpose"):
         load_noise(tmp_path / "absent.toml")
     (tmp_path / "bad.toml").write_text("format = ")
     with pytest.raises(InputError, match="text that is not TOML"):

@@ -48,7 +48,7 @@ def check_smoothing(settings: SmoothSettings) -> None:
         raise InputError(f"--smooth: found {method[:40]!r}, expected {', '.join(SMOOTHERS)}")
     if settings.cutoff_hz is not None and method not in CUTOFFS_HZ:
         which = " or ".join(CUTOFFS_HZ)
-        raise InputError(f"--cutoff: found it without --smooth {which}, which have one")
+        raise InputError(f"--cutoff: found without --smooth {which}, which have one")
 
 
 def smoothed(take: Take, settings: SmoothSettings) -> Take:
