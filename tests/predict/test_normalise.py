@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.reference.normalise import to_world
 
 from e3pose.model.skeleton import BODY25, COCO17, SHELF14, SKELETONS
 from e3pose.predict.kernels.history import SPEED_FLOOR_M
@@ -16,7 +17,6 @@ from e3pose.predict.normalise import (
     normalise,
     to_common,
     to_person,
-    to_world,
 )
 
 Floats = NDArray[np.float64]

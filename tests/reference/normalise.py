@@ -100,3 +100,14 @@ def _heading(newest_m: Floats, seen: NDArray[np.bool_]) -> tuple[Floats, Floats,
     known = length > 1e-3
     unit = np.where(known[:, None], across / np.where(known, length, 1.0)[:, None], [1.0, 0.0])
     return unit, unit[:, :1], unit[:, 1:]
+
+
+def to_world(normal: Normalised, places_m: Floats) -> Floats:
+    """Return `(*leads, num_tracks, NUM_COMMON, 3)` of the people's own frames in the world."""
+    cosine, sine = normal.heading[:, :1], normal.heading[:, 1:]
+    world = np.empty_like(places_m)
+    world[..., 0] = cosine * places_m[..., 0] - sine * places_m[..., 1]
+    world[..., 1] = sine * places_m[..., 0] + cosine * places_m[..., 1]
+    world[..., 2] = places_m[..., 2]
+    world += normal.centre_m[:, None]
+    return world

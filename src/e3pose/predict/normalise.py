@@ -154,17 +154,6 @@ def normalise(history_m: Floats, interval_s: float | Floats, num_slots: int) -> 
     return normal
 
 
-def to_world(normal: Normalised, places_m: Floats) -> Floats:
-    """Return `(*leads, num_tracks, NUM_COMMON, 3)` of the people's own frames in the world."""
-    cosine, sine = normal.heading[:, :1], normal.heading[:, 1:]
-    world = np.empty_like(places_m)
-    world[..., 0] = cosine * places_m[..., 0] - sine * places_m[..., 1]
-    world[..., 1] = sine * places_m[..., 0] + cosine * places_m[..., 1]
-    world[..., 2] = places_m[..., 2]
-    world += normal.centre_m[:, None]
-    return world
-
-
 def to_person(normal: Normalised, world_m: Floats) -> Floats:
     """Return `(*leads, num_tracks, NUM_COMMON, 3)` of the world in the people's own frames."""
     cosine, sine = normal.heading[:, :1], normal.heading[:, 1:]

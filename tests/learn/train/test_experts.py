@@ -7,7 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed: pip install e3pose[train]")
 
-from e3pose.learn.train.experts import NUM_KINDS, start_experts  # noqa: E402
+from e3pose.learn.train.experts import FPS, NOISE_M, start_experts  # noqa: E402
 from e3pose.learn.train.network import AttentionLstm, NetworkSettings  # noqa: E402
 from e3pose.learn.train.windows import Clip, Corruption, Sampler  # noqa: E402
 from e3pose.predict.normalise import NUM_COMMON, normalise, to_person  # noqa: E402
@@ -50,7 +50,7 @@ def test_experts_take_out_noise_and_leave_exact_motion_alone() -> None:
     assert newest_error(network, sampler, exact) < 0.8  # of a millimetre
 
 
-@pytest.mark.parametrize("experts", [1, NUM_KINDS + 2])
+@pytest.mark.parametrize("experts", [1, len(NOISE_M) * len(FPS) + 3])
 def test_any_number_of_experts_can_start(experts: int) -> None:
     sampler = Sampler([walking(0)], 4, 5)
     network = AttentionLstm(NetworkSettings(history_slots=4, hidden=8, experts=experts))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.reference.normalise import to_world
 
 from e3pose.learn.train.windows import (
     Clip,
@@ -14,7 +15,7 @@ from e3pose.learn.train.windows import (
     spoil,
     usual_error,
 )
-from e3pose.predict.normalise import NUM_COMMON, to_world
+from e3pose.predict.normalise import NUM_COMMON
 
 Floats = NDArray[np.float64]
 CLEAN = Corruption(exact=1.0, missing=0.0, short=0.0)

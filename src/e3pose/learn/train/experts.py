@@ -16,7 +16,6 @@ Floats = NDArray[np.float64]
 # histories, and does nothing: what regression finds there it finds in this motion alone.
 NOISE_M = ((0.004, 0.015), (0.015, 0.035), (0.035, 0.08))
 FPS = ((5.0, 16.0), (16.0, 40.0), (40.0, 60.0))
-NUM_KINDS = 1 + len(NOISE_M) * len(FPS)
 RIDGE = 3.0
 BATCH = 1000
 FLOOR_M = 0.0003
