@@ -13,7 +13,6 @@ from e3pose.estimate.filter.kernels.carry import carry
 from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.projection import MIN_DEPTH_M, project
-from e3pose.model.noise import ErrorMemory
 from e3pose.model.uncertainty import mean_distance
 from e3pose.select.expected_information import Foresight
 from e3pose.select.hidden_people import HiddenPeople
@@ -58,7 +57,6 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         prior=prior,
         views=full,
         counted=1 / inflation(since_s.T, terms),
-        fresh=freshness(since_s.T, outlook.memory),
         weights=outlook.delivered.max(axis=1, initial=0.0),
         hidden=HiddenPeople(hidden, useful),
         entrants=Entrants.nobody(len(rig)),
@@ -67,7 +65,7 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
 
 def information(foresight: Foresight, subsets: Flags) -> Floats:
     """See `Foresight.information`."""
-    after = _after(foresight, subsets, foresight.fresh)
+    after = _after(foresight, subsets)
     gain = np.log(_det(after)) - np.log(_det(foresight.prior.reshape(-1, 6)))
     weights = np.repeat(foresight.weights, foresight.prior.shape[1])
     return np.asarray(gain @ weights / max(weights.sum(), 1e-9) / 2)
@@ -76,22 +74,13 @@ def information(foresight: Foresight, subsets: Flags) -> Floats:
 def expected_error_m(foresight: Foresight, subsets: Flags) -> Floats:
     """See `Foresight.expected_error_m`."""
     shown = np.repeat(foresight.confirmed, foresight.prior.shape[1])
-    return np.asarray(
-        _distance(_after(foresight, subsets, foresight.counted)[:, shown]).mean(axis=-1)
-    )
+    return np.asarray(_distance(_after(foresight, subsets)[:, shown]).mean(axis=-1))
 
 
-def _after(foresight: Foresight, subsets: Flags, share: Floats) -> Floats:
-    views = (foresight.views * share[..., None, None]).reshape(len(share), -1)
+def _after(foresight: Foresight, subsets: Flags) -> Floats:
+    views = (foresight.views * foresight.counted[..., None, None]).reshape(subsets.shape[1], -1)
     added = subsets.astype(np.float64) @ views
     return np.asarray((added + foresight.prior.reshape(-1)).reshape(len(subsets), -1, 6))
-
-
-def freshness(since_s: Floats, memory: ErrorMemory) -> Floats:
-    """See `kernels.foresight.freshness`, `(*batch)`."""
-    r = memory.quick_share * np.exp(-since_s / memory.quick_s)
-    r = r + memory.lasting_share * np.exp(-since_s / memory.lasting_s)
-    return np.asarray((1 - r) / (1 + r))
 
 
 def shown_by(outlook: Outlook, inside: Flags, in_front: Floats) -> Floats:

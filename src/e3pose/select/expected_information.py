@@ -2,7 +2,7 @@
 
 A joint at p with covariance P, seen by the cameras of a set S, is expected to be left with
 
-    L(S) = P^-1 + sum_{c in S} w_c J_c' J_c,    w_c = delivered * visible * fresh / sigma_c^2
+    L(S) = P^-1 + sum_{c in S} w_c J_c' J_c,    w_c = delivered * visible * counted / sigma_c^2
 
 where J_c is the derivative of the projection. Between the newest slot and the one that is decided
 lie slots whose cameras are already ordered: P is what their views are expected to leave of what is
@@ -38,8 +38,8 @@ class Foresight:
         prior: `(num_tracks, num_joints, 6)` before any view of the slot.
         views: `(num_cameras, num_tracks, num_joints, 6)` that each camera would add if its errors
             were new ones.
-        counted: `(num_cameras, num_tracks)` share of that which the estimator counts.
-        fresh: `(num_cameras, num_tracks)` share of that which is new.
+        counted: `(num_cameras, num_tracks)` share of that which the estimator counts, less the
+            sooner the camera looks again.
         weights: `(num_tracks,)` how much each person counts. Somebody whom no camera showed of late
             may not be there: that cameras would tell much if they were must not decide.
         entrants: people who are not tracked yet.
@@ -51,7 +51,6 @@ class Foresight:
     prior: Floats
     views: Floats
     counted: Floats
-    fresh: Floats
     weights: Floats
     entrants: Entrants
     hidden: HiddenPeople
@@ -69,7 +68,7 @@ class Foresight:
 
         nats = np.zeros(len(subsets))
         if self.prior.size:
-            information(self.prior, self.views, self.fresh, self.weights, subsets, nats)
+            information(self.prior, self.views, self.counted, self.weights, subsets, nats)
         return nats
 
     def gains_nats(self, chosen: Flags) -> Floats:
@@ -82,7 +81,7 @@ class Foresight:
 
         nats = np.zeros(len(chosen))
         if self.prior.size:
-            gains(self.prior, self.views, self.fresh, self.weights, chosen, nats)
+            gains(self.prior, self.views, self.counted, self.weights, chosen, nats)
         return nats
 
     def expected_error_m(self, subsets: Flags) -> Floats:
@@ -112,15 +111,14 @@ def foresee(
         ordered: `(num_ordered, num_cameras)` from the next slot to the one before that which is
             decided: the cameras that are already ordered; None where it is the next one.
     """
-    from e3pose.select.kernels.foresight import Autocorrelation, foresee_views
+    from e3pose.select.kernels.foresight import foresee_views
 
-    memory = outlook.memory
     if ordered is None:
         ordered = np.zeros((0, len(rig)), dtype=bool)
     num_tracks, num_joints, _ = outlook.joints_m.shape
     prior = np.empty((num_tracks, num_joints, 6))
     views = np.empty((len(rig), *prior.shape))
-    shown, counted, fresh = np.empty((3, len(rig), num_tracks))
+    shown, counted = np.empty((2, len(rig), num_tracks))
     foresee_views(
         np.ascontiguousarray(outlook.joints_m),
         rig.projections,
@@ -131,8 +129,7 @@ def foresee(
         outlook.covariance,
         outlook.drift_m2ps3,
         outlook.velocity_lasts_s,
-        memory_terms(memory),
-        Autocorrelation(memory.quick_share, memory.quick_s, memory.lasting_share, memory.lasting_s),
+        memory_terms(outlook.memory),
         interval_s,
         ordered if outlook.has_memory else np.zeros_like(ordered),
         outlook.last_seen_s.copy(),
@@ -140,7 +137,6 @@ def foresee(
         shown,
         prior,
         counted,
-        fresh,
     )
     return Foresight(
         track_ids=outlook.track_ids,
@@ -148,7 +144,6 @@ def foresee(
         prior=prior,
         views=views,
         counted=counted,
-        fresh=fresh,
         weights=outlook.delivered.max(axis=1, initial=0.0),
         hidden=expected_hidden(outlook.needed, shown, ordered),
         entrants=expected_entrants(

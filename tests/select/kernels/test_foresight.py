@@ -13,7 +13,7 @@ import e3pose.runtime.kernel as compiling
 from e3pose.estimate.base import Outlook
 from e3pose.model.noise import ErrorMemory
 from e3pose.select.expected_information import Foresight, foresee
-from e3pose.select.kernels.foresight import Autocorrelation, foresee_views, freshness
+from e3pose.select.kernels.foresight import foresee_views
 from e3pose.select.newcomers import expected_entrants
 
 Flags = NDArray[np.bool_]
@@ -21,9 +21,6 @@ RIG = looking((4, 0), (0, 4), (-4, 0), (3, 3))
 SLOT_S = 0.04
 JOINTS = 9
 MEMORY = ErrorMemory()
-AUTOCORRELATION = Autocorrelation(
-    MEMORY.quick_share, MEMORY.quick_s, MEMORY.lasting_share, MEMORY.lasting_s
-)
 
 
 def outlook(seed: int, people: int = 3) -> Outlook:
@@ -62,7 +59,7 @@ def test_foresight_is_that_of_numpy(seed: int) -> None:
     people, ordered = outlook(seed), subsets()[seed : seed + 3]
     found = foresee(RIG, people, SLOT_S, ordered)
     expected = plain.foresee(RIG, people, SLOT_S, ordered)
-    for name in ("prior", "views", "counted", "fresh", "weights"):
+    for name in ("prior", "views", "counted", "weights"):
         np.testing.assert_allclose(
             getattr(found, name), getattr(expected, name), rtol=1e-8, err_msg=name
         )
@@ -107,12 +104,6 @@ def test_entrants_are_those_of_numpy(seed: int) -> None:
     np.testing.assert_allclose(found.others, expected.others)
     np.testing.assert_allclose(found.weights, expected.weights)
     np.testing.assert_allclose(found.starts(subsets()), newcomers.starts(expected, subsets()))
-
-
-def test_freshness_is_that_of_numpy() -> None:
-    since_s = np.array([0.0, 0.04, 0.4, 4.0, np.inf])
-    found = [freshness(each, AUTOCORRELATION) for each in since_s]
-    np.testing.assert_allclose(found, plain.freshness(since_s, ErrorMemory()))
 
 
 def test_kernel_on_disk_is_stamped_with_its_sources() -> None:

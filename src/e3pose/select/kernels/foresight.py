@@ -6,7 +6,6 @@ Symmetric 3 x 3 matrices are their six upper entries, xx, xy, xz, yy, yz and zz.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,22 +29,6 @@ LEAST_DEPTH_M = 1e-6  # in place of smaller depths, so that no pixel is infinite
 MOST_PRODUCT = 1e200  # of ratios before their logarithm is taken
 
 
-class Autocorrelation(NamedTuple):
-    """Of the errors of a view: how much of their variance is left after a time.
-
-    Attributes:
-        quick_share: of the variance that is down to 1/e after `quick_s`.
-        quick_s: seconds.
-        lasting_share: likewise of `lasting_s`.
-        lasting_s: seconds.
-    """
-
-    quick_share: float
-    quick_s: float
-    lasting_share: float
-    lasting_s: float
-
-
 @kernel
 def foresee_views(
     joints_m: Floats,
@@ -58,7 +41,6 @@ def foresee_views(
     drift_m2ps3: Floats,
     velocity_lasts_s: Floats,
     terms: MemoryTerms,
-    autocorrelation: Autocorrelation,
     interval_s: float,
     carried: Flags,
     since_s: Floats,
@@ -66,7 +48,6 @@ def foresee_views(
     shown: Floats,
     prior: Floats,
     counted: Floats,
-    fresh: Floats,
 ) -> None:
     """Fill the arrays of a `Foresight`, from `views` on.
 
@@ -81,7 +62,6 @@ def foresee_views(
         drift_m2ps3: `(num_tracks, num_joints)`.
         velocity_lasts_s: `(num_joints,)`.
         terms: how the filter counts repeated looks.
-        autocorrelation: of the detector's errors.
         interval_s: seconds per slot.
         carried: `(num_ordered, num_cameras)` the looks that will be known by then.
         since_s: `(num_tracks, num_cameras)` seconds since a look; advanced in place.
@@ -89,7 +69,6 @@ def foresee_views(
         shown: `(num_cameras, num_tracks)` how likely a look shows somebody who is there.
         prior: `(num_tracks, num_joints, 6)`.
         counted: `(num_cameras, num_tracks)`.
-        fresh: `(num_cameras, num_tracks)`.
     """
     num_cameras, num_tracks, num_joints, _ = views.shape
     pixels = np.empty((num_tracks, num_joints, 2))
@@ -131,19 +110,6 @@ def foresee_views(
     for camera in range(num_cameras):
         for track in range(num_tracks):
             counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
-            fresh[camera, track] = freshness(since_s[track, camera], autocorrelation)
-
-
-@kernel
-def freshness(since_s: float, autocorrelation: Autocorrelation) -> float:
-    """Return the share of a view's information that is new, so long after the one before.
-
-    Two measurements whose errors correlate by r tell (1 - r) / (1 + r) more than one.
-    """
-    quick, lasting = autocorrelation.quick_share, autocorrelation.lasting_share
-    r = quick * math.exp(-since_s / autocorrelation.quick_s)
-    r += lasting * math.exp(-since_s / autocorrelation.lasting_s)
-    return float((1.0 - r) / (1.0 + r))
 
 
 @kernel
@@ -203,7 +169,7 @@ def _in_front(pixel: Floats, depth: float, boxes: Floats, depths: Floats) -> flo
 
 @kernel
 def information(
-    prior: Floats, views: Floats, fresh: Floats, weights: Floats, subsets: Flags, nats: Floats
+    prior: Floats, views: Floats, counted: Floats, weights: Floats, subsets: Flags, nats: Floats
 ) -> None:
     """Fill `nats` `(num_subsets,)`: what sets of cameras are expected to add, see `Foresight`.
 
@@ -212,7 +178,7 @@ def information(
     Args:
         prior: `(num_tracks, num_joints, 6)`.
         views: `(num_cameras, num_tracks, num_joints, 6)`.
-        fresh: `(num_cameras, num_tracks)` share of `views` that is new.
+        counted: `(num_cameras, num_tracks)` share of `views` that the estimator counts.
         weights: `(num_tracks,)` of people.
         subsets: `(num_subsets, num_cameras)`.
         nats: filled, nats a joint.
@@ -229,7 +195,7 @@ def information(
             for entry in range(6):
                 known[entry, joint] = prior[track, joint, entry]
                 for camera in range(len(views)):
-                    share = fresh[camera, track]
+                    share = counted[camera, track]
                     added[camera, entry, joint] = share * views[camera, track, joint, entry]
         _determinants(known, before)
         for row in range(len(subsets)):
@@ -248,7 +214,7 @@ def information(
 
 @kernel
 def gains(
-    prior: Floats, views: Floats, fresh: Floats, weights: Floats, chosen: Flags, nats: Floats
+    prior: Floats, views: Floats, counted: Floats, weights: Floats, chosen: Flags, nats: Floats
 ) -> None:
     """Fill `nats` `(num_cameras,)`: what each camera adds to the other ones that are `chosen`."""
     num_cameras = len(chosen)
@@ -256,7 +222,7 @@ def gains(
     for row in range(num_cameras + 1):
         for camera in range(num_cameras):
             subsets[row, camera] = chosen[camera] != (row == camera)
-    information(prior, views, fresh, weights, subsets, found)
+    information(prior, views, counted, weights, subsets, found)
     for camera in range(num_cameras):
         change = found[camera] - found[num_cameras]
         nats[camera] = -change if chosen[camera] else change
@@ -292,8 +258,7 @@ def errors(
 ) -> None:
     """Fill `error_m` `(num_subsets,)`: the mean distance expected of joints of people confirmed.
 
-    NaN where nobody is. Other arguments are those of `information`; `counted` is the share of
-    `views` that the estimator counts.
+    NaN where nobody is. Other arguments are those of `information`.
     """
     num_tracks, num_joints, _ = prior.shape
     after = np.empty(6)
