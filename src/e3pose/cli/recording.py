@@ -117,7 +117,7 @@ def _progress(server: RecordServer) -> str:
     seconds = server.slots / server.plan.fps
     ids = server.plan.rig.camera_ids
     seen = ", ".join(f"{i} {n}" for i, n in zip(ids, server.people.tolist(), strict=True))
-    return f"{seconds:.0f} s recorded; detections of people: {seen}"
+    return f"{seconds:.0f} s recorded; poses detected: {seen}"
 
 
 def _tell(server: RecordServer, table: SiteTable) -> None:
@@ -129,7 +129,7 @@ def _tell(server: RecordServer, table: SiteTable) -> None:
     print(f"Wrote {server.written}: {slots} at {plan.fps:g} per second")
     for index, camera_id in enumerate(plan.rig.camera_ids):
         views, people = int(server.views[index]), int(server.people[index])
-        print(f"  {camera_id}: {plural(views, 'view')}, {plural(people, 'detection')} of people")
+        print(f"  {camera_id}: {plural(views, 'view')}, {plural(people, 'pose')}")
     if (server.views < server.slots / 2).any():
         print("  some cameras missed half of the slots: is fps too high? See e3pose check")
     if not plan.rig.placed:

@@ -24,7 +24,7 @@ class CameraDescription:
         lost: slots without a view.
         mean_people: people per view; None without a view.
         max_people: most people in one view.
-        missing_keypoints: share of joints of the people seen that are missing; None if nobody was.
+        missing_keypoints: share of missing keypoints in the detected poses; None without any.
         median_score: of the keypoints that are there; None if there is none.
         video: file name, if there is one.
     """

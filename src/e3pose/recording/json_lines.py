@@ -81,7 +81,7 @@ def decode_view(line: bytes, num_joints: int, where: str) -> tuple[int, float, P
         where: file and line number, for the error.
 
     Returns:
-        Slot, capture time in seconds, and the people seen.
+        Slot, capture time in seconds, and the detected poses.
 
     Raises:
         InputError: naming `where` and the field that is wrong.

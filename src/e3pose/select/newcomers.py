@@ -1,4 +1,4 @@
-"""Newcomers: people seen by one camera, of the two that a new track needs.
+"""Newcomers: people detected by one camera, of the two that a new track needs.
 
 Two looks of different cameras make a pair when they are at most `Outlook.wait_s` apart. Looks that
 are already ordered count: whoever they are expected to start need not be looked for again.
