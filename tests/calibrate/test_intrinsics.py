@@ -12,6 +12,8 @@ from e3pose.calibrate.view_choice import advice, choose_views
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera
 
+pytestmark = pytest.mark.slow
+
 BOARD = Board.parse("charuco-5x7-36mm")
 K = np.array([[900.0, 0, 650], [0, 905, 350], [0, 0, 1]])
 WEBCAM = Camera("web", (1280, 720), K, np.eye(4), np.array([-0.25, 0.09, 0.001, -0.0005]))

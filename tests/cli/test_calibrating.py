@@ -11,6 +11,8 @@ from e3pose.model.noises import load_noise_file
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import os
 import re
@@ -316,11 +317,19 @@ def traps(folder: Path) -> dict[str, Path]:
     with places["PICKLE"].open("wb") as file:
         np.savez(file, K=np.array([{}], dtype=object))
     npy(places["LIES"], "(1000000000000, 3, 3)", 72)
-    npy(places["BOMB"], "(5, 3, 3)", 2**24)
+    places["BOMB"].write_bytes(bomb())
     return places
 
 
-def npy(path: Path, shape: str, num_bytes: int) -> None:
+@functools.cache
+def bomb() -> bytes:
+    """Return an archive of sixteen megabytes of nothing, which take long to pack."""
+    file = io.BytesIO()
+    npy(file, "(5, 3, 3)", 2**24)
+    return file.getvalue()
+
+
+def npy(path: Path | io.BytesIO, shape: str, num_bytes: int) -> None:
     """Write an array K whose header says `shape` above `num_bytes` zeros, which pack to nothing."""
     header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}}}\n".encode()
     start = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header

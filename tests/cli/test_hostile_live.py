@@ -20,6 +20,8 @@ from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.example import write_recorded
 from e3pose.wire.keys.folder import add_keys, init_keys
 
+pytestmark = pytest.mark.slow
+
 ESCAPE = "\x1b[2J"
 HUGE = 5000 * "9"
 LIMIT_S = 60  # a second, on a machine that does nothing else

@@ -27,6 +27,8 @@ from e3pose.settings.parts import make_pipeline
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 
+pytestmark = pytest.mark.slow
+
 CUT, END = 30, 45
 
 

@@ -13,6 +13,8 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.recording.calibration import FORMATS, load_rig, load_rotations
 
+pytestmark = pytest.mark.slow
+
 NAMES = sorted(FORMATS)
 INTRINSICS = np.array([[1200.0, 0.0, 960.0], [0.0, 1200.0, 540.0], [0.0, 0.0, 1.0]])
 NAN = float("nan")

@@ -16,6 +16,8 @@ from e3pose.select.policies import Selection, Situation
 from e3pose.select.policies.information import LOOK_AGAIN_S, Information
 from e3pose.select.stated_error import StatedError
 
+pytestmark = pytest.mark.slow
+
 EYE = np.array([1.0, 0, 0, 1, 0, 1])
 
 
