@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -71,11 +72,20 @@ def test_a_dask_cluster_gives_the_same() -> None:
     assert results == [draw(5.0, seed)[0] for seed in range(8)]
 
 
-def test_a_cluster_of_one_worker_works_and_not_this_process() -> None:
-    pytest.importorskip(
+@pytest.fixture(scope="module")
+def one_worker() -> Iterator[str]:
+    """A cluster of one worker, which is another process; yields the address of its scheduler."""
+    distributed = pytest.importorskip(
         "distributed", reason="distributed is not installed: pip install e3pose[train]"
     )
-    alone = Workers(1, "local")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address="127.0.0.1:0"
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_a_cluster_of_one_worker_works_and_not_this_process(one_worker: str) -> None:
+    alone = Workers(1, one_worker)
     found = list(alone.run(draw, 5.0, range(4)))
     assert [value for value, _ in found] == [draw(5.0, seed)[0] for seed in range(4)]
     ready = dict(alone.as_ready(draw, 5.0, range(4)))
@@ -84,11 +94,8 @@ def test_a_cluster_of_one_worker_works_and_not_this_process() -> None:
 
 
 @pytest.mark.parametrize("ready", [False, True])
-def test_an_error_on_a_cluster_reaches_who_takes_the_results(ready: bool) -> None:
-    pytest.importorskip(
-        "distributed", reason="distributed is not installed: pip install e3pose[train]"
-    )
-    workers = Workers(1, "local")
+def test_an_error_on_a_cluster_reaches_who_takes_the_results(ready: bool, one_worker: str) -> None:
+    workers = Workers(1, one_worker)
     with pytest.raises(InputError, match="5: found nothing"):
         list((workers.as_ready if ready else workers.run)(fall, None, range(20)))
 
