@@ -87,7 +87,7 @@ def test_seconds_cut_a_recording_of_which_a_part_is_scored() -> None:
 
 
 def test_a_shifted_camera_is_named_and_can_be_taken_out() -> None:
-    recording = known_noise()
+    recording = known_noise(4)
     shift = np.array([30.0, 10.0])
     views = list(recording.views)
     views[1] = replace(views[1], keypoints_px=views[1].keypoints_px + shift)
@@ -106,7 +106,7 @@ def test_exact_detections_have_hardly_any_noise() -> None:
 
 
 def test_truth_is_not_looked_at() -> None:
-    recording = simulate(SceneSettings(people=2, seconds=3.0), seed=2)
+    recording = simulate(SceneSettings(people=2, seconds=1.5), seed=2)
     assert recording.truth is not None
     wrong = replace(recording.truth, joints_m=recording.truth.joints_m + 5)
     lied_to = calibrate_noise(replace(recording, truth=wrong))
