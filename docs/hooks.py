@@ -99,4 +99,5 @@ def command_page(verb: str) -> str:
     text = app[verb].generate_docs(usage_name=f"e3pose {verb}")
     text = re.sub(r"## Table of Contents\n.*?(?=\n\*\*|\n## )", "", text, flags=re.DOTALL)
     text = re.sub(r"^ {8}", "    ", text, flags=re.MULTILINE)
+    text = text.replace(f"e3pose {verb} {verb} ", f"e3pose {verb} ", 1)  # a usage of its own
     return text.replace(f"# {verb}\n", f"# e3pose {verb}\n", 1)

@@ -122,6 +122,15 @@ VERBS: dict[str, Callable[..., Any]] = {
     "train": train,
     "learn": learn_app,
 }
+# Usage of the verbs that take several paths or names, which the parser calls ARGS.
+USAGE = {
+    "detect": "[OPTIONS] VIDEO... DEST",
+    "evaluate-predictor": "[OPTIONS] RECORDING...",
+    "init": "[OPTIONS] FOLDER [SOURCE...]",
+    "stream": "[OPTIONS] SITE TARGET...",
+    "sync": "[OPTIONS] VIDEO... | RECORDING [DEST]",
+    "train": "[OPTIONS] RECORDING...",
+}
 for _rank, (_title, _verbs) in enumerate(GROUPS.items()):
     _group = Group(_title, sort_key=_rank)
     for _place, _verb in enumerate(_verbs):
@@ -130,7 +139,8 @@ for _rank, (_title, _verbs) in enumerate(GROUPS.items()):
             _target.group, _target.sort_key = (_group,), _place
             app.command(_target, name=_verb)
         else:
-            app.command(_target, name=_verb, group=_group, sort_key=_place)
+            usage = f"Usage: e3pose {_verb} {USAGE[_verb]}" if _verb in USAGE else None
+            app.command(_target, name=_verb, group=_group, sort_key=_place, usage=usage)
 CALIBRATE_VERBS: dict[str, Callable[..., Any]] = {
     "board": board,
     "intrinsics": intrinsics,
