@@ -37,6 +37,10 @@ class Orders:
     outbox: Outbox
     clock: Clock
     _sent_ns: dict[int, int] = field(default_factory=dict)
+    _topics: list[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._topics = [topics.of_order(self.site, camera_id) for camera_id in self.camera_ids]
 
     def give(
         self,
@@ -74,7 +78,7 @@ class Orders:
                 expected_px=expected_px,
                 reach_px=reach_px,
             )
-            payloads[topics.of_order(self.site, camera_id)] = encode(order)
+            payloads[self._topics[index]] = encode(order)
         self.outbox.put_all(payloads, slot)
 
     def in_time(self, times: SlotTimes, slot: int) -> bool:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -287,7 +287,8 @@ class EdgeServer:
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
         self.counts.first_ns = self.counts.first_ns or begun_ns
-        online = self.inbox.online()
+        reachable = self.inbox.online()
+        online = reachable.copy()
         ordered = self._ordered(times, slot)
         wanted = ordered & online
         late, orders_late = self.gather.late.copy(), self.inbox.orders_late()
@@ -319,7 +320,7 @@ class EdgeServer:
         self.consumers.saw(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
         took_ns += self.publisher.tell_again(busy=self.load.level > 0)
-        self._improve(times, record)
+        self._improve(times, record, reachable.tolist())
         self._cope(took_ns / 1e9, record)
         self._quiet.set()
 
@@ -327,7 +328,7 @@ class EdgeServer:
         """Return `(num_cameras,)`: who was selected for a slot and can have known of it."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 
-    def _improve(self, times: SlotTimes, record: SlotRecord) -> None:
+    def _improve(self, times: SlotTimes, record: SlotRecord, online: Sequence[bool]) -> None:
         """Between two slots: another lead, a better predictor, other budgets."""
         self.pipeline, news = self.consumers.improved(self.pipeline, record)
         for kind, line, camera_id in news:
@@ -338,7 +339,6 @@ class EdgeServer:
             self.lead = take_in_delay(self.lead, *self._delays.popleft())
         before = self.lead.slots
         wake_s = slowest_wake_s(self.inbox.roster.lives, self.settings.idle_modes)
-        online = self.inbox.online().tolist()
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"
