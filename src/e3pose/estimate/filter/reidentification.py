@@ -106,11 +106,10 @@ class Identities:
 
     def of(self, tracks: Ints) -> Ints:
         """Return the identities `(num_tracks,)` that tracks are shown with, else their own ids."""
-        if len(self.present.tracks) == 0:
-            return tracks
-        row = np.minimum(np.searchsorted(self.present.tracks, tracks), len(self.present.tracks) - 1)
-        named = self.present.tracks[row] == tracks
-        return np.where(named, self.present.track_ids[row], tracks)
+        present = self.present
+        names = dict(zip(present.tracks.tolist(), present.track_ids.tolist(), strict=True))
+        found = [names.get(track, track) for track in tracks.tolist()]
+        return np.array(found, dtype=np.int64)
 
 
 def identify(
@@ -270,11 +269,9 @@ def _kinds(model: Model) -> list[list[int]]:
 
 
 def _among(tracks: Ints, others: Ints) -> Flags:
-    """Return which of the rising ids `(num_tracks,)` are among other rising ids."""
-    if len(others) == 0:
-        return np.zeros(len(tracks), dtype=bool)
-    row = np.minimum(np.searchsorted(others, tracks), len(others) - 1)
-    return np.asarray(others[row] == tracks)
+    """Return which of the ids `(num_tracks,)` are among other ids."""
+    known = set(others.tolist())
+    return np.array([track in known for track in tracks.tolist()], dtype=bool)
 
 
 def _take(columns: Rows, rows: Ints | Flags) -> Rows:
