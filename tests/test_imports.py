@@ -46,7 +46,7 @@ PURE = (
     "model.skeleton", "model.noise", "model.noises", "model.slot_record", "model.uncertainty",
     "estimate", "estimate.base", "estimate.filter", "estimate.per_slot.fuse", "predict", "select",
     "estimate.per_slot.track", "select.policies", "select.expected_information", "select.occlusion",
-    "select.motion_2d", "select.newcomers", "select.hidden_people", "select.blind_places",
+    "select.motion_2d", "select.newcomers", "select.hidden_people",
     "select.camera_order", "select.failure_detector", "select.feedback", "model.expected",
     "energy.queues", "energy.learned_cost",
     "energy.budgets", "energy.site_energy", "estimate.smooth", "model.take", "pipeline",

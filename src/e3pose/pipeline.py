@@ -23,7 +23,6 @@ from e3pose.model.pose import Poses2D
 from e3pose.model.slot_record import Reasons as Reasons
 from e3pose.model.slot_record import SlotRecord as SlotRecord
 from e3pose.predict.base import Prediction, Predictor
-from e3pose.select.blind_places import discount_blind_cameras
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.feedback import expected_in_views, reach_m
@@ -337,7 +336,7 @@ def _last_looks(
 def _foresight(pipeline: Pipeline, state: SlotState, ordered: NDArray[np.bool_]) -> Foresight:
     """Work out what each camera would tell of the slot that is decided now."""
     ahead_s = pipeline.lead_slots * pipeline.interval_s
-    outlook = discount_blind_cameras(pipeline.estimator.outlook(state.memory, ahead_s))
+    outlook = pipeline.estimator.outlook(state.memory, ahead_s)
     return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)
 
 

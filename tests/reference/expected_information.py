@@ -16,6 +16,7 @@ from e3pose.geometry.projection import MIN_DEPTH_M, project
 from e3pose.model.uncertainty import mean_distance
 from e3pose.select.expected_information import Foresight
 from e3pose.select.hidden_people import HiddenPeople
+from e3pose.select.kernels.blind_places import INFORMATION_RATIO
 from e3pose.select.kernels.foresight import (
     BEHIND_M,
     BEHIND_SHARE,
@@ -33,7 +34,9 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
     pixels, depth, jacobian = project(outlook.joints_m, rig.projections)
     inside, in_front = _inside(rig, pixels, depth), _in_front(pixels, depth)
     weight = inside * in_front / outlook.sigma_px[:, None, None] ** 2
-    weight = weight * outlook.delivered.T[..., None]
+    likely = ((1 + INFORMATION_RATIO) ** outlook.shows - 1) / INFORMATION_RATIO
+    delivered = outlook.delivered * likely
+    weight = weight * delivered.T[..., None]
     full = np.stack([(jacobian[..., a] * jacobian[..., b]).sum(axis=-1) for a, b in UPPER], axis=-1)
     full = full * weight[..., None]  # (num_cameras, num_tracks, num_joints, 6)
     terms = memory_terms(outlook.memory)
@@ -57,7 +60,7 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         prior=prior,
         views=full,
         counted=1 / inflation(since_s.T, terms),
-        weights=outlook.delivered.max(axis=1, initial=0.0),
+        weights=delivered.max(axis=1, initial=0.0),
         hidden=HiddenPeople(hidden, useful),
         entrants=Entrants.nobody(len(rig)),
     )

@@ -6,11 +6,22 @@ from itertools import product
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from e3pose.select.hidden_people import HiddenPeople, expected_hidden
+from e3pose.select.hidden_people import HiddenPeople
+from e3pose.select.kernels.people import hide
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 SUBSETS = np.array(list(product([False, True], repeat=3)))
 EACH = np.eye(3, dtype=bool)
+
+
+def expected_hidden(needed: Flags, shown: Floats, ordered: Flags) -> HiddenPeople:
+    useful, hidden = shown.copy(), np.empty(len(needed))
+    hide(useful, needed, ordered, hidden)
+    return HiddenPeople(hidden, useful)
 
 
 def of_one(shown: list[float], needed: list[int], *ordered: list[int]) -> HiddenPeople:

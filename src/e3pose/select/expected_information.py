@@ -12,14 +12,16 @@ known, each at its own time. Method: `docs/explanation/camera-selection.md`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook
-from e3pose.estimate.filter.bias import memory_terms
+from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.geometry.camera import Rig
-from e3pose.select.hidden_people import HiddenPeople, expected_hidden
+from e3pose.model.noise import ErrorMemory
+from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.newcomers import Entrants, expected_entrants
 
 Floats = NDArray[np.float64]
@@ -119,6 +121,7 @@ def foresee(
     prior = np.empty((num_tracks, num_joints, 6))
     views = np.empty((len(rig), *prior.shape))
     shown, counted = np.empty((2, len(rig), num_tracks))
+    weights, hidden = np.empty((2, num_tracks))
     foresee_views(
         np.ascontiguousarray(outlook.joints_m),
         rig.projections,
@@ -129,14 +132,18 @@ def foresee(
         outlook.covariance,
         outlook.drift_m2ps3,
         outlook.velocity_lasts_s,
-        memory_terms(outlook.memory),
+        _terms(outlook.memory),
         interval_s,
         ordered if outlook.has_memory else np.zeros_like(ordered),
-        outlook.last_seen_s.copy(),
+        ordered,
+        outlook.last_seen_s,
+        outlook.needed,
         views,
-        shown,
         prior,
         counted,
+        weights,
+        shown,
+        hidden,
     )
     return Foresight(
         track_ids=outlook.track_ids,
@@ -144,8 +151,8 @@ def foresee(
         prior=prior,
         views=views,
         counted=counted,
-        weights=outlook.delivered.max(axis=1, initial=0.0),
-        hidden=expected_hidden(outlook.needed, shown, ordered),
+        weights=weights,
+        hidden=HiddenPeople(hidden, shown),
         entrants=expected_entrants(
             rig,
             outlook.unexplained,
@@ -155,3 +162,9 @@ def foresee(
             ordered,
         ),
     )
+
+
+@lru_cache(maxsize=8)
+def _terms(memory: ErrorMemory) -> MemoryTerms:
+    """Return how the filter counts looks at errors that last so long."""
+    return memory_terms(memory)

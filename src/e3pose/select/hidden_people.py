@@ -51,18 +51,3 @@ class HiddenPeople:
         people = np.empty(len(subsets))
         revealed(self.hidden, self.shown, subsets, people)
         return people
-
-
-def expected_hidden(needed: Flags, shown: Floats, ordered: Flags) -> HiddenPeople:
-    """Work out who is hidden in the slot after those that are ordered.
-
-    Args:
-        needed: `(num_tracks, num_cameras)` cameras of which one must show the person.
-        shown: `(num_cameras, num_tracks)` in [0, 1]: how likely each camera shows somebody there.
-        ordered: `(num_ordered, num_cameras)` cameras of the next slots.
-    """
-    from e3pose.select.kernels.people import hide
-
-    useful, hidden = shown.copy(), np.empty(len(needed))
-    hide(useful, needed, ordered, hidden)
-    return HiddenPeople(hidden, useful)

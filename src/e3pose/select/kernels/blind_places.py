@@ -8,21 +8,19 @@ round a corner, is not expected of a camera that showed nobody there before.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from e3pose.estimate.base import Outlook
+from e3pose.runtime.kernel import kernel
 
 # A view in plain sight knows a joint to about 2 cm, an unseen one may be off by 20 cm: a view adds
 # 100 times the information there was.
 INFORMATION_RATIO = 100.0
 
 
-def discount_blind_cameras(outlook: Outlook) -> Outlook:
-    """Expect less of cameras that seldom showed somebody where people will be.
+@kernel
+def worth(shows: float) -> float:
+    """Return what a camera is worth that shows somebody with a probability, as a share.
 
     A camera that shows somebody with probability p and otherwise nothing is worth p log(1 + W) nats
     where one that always shows W times what is known is worth log(1 + W): as much as one that
     always shows ((1 + W)^p - 1) / W of that.
     """
-    worth = ((1 + INFORMATION_RATIO) ** outlook.shows - 1) / INFORMATION_RATIO
-    return replace(outlook, delivered=outlook.delivered * worth)
+    return float(((1.0 + INFORMATION_RATIO) ** shows - 1.0) / INFORMATION_RATIO)

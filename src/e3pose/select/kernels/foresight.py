@@ -17,6 +17,8 @@ from e3pose.estimate.filter.kernels.carry import carry
 from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
+from e3pose.select.kernels.blind_places import worth
+from e3pose.select.kernels.people import hide
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -43,13 +45,19 @@ def foresee_views(
     terms: MemoryTerms,
     interval_s: float,
     carried: Flags,
-    since_s: Floats,
+    ordered: Flags,
+    last_seen_s: Floats,
+    needed: Flags,
     views: Floats,
-    shown: Floats,
     prior: Floats,
     counted: Floats,
+    weights: Floats,
+    shown: Floats,
+    hidden: Floats,
 ) -> None:
     """Fill the arrays of a `Foresight`, from `views` on.
+
+    Less is expected of cameras that seldom show somebody where people will be (`blind_places`).
 
     Args:
         joints_m: `(num_tracks, num_joints, 3)` metres; it and all that `Outlook` has are of that.
@@ -64,16 +72,22 @@ def foresee_views(
         terms: how the filter counts repeated looks.
         interval_s: seconds per slot.
         carried: `(num_ordered, num_cameras)` the looks that will be known by then.
-        since_s: `(num_tracks, num_cameras)` seconds since a look; advanced in place.
+        ordered: `(num_ordered, num_cameras)` the looks until then.
+        last_seen_s: `(num_tracks, num_cameras)`.
+        needed: `(num_tracks, num_cameras)`.
         views: `(num_cameras, num_tracks, num_joints, 6)` see `Foresight`.
-        shown: `(num_cameras, num_tracks)` how likely a look shows somebody who is there.
         prior: `(num_tracks, num_joints, 6)`.
         counted: `(num_cameras, num_tracks)`.
+        weights: `(num_tracks,)`.
+        shown: `(num_cameras, num_tracks)` of `HiddenPeople`.
+        hidden: `(num_tracks,)` of `HiddenPeople`.
     """
     num_cameras, num_tracks, num_joints, _ = views.shape
     pixels = np.empty((num_tracks, num_joints, 2))
     inside = np.empty((num_tracks, num_joints), np.bool_)
     boxes, depths = np.empty((num_tracks, 4)), np.empty(num_tracks)
+    since_s = last_seen_s.copy()
+    weights[:] = 0.0
     for camera in range(num_cameras):
         for track in range(num_tracks):
             depths[track] = _look(
@@ -86,7 +100,9 @@ def foresee_views(
                 views[camera, track],
             )
         for track in range(num_tracks):
-            weight = delivered[track, camera] / sigma_px[camera] ** 2
+            expected = delivered[track, camera] * worth(shows[track, camera])
+            weights[track] = max(weights[track], expected)
+            weight = expected / sigma_px[camera] ** 2
             count, front = 0, 0.0
             for joint in range(num_joints):
                 share = _in_front(pixels[track, joint], depths[track], boxes, depths)
@@ -110,6 +126,7 @@ def foresee_views(
     for camera in range(num_cameras):
         for track in range(num_tracks):
             counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
+    hide(shown, needed, ordered, hidden)
 
 
 @kernel

@@ -85,7 +85,15 @@ def miss(shown: Floats, subset: Flags, track: int) -> float:
 
 @kernel
 def hide(shown: Floats, needed: Flags, ordered: Flags, hidden: Floats) -> None:
-    """Fill `hidden` `(num_tracks,)`, and leave of `shown` what is of use; see `hidden_people`."""
+    """Work out who is hidden in the slot after those that are ordered, see `hidden_people`.
+
+    Args:
+        shown: `(num_cameras, num_tracks)` in [0, 1]: how likely each camera shows somebody there;
+            what is of no use becomes 0.
+        needed: `(num_tracks, num_cameras)` cameras of which one must show the person.
+        ordered: `(num_ordered, num_cameras)` cameras of the next slots.
+        hidden: `(num_tracks,)` filled: how likely nobody has shown the person by then.
+    """
     for track in range(len(hidden)):
         hidden[track] = 1.0
         for camera in range(len(shown)):
