@@ -88,16 +88,18 @@ def adapt(
     if not known:
         return lead
     limit_s = _limit_s(sorted(known.values()))
-    lead = replace(lead, left_behind=tuple(c for c, age_s in known.items() if age_s > limit_s))
-    followed = [delay_s for camera, delay_s in known.items() if camera not in lead.left_behind]
-    if not followed:
-        return lead
-    needed = _needed(max(followed) + wake_s, interval_s)
-    if needed >= lead.slots:
-        return replace(lead, slots=needed, calm=0)
-    if lead.calm + 1 < CALM_SLOTS:
-        return replace(lead, calm=lead.calm + 1)
-    return replace(lead, slots=lead.slots - 1, calm=0)
+    behind = tuple(camera for camera, delay_s in known.items() if delay_s > limit_s)
+    followed = [delay_s for camera, delay_s in known.items() if camera not in behind]
+    slots, calm = lead.slots, lead.calm
+    if followed:
+        needed = _needed(max(followed) + wake_s, interval_s)
+        if needed >= slots:
+            slots, calm = needed, 0
+        elif calm + 1 < CALM_SLOTS:
+            calm += 1
+        else:
+            slots, calm = slots - 1, 0
+    return replace(lead, slots=slots, calm=calm, left_behind=behind)
 
 
 def lagging(lead: Lead) -> dict[int, str]:

@@ -7,6 +7,7 @@ time, and takes it up again once there is room.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -62,7 +63,7 @@ def after_slot(load: Load, took_s: float, interval_s: float, awake: int) -> Load
         interval_s: how long a slot lasts.
         awake: cameras that looked in it.
     """
-    kept = float(np.exp(-interval_s / AVERAGED_S))
+    kept = math.exp(-interval_s / AVERAGED_S)
     busy = kept * load.busy + (1 - kept) * took_s / interval_s
     load = replace(
         load,

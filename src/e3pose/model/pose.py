@@ -88,7 +88,7 @@ def _checked(name: str, positions: Any, scores: Any, components: int) -> tuple[F
         raise InputError(
             f"{name}: scores have shape {scores.shape}, expected {positions.shape[:2]}"
         )
-    if not ((scores >= 0) & (scores <= 1)).all():
+    if not (scores.min(initial=0.0) >= 0 and scores.max(initial=0.0) <= 1):  # NaN fails too
         raise InputError(f"{name}: a score lies outside [0, 1] or is NaN")
     present = (scores > 0) & np.isfinite(positions).all(axis=-1)
     if present.all():

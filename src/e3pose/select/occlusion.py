@@ -13,6 +13,7 @@ from e3pose.geometry.camera import Rig
 
 if TYPE_CHECKING:
     from e3pose.geometry.project import Optics
+    from e3pose.runtime.held import Held
 
 Floats = NDArray[np.float64]
 
@@ -124,7 +125,8 @@ def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
 
 
 @lru_cache(maxsize=8)
-def _optics(rig: Rig) -> Optics:
+def _optics(rig: Rig) -> Held[Optics]:
     from e3pose.geometry.project import make_optics
+    from e3pose.runtime.held import hold
 
-    return make_optics(rig)
+    return hold(make_optics(rig))

@@ -12,6 +12,7 @@ from e3pose.model.pose import Poses2D
 from e3pose.wire.messages import Array, View
 
 MAX_PERSONS = 256
+DTYPES = {name: np.dtype(f"<{name}") for name in ("f4", "f8", "i8", "b1")}
 
 
 def pack(array: NDArray[Any]) -> Array:
@@ -20,12 +21,10 @@ def pack(array: NDArray[Any]) -> Array:
     Raises:
         InputError: for another dtype.
     """
-    code = {"f4": "<f4", "f8": "<f8", "i8": "<i8", "b1": "|b1"}
     name = array.dtype.str[1:]
-    if name not in code:
-        raise InputError(f"array: found {array.dtype}, expected one of {', '.join(code)}")
-    shape = tuple(int(length) for length in array.shape)
-    return Array(name, shape, np.ascontiguousarray(array, dtype=code[name]).tobytes())
+    if name not in DTYPES:
+        raise InputError(f"array: found {array.dtype}, expected one of {', '.join(DTYPES)}")
+    return Array(name, array.shape, array.astype(DTYPES[name], copy=False).tobytes())
 
 
 def pack_poses(poses: Poses2D) -> tuple[Array, Array]:
@@ -41,7 +40,7 @@ def unpack(array: Array) -> NDArray[Any]:
     Args:
         array: of a message that `decode` has checked.
     """
-    return np.frombuffer(array.data, dtype=f"<{array.dtype}").reshape(array.shape)
+    return np.frombuffer(array.data, dtype=DTYPES[array.dtype]).reshape(array.shape)
 
 
 def poses_2d(view: View) -> Poses2D:

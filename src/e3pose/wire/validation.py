@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera_fields import check_camera_id
-from e3pose.wire.arrays import MAX_PERSONS, unpack
+from e3pose.wire.arrays import DTYPES, MAX_PERSONS, unpack
 from e3pose.wire.messages import Array, ClockAnswer, ClockQuestion, Heartbeat, Hello, Order, View
 from e3pose.wire.site_messages import CameraStatus, Control, Controlled, Picture, Poses, Status
 
@@ -35,7 +35,7 @@ def _check_array(array: Array, where: str, dtype: str, *shape: int | None) -> ND
         raise InputError(
             f"{where}: found {array.dtype} {str(array.shape)[:60]}, expected {dtype} ({wanted})"
         )
-    if len(array.data) != math.prod(array.shape) * np.dtype(dtype).itemsize:
+    if len(array.data) != math.prod(array.shape) * DTYPES[dtype].itemsize:
         raise InputError(f"{where}: found {len(array.data)} bytes, expected shape {array.shape}")
     if dtype == "b1" and max(array.data, default=0) > 1:
         raise InputError(f"{where}: found a flag that is neither 0 nor 1")
@@ -97,7 +97,7 @@ def _check_view(view: View, where: str) -> None:
     keypoints = _check_array(
         view.keypoints_px, f"{where}: keypoints", "f4", persons, scores.shape[1], 2
     )
-    if not ((scores >= 0) & (scores <= 1)).all():  # NaN fails too
+    if not (scores.min(initial=0) >= 0 and scores.max(initial=0) <= 1):  # NaN fails too
         raise InputError(f"{where}: scores: found one outside 0 to 1")
     if (np.abs(keypoints) > MAX_PIXEL).any():  # NaN is a missing keypoint
         raise InputError(f"{where}: keypoints: found one beyond {MAX_PIXEL:g} pixels")

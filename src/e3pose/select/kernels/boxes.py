@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.project import Optics, project_people
+from e3pose.runtime.held import Held
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -45,15 +46,16 @@ def box_people(keypoints_px: Floats, sizes: Floats, boxes: Floats, shares: Float
 
 
 @kernel
-def expect_boxes(optics: Optics, joints_m: Floats, occlusion: Floats, shares: Floats) -> None:
+def expect_boxes(rig: Held[Optics], joints_m: Floats, occlusion: Floats, shares: Floats) -> None:
     """Fill what every camera would see of people, see `occlusion.expected_views`.
 
     Args:
-        optics: of the rig.
+        rig: the cameras.
         joints_m: `(num_people, num_joints, 3)` metres, NaN where unknown.
         occlusion: `(num_cameras,)` filled.
         shares: `(num_cameras, num_people)` filled.
     """
+    optics = rig.values
     num_cameras, num_people = shares.shape
     pixels = np.empty((*joints_m.shape[:2], 2))
     boxes, sizes = np.empty((num_cameras, num_people, 4)), np.empty((num_people, 2))

@@ -69,18 +69,16 @@ class Information:
         self, situation: Situation, foresight: Foresight, allowed: Flags, count: int
     ) -> Selection:
         """Return the best `count` of the cameras `allowed`, or all if they are fewer."""
-        candidates = np.flatnonzero(allowed)
-        turn = int(np.searchsorted(candidates, self.phase % len(allowed)))
-        candidates = np.concatenate([candidates[turn:], candidates[:turn]])
+        candidates = _in_turn(tuple(allowed.tolist()), self.phase % len(allowed))
         count = min(count, len(candidates))
         worth = self.quality_weight * watch_nats(situation) - situation.price
         if comb(len(candidates), count) <= MOST_SUBSETS:
-            selections = _selections(len(allowed), tuple(candidates.tolist()), count)
+            selections = _selections(len(allowed), candidates, count)
             value = self.quality_weight * worth_nats(foresight, selections) + selections @ worth
             return np.array(selections[int(np.argmax(self._rounded(value)))])
         selection = np.zeros(len(allowed), dtype=bool)
         for _ in range(count):
-            free = candidates[~selection[candidates]]
+            free = np.array([camera for camera in candidates if not selection[camera]])
             tried = np.repeat(selection[None], len(free), axis=0)
             tried[np.arange(len(free)), free] = True
             value = self.quality_weight * worth_nats(foresight, tried) + worth[free]
@@ -129,6 +127,13 @@ def watch_nats(situation: Situation) -> Floats:
     """Return `(num_cameras,)` what each camera may show of people whom nobody has seen yet."""
     unseen_s = np.minimum(situation.unseen_slots * situation.interval_s, WATCH_LIMIT_S)
     return np.asarray(WATCH_NATS_PER_S * unseen_s)
+
+
+@lru_cache(maxsize=256)
+def _in_turn(allowed: tuple[bool, ...], first: int) -> tuple[int, ...]:
+    """Return the cameras allowed in the order in which they win ties, from the `first` on."""
+    cameras = [camera for camera, free in enumerate(allowed) if free]
+    return (*(c for c in cameras if c >= first), *(c for c in cameras if c < first))
 
 
 @lru_cache(maxsize=256)
