@@ -3,6 +3,7 @@
     python benchmarks/bench_step.py
     python benchmarks/bench_step.py --against HEAD~1
     python benchmarks/bench_step.py --against none
+    python benchmarks/bench_step.py --cold 64       # write so many MB before every step
 
 The loop as a site has it: the filter, steered by the learned predictor, and the policy
 `information` four slots ahead. The other commit is checked out beside this one and measured in
@@ -35,13 +36,18 @@ ROOT = Path(__file__).resolve().parents[1]
 Costs = dict[str, dict[str, float]]  # size -> stage -> milliseconds
 
 
-def measure() -> Costs:
-    """Return the median CPU of each stage, and of the whole step, in this process."""
+def measure(cold_mb: int = 0) -> Costs:
+    """Return the median CPU of each stage, and of the whole step, in this process.
+
+    Args:
+        cold_mb: so much is written before every step, as other programs do beside a live edge.
+    """
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
     from e3pose.pipeline import initial_state, step
     from e3pose.simulate import SceneSettings, simulate
 
     costs: Costs = {}
+    other = np.zeros(cold_mb * 2**17)
     for cameras, people, count in SIZES:
         scene = SceneSettings("ring", people=people, seconds=SECONDS, fps=FPS, cameras=cameras)
         recording = simulate(scene, seed=701)
@@ -55,6 +61,7 @@ def measure() -> Costs:
                 ordered = np.flatnonzero(state.selections[0]).tolist()
                 seen = {camera: recording.view(slot, camera) for camera in ordered}
                 views = {camera: view for camera, view in seen.items() if view is not None}
+                other += 1.0
                 start = time.process_time()
                 state, record = step(pipeline, state, views, online)
                 whole = time.process_time() - start
@@ -66,9 +73,9 @@ def measure() -> Costs:
     return costs
 
 
-def in_process(root: Path) -> Costs:
+def in_process(root: Path, cold_mb: int = 0) -> Costs:
     """Return what `measure` finds of the sources below `root`, in a process of its own."""
-    code = "import json, bench_step; print(json.dumps(bench_step.measure()))"
+    code = f"import json, bench_step; print(json.dumps(bench_step.measure({cold_mb})))"
     paths = (root / "src", ROOT / "benchmarks")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}
     done = subprocess.run(
@@ -121,6 +128,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--against", default=BEFORE, help="a commit to compare with, or none")
     parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--cold", type=int, default=0, metavar="MB", help="empty the caches")
     parser.add_argument("--json", type=Path, help="write the figures here too")
     options = parser.parse_args()
     with checked_out(options.against) as other:
@@ -128,7 +136,8 @@ def main() -> None:
             print(f"commit {options.against} is not in this checkout: no ratios")
         rounds: list[tuple[Costs, Costs | None]] = []
         for _ in range(options.rounds):
-            rounds.append((in_process(ROOT), None if other is None else in_process(other)))
+            mine = in_process(ROOT, options.cold)
+            rounds.append((mine, None if other is None else in_process(other, options.cold)))
     now = medians([mine for mine, _ in rounds])
     earlier = [theirs for _, theirs in rounds if theirs is not None]
     before = medians(earlier) if earlier else None
