@@ -16,6 +16,8 @@ from e3pose.calibrate.board_views import find_board
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera
 
+pytestmark = pytest.mark.slow
+
 K = np.array([[700.0, 0, 330], [0, 705, 236], [0, 0, 1]])
 CAMERA = Camera("cam1", (640, 480), K, np.eye(4), np.array([-0.2, 0.06, 0.001, -0.001]))
 

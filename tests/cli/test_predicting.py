@@ -12,6 +12,8 @@ from e3pose.cli import main
 from e3pose.recording import save_recording
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 BASELINES = "zero-velocity,constant-velocity,damped-velocity"
 
 

@@ -8,6 +8,8 @@ import pytest
 from e3pose.energy.learned_cost import LearnedCost, learn, slot_cost, unlearned
 from e3pose.energy.profiles import load_profile
 
+pytestmark = pytest.mark.slow
+
 PROFILE = load_profile("generic")  # 10 W active, 5.2 W in power-saving
 ACTIVE_W, IDLE_W = 7.3, 3.1  # the device at hand
 SLOT_S = 0.04

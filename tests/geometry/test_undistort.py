@@ -14,6 +14,8 @@ from e3pose.geometry.undistort import make_lenses, undistort_slot
 from e3pose.model.pose import MAX_PIXEL
 from e3pose.runtime.kernel import LANES
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 
 SIZE = (1000, 800)

@@ -17,6 +17,8 @@ from e3pose.predict import Prediction, make_predictor, make_predictor_or_fallbac
 from e3pose.predict.attention_lstm import MAX_LEADS, SHIPPED, AttentionLstm
 from e3pose.predict.constant_velocity import ConstantVelocity
 
+pytestmark = pytest.mark.slow
+
 Floats = NDArray[np.float64]
 
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")

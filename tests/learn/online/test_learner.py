@@ -22,6 +22,8 @@ from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.simulate import SceneSettings, simulate
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install e3pose[edge]")
 
 

@@ -13,6 +13,8 @@ from tests.manual_clock import ManualClock
 
 from e3pose.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed: pip install e3pose[edge]")
 
 
