@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -55,6 +56,19 @@ def test_head_sums_up_what_the_edge_measured() -> None:
     ):  # fmt: skip
         assert said in text, said
     assert "no update" not in text
+
+
+def test_head_says_whether_the_target_error_is_kept() -> None:
+    busy = (CameraStatus("cam0", True, mode="active"), CameraStatus("cam1", False))
+    free = (*busy, CameraStatus("cam2", True, mode="power-saving"))
+
+    def head(cameras: tuple[CameraStatus, ...], expected_mm: float) -> str:
+        status = Status("lab", 1, 20.0, 1, 2, cameras, expected_error_mm=expected_mm)
+        return drawn(msgspec.structs.replace(status, target_error_mm=40.0)).splitlines()[0]
+
+    assert head(busy, 43.0).endswith("2 people, expected error 43 mm (target 40 mm)")
+    assert head(busy, 52.0).endswith("52 mm (target 40 mm), no camera left to wake")
+    assert head(free, 52.0).endswith("52 mm (target 40 mm)")
 
 
 def test_row_of_a_camera_that_is_there_and_of_one_that_is_not() -> None:

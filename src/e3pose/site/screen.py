@@ -21,6 +21,7 @@ MODES = {
 TELLING_SHIFT_PX = 3.0
 BAR = 10
 LOW_BATTERY = 0.2
+MISSED = 1.1  # times the target error
 EVENTS = 8
 LONGEST_S = 3.2e9  # a century: what a clock that was set may say is drawn as no more
 
@@ -71,8 +72,7 @@ def _head(status: Status, stale_s: float) -> Text:
     style = "green" if online == len(status.cameras) else "yellow" if online else "red"
     head.append(f"{online}/{len(status.cameras)} cameras online", style=style)
     head.append(f"  {plural(status.people, 'person', 'people')}", style="bold")
-    if status.expected_error_mm is not None:
-        head.append(f", expected error {status.expected_error_mm:.0f} mm")
+    head.append_text(_expected_error(status))
     if status.fps == 0:
         head.append(f"\nno slots yet  up {_duration(status.uptime_s)}")
         return head
@@ -88,6 +88,21 @@ def _head(status: Status, stale_s: float) -> Text:
     if watts:
         head.append(f"\n{sum(watts):.1f} W, all online cameras")
     return head
+
+
+def _expected_error(status: Status) -> Text:
+    """Return the expected error, and whether it keeps the target if there is one."""
+    error_mm, target_mm = status.expected_error_mm, status.target_error_mm
+    if error_mm is None:
+        return Text("")
+    said = Text(f", expected error {error_mm:.0f} mm")
+    if target_mm is not None:
+        missed = error_mm > MISSED * target_mm
+        said.append(f" (target {target_mm:.0f} mm)", style="yellow" if missed else "")
+        free = [camera for camera in status.cameras if camera.online and camera.mode != "active"]
+        if missed and not free:
+            said.append(", no camera left to wake", style="yellow")
+    return said
 
 
 @dataclass(frozen=True, slots=True)

@@ -154,7 +154,8 @@ function showStatus(status) {
   const online = status.cameras.filter((camera) => camera.online);
   const watts = online.filter((camera) => camera.power_w !== null);
   byId("count").textContent = status.people;
-  byId("error").textContent = number(status.expected_error_mm, 0, " mm");
+  const aim = status.target_error_mm ? ` of ${number(status.target_error_mm)} mm` : " mm";
+  byId("error").textContent = number(status.expected_error_mm, 0, aim);
   byId("rate").textContent = number(status.fps, 1);
   const [usual_ms, worst_ms] = status.latency_ms;
   byId("latency").textContent = usual_ms === null ? "–" : `${number(usual_ms, 1)} ms (99 %: ${number(worst_ms, 0)} ms)`;
