@@ -115,8 +115,8 @@ ELSEWHERE = {
     **dict.fromkeys(
         (
             "import shelf Shelf rig",
-            "detect Shelf/Camera* told --fps 25 --calibration rig/calibration.toml --feedback",
-            "import shelf Shelf data/shelf-feedback --detections told",
+            "detect Shelf/Camera* focused --fps 25 --calibration rig/calibration.toml --feedback",
+            "import shelf Shelf data/shelf-feedback --detections focused",
             "detect Shelf/Camera* plain --fps 25 --calibration rig/calibration.toml",
             "import shelf Shelf data/shelf --detections plain",
         ),
@@ -138,7 +138,7 @@ HERE_NOT = {
     "detect Shelf/Camera0 Shelf/Camera1 Shelf/Camera2 Shelf/Camera3 Shelf/Camera4 found "
     "--calibration shelf-truth/calibration.toml --fps 25": DATA,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 cam4.mp4 walk --model openpose-thin": FILMS,
-    "detect cam1.mp4 cam2.mp4 cam3.mp4 recordings/walk --calibration Calib.toml "
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml "
     "--model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration calibration.toml "
     "--model openpose-thin": FILMS,

@@ -45,7 +45,7 @@ def test_names_of_a_wand_are_read() -> None:
         ("500mm", "found '500mm', expected markers and lengths such as green,red=500mm"),
         ("green=500mm", "expected markers and lengths"),
         ("green,red=500", "expected a number and mm, cm, m"),
-        ("green,green=500mm", "found green twice, expected markers that can be told apart"),
+        ("green,green=500mm", "found green twice, expected markers that can be distinguished"),
         ("green,blue,red=500mm,200mm", "each larger than the one before"),
         ("green,red=5mm", "found 0.005 m, expected a wand of 0.05 to 5 m"),
         ("a,b,c,d,e,f=1m,2m,3m,4m,5m", "found 6 markers, expected at most 5"),
