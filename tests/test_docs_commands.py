@@ -138,8 +138,7 @@ HERE_NOT = {
     "detect Shelf/Camera0 Shelf/Camera1 Shelf/Camera2 Shelf/Camera3 Shelf/Camera4 found "
     "--calibration shelf-truth/calibration.toml --fps 25": DATA,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 cam4.mp4 walk --model openpose-thin": FILMS,
-    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml "
-    "--model openpose-thin": FILMS,
+    "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration calibration.toml "
     "--model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration room.toml": FILMS,
