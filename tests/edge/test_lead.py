@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from e3pose.edge.lead import (
     CALM_SLOTS,
+    LONGEST_CALM_SLOTS,
     MAX_DELAY_S,
     MAX_SAMPLES,
     MIN_SAMPLES,
@@ -74,6 +76,26 @@ def test_delay_that_flutters_does_not_make_the_lead_flutter() -> None:
         lead = adapt(lead, INTERVAL_S)
         changes += lead.slots != before
     assert changes == 1 and lead.slots == 2
+
+
+def test_smaller_lead_that_soon_fails_is_soon_tried_no_more() -> None:
+    """Every half minute other programs take the machine for two seconds."""
+    lead, tried = Lead(2), 0
+    for slot in range(60_000):
+        busy = slot % 750 < 50
+        lead = take_in_delay(lead, 0, 0.03 if busy else 0.005)
+        before = lead.slots
+        lead = adapt(lead, INTERVAL_S)
+        tried += lead.slots < before
+    assert 1 <= tried <= 3
+    assert lead.wait <= LONGEST_CALM_SLOTS
+
+
+def test_lead_that_holds_for_long_is_followed_as_before() -> None:
+    lead = replace(settled(0.001), wait=4 * CALM_SLOTS)
+    for _ in range(MAX_SAMPLES):
+        lead = take_in_delay(lead, 0, 0.1)
+    assert adapt(lead, INTERVAL_S).wait == CALM_SLOTS
 
 
 def test_cameras_that_sleep_are_given_time_to_wake() -> None:

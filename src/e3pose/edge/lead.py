@@ -15,7 +15,10 @@ import numpy as np
 QUANTILE = 0.9  # of delays that are each the longest of half a second: 99 % of the orders, about
 MAX_SAMPLES = 20  # per camera, ten seconds: slow air must count soon
 MIN_SAMPLES = 5
-CALM_SLOTS = 250  # how long a smaller lead must have done before it is taken: hysteresis
+# How long a smaller lead must have done before it is taken: hysteresis, doubled each time that it
+# soon fails, so that a busy machine does not make the lead go up and down all day.
+CALM_SLOTS, LONGEST_CALM_SLOTS = 250, 8000
+SOON_SLOTS = 1000
 MARGIN_SHARE = 0.1  # of a slot, to spare
 MAX_LEAD = 60  # slots; the predictor sees no farther
 # Who would act on what people did two seconds ago does not follow them: nothing that a site does is
@@ -35,6 +38,8 @@ class Lead:
             the orders made from it had arrived; oldest first.
         longest_s: by camera, the `QUANTILE` of these; NaN while they are too few.
         calm: slots for which a smaller lead would have done.
+        wait: slots of calm after which the smaller one is taken.
+        since_reduced: slots since one was; at most `SOON_SLOTS`.
         left_behind: cameras whose orders come too late at this lead, as they are far slower than
             the others.
     """
@@ -43,6 +48,8 @@ class Lead:
     delays_s: tuple[tuple[float, ...], ...] = ()
     longest_s: tuple[float, ...] = ()
     calm: int = 0
+    wait: int = CALM_SLOTS
+    since_reduced: int = SOON_SLOTS
     left_behind: tuple[int, ...] = ()
 
 
@@ -71,7 +78,7 @@ def adapt(
 
     An order for slot t + lead, made from the views of slot t, must have arrived when slot t + lead
     begins, half a slot before its middle. The lead grows at once when that fails, and shrinks by
-    one after `CALM_SLOTS` in which less would have done.
+    one after `wait` slots in which less would have done.
 
     Args:
         lead: of this slot.
@@ -90,16 +97,19 @@ def adapt(
     limit_s = _limit_s(sorted(known.values()))
     behind = tuple(camera for camera, delay_s in known.items() if delay_s > limit_s)
     followed = [delay_s for camera, delay_s in known.items() if camera not in behind]
-    slots, calm = lead.slots, lead.calm
-    if followed:
-        needed = _needed(max(followed) + wake_s, interval_s)
-        if needed >= slots:
-            slots, calm = needed, 0
-        elif calm + 1 < CALM_SLOTS:
-            calm += 1
-        else:
-            slots, calm = slots - 1, 0
-    return replace(lead, slots=slots, calm=calm, left_behind=behind)
+    lead = replace(lead, left_behind=behind)
+    if not followed:
+        return lead
+    since_reduced = min(lead.since_reduced + 1, SOON_SLOTS)
+    needed = _needed(max(followed) + wake_s, interval_s)
+    if needed > lead.slots:
+        too_early = since_reduced < SOON_SLOTS
+        wait = min(2 * lead.wait, LONGEST_CALM_SLOTS) if too_early else CALM_SLOTS
+        return replace(lead, slots=needed, calm=0, wait=wait, since_reduced=SOON_SLOTS)
+    calm = lead.calm + 1 if needed < lead.slots else 0
+    if calm >= lead.wait:
+        return replace(lead, slots=lead.slots - 1, calm=0, since_reduced=0)
+    return replace(lead, calm=calm, since_reduced=since_reduced)
 
 
 def lagging(lead: Lead) -> dict[int, str]:
