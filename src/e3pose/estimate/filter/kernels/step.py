@@ -28,6 +28,7 @@ from e3pose.estimate.filter.kernels.scratch import (
     make_memory,
 )
 from e3pose.estimate.filter.kernels.sides import turn_round
+from e3pose.estimate.filter.kernels.sightline import correct_distances
 from e3pose.estimate.filter.kernels.update import learn_bones, update
 from e3pose.estimate.filter.shown import Estimate, estimate_of
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS, Belief, Floats, Leftovers, Model
@@ -222,6 +223,7 @@ def step_slot(
                 memory.matches,
                 memory.offers,
             )
+    correct_distances(num_tracks, site, views, tracks, memory.matches)
     turn_round(num_tracks, dt, site, views, memory.matches, tracks)
     _revise(num_tracks, num_views, dt, site, memory)
     learn_noise(noise, memory.detectors)
