@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -199,9 +198,7 @@ def test_no_content_gets_past_any_reader(tmp_path: Path, content: str, forced: s
     path = tmp_path / ("intri.yml" if forced == "easymocap" else "rig.any")
     path.write_bytes(CONTENTS[content])
     (tmp_path / "extri.yml").write_bytes(CONTENTS[content])
-    started = time.perf_counter()
     refusal(path, forced)
-    assert time.perf_counter() - started < 20
 
 
 @pytest.mark.parametrize("forced", [*NAMES, None])

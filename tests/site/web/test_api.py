@@ -102,8 +102,12 @@ def test_status_is_that_of_the_edge(watched: Watched, client: httpx.Client) -> N
 
 def test_too_many_requests_are_refused(watched: Watched) -> None:
     with watched.client() as busy:
-        codes = [busy.get("/favicon.ico").status_code for _ in range(250)]
-        assert codes[0] == 204 and 429 in codes
+        assert busy.get("/favicon.ico").status_code == 204
+
+        def refused() -> bool:  # a busy machine may be too slow to ask too often
+            return 429 in [busy.get("/favicon.ico").status_code for _ in range(250)]
+
+        assert eventually(refused, 120.0)
         assert eventually(lambda: busy.get("/favicon.ico").status_code == 204)
 
 
