@@ -130,15 +130,19 @@ def _choose(
         track, person = offers.choosers[chooser], offers.people[column]
         if not offers.cost[track, person] <= COST_LIMIT:
             continue
-        excess = offers.cost[track, person] - COST_USUAL
-        fit = 1.0 - excess / (COST_LIMIT - COST_USUAL)
         exchanged = offers.exchanged[track, person]
         matches.assigned[camera, track] = person
         matches.exchanged[camera, track] = exchanged
         exchange(first + person, exchanged, site.opposites, site.limbs, views)
-        fit = 0.0 if fit < 0.0 else 1.0 if fit > 1.0 else fit
+        fit = fit_of(offers.cost[track, person])
         matches.fits[camera, track] = fit * math.exp(-VAGUE_FIT * offers.vagueness[track, person])
         views.free[first + person] = False
+
+
+@kernel
+def fit_of(cost: float) -> float:
+    """Return how well a detection of some cost fits a track, in [0, 1]."""
+    return min(max(1.0 - (cost - COST_USUAL) / (COST_LIMIT - COST_USUAL), 0.0), 1.0)
 
 
 @kernel

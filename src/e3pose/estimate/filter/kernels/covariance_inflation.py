@@ -27,6 +27,7 @@ from e3pose.estimate.filter.kernels.bias import left_over
 from e3pose.estimate.filter.kernels.learned_noise import proved
 from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
 from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
+from e3pose.estimate.filter.kernels.sightline import follower
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
@@ -122,10 +123,7 @@ def learned_factor(innovations: Floats) -> float:
 @kernel
 def lone_factor(last_seen_s: Floats) -> float:
     """Return the factor for a person whom a single camera may have seen of late."""
-    first_s, second_s = np.inf, np.inf
-    for camera in range(len(last_seen_s)):
-        second_s = min(second_s, max(first_s, last_seen_s[camera]))
-        first_s = min(first_s, last_seen_s[camera])
+    _, second_s = follower(last_seen_s)
     return float(min(max(second_s / LONE_S, 1.0), MOST_LONE))
 
 

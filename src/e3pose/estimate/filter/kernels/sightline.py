@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.associate import BIAS_PX, COST_LIMIT, COST_USUAL, JOINT_LIMIT
+from e3pose.estimate.filter.kernels.associate import BIAS_PX, JOINT_LIMIT, fit_of
 from e3pose.estimate.filter.kernels.projected import shown_at
 from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
 from e3pose.estimate.filter.state import MIN_SCORE
@@ -40,12 +40,12 @@ def correct_distances(
     for track in range(num_tracks):
         if not tracks.confirmed[track]:
             continue
-        follower, second_s = _follower(tracks.last_seen_s[track])
-        if follower < 0 or second_s < LONE_S:
+        alone, second_s = follower(tracks.last_seen_s[track])
+        if alone < 0 or second_s < LONE_S:
             continue
-        centre = _centre(site.projections[follower])
+        centre = _centre(site.projections[alone])
         for camera in range(len(views.counts)):
-            if camera == follower or not views.arrived[camera]:
+            if camera == alone or not views.arrived[camera]:
                 continue
             if matches.assigned[camera, track] >= 0:
                 break
@@ -68,14 +68,13 @@ def correct_distances(
                 continue
             _move(centre, best_m, tracks.state[track], tracks.covariance[track])
             matches.assigned[camera, track] = best
-            excess = (best_cost - COST_USUAL) / (COST_LIMIT - COST_USUAL)
-            matches.fits[camera, track] = min(max(1.0 - excess, 0.0), 1.0)
+            matches.fits[camera, track] = fit_of(best_cost)
             views.free[views.starts[camera] + best] = False
             break
 
 
 @kernel
-def _follower(last_seen_s: Floats) -> tuple[int, float]:
+def follower(last_seen_s: Floats) -> tuple[int, float]:
     """Return the camera that showed a person last, and the seconds since another one did."""
     first, first_s, second_s = -1, np.inf, np.inf
     for camera in range(len(last_seen_s)):
