@@ -26,6 +26,7 @@ class Site(NamedTuple):
     """What is constant about a rig, a skeleton and a detector."""
 
     projections: Floats  # (num_cameras, 3, 4)
+    centers_m: Floats  # (num_cameras, 3)
     sizes: Floats  # (num_cameras, 2)
     scales: Floats  # (num_cameras,)
     noise_scores: Floats  # (num_knots,)
@@ -60,6 +61,7 @@ def make_site(model: Model) -> Site:
         depths[joints] = depth
     return Site(
         np.ascontiguousarray(model.rig.projections),
+        np.ascontiguousarray(model.rig.centers_m),
         np.ascontiguousarray(model.rig.image_sizes),
         np.ascontiguousarray(model.scales),
         np.array(model.noise.scores),

@@ -43,7 +43,7 @@ def correct_distances(
         alone, second_s = follower(tracks.last_seen_s[track])
         if alone < 0 or second_s < LONE_S:
             continue
-        centre = _centre(site.projections[alone])
+        centre = site.centers_m[alone]
         for camera in range(len(views.counts)):
             if camera == alone or not views.arrived[camera]:
                 continue
@@ -83,12 +83,6 @@ def follower(last_seen_s: Floats) -> tuple[int, float]:
         else:
             second_s = min(second_s, last_seen_s[camera])
     return first, second_s
-
-
-@kernel
-def _centre(projection: Floats) -> Floats:
-    """Return `(3,)` where a camera stands, from its `(3, 4)` projection."""
-    return np.linalg.solve(np.ascontiguousarray(projection[:, :3]), -projection[:, 3].copy())
 
 
 @kernel
