@@ -260,10 +260,10 @@ def live(seconds: float) -> list[Result]:
             ("noise", 0.1, garbage(target)),
             ("silence", 0.3, silence(target)),
         )
-        tell(results[-1])
+        report(results[-1])
         for name, share, attack in attacks:
             results.append(under(target, name, seconds * share, attack, rate))
-            tell(results[-1])
+            report(results[-1])
         recovered = False
         end_s = time.monotonic() + 30
         while not recovered and time.monotonic() < end_s:
@@ -280,7 +280,7 @@ def live(seconds: float) -> list[Result]:
     return results
 
 
-def tell(result: Result) -> None:
+def report(result: Result) -> None:
     print(f"{'held  ' if result.held else 'FAILED'}  {result.name}: {result.figures}", flush=True)
 
 
@@ -291,13 +291,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     results = [fuzz(options.seconds * FUZZ_SHARE, int(options.decodes), options.seed)]
-    tell(results[-1])
+    report(results[-1])
     files_s = options.seconds * (1 - FUZZ_SHARE - LIVE_SHARE)
     results.append(hostile_files(files_s, options.seed))
-    tell(results[-1])
+    report(results[-1])
     results += live(options.seconds * LIVE_SHARE)
-    tell(results[-2])
-    tell(results[-1])
+    report(results[-2])
+    report(results[-1])
     sys.exit(0 if all(result.held for result in results) else 1)
 
 

@@ -50,7 +50,7 @@ def watched(
         views = selected_views(recording, record.slot, record.arrived)
         begun = time.perf_counter()
         watch.saw(record, views)
-        news = watch.news()
+        news = watch.events()
         spent += time.perf_counter() - begun
         if news:
             knock = watch.knock
@@ -87,7 +87,7 @@ def main() -> None:
             for degrees in map(float, options.degrees.split(",")):
                 recording = knocked(calm, index, degrees, seed, KNOCK_S)
                 for awake in awakes:
-                    _tell(
+                    _report(
                         f"{name} {seed}, {awake} awake, {degrees:g} degrees",
                         recording,
                         index,
@@ -95,7 +95,7 @@ def main() -> None:
                     )
 
 
-def _tell(what: str, recording: Recording, index: int, awake: int) -> None:
+def _report(what: str, recording: Recording, index: int, awake: int) -> None:
     told, turns, ms = watched(recording, awake)
     right = turns[(turns[:, 0] > KNOCK_S) & (turns[:, 1] == index)]
     found = "not found"

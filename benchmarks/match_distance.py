@@ -97,11 +97,13 @@ def measure(
                         for r, s in zip(made, seeds, strict=True)
                     ]
                 )
-                tell(f"{scene}, noise {noise:g}, {cameras or 'all'}", found[scene, noise, cameras])
+                report(
+                    f"{scene}, noise {noise:g}, {cameras or 'all'}", found[scene, noise, cameras]
+                )
     return found
 
 
-def tell(title: str, values: NDArray[np.float64]) -> None:
+def report(title: str, values: NDArray[np.float64]) -> None:
     """Print one row of the table: `FIGURES` by distance, means over seeds."""
     means = values.mean(axis=0)
     cells = [f"{r:.1f} / {p:.1f} / {error:.1f}" for r, p, _, error in means]
@@ -145,7 +147,7 @@ def main() -> None:
     print(f"| scene, noise, cameras | {' | '.join(names)} |")
     print("|---" * (len(names) + 1) + "|")
     found = measure(options.matcher, options.seeds)
-    tell("mean", np.mean(list(found.values()), axis=0))
+    report("mean", np.mean(list(found.values()), axis=0))
     harmonic = np.mean([values[:, :, 2] for values in found.values()], axis=0)
     spread = harmonic.std(axis=0, ddof=1) / np.sqrt(len(harmonic)) if len(harmonic) > 1 else None
     print("F1 of the mean, %:", np.round(harmonic.mean(axis=0), 2), "standard error:", spread)

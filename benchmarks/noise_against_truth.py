@@ -70,7 +70,7 @@ def true_errors(recording: Recording) -> tuple[Floats, Floats]:
     return np.concatenate(lengths), np.concatenate(scores)
 
 
-def tell(title: str, calibrated: Calibrated, true_px: Floats) -> None:
+def report(title: str, calibrated: Calibrated, true_px: Floats) -> None:
     print(title)
     print("  score    ", *(f"{score:6.2f}" for score in calibrated.noise.scores))
     print("  measured ", *(f"{ratio:6.2f}" for ratio in calibrated.measured.sigma_px / true_px))
@@ -108,14 +108,14 @@ def main() -> None:
     for cameras in (3, 5, 8):
         calibrated = calibrate_noise(known_noise(cameras, ErrorMemory()))
         true_px = np.interp(calibrated.noise.scores, KNOTS, SIGMA_PX)
-        tell(f"known noise, {cameras} cameras: by the true sigma", calibrated, true_px)
+        report(f"known noise, {cameras} cameras: by the true sigma", calibrated, true_px)
     for scene, cameras, seed in SCENES:
         recording = simulate(SceneSettings(scene=scene, seconds=20, cameras=cameras), seed=seed)
         calibrated = calibrate_noise(recording)
         lengths, scores = true_errors(recording)
         bins, mine = np.digitize(scores, EDGES), np.digitize(calibrated.noise.scores, EDGES)
         true_px = np.array([np.median(lengths[bins == index]) for index in mine]) / RAYLEIGH
-        tell(f"{scene}, {cameras} cameras, seed {seed}: by the true sigma", calibrated, true_px)
+        report(f"{scene}, {cameras} cameras, seed {seed}: by the true sigma", calibrated, true_px)
         gross = np.array([np.mean(lengths[bins == index] > GROSS_PX) for index in mine])
         off = np.abs(calibrated.measured.gross_share - gross).max()
         print(f"  shares of gross errors: off by {off:.3f} at most")

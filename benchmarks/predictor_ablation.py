@@ -184,12 +184,12 @@ def main() -> None:
         for about, path in rows:
             network, _ = network_of(read_bytes(path, 2**26), str(path))
             (mark,) = examine(network, [exam])
-            tell(about, mark.error_m)
+            report(about, mark.error_m)
         for title, error in zip(("zero", "constant", "damped"), exam.simple_m, strict=True):
-            tell(f"{title} velocity", error)
+            report(f"{title} velocity", error)
 
 
-def tell(title: str, error_m: Floats) -> None:
+def report(title: str, error_m: Floats) -> None:
     """Print a row: mean errors in mm at `LEADS`."""
     print(f"| {title} | " + " | ".join(f"{1000 * error_m[n - 1]:.1f}" for n in LEADS) + " |")
 

@@ -77,7 +77,7 @@ def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, f
 
     settings = ReplaySettings(num_selected=cameras, seed=phase, phase=phase)
     people: list[Any] = []
-    records = list(replay(recording, settings, tell=people.append))
+    records = list(replay(recording, settings, publish=people.append))
     posteriors = [each.posterior for each in people]
     skeleton, interval_s = recording.skeleton, recording.interval_s
     lag = max(1, int(LAG_S / interval_s + 1e-6))
@@ -135,7 +135,7 @@ def cost() -> None:
 
     recording = simulate(SceneSettings(scene="ring", people=4, seconds=8, fps=25), 705)
     people: list[Any] = []
-    for _ in replay(recording, ReplaySettings(num_selected=2), tell=people.append):
+    for _ in replay(recording, ReplaySettings(num_selected=2), publish=people.append):
         pass
     delayed = DelayedPoses(recording.skeleton.joints, 5)
     took_ms = []

@@ -136,17 +136,17 @@ def step(
     state: SlotState,
     views: Mapping[int, Poses2D],
     online: Selection,
-    tell: Callable[[People], None] = lambda people: None,
+    publish: Callable[[People], None] = lambda people: None,
 ) -> tuple[SlotState, SlotRecord]:
     """Advance one slot (paper Algorithm 1).
 
     Args:
         pipeline: the parts.
         state: what the slot before handed over.
-        views: camera index to what it saw in `state.slot`; views that were not ordered are ignored.
+        views: camera index to its view in `state.slot`; views without an order are ignored.
         online: `(num_cameras,)` cameras that can be reached.
-        tell: called with the people of this slot once they are known, before cameras are selected
-            for a later one: whoever waits for them need not wait for that.
+        publish: called with the people of this slot as soon as they are estimated, before cameras
+            are selected for a later one.
 
     Returns:
         The next state and the record of this slot, with the selection for `slot + lead_slots`.
@@ -160,7 +160,7 @@ def step(
     shown = people
     if pipeline.holds and not selected.any() and state.shown is not None:
         shown = replace(state.shown, measured=np.zeros_like(state.shown.measured))
-    tell(shown)
+    publish(shown)
     times = [clock()]
 
     memory, predicted_m, surest = _look_ahead(pipeline, memory, people.history_m)

@@ -48,7 +48,7 @@ def test_failing_source_is_told_once_and_its_return_once() -> None:
         RecordedDetector(),
         Hub().join(),
         WallClock(),
-        tell=told.append,
+        report=told.append,
     )
     with node:
         end_s = time.monotonic() + 10

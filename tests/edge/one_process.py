@@ -13,7 +13,7 @@ from tests.waiting import eventually
 
 from e3pose.camera.live import CameraNode, NodeSettings
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
-from e3pose.edge.events import News
+from e3pose.edge.events import EventLog
 from e3pose.edge.server import EdgeServer
 from e3pose.edge.state_file import StateFile
 from e3pose.recording import Recording
@@ -60,14 +60,14 @@ class Site:
             start_wait_s=1.0,
             smooth_delay_s=self.smooth_delay_s,
         )
-        news = News(self.clock, self.events.append)
+        event_log = EventLog(self.clock, self.events.append)
         self.edge = EdgeServer(
             make_pipeline(self.recording, settings),
             self.hub.join(),
             edge_settings,
             self.clock,
-            StateFile(self.folder / "state.npz", news.tell, self.clock.now_ns()),
-            news,
+            StateFile(self.folder / "state.npz", event_log.report, self.clock.now_ns()),
+            event_log,
         )
         self.edge.start()
         return self.edge
@@ -79,7 +79,7 @@ class Site:
             RecordedDetector(),
             self.hub.join(),
             self.clock,
-            tell=lambda line: self.words.append(f"{camera_id}: {line}"),
+            report=lambda line: self.words.append(f"{camera_id}: {line}"),
         )
         node.start()
         self.nodes[camera_id] = node

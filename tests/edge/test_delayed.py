@@ -28,7 +28,7 @@ def scene() -> Recording:
 
 def test_messages_are_those_of_the_smoother_with_that_lag() -> None:
     people: list[People] = []
-    records = list(replay(scene(), ReplaySettings(num_selected=2), tell=people.append))
+    records = list(replay(scene(), ReplaySettings(num_selected=2), publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     wanted = smooth_records(records, posteriors, scene().skeleton, 3)
     delayed = DelayedPoses(scene().skeleton.joints, 3)

@@ -36,7 +36,7 @@ def told(
     policy = "all" if awake == len(recording.rig) else "round-robin"
     for record in replay(recording, ReplaySettings(policy=policy, num_selected=awake)):
         watch.saw(record, selected_views(recording, record.slot, record.arrived))
-        found += [(record.time_s, kind, camera) for kind, _, camera in watch.news()]
+        found += [(record.time_s, kind, camera) for kind, _, camera in watch.events()]
     return found, watch
 
 
@@ -92,6 +92,6 @@ def test_camera_counts_as_moved_until_it_is_seen_to_be_back(calm: Recording) -> 
         for record in replay(recording, ReplaySettings(policy="all")):
             later = replace(record, time_s=record.time_s + start_s)
             watch.saw(later, selected_views(recording, record.slot, record.arrived))
-            kinds += [kind for kind, _, _ in watch.news()]
+            kinds += [kind for kind, _, _ in watch.events()]
         start_s += recording.num_slots / recording.fps
     assert kinds == ["camera-moved", "camera-in-place"]

@@ -30,7 +30,7 @@ def test_nothing_is_lost_while_the_server_is_away(
     settings = WriterSettings(commit_s=0.02, spool_beside=tmp_path / "lab")
     with running_server(postgres.tools) as server:  # others have theirs
         url = server.new_store()
-        with StoreWriter(url, run(), settings, tell=told.append) as writer:
+        with StoreWriter(url, run(), settings, report=told.append) as writer:
             for slot in range(50):
                 writer.append(record(slot), wait=True)
             assert writer.flush()
@@ -68,7 +68,7 @@ def test_what_a_killed_writer_spooled_is_delivered_by_the_next(
         assert writer.flush()
     assert len(spools_of(tmp_path / "lab")) == 1, "kept for the next start"
     told: list[Event] = []
-    with StoreWriter(url, run("yard"), settings, tell=told.append):
+    with StoreWriter(url, run("yard"), settings, report=told.append):
         wait_for(lambda: any("recovered" in event.message for event in told))
     assert [row["slot"] for row in Store(url).rows("slots", site="hall")] == list(range(20))
     assert spools_of(tmp_path / "lab") == []
@@ -79,7 +79,7 @@ def test_refusal_of_the_server_is_not_held_against_the_rows(
 ) -> None:
     """A right that was taken away is trouble that ends, as a full disk is."""
     told: list[Event] = []
-    with StoreWriter(url, run(), QUICK, tell=told.append) as writer:
+    with StoreWriter(url, run(), QUICK, report=told.append) as writer:
         writer.append(record(0))
         assert writer.flush()
         engine = writing_engine(database_url(url))
@@ -185,7 +185,7 @@ def test_password_is_in_no_message(with_password: str, run: Runs) -> None:
     said = []
     try:
         said.append(shown(with_password))
-        with StoreWriter(with_password, run(), QUICK, tell=told.append) as writer:
+        with StoreWriter(with_password, run(), QUICK, report=told.append) as writer:
             said.append(writer.status().trouble or "")
     except InputError as error:
         said.append(str(error))

@@ -194,7 +194,7 @@ def test_record_that_does_not_fit_is_refused_and_told(
     place: Place, record: Records, run: Runs
 ) -> None:
     told: list[Event] = []
-    with StoreWriter(place, run(), tell=told.append) as writer:
+    with StoreWriter(place, run(), report=told.append) as writer:
         writer.append(record(0), energy_j=np.zeros(7))
         writer.append(record(1))
         writer.append(record(2), time_ns=2**70)

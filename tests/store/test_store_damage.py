@@ -55,7 +55,7 @@ def test_damaged_database_is_set_aside_and_kept(
     with pytest.raises(InputError, match=r"damaged|no tables"):
         Store(path).query()
     told: list[Event] = []
-    with StoreWriter(path, run(), QUICK, tell=told.append) as writer:
+    with StoreWriter(path, run(), QUICK, report=told.append) as writer:
         writer.append(record(5))
     (aside,) = tmp_path.glob("live.db.corrupt-*Z")
     assert aside.read_bytes() == bytes(content)
@@ -71,7 +71,7 @@ def test_damage_while_running_starts_a_new_database(
     limit_connections(monkeypatch, lambda: "cache_size = 5")  # so that pages are read again
     path = tmp_path / "live.db"
     told: list[Event] = []
-    with StoreWriter(path, run(), QUICK, tell=told.append) as writer:
+    with StoreWriter(path, run(), QUICK, report=told.append) as writer:
         for slot in range(300):
             writer.append(record(slot), wait=True)
         assert writer.flush()
@@ -117,7 +117,7 @@ def test_damage_that_no_commit_meets_is_found(
     path = tmp_path / "live.db"
     told: list[Event] = []
     settings = WriterSettings(commit_s=0.02, check_s=check_s)
-    with StoreWriter(path, run(), settings, tell=told.append) as writer:
+    with StoreWriter(path, run(), settings, report=told.append) as writer:
         for slot in range(600):
             writer.append(record(slot), wait=True)
         assert writer.flush()

@@ -87,7 +87,7 @@ def test_full_disk_goes_to_the_spool_and_comes_back(
 ) -> None:
     told: list[Event] = []
     path = small_disk / "live.db"
-    with StoreWriter(path, run(), QUICK, tell=told.append) as writer:
+    with StoreWriter(path, run(), QUICK, report=told.append) as writer:
         for slot in range(50):
             writer.append(record(slot), wait=True)
         assert writer.flush()
@@ -144,7 +144,7 @@ def test_spool_is_bounded_and_keeps_the_newest(
         pass
     page_limit[0] = 1
     told: list[Event] = []
-    with StoreWriter(path, run(), QUICK, tell=told.append) as writer:
+    with StoreWriter(path, run(), QUICK, report=told.append) as writer:
         (spool,) = spools_of(path)
         for slot in range(1500):
             assert writer.append(record(slot), wait=True)
@@ -180,7 +180,7 @@ def test_spool_of_a_killed_process_is_delivered_at_the_next_start(
     (tmp_path / "live.db.spool-7").write_bytes(b"no spool at all" * 10)
     page_limit[0] = 2**30
     told: list[Event] = []
-    with StoreWriter(path, run("yard"), QUICK, tell=told.append) as writer:
+    with StoreWriter(path, run("yard"), QUICK, report=told.append) as writer:
         wait_for(lambda: not spool.exists())
         wait_for(lambda: len(told) >= 2)
     assert stored_slots(path) == list(range(20))
@@ -220,7 +220,7 @@ def test_full_queue_sheds_and_says_so(tmp_path: Path, record: Records, run: Runs
     path = tmp_path / "live.db"
     told: list[Event] = []
     settings = WriterSettings(commit_s=0.02, queue_slots=10)
-    with StoreWriter(path, run(), settings, tell=told.append) as writer:
+    with StoreWriter(path, run(), settings, report=told.append) as writer:
         blocker = sqlite3.connect(path, isolation_level=None)
         blocker.execute("BEGIN IMMEDIATE")
         taken = [writer.append(record(slot)) for slot in range(100)]

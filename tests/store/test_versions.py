@@ -76,7 +76,7 @@ def test_writer_upgrades_a_store_of_version_1(
     old: Place, record: Records, run: Runs, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     before, told = Store(old).query(), list[Event]()
-    with StoreWriter(old, run(), tell=told.append) as writer:
+    with StoreWriter(old, run(), report=told.append) as writer:
         writer.append(record(SLOTS), wait=True)
         writer.append(record(5), wait=True)  # is there already
     assert version(old) == schema.VERSION

@@ -198,7 +198,7 @@ class _Run:
         skeleton, reached = self.detector.skeleton, dict.fromkeys(self.sources, 0)
         room = Room(rig, skeleton, 1 / self.grid.fps, self.detector_name.partition(" ")[0])
 
-        def tell(camera_id: str, slots: int) -> None:
+        def report(camera_id: str, slots: int) -> None:
             reached[camera_id] = slots
             self.done = sum(reached.values())
             self.progress(self.done, max(self.done, sum(self.expected.values())))
@@ -212,7 +212,7 @@ class _Run:
             self.detectors,
             self.whole_every,
             lambda camera_id: _series(self.work.path(camera_id), len(skeleton)),
-            tell,
+            report,
         )
         return {camera_id: self.work.damage(camera_id) or "" for camera_id in self.sources}
 
@@ -221,7 +221,7 @@ class _Run:
         source, offset_s = self.sources[camera_id], self.offsets_s.get(camera_id, 0.0)
         first = self.work.last_slot(camera_id, len(self.detector.skeleton)) + 1
         self.resumed += first
-        self._tell(camera_id, first)
+        self._report(camera_id, first)
         damage = self.work.damage(camera_id)
         if damage is not None:  # read to its end by an earlier run
             self._pass(camera_id)
@@ -232,18 +232,18 @@ class _Run:
             for slot, time_s, frame in frames:
                 poses = self.detectors[camera_id].detect(frame.image)
                 file.write(encode_view(slot, time_s, poses))
-                self._tell(camera_id, slot + 1)
+                self._report(camera_id, slot + 1)
         self.work.mark_done(camera_id, source.damage)
         self._pass(camera_id)
         return source.damage
 
-    def _tell(self, camera_id: str, slots: int) -> None:
+    def _report(self, camera_id: str, slots: int) -> None:
         # A header may announce too few frames; the bar waits then, rather than run backwards.
         self.done = self.before + min(slots, max(1, self.expected[camera_id]))
         self.progress(self.done, sum(self.expected.values()))
 
     def _pass(self, camera_id: str) -> None:
-        self._tell(camera_id, self.expected[camera_id])
+        self._report(camera_id, self.expected[camera_id])
         self.before += self.expected[camera_id]
 
 

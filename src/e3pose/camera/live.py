@@ -82,7 +82,7 @@ class CameraNode:
         transport: Transport,
         clock: Clock,
         meter: Callable[[CameraMode], dict[str, Any]] = lambda mode: {},
-        tell: Callable[[str], None] = lambda line: None,
+        report: Callable[[str], None] = lambda line: None,
         pictures: Pictures | None = None,
         recorder: VideoRecorder | None = None,
     ) -> None:
@@ -95,13 +95,13 @@ class CameraNode:
             transport: how to reach the edge; the node closes it.
             clock: its own.
             meter: the power fields of a heartbeat (`power_w`, `energy_j`, `measured`, ...).
-            tell: called with what a person should know.
+            report: called with messages for operators.
             pictures: shows operators what it looks at; None allows nobody to see it.
             recorder: keeps what it sees; the node closes it.
         """
         self.pictures, self.recorder = pictures, recorder
         self.settings, self.source, self.detector = settings, source, detector
-        self.transport, self.clock, self._meter, self._tell = transport, clock, meter, tell
+        self.transport, self.clock, self._meter, self._report = transport, clock, meter, report
         self.session = random.SystemRandom().randrange(1, 2**53)
         self.schedule = Schedule()
         self.offset = OffsetEstimate()
@@ -174,7 +174,7 @@ class CameraNode:
         try:
             order = decode(payload, Order, "edge")
         except InputError as error:
-            self._tell(str(error))
+            self._report(str(error))
             return
         if order.camera_id != self.settings.camera_id or self.offset.offset.error_ns is None:
             return
@@ -232,7 +232,7 @@ class CameraNode:
         """Tell of a problem with the source when it comes and when it goes, not every second."""
         if problem != self.problem:
             self.problem = problem
-            self._tell(problem or "frames from the source again")
+            self._report(problem or "frames from the source again")
 
     def _may_sleep(self) -> bool:
         """Return whether nothing is to be captured for longer than waking takes."""
@@ -279,7 +279,7 @@ class CameraNode:
             self.counts.focused += seen.expected is not None
             if seen.expected is not None and not uses and not warned:
                 name = self.settings.detector or "the detector"
-                self._tell(f"feedback ignored: {name} detects in whole images only")
+                self._report(f"feedback ignored: {name} detects in whole images only")
                 warned = True
             keypoints, scores = pack_poses(poses)
             self._views.put(
@@ -342,7 +342,7 @@ class CameraNode:
         try:
             answer = decode(payload, ClockAnswer, "edge")
         except InputError as error:
-            self._tell(str(error))
+            self._report(str(error))
             return
         if answer.asked_ns != asked_ns:
             return

@@ -87,7 +87,7 @@ def detect_together(
     detectors: Mapping[str, Detector],
     whole_every: int,
     earlier: Callable[[str], ViewSeries],
-    tell: Callable[[str, int], None],
+    report: Callable[[str, int], None],
 ) -> int:
     """Detect in every camera's video, with feedback from the slots before.
 
@@ -100,7 +100,7 @@ def detect_together(
         detectors: camera id to what finds the people.
         whole_every: one of so many looks is at the whole image.
         earlier: camera id to the lines that `work` has.
-        tell: called with a camera and the number of its slots that are done.
+        report: called with a camera and the number of its slots that are done.
 
     Returns:
         Slots of all cameras that an earlier run had done.
@@ -125,7 +125,7 @@ def detect_together(
                 found = detect_expected(detectors[name], here[1].image, people)
                 with work.path(name).open("ab", buffering=0) as file:
                     file.write(encode_view(slot, here[0], found))
-                tell(name, slot + 1)
+                report(name, slot + 1)
             if found is not None:
                 views[index] = found
         state, record = step(pipeline, state, views, online)

@@ -65,17 +65,17 @@ class VideoRecorder:
         busy_s: processor time that converting and encoding took.
     """
 
-    def __init__(self, settings: VideoSettings, tell: Callable[[str], None]) -> None:
+    def __init__(self, settings: VideoSettings, report: Callable[[str], None]) -> None:
         """Begin without a file.
 
         Args:
             settings: what to record.
-            tell: called with what a person should know, from the recorder's thread.
+            report: called with messages for operators, from the recorder's thread.
 
         Raises:
             InputError: when the folder cannot be made.
         """
-        self.settings, self._tell = settings, tell
+        self.settings, self._report = settings, report
         try:
             make_folder(settings.folder)
         except OSError as error:
@@ -144,11 +144,11 @@ class VideoRecorder:
         """Write a frame; return whether that went well. Tells of trouble when it comes and goes."""
         done = self._try(lambda: self._put(taken))
         if done and self._trouble:
-            self._tell("recording video again")
+            self._report("recording video again")
             self._trouble = ""
         if self.dropped and not self._told_dropped:
             self._told_dropped = True
-            self._tell("video: frames are left out, encoder or disk is too slow")
+            self._report("video: frames are left out, encoder or disk is too slow")
         return done
 
     def _try(self, action: Callable[[], None]) -> bool:
@@ -157,7 +157,7 @@ class VideoRecorder:
         except (OSError, ValueError) as error:  # PyAV's errors are both
             reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
             if not self._trouble:
-                self._tell(f"not recording video: {reason.lower()}")
+                self._report(f"not recording video: {reason.lower()}")
             self._trouble, self._file = reason, None
             return False
         return True

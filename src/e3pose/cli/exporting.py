@@ -132,7 +132,7 @@ def export(
             print(f"resampled from {before.fps:g} to {take.fps:g} frames per second, linearly")
     for path, note in write(take, dest, form, ExportSettings(units, angles, rig, progress)):
         wrote(path, note)
-    _tell_filled(take)
+    _print_filled(take)
 
 
 def _take(source: str, dest: Path, asked: Asked) -> Take:
@@ -170,7 +170,7 @@ def _corners(region: str) -> tuple[float, float, float, float]:
     return values[0], values[1], values[2], values[3]
 
 
-def _tell_filled(take: Take) -> None:
+def _print_filled(take: Take) -> None:
     from e3pose.model.take import FILLED, PREDICTED
 
     known = sum(int(motion.known.sum()) for motion in take.motions)

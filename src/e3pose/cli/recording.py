@@ -95,7 +95,7 @@ def record(
             run_site(programs, stopped, console.print)
     if server.crew.failure is not None:
         raise server.crew.failure
-    _tell(server, table)
+    _report(server, table)
 
 
 def _plan(table: SiteTable, dest: Path, for_s: float | None) -> RecordingPlan:
@@ -120,7 +120,7 @@ def _progress(server: RecordServer) -> str:
     return f"{seconds:.0f} s recorded; poses detected: {seen}"
 
 
-def _tell(server: RecordServer, table: SiteTable) -> None:
+def _report(server: RecordServer, table: SiteTable) -> None:
     if server.written is None:
         reasons = "; ".join(f"{name}: {why}" for name, why in server.troubles().items())
         raise InputError(f"nothing was recorded{': ' if reasons else ''}{reasons}")

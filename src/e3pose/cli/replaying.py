@@ -119,7 +119,7 @@ def replay(
         anew = settings.feedback or detector is not None
         feedback = settings.feedback
         look = open_pixels(source, recording, detector, feedback=feedback) if anew else None
-        replayed = run_replay(source, settings, tell=keep_posterior, look=look)
+        replayed = run_replay(source, settings, publish=keep_posterior, look=look)
     slots = stored(
         replayed,
         store,

@@ -97,7 +97,7 @@ def init(
         rotations=rotations,
     )
     path = write_site(folder, choice)
-    _tell(choice, folder, path)
+    _report(choice, folder, path)
 
 
 def _asked() -> list[str]:
@@ -223,7 +223,7 @@ def _measured(
     return times
 
 
-def _tell(choice: Choice, folder: Path, path: Path) -> None:
+def _report(choice: Choice, folder: Path, path: Path) -> None:
     from e3pose.site.new_site import RIG_FILE, rates
 
     fps, pace = rates(choice)

@@ -72,7 +72,7 @@ class Controls(Protocol):
         ...
 
     def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
-        """Return the parts to go on with, and what to tell; between two slots."""
+        """Return the pipeline for the next slot and messages for operators; called between slots."""
         ...
 
 
@@ -151,10 +151,10 @@ class Consumers:
             pipeline, lines = self.controls.applied(pipeline)
             events += [("control", line, None) for line in lines]
         if self.watch is not None:
-            events += self.watch.news()
+            events += self.watch.events()
         if self.ledger is not None:
-            pipeline, news = self.ledger.updated(pipeline)
-            events += [("energy", line, camera_id) for camera_id, line in news]
+            pipeline, changes = self.ledger.updated(pipeline)
+            events += [("energy", line, camera_id) for camera_id, line in changes]
         if self.learner is not None:
             self.learner.collect(record)
             better = self.learner.poll()

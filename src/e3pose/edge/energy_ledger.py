@@ -123,19 +123,19 @@ class EnergyLedger:
         changed = replace(pipeline, budget=estimate.budget, cost_j=estimate.cost_j)
         if pipeline.waking is not None:
             changed = replace(changed, policy=pipeline.waking(estimate.num_selected))
-        return changed, self._news(last, estimate)
+        return changed, self._events(last, estimate)
 
-    def _news(
+    def _events(
         self, last: EnergyEstimate | None, now: EnergyEstimate
     ) -> list[tuple[str | None, str]]:
-        news: list[tuple[str | None, str]] = []
+        events: list[tuple[str | None, str]] = []
         for index, camera_id in enumerate(self._index):
             cost = now.slots[index]
             if cost.measured != (last is not None and last.slots[index].measured):
                 costs = f"{cost.active_j:.3g} J per active slot, {cost.idle_j:.3g} J per idle slot"
-                news.append((camera_id, f"{camera_id}: {costs} ({cost.why})"))
+                events.append((camera_id, f"{camera_id}: {costs} ({cost.why})"))
             if now.starved[index] and not (last is not None and last.starved[index]):
-                news.append(
+                events.append(
                     (
                         camera_id,
                         f"{camera_id}: budget below its idle power of "
@@ -145,14 +145,14 @@ class EnergyLedger:
         before = self._num_selected if last is None else last.num_selected
         asked = self._num_selected
         if (now.num_selected < asked) != (before < asked):
-            news.append(
+            events.append(
                 (
                     None,
                     f"budgets allow {plural(round(now.num_selected, 2), 'camera')} per slot"
                     + (f", {asked:g} requested" if now.num_selected < asked else ""),
                 )
             )
-        return news
+        return events
 
     def spent_j(self, selected: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return `(num_cameras,)` joules that a slot with this selection is charged with."""

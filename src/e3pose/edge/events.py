@@ -12,34 +12,34 @@ from e3pose.store.rows import Event
 KEEP_EVENTS = 20
 
 
-class News:
-    """Events; `tell` and `note` on any thread."""
+class EventLog:
+    """The log of events; `report` and `add` may be called on any thread."""
 
-    def __init__(self, clock: Clock, person: Callable[[Event], None] = lambda event: None) -> None:
-        """Begin without any.
+    def __init__(self, clock: Clock, shown: Callable[[Event], None] = lambda event: None) -> None:
+        """Start with no events.
 
         Args:
-            clock: the edge's.
-            person: called with every event.
+            clock: stamps the events.
+            shown: called with every event, for logs.
         """
         self.recent: deque[Event] = deque(maxlen=KEEP_EVENTS)
-        self._clock, self._person = clock, person
+        self._clock, self._shown = clock, shown
         self._sink: Sink | None = None
 
-    def tell(self, kind: str, message: str, camera_id: str | None = None) -> None:
-        """Let people and the store know of something."""
+    def report(self, kind: str, message: str, camera_id: str | None = None) -> None:
+        """Log and store an event of now."""
         event = Event(self._clock.now_ns(), kind, message, camera_id)
-        self.note(event)
+        self.add(event)
         if self._sink is not None:
             self._sink.event(event)
 
-    def note(self, event: Event) -> None:
-        """Let people know of what the store told, which keeps that itself."""
+    def add(self, event: Event) -> None:
+        """Log an event that the store reported and has stored itself."""
         self.recent.append(event)
-        self._person(event)
+        self._shown(event)
 
-    def keep_in(self, sink: Sink) -> None:
-        """Hand on what was told so far, and from now on all that is."""
+    def attach(self, sink: Sink) -> None:
+        """Store the events so far, and all later ones."""
         for event in self.recent:
             sink.event(event)
         self._sink = sink

@@ -60,7 +60,7 @@ class KnockWatch:
         same = found is not None and found.camera == before.camera
         return found if same else before
 
-    def news(self) -> list[tuple[str, str, str | None]]:
+    def events(self) -> list[tuple[str, str, str | None]]:
         """Return what to tell, since the last call: kind, line and camera."""
         before, answers = self.knock, self._answers
         cameras = {None if answer is None else answer.camera for answer in answers}

@@ -47,7 +47,7 @@ class Publisher:
         self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
         self._newest: tuple[int, int, People] | None = None  # the newest slot, its time and people
 
-    def tell(
+    def publish(
         self,
         slot: int,
         time_ns: int,
@@ -78,7 +78,7 @@ class Publisher:
         )
         self._outbox.put(self._topic, encode(message), slot)
 
-    def tell_again(self, busy: bool) -> int:
+    def publish_delayed(self, busy: bool) -> int:
         """Publish an earlier slot, smoothed, unless there is too much to do; return the time."""
         if self._delayed is None or self._newest is None:
             return 0

@@ -65,19 +65,19 @@ class Recorder:
     """Writes on a thread of its own; `keep` returns at once."""
 
     def __init__(
-        self, settings: RecorderSettings, rig: Rig, tell: Callable[[str, str], None]
+        self, settings: RecorderSettings, rig: Rig, report: Callable[[str, str], None]
     ) -> None:
         """Finish what an earlier run left, and start the thread.
 
         Args:
             settings: what to keep.
             rig: the cameras.
-            tell: called with the kind of an event and a line, from the recorder's thread.
+            report: called with the kind of an event and a line, from the recorder's thread.
 
         Raises:
             InputError: when the folder cannot be made.
         """
-        self.settings, self.rig, self._tell = settings, rig, tell
+        self.settings, self.rig, self._report = settings, rig, report
         try:
             make_folder(settings.folder)
             for part in finish_interrupted(settings.folder):
@@ -128,7 +128,7 @@ class Recorder:
                     continue
                 self._write()
                 if self._trouble:
-                    self._tell("record-recovered", "recording again")
+                    self._report("record-recovered", "recording again")
                 self._trouble = ""
             except (OSError, InputError) as error:
                 self._fail(error)
@@ -189,7 +189,7 @@ class Recorder:
         try:
             attach_videos(part, self.settings.videos, self.settings.filmed)
         except (OSError, InputError) as error:
-            self._tell("record-trouble", f"no videos in {part.name}: {error}")
+            self._report("record-trouble", f"no videos in {part.name}: {error}")
 
     def _trim(self) -> None:
         """Delete the oldest recordings beyond the space they may take."""
@@ -208,11 +208,11 @@ class Recorder:
     def _fail(self, error: Exception) -> None:
         reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
         if not self._trouble:
-            self._tell("record-trouble", f"not recording: {reason.lower()}")
+            self._report("record-trouble", f"not recording: {reason.lower()}")
         self._trouble = reason
         self._retry = round(RETRY_S / WRITE_S)
         if self.dropped:
-            self._tell("record-trouble", f"{plural(self.dropped, 'slot')} not recorded")
+            self._report("record-trouble", f"{plural(self.dropped, 'slot')} not recorded")
 
 
 def recordings_in(folder: Path) -> list[Path]:

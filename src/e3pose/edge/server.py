@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.consumers import NOBODY, Consumers
 from e3pose.edge.counters import Counts
-from e3pose.edge.events import News
+from e3pose.edge.events import EventLog
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lateness import forgiven, oddities
@@ -63,7 +63,7 @@ class EdgeServer:
         settings: EdgeSettings,
         clock: Clock,
         state_file: StateFile | None = None,
-        news: News | None = None,
+        event_log: EventLog | None = None,
         consumers: Consumers = NOBODY,
     ) -> None:
         """Take up the state of the checkpoint, if there is one that fits.
@@ -74,12 +74,12 @@ class EdgeServer:
             settings: see `EdgeSettings`.
             clock: the edge's time.
             state_file: keeps the state, and has that of an earlier life; None keeps none.
-            news: what a person should know.
+            event_log: logs and stores events.
             consumers: to whom slots and heartbeats are handed.
         """
         self.pipeline, self.settings, self.clock = pipeline, settings, clock
         self.transport, self.consumers = transport, consumers
-        self.news = news or News(clock)
+        self.event_log = event_log or EventLog(clock)
         self.interval_ns = round(pipeline.interval_s / settings.pace * 1e9)
         interval_s = self.interval_ns / 1e9
         self.started_ns = clock.now_ns()
@@ -108,7 +108,7 @@ class EdgeServer:
             self.outbox,
             clock,
         )
-        self.state_file = state_file or StateFile(None, self.news.tell, self.started_ns)
+        self.state_file = state_file or StateFile(None, self.event_log.report, self.started_ns)
         if settings.adaptive_lead:
             self.lead = cautious(settings.deadline_s, interval_s)
             self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
@@ -133,7 +133,7 @@ class EdgeServer:
     def start(self) -> None:
         """Begin to receive, and to compute slots once cameras are there."""
         if self.consumers.sink is not None:
-            self.news.keep_in(self.consumers.sink)
+            self.event_log.attach(self.consumers.sink)
         self._join()  # cameras find the edge again while it gets ready
         warm_up(self.pipeline)
         for name, body in (
@@ -203,7 +203,7 @@ class EdgeServer:
                 pipeline=self.pipeline,
                 counts=self.counts,
                 turned=self.consumers.turned,
-                events=[event.message for event in self.news.recent],
+                events=[event.message for event in self.event_log.recent],
             )
         )
 
@@ -240,7 +240,7 @@ class EdgeServer:
         else:
             times, moved = still_true(self.times, self.state.slot, now_ns, self.lead.slots)
             if moved:
-                self.news.tell("clock", f"{moved}: slot numbers continue, all tracks end")
+                self.event_log.report("clock", f"{moved}: slot numbers continue, all tracks end")
                 memory = self.pipeline.estimator.forget_people(self.state.memory)
                 self.state = replace(self.state, memory=memory)
             self._skip(max(self.state.slot, times.slot_at(now_ns) + 1))
@@ -255,7 +255,7 @@ class EdgeServer:
         slot = self.state.slot + behind_ns // self.interval_ns
         self.counts.lost += slot - self.state.slot
         skipped = plural(slot - self.state.slot, "slot")
-        self.news.tell("slots-lost", f"skipped {skipped}: the edge was behind")
+        self.event_log.report("slots-lost", f"skipped {skipped}: the edge was behind")
         self._skip(slot)
 
     def _skip(self, slot: int) -> None:
@@ -303,7 +303,7 @@ class EdgeServer:
         time_ns = times.middle_ns(slot)
 
         def publish(people: People) -> None:
-            self.publisher.tell(slot, time_ns, people, used, ordered & online)
+            self.publisher.publish(slot, time_ns, people, used, ordered & online)
 
         self.state, record = step(thinned(self.pipeline, self.load), state, views, online, publish)
         took_ns = self.clock.now_ns() - begun_ns
@@ -319,7 +319,7 @@ class EdgeServer:
         self.counts.looked(record.selected)
         self.consumers.saw(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
-        took_ns += self.publisher.tell_again(busy=self.load.level > 0)
+        took_ns += self.publisher.publish_delayed(busy=self.load.level > 0)
         self._improve(times, record, reachable.tolist())
         self._cope(took_ns / 1e9, record)
         self._quiet.set()
@@ -330,9 +330,9 @@ class EdgeServer:
 
     def _improve(self, times: SlotTimes, record: SlotRecord, online: Sequence[bool]) -> None:
         """Between two slots: another lead, a better predictor, other budgets."""
-        self.pipeline, news = self.consumers.improved(self.pipeline, record)
-        for kind, line, camera_id in news:
-            self.news.tell(kind, line, camera_id)
+        self.pipeline, events = self.consumers.improved(self.pipeline, record)
+        for kind, line, camera_id in events:
+            self.event_log.report(kind, line, camera_id)
         if not self.settings.adaptive_lead:
             return
         while self._delays:
@@ -342,7 +342,7 @@ class EdgeServer:
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"
-            self.news.tell(
+            self.event_log.report(
                 "lead", f"lead {changed} from {before} to {plural(self.lead.slots, 'slot')}"
             )
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
@@ -359,7 +359,7 @@ class EdgeServer:
             busy = f"computing takes {self.load.busy:.0%} of a slot"
             overloaded = self.load.level > before
             what = "edge overloaded" if overloaded else "edge load is back to normal"
-            self.news.tell("overload", f"{what}, {busy}: {WORDS[self.load.level]}")
+            self.event_log.report("overload", f"{what}, {busy}: {WORDS[self.load.level]}")
 
     # The keeping thread.
 
@@ -369,13 +369,13 @@ class EdgeServer:
         while not self.crew.stopping.is_set():
             before = troubles, odd
             troubles, odd = self.inbox.troubles(), self.oddities()
-            news = changes(ids, before[0], troubles, ("camera-lost", "camera-back"))
-            news += changes(
+            events = changes(ids, before[0], troubles, ("camera-lost", "camera-back"))
+            events += changes(
                 ids, before[1], odd, ("camera-useless", "camera-useful"), "responds in time again"
             )
-            for kind, message, camera_id in news:
-                self.news.tell(kind, message, camera_id)
-            if news or self.clock.now_ns() >= due_ns:
+            for kind, message, camera_id in events:
+                self.event_log.report(kind, message, camera_id)
+            if events or self.clock.now_ns() >= due_ns:
                 due_ns = self.clock.now_ns() + round(KEEPING_S * 1e9)
                 status = encode(self.status())
                 self.outbox.put(topics.of_site(self.settings.site, "status"), status)
@@ -406,4 +406,4 @@ class EdgeServer:
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)
         away_s = (self.clock.now_ns() - found.made_ns) / 1e9
         when = f"{lasting(abs(away_s))} {'later' if away_s >= 0 else 'before the state was saved'}"
-        self.news.tell("resumed", f"resumed after slot {self.state.slot - 1}, {when}")
+        self.event_log.report("resumed", f"resumed after slot {self.state.slot - 1}, {when}")

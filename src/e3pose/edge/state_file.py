@@ -20,13 +20,13 @@ class StateFile:
 
     Attributes:
         path: the file; None keeps nothing.
-        tell: called with a kind and a line that a person should know; what goes on is told once.
+        report: called with the kind and message of an event; a lasting fault is reported once.
         run_ns: when the run began: that of the state that is taken up, if there is one.
         trouble: why the state cannot be kept at present; empty if it can.
     """
 
     path: Path | None
-    tell: Callable[[str, str], None]
+    report: Callable[[str, str], None]
     run_ns: int
     trouble: str = ""
     _found: Checkpoint | None = None
@@ -41,11 +41,11 @@ class StateFile:
         except (InputError, OSError) as error:
             if not self.trouble:
                 self.trouble = one_line(str(error))
-                self.tell("checkpoint", f"cannot save the state: {self.trouble}")
+                self.report("checkpoint", f"cannot save the state: {self.trouble}")
             return
         if self.trouble:
             self.trouble = ""
-            self.tell("checkpoint", "saving the state again")
+            self.report("checkpoint", "saving the state again")
 
     def take_up(self, pipeline: Pipeline) -> Checkpoint | None:
         """Return the state that was kept; None, and the old file set aside, if it is of no use."""
@@ -75,6 +75,6 @@ class StateFile:
         try:
             path.replace(aside)
         except OSError:
-            self.tell("checkpoint", f"started without the saved state: {error}")
+            self.report("checkpoint", f"started without the saved state: {error}")
             return
-        self.tell("checkpoint", f"started without the saved state, moved to {aside}: {error}")
+        self.report("checkpoint", f"started without the saved state, moved to {aside}: {error}")

@@ -46,7 +46,7 @@ def replay(
     recording: Recording,
     settings: ReplaySettings | None = None,
     clock: Callable[[], float] = time.perf_counter,
-    tell: Callable[[People], None] = lambda people: None,
+    publish: Callable[[People], None] = lambda people: None,
     *,
     policy: str | Policy | None = None,
     predictor: str | Predictor | None = None,
@@ -62,7 +62,7 @@ def replay(
         recording: what to run.
         settings: how.
         clock: seconds, for stage times only.
-        tell: called with the people of every slot, before its record is yielded.
+        publish: called with the people of every slot, before its record is yielded.
         policy: in place of that of the settings: a name, or any object that can `select`.
         predictor: likewise: a name, or any object that can `predict`.
         estimator: in place of that of the pipeline: an `estimate.base.Estimator`.
@@ -86,8 +86,8 @@ def replay(
     gone_s = deaths_s(recording, day.kills, settings.phase)
     arriving(len(recording.rig), day.loss, settings.seed, 0)
     if look is None:
-        return _run(recording, _recorded(recording), pipeline, day, gone_s, settings.seed, tell)
-    return _run(recording, look, pipeline, day, gone_s, settings.seed, tell)
+        return _run(recording, _recorded(recording), pipeline, day, gone_s, settings.seed, publish)
+    return _run(recording, look, pipeline, day, gone_s, settings.seed, publish)
 
 
 def _recorded(recording: Recording) -> Look:
@@ -101,7 +101,7 @@ def _run(
     day: Faults,
     gone_s: NDArray[np.float64],
     seed: int,
-    tell: Callable[[People], None],
+    publish: Callable[[People], None],
 ) -> Iterator[SlotRecord]:
     state = initial_state(pipeline)
     left_j = capacity_j(recording)
@@ -112,7 +112,7 @@ def _run(
         awake = state.selections[0] & came
         views = _seen(look, slot, awake, expected.pop(slot, None))
         try:
-            state, record = step(pipeline, state, views, online, tell)
+            state, record = step(pipeline, state, views, online, publish)
         except InputError as error:
             raise InputError(f"{recording.name}: slot {slot}: {error}") from None
         if record.expected is not None:

@@ -48,12 +48,12 @@ def camera_link(node: NodeTable) -> Link:
     return link
 
 
-def open_charge_file(node: NodeTable, tell: Callable[[str], None]) -> ChargeFile | None:
+def open_charge_file(node: NodeTable, report: Callable[[str], None]) -> ChargeFile | None:
     """Return what is left in a camera's battery; None on mains.
 
     Args:
         node: its configuration; the charge is remembered beside its file unless it says where.
-        tell: called with what a person should know.
+        report: called with messages for operators.
     """
     if node.battery_wh is None:
         return None
@@ -63,8 +63,8 @@ def open_charge_file(node: NodeTable, tell: Callable[[str], None]) -> ChargeFile
     elif node.state is None and node.path is not None:
         path = node.path.with_name(f"{node.path.stem}.battery.json")
     elif node.state is None:
-        tell("no battery gauge: assuming a full battery at each start; --state stores the charge")
-    return ChargeFile(path, node.camera, node.battery_wh, tell)
+        report("no battery gauge: assuming a full battery at each start; --state stores the charge")
+    return ChargeFile(path, node.camera, node.battery_wh, report)
 
 
 @dataclass(slots=True, eq=False)
@@ -72,12 +72,12 @@ class EdgeWatch:
     """Tells a person whether the edge is there: a camera without one waits in silence.
 
     Attributes:
-        tell: called with what a person should know.
+        report: called with messages for operators.
         endpoint: where the edge is looked for.
         alone_s: seconds without the edge, at the start, before a warning.
     """
 
-    tell: Callable[[str], None]
+    report: Callable[[str], None]
     endpoint: str
     alone_s: float = ALONE_S
     _there: bool = False
@@ -90,10 +90,10 @@ class EdgeWatch:
             self._since_s = now_s
         if there != self._there:
             self._there, self._reported = there, True
-            self.tell("edge connected" if there else "edge disconnected, reconnecting")
+            self.report("edge connected" if there else "edge disconnected, reconnecting")
         elif not (there or self._reported) and now_s - self._since_s >= self.alone_s:
             self._reported = True
-            self.tell(f"no answer from the edge at {self.endpoint}, still trying")
+            self.report(f"no answer from the edge at {self.endpoint}, still trying")
 
 
 class Camera:
@@ -181,7 +181,7 @@ def make_camera(
     node: NodeTable,
     transport: Transport,
     clock: Clock,
-    tell: Callable[[str], Any],
+    report: Callable[[str], Any],
     meter: Callable[[Any], dict[str, Any]],
     detector: Detector | None = None,
 ) -> CameraNode:
@@ -191,7 +191,7 @@ def make_camera(
         node: its configuration.
         transport: how to reach the edge.
         clock: its own.
-        tell: called with what a person should know.
+        report: called with messages for operators.
         meter: the power fields of its heartbeats.
         detector: in place of the one that the configuration names.
 
@@ -217,7 +217,7 @@ def make_camera(
         battery_wh=node.battery_wh,
     )
     pictures = Pictures(node.camera, clock) if node.pictures else None
-    recorder = _recorder(node, tell)
+    recorder = _recorder(node, report)
 
     def metered(mode: Any) -> dict[str, Any]:
         fields = meter(mode)
@@ -227,10 +227,12 @@ def make_camera(
             fields["recording_j"] = recorder.spent_j
         return fields
 
-    return CameraNode(settings, source, looks, transport, clock, metered, tell, pictures, recorder)
+    return CameraNode(
+        settings, source, looks, transport, clock, metered, report, pictures, recorder
+    )
 
 
-def _recorder(node: NodeTable, tell: Callable[[str], Any]) -> VideoRecorder | None:
+def _recorder(node: NodeTable, report: Callable[[str], Any]) -> VideoRecorder | None:
     """Return what records the camera's videos; None if nobody asked.
 
     A second of encoding is charged what a second of looking draws beyond idling. That is too much
@@ -247,7 +249,7 @@ def _recorder(node: NodeTable, tell: Callable[[str], Any]) -> VideoRecorder | No
         pace=node.pace,
         busy_w=profile.watts("active") - profile.watts("power-saving"),
     )
-    return VideoRecorder(settings, tell)
+    return VideoRecorder(settings, report)
 
 
 def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ...], str]:

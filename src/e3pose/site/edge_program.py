@@ -12,7 +12,7 @@ from typing import Any
 from e3pose import __version__
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
-from e3pose.edge.events import News
+from e3pose.edge.events import EventLog
 from e3pose.edge.knock_watch import KnockWatch
 from e3pose.edge.recorder import Recorder, RecorderSettings
 from e3pose.edge.server import EdgeServer
@@ -194,13 +194,13 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
         if warning:
             log.warning(warning)
 
-    def tell(event: Event) -> None:
+    def report(event: Event) -> None:
         log.info(event.message, kind=event.kind, camera=event.camera_id)
 
     with ExitStack() as stack:
         transport = join_as_edge(link, roll)
         stack.callback(transport.close)
-        server = make_edge(live, pipeline, transport, clock, tell, stack)
+        server = make_edge(live, pipeline, transport, clock, report, stack)
         if site.metrics_port is not None:
             from e3pose.site.metrics import serve_metrics
 
@@ -225,7 +225,7 @@ def make_edge(
     pipeline: Pipeline,
     transport: Transport,
     clock: Clock,
-    tell: Callable[[Event], None],
+    report: Callable[[Event], None],
     stack: ExitStack,
 ) -> EdgeServer:
     """Return the edge of a site, not yet started, with its store, its ledger and its trainer.
@@ -235,7 +235,7 @@ def make_edge(
         pipeline: the parts of its loop.
         transport: how to reach the cameras.
         clock: the edge's.
-        tell: called with what a person should know.
+        report: called with messages for operators.
         stack: closes what is opened here.
     """
     site = live.site
@@ -244,10 +244,10 @@ def make_edge(
         with suppress(OSError):  # reported when the state is saved
             make_folder(checkpoint.parent)
         stack.enter_context(hold(checkpoint))
-    news = News(clock, tell)
-    state_file = StateFile(checkpoint, news.tell, clock.now_ns())
+    event_log = EventLog(clock, report)
+    state_file = StateFile(checkpoint, event_log.report, clock.now_ns())
     state_file.take_up(pipeline)
-    sink = open_store(live, state_file.run_ns, news, stack)
+    sink = open_store(live, state_file.run_ns, event_log, stack)
     learner = None
     if site.learn is not None:
         from e3pose.learn.online import LearningSettings, OnlineTrainer
@@ -278,20 +278,22 @@ def make_edge(
         smooth_delay_s=site.smooth_delay_ms / 1e3,
     )
     controls = SiteControls(live, ledger)
-    recorder = open_recorder(live, news, stack)
+    recorder = open_recorder(live, event_log, stack)
     kept = ZoneSink(sink, Zones(site.zone)) if sink is not None and site.zone else sink
     watch = KnockWatch(live.rig)
     consumers = Consumers(kept, learner, ledger, controls, recorder, watch)
-    return EdgeServer(pipeline, transport, settings, clock, state_file, news, consumers)
+    return EdgeServer(pipeline, transport, settings, clock, state_file, event_log, consumers)
 
 
-def open_store(live: LiveSite, started_ns: int, news: News, stack: ExitStack) -> StoreWriter | None:
+def open_store(
+    live: LiveSite, started_ns: int, event_log: EventLog, stack: ExitStack
+) -> StoreWriter | None:
     """Return who keeps every slot of a site; None if nobody is to.
 
     Args:
         live: the site.
         started_ns: when the run began that its slots belong to.
-        news: called with events of saving.
+        event_log: called with events of saving.
         stack: closes it.
     """
     site, place = live.site, live.site.store_place
@@ -317,15 +319,15 @@ def open_store(live: LiveSite, started_ns: int, news: News, stack: ExitStack) ->
         spool_bytes=site.store.spool_bytes,
         spool_beside=site.near(site.name),
     )
-    return stack.enter_context(StoreWriter(place, run, keeping, tell=news.note))
+    return stack.enter_context(StoreWriter(place, run, keeping, report=event_log.add))
 
 
-def open_recorder(live: LiveSite, news: News, stack: ExitStack) -> Recorder | None:
+def open_recorder(live: LiveSite, event_log: EventLog, stack: ExitStack) -> Recorder | None:
     """Return what keeps the views of a site as recordings; None if nobody asked.
 
     Args:
         live: the site.
-        news: called with reasons that it cannot record.
+        event_log: called with reasons that it cannot record.
         stack: closes it.
     """
     cameras = [camera.record in ("keypoints", "both") for camera in live.cameras.values()]
@@ -345,7 +347,7 @@ def open_recorder(live: LiveSite, news: News, stack: ExitStack) -> Recorder | No
         filmed=[name for name, camera in live.cameras.items() if camera.record == "both"],
         rotations=rotations_of(site, live.rig),
     )
-    recorder = Recorder(settings, live.rig, news.tell)
+    recorder = Recorder(settings, live.rig, event_log.report)
     stack.callback(recorder.close)
     return recorder
 
@@ -358,13 +360,13 @@ class Admission:
         site: its file.
         server: of the edge.
         join: opens the network by the rules of a list.
-        tell: called with a line that a person should know.
+        report: called with messages for operators.
     """
 
     site: SiteTable
     server: EdgeServer
     join: Callable[[Link, Roll | None], Transport]
-    tell: Callable[[str], Any]
+    report: Callable[[str], Any]
     _seen: tuple[int, int] = (0, 0)
     _refused: str = ""
 
@@ -381,11 +383,11 @@ class Admission:
             self.server.rejoin(lambda: self.join(link, roll))
         except InputError as error:  # tried again: the edge goes on by the rules it has
             if str(error) != self._refused:
-                self.tell(f"cannot reload the certificates: {error}")
+                self.report(f"cannot reload the certificates: {error}")
             self._refused = str(error)
             return
         self._seen, self._refused = seen, ""
-        self.tell("certificates reloaded")
+        self.report("certificates reloaded")
 
     def _look(self) -> tuple[int, int]:
         if self.site.link.keys is None:

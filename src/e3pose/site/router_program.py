@@ -44,7 +44,7 @@ class Router:
         endpoint: likewise.
         edge: likewise.
         join: opens the network by the rules of a list.
-        tell: called with a line that a person should know.
+        report: called with messages for operators.
         site: that it routes for, once it joined.
     """
 
@@ -52,7 +52,7 @@ class Router:
     endpoint: str
     edge: str
     join: Callable[[Link, Roll], Transport]
-    tell: Callable[[str], None]
+    report: Callable[[str], None]
     site: str = ""
     _transport: Transport | None = None
     _seen: tuple[int, int] = (0, 0)
@@ -74,11 +74,11 @@ class Router:
             self.open()
         except InputError as error:
             if str(error) != self._refused:
-                self.tell(f"cannot reload the certificates: {error}")
+                self.report(f"cannot reload the certificates: {error}")
             self._refused = str(error)
             return
         self._refused = ""
-        self.tell("certificates reloaded")
+        self.report("certificates reloaded")
 
     def close(self) -> None:
         """Leave."""

@@ -142,14 +142,14 @@ class Program:
 
 
 def run_site(
-    programs: Sequence[Program], stopped: Callable[[], bool], tell: Callable[[str], None]
+    programs: Sequence[Program], stopped: Callable[[], bool], report: Callable[[str], None]
 ) -> None:
     """Run programs until stopped; one that ends by itself is restarted, or reported.
 
     Args:
         programs: the edge first; `stopped` may add others to the list, started already.
         stopped: whether to end.
-        tell: called with what a person should know.
+        report: called with messages for operators.
 
     Raises:
         InputError: when a program refuses its input: that does not get better by itself.
@@ -166,7 +166,7 @@ def run_site(
                     raise InputError(f"{program.name}: {last_line(program.log)}")
                 if program._due_s == 0.0:
                     program._due_s = time.monotonic() + RESTART_S
-                    tell(f"{program.name} exited with code {code}; restarting in {RESTART_S:g} s")
+                    report(f"{program.name} exited with code {code}; restarting in {RESTART_S:g} s")
                 elif time.monotonic() >= program._due_s:
                     program.restarts, program._due_s = program.restarts + 1, 0.0
                     program.start()

@@ -88,7 +88,7 @@ def _advance_one(
     now, events = dict(inside), list[ZoneEvent]()
     shown = dict(zip(slot.track_ids.tolist(), zip(within, near, strict=True), strict=True))
 
-    def tell(kind: Kind, track: int, since_ns: int) -> None:
+    def add(kind: Kind, track: int, since_ns: int) -> None:
         stayed_s = round((slot.time_ns - since_ns) / 1e9, 3)
         events.append(
             ZoneEvent(kind, table.name, track, len(now), stayed_s, slot.slot, slot.time_ns)
@@ -98,15 +98,15 @@ def _advance_one(
         lost = track not in shown and slot.time_ns - stay.seen_ns > LOST_S * 1e9
         if lost or (track in shown and not shown[track][1]):
             del now[track]
-            tell("leave", track, stay.since_ns)
+            add("leave", track, stay.since_ns)
     for track, (is_within, is_near) in shown.items():
         if track not in now and is_within:
             now[track] = Stay(slot.time_ns, slot.time_ns)
-            tell("enter", track, slot.time_ns)
+            add("enter", track, slot.time_ns)
         elif track in now and is_near:
             stay = now[track]
             due = slot.time_ns - stay.since_ns >= table.dwell_s * 1e9
             now[track] = Stay(stay.since_ns, slot.time_ns, stay.dwelt or due)
             if due and not stay.dwelt:
-                tell("dwell", track, stay.since_ns)
+                add("dwell", track, stay.since_ns)
     return now, events

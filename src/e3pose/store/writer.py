@@ -116,7 +116,7 @@ class StoreWriter:
         store: str | Path,
         run: Run,
         settings: WriterSettings | None = None,
-        tell: Callable[[Event], None] | None = None,
+        report: Callable[[Event], None] | None = None,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         """Open the store and start the thread.
@@ -127,7 +127,7 @@ class StoreWriter:
             store: a path (SQLite) or the URL of a database.
             run: what is about to be written.
             settings: how.
-            tell: called, from the writer's thread, with what a person should know.
+            report: called, from the writer's thread, with what a person should know.
             wall_ns: nanoseconds since 1970, UTC.
 
         Raises:
@@ -135,7 +135,7 @@ class StoreWriter:
         """
         self.run = run
         self.settings = settings or WriterSettings()
-        self._tell, self._wall_ns = tell, wall_ns
+        self._report, self._wall_ns = report, wall_ns
         self._url = database_url(store)
         self._path = database_path(self._url)
         if self._path is None and self.settings.retention.max_bytes is not None:
@@ -377,5 +377,5 @@ class StoreWriter:
     def _say(self, kind: str, message: str) -> None:
         event = Event(self._wall_ns(), kind, message)
         self._notes.append(event)
-        if self._tell is not None:
-            self._tell(event)
+        if self._report is not None:
+            self._report(event)

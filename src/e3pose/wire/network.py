@@ -74,11 +74,11 @@ class NetworkTransport:
     def watch(self, topic: str, presence: Presence) -> None:
         """See `Transport.watch`."""
 
-        def tell(sample: Any) -> None:
+        def notify(sample: Any) -> None:
             presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
         self._declared.append(
-            self._session.liveliness().declare_subscriber(topic, tell, history=True)
+            self._session.liveliness().declare_subscriber(topic, notify, history=True)
         )
 
     def close(self) -> None:

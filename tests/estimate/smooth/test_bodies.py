@@ -35,7 +35,7 @@ def scene() -> Recording:
 def replayed() -> tuple[list[SlotRecord], list[Posterior]]:
     people: list[People] = []
     settings = ReplaySettings(policy="round-robin", num_selected=1, seed=1, phase=1)
-    records = list(replay(scene(), settings, tell=people.append))
+    records = list(replay(scene(), settings, publish=people.append))
     posteriors = [each.posterior for each in people if each.posterior is not None]
     assert len(posteriors) == len(records)
     return records, posteriors

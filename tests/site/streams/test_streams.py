@@ -248,7 +248,7 @@ def test_slots_and_zone_events_go_to_every_stream_also_after_a_silence(
     kept = Kept()
     hub, sender = sending(kept)
     told: list[str] = []
-    sender.tell = told.append
+    sender.report = told.append
     edge = hub.join()
     with sender:
         for number in (3, 4):

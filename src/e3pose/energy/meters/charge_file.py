@@ -70,7 +70,7 @@ class ChargeFile:
     """
 
     def __init__(
-        self, path: Path | None, camera_id: str, capacity_wh: float, tell: Callable[[str], None]
+        self, path: Path | None, camera_id: str, capacity_wh: float, report: Callable[[str], None]
     ) -> None:
         """Begin with what the file remembers, or full.
 
@@ -78,16 +78,16 @@ class ChargeFile:
             path: of the file; None to remember nothing.
             camera_id: whose battery it is.
             capacity_wh: what it holds.
-            tell: called with what a person should know.
+            report: called with messages for operators.
         """
         self.full_j = capacity_wh * 3600
         self._path, self._camera_id, self._capacity_wh = path, camera_id, capacity_wh
-        self._tell, self._written, self._failed = tell, False, False
+        self._report, self._written, self._failed = report, False, False
         self._lock = threading.Lock()  # never held while something is written
         try:
             left_j = None if path is None else load_charge(path, camera_id, capacity_wh)
         except InputError as error:
-            tell(f"{error}: assuming a full battery")
+            report(f"{error}: assuming a full battery")
             left_j = None
         self.left_j = self.full_j if left_j is None else left_j
 
@@ -102,7 +102,7 @@ class ChargeFile:
         if self._path is None:
             return
         if self._written and not self._path.exists():
-            self._tell(f"{self._path} was deleted: assuming a full battery")
+            self._report(f"{self._path} was deleted: assuming a full battery")
             with self._lock:
                 self.left_j = self.full_j
         try:
@@ -111,5 +111,5 @@ class ChargeFile:
         except (InputError, OSError) as error:
             self._written = False
             if not self._failed:
-                self._tell(f"cannot save the battery charge: {error}")
+                self._report(f"cannot save the battery charge: {error}")
             self._failed = True

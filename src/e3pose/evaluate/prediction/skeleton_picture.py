@@ -68,7 +68,7 @@ def draw_skeletons(
                     axes.set_title(
                         f"{plural(lead, 'slot')}, {1000 * lead * window.interval_s:.0f} ms"
                     )
-                _tell_errors(axes, cells[row], index, window, predictors)
+                _print_errors(axes, cells[row], index, window, predictors)
             grid[row, 0].set_ylabel(f"{window.name}\n{share:.0%} go better", fontsize=8)
         _scale(grid[0, 0])
         legend_above(figure)
@@ -118,7 +118,7 @@ def _body(axes: Axes, body: Floats, colour: str, width: float, label: str) -> No
     axes.plot(*lines.T, color=colour, linewidth=width, label=label, solid_capstyle="round")
 
 
-def _tell_errors(
+def _print_errors(
     axes: Axes, cell: Mapping[str, Floats], index: int, window: Window, predictors: Sequence[str]
 ) -> None:
     """Write the mean error of each predictor below the bodies, in its colour."""

@@ -85,7 +85,7 @@ class OnlineTrainer:
         try:
             self._follow_manifest()
         except Exception as error:  # learning may wait, the edge must start
-            self._tell(f"{type(error).__name__}: {error}", logging.WARNING)
+            self._report(f"{type(error).__name__}: {error}", logging.WARNING)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._attend_always, name="learning", daemon=True)
         if background:
@@ -188,7 +188,7 @@ class OnlineTrainer:
         try:
             self._waiting.put_nowait(gathered)
         except queue.Full:
-            self._tell("poses lost: the disk is too slow", logging.WARNING)
+            self._report("poses lost: the disk is too slow", logging.WARNING)
 
     def write_waiting(self) -> None:
         """Write the poses that wait for it."""
@@ -197,7 +197,7 @@ class OnlineTrainer:
             try:
                 path = self.ring.write(gathered.chunk())
             except (InputError, OSError) as error:
-                self._tell(f"poses lost: {error}", logging.WARNING)
+                self._report(f"poses lost: {error}", logging.WARNING)
                 continue
             self._slots_of[path] = len(gathered.records)
             self._fresh_s += len(gathered.records) * self.settings.interval_s
@@ -232,7 +232,7 @@ class OnlineTrainer:
         self._trainer = TrainerProcess(self.folder / "job", job, self.command)
         self._fresh_s = 0.0  # what was held back now may be learned next time
         self._deadline_s = now_s + 2 * self.settings.train_s + 60.0
-        self._tell(f"training started on {seconds[: len(learn)].sum():.0f} s of motion")
+        self._report(f"training started on {seconds[: len(learn)].sum():.0f} s of motion")
 
     def _watch(self, trainer: TrainerProcess, now_s: float) -> None:
         code = trainer.code()
@@ -263,13 +263,13 @@ class OnlineTrainer:
             )
         )
         if verdict.windows < self.settings.least_windows:
-            self._tell(f"no change: only {verdict.windows} validation windows")
+            self._report(f"no change: only {verdict.windows} validation windows")
             return
         if not verdict.better(self.settings.margin):
-            self._tell(f"no change: the new network is not better ({figures})")
+            self._report(f"no change: the new network is not better ({figures})")
             return
         if Path(trainer.job.base) != self._weights_of(self.store.read(), self._running).resolve():
-            self._tell("no change: another version was selected during training")
+            self._report("no change: another version was selected during training")
             return
         predictor = self._load(trainer.folder / WEIGHTS)
         version = self.store.add(
@@ -288,7 +288,7 @@ class OnlineTrainer:
         )
         self._running = version.number
         self._ready.put(predictor)
-        self._tell(f"version {version.number} in use from the next slot ({figures})")
+        self._report(f"version {version.number} in use from the next slot ({figures})")
 
     def _follow_manifest(self) -> None:
         """Load the version that the manifest names, if another one runs."""
@@ -296,7 +296,7 @@ class OnlineTrainer:
             manifest = self.store.read()
         except InputError as error:
             aside = self.store.put_aside()
-            self._tell(
+            self._report(
                 f"{error}; moved to {aside.name}, the network to begin with runs", logging.WARNING
             )
             manifest = Manifest()
@@ -307,14 +307,14 @@ class OnlineTrainer:
             try:
                 predictor = self._load(self._weights_of(manifest, wanted))
             except InputError as error:
-                self._tell(f"version {wanted} rejected: {error}", logging.WARNING)
+                self._report(f"version {wanted} rejected: {error}", logging.WARNING)
                 wanted = self._before(manifest, wanted)
         if wanted != manifest.current:
             self.store.use(wanted)
         self._running = wanted
         if predictor is not None:
             self._ready.put(predictor)
-            self._tell(f"version {wanted} in use from the next slot")
+            self._report(f"version {wanted} in use from the next slot")
 
     def _before(self, manifest: Manifest, number: int) -> int:
         """Return what to run where version `number` cannot: an older one, or the running one."""
@@ -345,9 +345,9 @@ class OnlineTrainer:
         self._failures = min(self._failures + 1, 60)
         self._fresh_s = max(self._fresh_s, settings.held_back_s)  # nothing came of it: try again
         self._due_s = now_s + wait_s
-        self._tell(f"{reason}; next attempt in {wait_s:.0f} s", logging.WARNING)
+        self._report(f"{reason}; next attempt in {wait_s:.0f} s", logging.WARNING)
 
-    def _tell(self, event: str, level: int = logging.INFO) -> None:
+    def _report(self, event: str, level: int = logging.INFO) -> None:
         line = " ".join(event.split())[:1000]
         self._events.append(line)
         LOG.log(level, "learning: %s", line)

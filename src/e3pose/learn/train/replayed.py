@@ -112,7 +112,7 @@ def _replayed(
         predictor="constant-velocity" if settings.predictor is None else str(settings.predictor),
         phase=number,
     )
-    for record in replay(seen, replaying, tell=published.append):
+    for record in replay(seen, replaying, publish=published.append):
         found = to_common(published.pop().poses.joints_m, columns)
         target = joints[record.slot]
         rows, people = joined(target, found)

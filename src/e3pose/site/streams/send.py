@@ -19,7 +19,7 @@ class Sender:
     Attributes:
         sent: slots.
         failure: what ended it.
-        tell: called with why nothing comes.
+        report: called with why nothing comes.
     """
 
     def __init__(
@@ -27,7 +27,7 @@ class Sender:
         connection: Connection,
         streams: Sequence[Stream],
         zones: Zones,
-        tell: Callable[[str], object] = lambda line: None,
+        report: Callable[[str], object] = lambda line: None,
     ) -> None:
         """Prepare to send.
 
@@ -35,9 +35,9 @@ class Sender:
             connection: whose slots to send; closed to end it.
             streams: where to.
             zones: of the site, with nobody in them.
-            tell: called with why nothing comes, once each time it ceases to come.
+            report: called with why nothing comes, once each time it ceases to come.
         """
-        self.tell = tell
+        self.report = report
         self.sent = 0
         self.failure: BaseException | None = None
         self._connection, self._streams, self._zones = connection, streams, zones
@@ -70,7 +70,7 @@ class Sender:
                 return
             except InputError as error:  # the edge is away: it comes back
                 if not silent:
-                    self.tell(str(error))
+                    self.report(str(error))
                 silent = True
             except BaseException as error:  # the program must end with it
                 self.failure = error
