@@ -273,9 +273,9 @@ def live(seconds: float) -> list[Result]:
         results.append(
             Result("afterwards", "all cameras there" if recovered else "not all there", recovered)
         )
-        told = "Traceback" in Path(site.folder / "edge.log").read_text()
+        crashed = "Traceback" in Path(site.folder / "edge.log").read_text()
         results.append(
-            Result("log of the edge", "a traceback" if told else "no traceback", not told)
+            Result("log of the edge", "a traceback" if crashed else "no traceback", not crashed)
         )
     return results
 

@@ -186,13 +186,13 @@ def files_of(folder: Path) -> list[Path]:
 
 def run_quietly(words: list[str]) -> tuple[int, str]:
     """Run a verb in this process; return its exit code, or -1 and the error, and what it said."""
-    told = io.StringIO()
+    stderr = io.StringIO()
     code: Any = 0
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(told):
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(stderr):
         try:
             e3pose(words)
         except SystemExit as ended:
             code = ended.code or 0
         except Exception as error:  # what this looks for
             return -1, f"{type(error).__name__}: {error}"
-    return int(code), told.getvalue()
+    return int(code), stderr.getvalue()

@@ -74,8 +74,8 @@ def main() -> None:
     parser.add_argument("variant", choices=VARIANTS, nargs="?", default="as-it-is")
     VARIANTS[(variant := parser.parse_args().variant)]()
     for name in ("body25", "halpe26"):
-        told = ", ".join(f"{group} {error:.1f}" for group, error in errors_mm(name).items())
-        print(f"{variant}, {name}: {told} mm", flush=True)
+        shown = ", ".join(f"{group} {error:.1f}" for group, error in errors_mm(name).items())
+        print(f"{variant}, {name}: {shown} mm", flush=True)
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ AFTER_S = 60.0
 def watched(
     recording: Recording, cameras: int
 ) -> tuple[list[tuple[float, int | None, float]], Floats, float]:
-    """Return what was told when of which camera, the turns at every look, and ms per slot.
+    """Return the events by camera and time, the turns at every look, and ms per slot.
 
     The camera is None where one is said to stand as calibrated again.
     """
@@ -45,7 +45,7 @@ def watched(
         policy="all" if cameras >= number else "e3pose", num_selected=min(cameras, number)
     )
     watch, turns, spent = KnockWatch(recording.rig), [], 0.0
-    told: list[tuple[float, int | None, float]] = []
+    reported: list[tuple[float, int | None, float]] = []
     for record in replay(recording, settings):
         views = selected_views(recording, record.slot, record.arrived)
         begun = time.perf_counter()
@@ -55,10 +55,10 @@ def watched(
         if news:
             knock = watch.knock
             camera, degrees = (knock.camera, knock.degrees) if knock else (None, 0.0)
-            told.append((record.time_s, camera, degrees))
+            reported.append((record.time_s, camera, degrees))
         if watch.knock is not None:
             turns.append([record.time_s, watch.knock.camera, watch.knock.degrees])
-    return told, np.array(turns).reshape(-1, 3), 1000 * spent / recording.num_slots
+    return reported, np.array(turns).reshape(-1, 3), 1000 * spent / recording.num_slots
 
 
 def main() -> None:
@@ -80,8 +80,11 @@ def main() -> None:
             calm = simulate(settings, seed)
             if options.calm:
                 for awake in awakes:
-                    told, _, ms = watched(calm, awake)
-                    print(f"{name} {seed}, {awake} awake: told {told}, {ms:.2f} ms", flush=True)
+                    reported, _, ms = watched(calm, awake)
+                    print(
+                        f"{name} {seed}, {awake} awake: reported {reported}, {ms:.2f} ms",
+                        flush=True,
+                    )
                 continue
             index = seed % len(calm.rig)
             for degrees in map(float, options.degrees.split(",")):
@@ -96,12 +99,12 @@ def main() -> None:
 
 
 def _report(what: str, recording: Recording, index: int, awake: int) -> None:
-    told, turns, ms = watched(recording, awake)
+    reported, turns, ms = watched(recording, awake)
     right = turns[(turns[:, 0] > KNOCK_S) & (turns[:, 1] == index)]
     found = "not found"
     if len(right):
         found = f"after {right[0, 0] - KNOCK_S:.0f} s, {right[-1, 2]:.2f} degrees at the end"
-    wrong = [each for each in told if each[1] not in (index, None) or each[0] <= KNOCK_S]
+    wrong = [each for each in reported if each[1] not in (index, None) or each[0] <= KNOCK_S]
     print(f"{what}: {found}; wrong {wrong}, {ms:.2f} ms", flush=True)
 
 

@@ -90,12 +90,13 @@ def compare_memories() -> None:
         ):
             calibrated = calibrate_noise(recording)
             measured = fit_memory(calibrated.measured.autocorrelation)
-            told = [
+            shown = [
                 " ".join(f"{share:.2f}" for share, _ in each.parts)
                 for each in (memory, measured, calibrated.noise.memory)
             ]
             print(
-                f"{what:12} made {told[0]}   measured {told[1]}   corrected {told[2]}", flush=True
+                f"{what:12} made {shown[0]}   measured {shown[1]}   corrected {shown[2]}",
+                flush=True,
             )
 
 

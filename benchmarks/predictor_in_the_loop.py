@@ -111,11 +111,11 @@ def run(
     state, online = initial_state(pipeline), np.ones(len(recording.rig), dtype=bool)
     found: dict[str, list[Floats]] = {name: [] for name in ("filter", *predictors)}
     estimates: list[float] = []
-    told: list[Any] = []
+    published: list[Any] = []
     for slot in range(recording.num_slots):
         views = selected_views(recording, slot, state.selections[0])
-        state, _ = step(pipeline, state, views, online, told.append)
-        people = told.pop()
+        state, _ = step(pipeline, state, views, online, published.append)
+        people = published.pop()
         apart = np.linalg.norm(people.poses.joints_m - truth[slot], axis=-1)[:, BODY].mean(axis=1)
         if slot < BEGUN or not (apart < SAME_M).any():
             continue

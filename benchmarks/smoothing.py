@@ -92,10 +92,10 @@ def figures(recording: Any, cameras: float, phase: int) -> dict[str, dict[str, f
     }
     result = {}
     for way, late in found.items():
-        told = {**plain(expected_figures(recording, late)), **plain(accuracy(recording, late))}
-        result[way] = {key: told[key] for key in KEYS if key in told}
-        if "pcp" in told:
-            result[way]["pcp"] = told["pcp"]["average"]
+        scores = {**plain(expected_figures(recording, late)), **plain(accuracy(recording, late))}
+        result[way] = {key: scores[key] for key in KEYS if key in scores}
+        if "pcp" in scores:
+            result[way]["pcp"] = scores["pcp"]["average"]
     return result
 
 

@@ -104,8 +104,8 @@ def test_systemd_accepts_the_unit(path: Path, tmp_path: Path) -> None:
     )
     if "Failed to" in done.stderr and "initialize" in done.stderr:
         pytest.skip("systemd-analyze does not work here")
-    told = [line for line in done.stderr.splitlines() if copy.name in line]
-    assert done.returncode == 0 and not told
+    warnings = [line for line in done.stderr.splitlines() if copy.name in line]
+    assert done.returncode == 0 and not warnings
 
 
 def test_container_file_is_one_that_runs_as_nobody() -> None:

@@ -122,10 +122,10 @@ def test_page_explains_every_key_of_the_loop_and_of_energy(options: Any) -> None
         known = {**known, "cameras": None, "policy": None}
         del known["lead"]
     assert set(rows) == set(known)
-    for name, told in rows.items():
+    for name, default_cell in rows.items():
         default = known[name]
         shown = str(default).lower() if isinstance(default, bool) else f"{default}"
-        assert told == ("" if default is None else f"`{shown.removesuffix('.0')}`"), name
+        assert default_cell == ("" if default is None else f"`{shown.removesuffix('.0')}`"), name
 
 
 def test_pages_agree_with_the_code_on_how_long_a_liar_is_left_out() -> None:

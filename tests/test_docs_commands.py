@@ -244,15 +244,15 @@ def test_command_of_a_page_runs(
 def test_every_command_of_a_page_runs_somewhere_or_says_why_not() -> None:
     four = set(commands_of(BY_PAGE["docs/tutorial/four-cameras.md"]))
     known = {*RUNS, *ELSEWHERE, *HERE_NOT, *four}
-    told = {
+    pages = {
         command: page
         for page, text in BY_PAGE.items()
         if not page.startswith(MEASUREMENTS)
         for command in commands_of(text)
     }
-    new = {command: page for command, page in told.items() if command not in known}
+    new = {command: page for command, page in pages.items() if command not in known}
     assert not new, f"run them in RUNS, or say why not: {new}"
-    gone = {command for command in known if command not in told}
+    gone = {command for command in known if command not in pages}
     assert not gone, "no page has these any more"
     for place in {FOUR_CAMERAS, *ELSEWHERE.values()}:
         assert (ROOT / place).is_file(), place

@@ -34,7 +34,7 @@ def test_triangulate_example_finds_the_people(capsys: pytest.CaptureFixture[str]
 
 
 @pytest.mark.parametrize(
-    ("example", "told"),
+    ("example", "message"),
     [
         ("02_own_policy.py", r"(cam\d: awake in \d+% of the slots\n){4}"),
         ("03_own_predictor.py", r"[12]\.\d people shown a slot, chosen for 3 slots ahead\n"),
@@ -44,11 +44,11 @@ def test_triangulate_example_finds_the_people(capsys: pytest.CaptureFixture[str]
     ],
 )
 def test_example_says_what_it_promises(
-    example: str, told: str, capsys: pytest.CaptureFixture[str]
+    example: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     runpy.run_path(str(EXAMPLES / example), run_name="__main__")
     output = capsys.readouterr().out
-    assert re.fullmatch(told, output), output
+    assert re.fullmatch(message, output), output
 
 
 def test_examples_watch_a_site_and_ask_its_store(

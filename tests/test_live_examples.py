@@ -68,17 +68,17 @@ def test_page_explains_every_key_and_its_default(table: Any) -> None:
     parts = {"link", "store", "record", "view", "loop", "energy", "zone", "camera"}
     tables = parts if table is SiteTable else set()
     assert set(rows) == set(fields) - tables - {"format", "version"}
-    for name, told in rows.items():
+    for name, cell in rows.items():
         item, default = fields[name]
         if item.required:
-            assert told == "required", name
+            assert cell == "required", name
         elif default is None or default == ():
-            assert told == "", name
+            assert cell == "", name
         else:
             shown = str(default).lower() if isinstance(default, bool) else f"{default}"
             if item.read is size_bytes:
                 shown = f"{default // 10**6}MB"
-            assert told in (f"`{shown}`", f"`{shown.removesuffix('.0')}`"), name
+            assert cell in (f"`{shown}`", f"`{shown.removesuffix('.0')}`"), name
 
 
 def defaults(table: Any) -> dict[str, Any]:

@@ -127,17 +127,17 @@ def test_a_decision_is_used_lead_slots_later() -> None:
         np.testing.assert_array_equal(earlier.next_selection, later.selected)
 
 
-def test_nobody_is_told_of_anybody_without_feedback() -> None:
+def test_nobody_is_reported_anybody_without_feedback() -> None:
     records = run(make("all"), [scene(slot) for slot in range(20)])
     assert all(record.expected is None for record in records)
 
 
-def test_cameras_are_told_whom_to_expect_but_for_one_look_in_so_many() -> None:
+def test_cameras_are_reported_whom_to_expect_but_for_one_look_in_so_many() -> None:
     records = run(make("all", whole_every=5), [scene(slot) for slot in range(40)])
-    told = [record.expected is not None for record in records]
-    assert not any(told[:2])  # the warm-up, two slots ahead
-    first = told.index(True)
-    assert told[first:] == ([True] * 4 + [False]) * 7 + [True] * (len(told) - first - 35)
+    published = [record.expected is not None for record in records]
+    assert not any(published[:2])  # the warm-up, two slots ahead
+    first = published.index(True)
+    assert published[first:] == ([True] * 4 + [False]) * 7 + [True] * (len(published) - first - 35)
 
 
 def test_people_are_expected_where_they_are_in_the_slot_of_the_order() -> None:
@@ -242,8 +242,8 @@ def test_nobody_and_nothing_are_normal(views: Mapping[int, Poses2D]) -> None:
         assert (record.occlusion == 0).all()
 
 
-def test_people_are_told_before_cameras_are_selected_for_later() -> None:
-    told: list[People] = []
+def test_people_are_reported_before_cameras_are_selected_for_later() -> None:
+    published: list[People] = []
     order: list[str] = []
     predictor = make_predictor("constant-velocity")
 
@@ -254,14 +254,14 @@ def test_people_are_told_before_cameras_are_selected_for_later() -> None:
 
     def tell(people: People) -> None:
         order.append("tell")
-        told.append(people)
+        published.append(people)
 
     pipeline = make(predictor=Listening())
     _, record = step(pipeline, initial_state(pipeline), scene(0), ONLINE, tell)
     assert order == ["tell", "predict"]
-    assert len(told[0].track_ids) == 2
-    np.testing.assert_array_equal(told[0].poses.joints_m, record.poses.joints_m)
-    np.testing.assert_array_equal(told[0].track_ids, record.track_ids)
+    assert len(published[0].track_ids) == 2
+    np.testing.assert_array_equal(published[0].poses.joints_m, record.poses.joints_m)
+    np.testing.assert_array_equal(published[0].track_ids, record.track_ids)
 
 
 def test_offline_cameras_are_neither_read_nor_ordered() -> None:
@@ -377,9 +377,9 @@ def test_a_predictor_that_states_its_error_steers_the_estimator_and_feeds_the_ch
     assert [len(record.poses) for record in steered] == [len(record.poses) for record in plain]
     aside = steered[-1].poses.joints_m[:, :, 0] - plain[-1].poses.joints_m[:, :, 0]
     assert (aside > 0).mean() > 0.95  # towards what was foreseen, as far as views allow
-    told, untold = (each.situations[-1].foresight for each in (stating, silent))
-    assert told is not None and untold is not None
-    assert not np.allclose(told.views, untold.views, rtol=1e-3)
+    published, untold = (each.situations[-1].foresight for each in (stating, silent))
+    assert published is not None and untold is not None
+    assert not np.allclose(published.views, untold.views, rtol=1e-3)
 
 
 def test_policies_see_the_slot_decided_although_the_estimator_needs_two_ahead() -> None:

@@ -15,7 +15,7 @@ def test_decoders_raise_nothing_but_input_errors() -> None:
     assert result.figures.startswith("20")  # thousand and a few, of all kinds
 
 
-def test_an_attack_that_gets_through_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_attack_that_gets_through_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(message: object) -> None:
         raise OverflowError("cannot convert float infinity to integer")
 

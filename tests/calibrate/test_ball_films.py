@@ -97,18 +97,18 @@ def test_ball_places_cameras(rig: Rig, films: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         (("--ball", "pink", "--distance", "cam0,cam1=3m"), "ball"),
         (("--wand", "green,mauve=50cm"), "--wand: found 'mauve', expected one of bright, red"),
         (("--wand", "green,pink=50cm"), "two of its markers were placed at "),
     ],
 )
-def test_balls_that_are_not_there_are_told(
-    films: Path, options: tuple[str, ...], told: str, capsys: pytest.CaptureFixture[str]
+def test_balls_that_are_not_there_are_reported(
+    films: Path, options: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sources = [films / f"cam{number}.mkv" for number in range(4)]
     lenses = ("--intrinsics", films / "lenses.toml")
     assert run("calibrate", "extrinsics", *sources, films / "none.toml", *lenses, *options) == 2
     error = capsys.readouterr().err
-    assert error.count("\n") == 1 and told in error
+    assert error.count("\n") == 1 and message in error

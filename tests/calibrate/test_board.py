@@ -84,7 +84,7 @@ def test_page_refuses_what_does_not_fit() -> None:
         ("chessboard-6x8-30mm", "expected one odd and one even side"),
     ],
 )
-def test_wrong_name_is_told(name: str, message: str) -> None:
+def test_wrong_name_is_reported(name: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         Board.parse(name)
 

@@ -34,7 +34,7 @@ def test_sound_tells_when_films_began(seed: int) -> None:
     assert (found.sure_s < QUARTER_FRAME_S).all()
 
 
-def test_films_that_heard_nothing_alike_are_told() -> None:
+def test_films_that_heard_nothing_alike_are_reported() -> None:
     rng = np.random.default_rng(714)
     sound = room(rng, 20.0, RATE)
     sounds = {
@@ -74,15 +74,15 @@ def test_sound_begins_with_the_first_picture(films: Path) -> None:
 def test_sync_of_films_prints_offsets(films: Path, capsys: pytest.CaptureFixture[str]) -> None:
     paths = [films / "cam0.mp4", films / "cam1.mp4", films / "cam2.mkv"]
     assert run("sync", *paths, "--json", "-") == 0, capsys.readouterr().err
-    told = json.loads(capsys.readouterr().out)
+    output = json.loads(capsys.readouterr().out)
     for name, begin_s in BEGAN_S.items():
-        assert told["offsets_s"][name] == pytest.approx(begin_s - BEGAN_S["cam0"], abs=0.01)
+        assert output["offsets_s"][name] == pytest.approx(begin_s - BEGAN_S["cam0"], abs=0.01)
     assert run("sync", *paths) == 0
     assert "--offset cam0=0.0000 --offset cam1=-1.68" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "output"),
     [
         (
             ("cam0.mp4", "mute.mp4"),
@@ -93,14 +93,14 @@ def test_sync_of_films_prints_offsets(films: Path, capsys: pytest.CaptureFixture
         (("one=cam0.mp4",), "found one video, expected at least two"),
     ],
 )
-def test_wrong_films_are_told(
+def test_wrong_films_are_reported(
     films: Path,
     words: tuple[str, ...],
-    told: str,
+    output: str,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(films)
     assert run("sync", *words) == 2
     error = capsys.readouterr().err
-    assert told in error and error.count("\n") == 1
+    assert output in error and error.count("\n") == 1

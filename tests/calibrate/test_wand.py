@@ -1,4 +1,4 @@
-"""A wand of two or three markers places cameras, in metres; what is wrong with one is told."""
+"""A wand of two or three markers places cameras, in metres; a faulty wand is reported."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_names_of_a_wand_are_read() -> None:
 
 
 @pytest.mark.parametrize(
-    ("word", "told"),
+    ("word", "output"),
     [
         ("500mm", "found '500mm', expected markers and lengths such as green,red=500mm"),
         ("green=500mm", "expected markers and lengths"),
@@ -51,20 +51,20 @@ def test_names_of_a_wand_are_read() -> None:
         ("a,b,c,d,e,f=1m,2m,3m,4m,5m", "found 6 markers, expected at most 5"),
     ],
 )
-def test_what_is_no_wand_is_told(word: str, told: str) -> None:
-    with pytest.raises(InputError, match=re.escape(told)) as caught:
+def test_what_is_no_wand_is_reported(word: str, output: str) -> None:
+    with pytest.raises(InputError, match=re.escape(output)) as caught:
         Wand.parse(word)
     assert str(caught.value).startswith("--wand: ")
 
 
-def test_markers_in_another_order_are_told() -> None:
+def test_markers_in_another_order_are_reported() -> None:
     rig, wand = ring(751), Wand.parse(THREE)
     pixels = carried(rig, wand, 751)[:, :, [1, 0, 2]]
     with pytest.raises(InputError, match="name the markers in their order along the wand"):
         from_wand_seen(rig, wand, pixels)
 
 
-def test_markers_that_are_no_wand_are_told() -> None:
+def test_markers_that_are_no_wand_are_reported() -> None:
     """A red ball that lies on the floor while the green one is carried about."""
     rig, wand = ring(752), Wand.parse(TWO)
     pixels = carried(rig, wand, 752)
@@ -75,7 +75,7 @@ def test_markers_that_are_no_wand_are_told() -> None:
         from_wand_seen(rig, wand, pixels)
 
 
-def test_too_few_views_are_told() -> None:
+def test_too_few_views_are_reported() -> None:
     rig, wand = ring(753), Wand.parse(TWO)
     pixels = carried(rig, wand, 753, 60)
     lost = pixels.copy()
@@ -118,8 +118,8 @@ def test_points_of_a_wand_are_read_from_files(
         degrees, millimetres, _ = distances(load_rig(tmp_path / "rig.toml"), rig, False)
         assert degrees < 0.1 and millimetres < 10
         assert run(*words, *lenses, "--wand", "tip,end,tail=1cm,50cm") == 2
-        told = capsys.readouterr().err
-        assert told.count("\n") == 1 and f"{name}: points of one time: found" in told
+        output = capsys.readouterr().err
+        assert output.count("\n") == 1 and f"{name}: points of one time: found" in output
         for more in (("--distance", "cam0,cam1=3m"), ("--ball", "green")):
             assert run(*words, *lenses, "--wand", "tip,tail=500mm", *more) == 2
             assert "wand" in capsys.readouterr().err

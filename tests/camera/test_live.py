@@ -1,4 +1,4 @@
-"""A source that fails for hours is told of once when it fails, and once when it is back."""
+"""A source that fails for hours is reported once when it fails, and once when it is back."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Unplugged:
         pass
 
 
-def test_failing_source_is_told_once_and_its_return_once() -> None:
-    told: list[str] = []
+def test_failing_source_is_reported_once_and_its_return_once() -> None:
+    messages: list[str] = []
     source = Unplugged()
     node = CameraNode(
         NodeSettings("lab", "cam0", tuple(map(str, range(17)))),
@@ -48,17 +48,17 @@ def test_failing_source_is_told_once_and_its_return_once() -> None:
         RecordedDetector(),
         Hub().join(),
         WallClock(),
-        report=told.append,
+        report=messages.append,
     )
     with node:
         end_s = time.monotonic() + 10
         while source.tries < 3 and time.monotonic() < end_s:
             time.sleep(0.02)
-        assert told == ["source usb:0: found no /dev/video0"] == [node.problem]
+        assert messages == ["source usb:0: found no /dev/video0"] == [node.problem]
         source.plugged.set()
         while node.counts.captured < 3 and time.monotonic() < end_s:
             time.sleep(0.02)
-    assert told[1:] == ["frames from the source again"] and node.problem == ""
+    assert messages[1:] == ["frames from the source again"] and node.problem == ""
 
 
 @pytest.mark.parametrize(("delay_ms", "slot"), [(0, 7), (200, 5)])

@@ -114,7 +114,7 @@ def test_folder_of_images_is_shown_in_order(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("usb:front", "expected usb:NUMBER"),
         ("usb:-1", "expected usb:NUMBER"),
@@ -122,8 +122,8 @@ def test_folder_of_images_is_shown_in_order(tmp_path: Path) -> None:
         ("recorded:nowhere", "nowhere"),
     ],
 )
-def test_source_that_cannot_be_is_refused(name: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_source_that_cannot_be_is_refused(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         make_source(name, "cam1", WallClock(), None)
 
 
@@ -148,8 +148,8 @@ def test_gstreamer_without_it_says_what_to_install() -> None:
         source.open()
 
 
-def test_password_of_a_network_camera_is_not_told() -> None:
+def test_password_of_a_network_camera_is_not_shown() -> None:
     source = make_source("rtsp://me:secret@127.0.0.1:1/stream", "cam1", WallClock(), None)
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as message:
         source.open()
-    assert "secret" not in str(told.value) and "127.0.0.1:1/stream" in str(told.value)
+    assert "secret" not in str(message.value) and "127.0.0.1:1/stream" in str(message.value)

@@ -97,10 +97,10 @@ def test_part_and_expected_people_are_turned_too(degrees: int) -> None:
     assert isinstance(looks, Focusing) and not isinstance(looks, InBoxes)
     assert (looks.person_px, looks.long_side, looks.multiple) == (100.0, 256, 32)
     found = looks.detect_part(image, part, expected)
-    cut, long_side, told = parts.asked
+    cut, long_side, expected_view = parts.asked
     np.testing.assert_array_equal(cut, turn(np.ascontiguousarray(part.cut(image)), degrees))
-    assert long_side == 64 and told is not None
-    columns, rows = told.keypoints_px[0].astype(int).T
+    assert long_side == 64 and expected_view is not None
+    columns, rows = expected_view.keypoints_px[0].astype(int).T
     assert parts.shown[0][rows, columns, 0].tolist() == list(range(17))
     np.testing.assert_array_equal(found.keypoints_px, expected.keypoints_px)
 

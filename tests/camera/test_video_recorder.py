@@ -37,19 +37,19 @@ def frame(slot: int, jitter_ms: int = 0) -> tuple[LiveFrame, int]:
 def record(
     settings: VideoSettings, slots: Sequence[int], jitter_ms: int = 0
 ) -> tuple[VideoRecorder, list[str]]:
-    told: list[str] = []
-    recorder = VideoRecorder(settings, told.append)
+    messages: list[str] = []
+    recorder = VideoRecorder(settings, messages.append)
     for number, slot in enumerate(slots):
         recorder.offer(*frame(slot, jitter_ms * (slot % 3)), 7, slot, TIMES)
         assert eventually(lambda done=number + 1: recorder.recorded == done)  # type: ignore[misc]
     recorder.close()
-    return recorder, told
+    return recorder, messages
 
 
 def test_frames_keep_their_times_and_their_content(tmp_path: Path) -> None:
     slots = [100, 101, 102, 105, 106, 110]
-    recorder, told = record(VideoSettings(tmp_path / "videos", "cam1"), slots, jitter_ms=4)
-    assert told == [] and recorder.dropped == 0 and recorder.busy_s > 0
+    recorder, messages = record(VideoSettings(tmp_path / "videos", "cam1"), slots, jitter_ms=4)
+    assert messages == [] and recorder.dropped == 0 and recorder.busy_s > 0
     (path,) = videos_in(tmp_path / "videos")
     assert path.name == "cam1-20270115T080005.004000Z.mkv"
     assert path.stat().st_mode & 0o077 == 0  # nobody else may see it
@@ -91,8 +91,8 @@ def test_oldest_videos_make_room(tmp_path: Path) -> None:
 
 
 def test_slow_disk_loses_frames_of_the_video_and_never_waits(tmp_path: Path) -> None:
-    told: list[str] = []
-    recorder = VideoRecorder(VideoSettings(tmp_path, "cam1"), told.append)
+    messages: list[str] = []
+    recorder = VideoRecorder(VideoSettings(tmp_path, "cam1"), messages.append)
     busy, free = threading.Event(), threading.Event()
 
     def slow() -> np.ndarray:
@@ -108,21 +108,23 @@ def test_slow_disk_loses_frames_of_the_video_and_never_waits(tmp_path: Path) -> 
     free.set()
     recorder.close()
     assert recorder.recorded == QUEUE_FRAMES + 1
-    assert told == ["video: frames are left out, encoder or disk is too slow"]
+    assert messages == ["video: frames are left out, encoder or disk is too slow"]
 
 
-def test_source_without_images_is_told_once(tmp_path: Path) -> None:
-    told: list[str] = []
-    recorder = VideoRecorder(VideoSettings(tmp_path, "cam1"), told.append)
+def test_source_without_images_is_reported_once(tmp_path: Path) -> None:
+    messages: list[str] = []
+    recorder = VideoRecorder(VideoSettings(tmp_path, "cam1"), messages.append)
     for slot in range(3):
         shown = LiveFrame(0, SIZE, lambda: Poses2D.empty(17))
         recorder.offer(shown, TIMES.middle_ns(slot), 7, slot, TIMES)
     recorder.close()
-    assert told == ["not recording video: the source has keypoints, no images"]
+    assert messages == ["not recording video: the source has keypoints, no images"]
     assert videos_in(tmp_path) == []
 
 
-def test_full_disk_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_is_reported_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     full = True
 
     class Disk(VideoFile):
@@ -132,16 +134,16 @@ def test_full_disk_is_told_and_tried_again(tmp_path: Path, monkeypatch: pytest.M
             super().__init__(path, image_size, fps)
 
     monkeypatch.setattr(video_recorder, "VideoFile", Disk)
-    told: list[str] = []
-    recorder = VideoRecorder(VideoSettings(tmp_path, "cam1"), told.append)
+    messages: list[str] = []
+    recorder = VideoRecorder(VideoSettings(tmp_path, "cam1"), messages.append)
     recorder.offer(*frame(0), 7, 0, TIMES)
-    assert eventually(lambda: bool(told))
+    assert eventually(lambda: bool(messages))
     full = False
     recorder.offer(*frame(1), 7, 1, TIMES)  # too early to try again
     later = round(video_recorder.RETRY_S * FPS) + 1
     recorder.offer(*frame(later), 7, later, TIMES)
     recorder.close()
-    assert told == ["not recording video: no space left on device", "recording video again"]
+    assert messages == ["not recording video: no space left on device", "recording video again"]
     assert recorder.recorded == 1
 
 

@@ -49,7 +49,7 @@ def test_table_names_network_time_and_place(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("--resolution", "big"), "--resolution: found 'big', expected WIDTHxHEIGHT"),
         (("--seconds", "0"), "--seconds: found 0"),
@@ -58,11 +58,11 @@ def test_table_names_network_time_and_place(
 )
 def test_what_cannot_be_measured_is_one_line(
     words: tuple[str, ...],
-    told: str,
+    message: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setenv("E3POSE_CACHE", str(tmp_path))
     assert run("models", "bench", *(("drawn",) if words else ()), *words) == 2
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -46,7 +46,7 @@ def test_board_is_written_and_named(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "take 300 x 420 mm, expected at most" in capsys.readouterr().err
 
 
-def test_lenses_are_measured_told_and_written(
+def test_lenses_are_measured_reported_and_written(
     pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     dest, picture = tmp_path / "lenses.toml", tmp_path / "coverage.png"

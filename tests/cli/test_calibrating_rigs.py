@@ -47,8 +47,8 @@ def test_people_calibrate_a_bare_recording(
     assert "e3pose calibrate extrinsics" in capsys.readouterr().out
     words = ("--json", "-", "--update", "--height", "171cm")
     assert run("calibrate", "extrinsics", bare, dest, *words) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["source"] == "people" and len(told["cameras"]) == 4
+    output = json.loads(capsys.readouterr().out)
+    assert output["source"] == "people" and len(output["cameras"]) == 4
     degrees, _, _ = distances(load_rig(dest), recording.rig)
     assert degrees < 1.0  # twelve seconds
     assert load_recording(bare).rig.placed
@@ -85,13 +85,13 @@ def test_points_calibrate_with_one_distance(
     assert "ball.csv:2: could not convert" in capsys.readouterr().err
 
 
-def test_other_axes_are_told_and_mended(
+def test_other_axes_are_reported_and_mended(
     folders: Path, recording: Recording, capsys: pytest.CaptureFixture[str]
 ) -> None:
     yup, fixed = folders / "yup.toml", folders / "fixed.toml"
     assert run("calibrate", "check", folders / "known", "--calibration", yup, "--seconds", "3") == 0
-    told = capsys.readouterr().err
-    assert f"e3pose calibrate align {yup} fixed.toml --up=y" in told
+    output = capsys.readouterr().err
+    assert f"e3pose calibrate align {yup} fixed.toml --up=y" in output
     assert run("calibrate", "align", yup, fixed, "--up=y") == 0
     assert np.allclose(load_rig(fixed).centers_m, recording.rig.centers_m, atol=1e-6)
     assert run("calibrate", "align", yup, fixed) == 2
@@ -141,8 +141,10 @@ def test_sync_says_what_to_record_where_little_is_seen(
 ) -> None:
     save_recording(without_calibration(first_seconds(recording, 3.0)), tmp_path / "short")
     run("sync", tmp_path / "short", "--max-shift", "1")
-    told = capsys.readouterr().err
-    assert "record somebody who walks" in told or "expected people seen by both who move" in told
+    output = capsys.readouterr().err
+    assert (
+        "record somebody who walks" in output or "expected people seen by both who move" in output
+    )
     save_recording(first_seconds(recording, 3.0), tmp_path / "known")
     assert run("sync", tmp_path / "known", "--max-shift", "1") == 0
     assert "are too little" not in capsys.readouterr().err
@@ -179,8 +181,8 @@ def test_one_camera_is_placed_anew_from_what_a_site_recorded(
     save_recording(turned, tmp_path / "room" / "recordings" / "20260101T000000Z.partial")
     kept = (tmp_path / "room" / "rig.toml").read_bytes()
     assert run("calibrate", "extrinsics", site, "--only", "cam2", "--json", "-") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["turned_deg"] == pytest.approx(2.0, abs=0.3)
+    output = json.loads(capsys.readouterr().out)
+    assert output["turned_deg"] == pytest.approx(2.0, abs=0.3)
     assert (tmp_path / "room" / "rig.before.toml").read_bytes() == kept
     dest = tmp_path / "other.toml"
     recording = tmp_path / "room" / "recording"

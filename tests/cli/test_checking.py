@@ -58,33 +58,36 @@ def test_good_site_has_no_problem(site: Path, capsys: pytest.CaptureFixture[str]
     assert "warning edge not running at tls/localhost:" in out
 
 
-def test_certificates_are_told_with_the_command_that_mends_them(
+def test_certificates_are_reported_with_the_command_that_mends_them(
     site: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     add_keys(site / "keys", "cam0", NOW - datetime.timedelta(days=1000), again=True)
     (site / "keys/cameras/cam1/camera.key").unlink()
     code, out, err = checked(site, capsys)
     assert code == 1 and err.startswith("e3pose: Not ready: 2 problems, ") and err.count("\n") == 1
-    for camera_id, told in (("cam0", "certificate expired on"), ("cam1", "camera.key: file not")):
-        assert told in out
+    for camera_id, expected in (
+        ("cam0", "certificate expired on"),
+        ("cam1", "camera.key: file not"),
+    ):
+        assert expected in out
         assert f"-> e3pose keys add {camera_id} --again --keys lab/keys, then copy" in out
         assert run("keys", "add", camera_id, "--again", "--keys", site / "keys") == 0
     assert checked(site, capsys)[0] == 0, "what was advised helps"
 
 
 @pytest.mark.parametrize("days", [20, -3])
-def test_certificates_of_everybody_are_told_a_month_before_their_end(
+def test_certificates_of_everybody_are_reported_a_month_before_their_end(
     site: Path, capsys: pytest.CaptureFixture[str], days: int
 ) -> None:
     made = NOW + datetime.timedelta(days=days - LEAF_DAYS)
     for name, kind in (("cam0", "camera"), ("wall", "viewer"), ("hall", "router")):
         add_keys(site / "keys", name, made, kind=kind, again=True)  # type: ignore[arg-type]
-    level, told = ("warning", "expires on 2") if days > 0 else ("problem", "expired on 2")
+    level, expected = ("warning", "expires on 2") if days > 0 else ("problem", "expired on 2")
     code, out, _ = checked(site, capsys)
     assert code == (0 if days > 0 else 1)
     for name, option in (("cam0", ""), ("wall", " --viewer"), ("hall", " --router")):
         line = out[out.index(f"{level} certificate {name} ") :]
-        assert told in line[:200]
+        assert expected in line[:200]
         assert f"-> e3pose keys add {name}{option} --again --keys lab/keys, then copy" in line
         words = ["keys", "add", name, *option.split(), "--again", "--keys", site / "keys"]
         assert run(*words) == 0
@@ -92,7 +95,7 @@ def test_certificates_of_everybody_are_told_a_month_before_their_end(
 
 
 @pytest.mark.parametrize("days", [20, -3])
-def test_the_edges_own_certificate_is_told_too(
+def test_the_edges_own_certificate_is_reported_too(
     site: Path, capsys: pytest.CaptureFixture[str], days: int
 ) -> None:
     shutil.rmtree(site / "keys")
@@ -117,7 +120,7 @@ def test_certificate_of_tomorrow_is_a_problem(
     assert code == 1 and "camera.pem: certificate is valid from 2" in out
 
 
-def test_missing_keys_are_told_with_the_command_that_makes_them(
+def test_missing_keys_are_reported_with_the_command_that_makes_them(
     site: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.rmtree(site / "keys")
@@ -143,15 +146,15 @@ def test_edge_that_cannot_be_asked_is_not_said_to_be_away(
     assert "not running" not in out
 
 
-def test_calibration_that_is_not_there_is_told_with_the_commands_that_make_it(
+def test_calibration_that_is_not_there_is_reported_with_the_commands_that_make_it(
     site: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (site / "rig.toml").unlink()
     code, out, _ = checked(site, capsys)
     assert code == 1
-    told = out[out.index("problem calibration lab/rig.toml is missing") :]
-    assert "e3pose record lab walk --for 60" in told
-    assert "e3pose calibrate extrinsics walk lab/rig.toml --update" in told
+    expected = out[out.index("problem calibration lab/rig.toml is missing") :]
+    assert "e3pose record lab walk --for 60" in expected
+    assert "e3pose calibrate extrinsics walk lab/rig.toml --update" in expected
 
 
 def test_models_and_sources_that_are_not_there(

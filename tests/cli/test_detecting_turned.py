@@ -114,7 +114,7 @@ def test_without_rotation_nobody_is_found_in_the_lying_film(folder: Path) -> Non
     assert len(upright_px) == FRAMES and len(lying_px) == 0
 
 
-def test_rotation_of_caliscope_is_used_and_told(
+def test_rotation_of_caliscope_is_used_and_reported(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     mark_turned(folder)

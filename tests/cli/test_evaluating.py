@@ -75,8 +75,8 @@ def test_weights_and_budgets_are_compared_in_every_combination(
         ("independent", None, 1),
         *[("e3pose-mv", *balance) for balance in balances],
     ]
-    told = capsys.readouterr().out
-    assert " V " in told and " E " in told
+    reported = capsys.readouterr().out
+    assert " V " in reported and " E " in reported
 
 
 def test_leads_are_drawn(folder: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""What is wrong with a camera is told in the words that a person wrote: an option, or a key."""
+"""Errors about a camera name the option or the key that the user wrote."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize(("option", "value", "told"), WRONG)
+@pytest.mark.parametrize(("option", "value", "message"), WRONG)
 def test_option_is_named_as_typed(
-    option: str, value: str, told: str, folder: Path, capsys: pytest.CaptureFixture[str]
+    option: str, value: str, message: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = [word for pair in ({**GIVEN, option: value}).items() for word in pair]
     assert run("camera", *words) == 2
     err = capsys.readouterr().err
     assert err.startswith(f"e3pose: {option}") and err.count(option) == 1, err
-    assert told in err and err.count("\n") == 1, err
+    assert message in err and err.count("\n") == 1, err
 
 
-def test_pace_of_a_camera_that_films_is_told_where_it_was_written(
+def test_pace_of_a_camera_that_films_is_reported_where_it_was_written(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = folder / "camera.toml"
@@ -87,11 +87,11 @@ def test_key_of_a_site_is_not_called_an_option(
 
 
 @pytest.mark.parametrize(
-    ("delay", "told"),
+    ("delay", "message"),
     [("5s", "expected 0 to 2000"), ("soon", "expected"), ("-200ms", "expected")],
 )
 def test_delay_of_an_edge_is_named_as_typed(
-    delay: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    delay: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write_recorded(
         tmp_path, simulate(SceneSettings(people=1, seconds=0.2, cameras=2), seed=0)
@@ -99,7 +99,7 @@ def test_delay_of_an_edge_is_named_as_typed(
     for verb in ("edge", "up"):
         assert run(verb, path, f"--delay={delay}") == 2
         err = capsys.readouterr().err
-        assert err.startswith("e3pose: --delay: found") and told in err, err
+        assert err.startswith("e3pose: --delay: found") and message in err, err
         assert err.count("\n") == 1, err
 
 

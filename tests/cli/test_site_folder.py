@@ -41,16 +41,16 @@ def test_folder_says_what_its_file_says(
     disk = shutil.disk_usage(lab)  # the other programs of this machine write meanwhile
     monkeypatch.setattr(shutil, "disk_usage", lambda _: disk)
     capsys.readouterr()
-    told = []
+    outputs = []
     for named in (lab, lab / "site.toml"):
         code = run(verb, named, *VERBS[verb])
         said = capsys.readouterr()
-        told.append((code, said.out, said.err.count("\n")))
+        outputs.append((code, said.out, said.err.count("\n")))
         if verb == "top":
             assert "the edge of site lab does not answer" in said.err
         else:
             assert code == 0, said.err
-    assert told[0] == told[1]
+    assert outputs[0] == outputs[1]
 
 
 @pytest.mark.parametrize("verb", sorted(VERBS))
@@ -74,15 +74,20 @@ def test_query_of_a_site_tells_of_that_site_alone(
     other = lab / "other.toml"
     other.write_text((lab / "site.toml").read_text().replace('name = "lab"', 'name = "hall"'))
     for what in ("runs", "tracks"):
-        told = {}
+        outputs = {}
         for named in (lab, other, lab / "live.db"):
             file = lab / f"{what}.json"
             assert run("query", named, "--what", what, "--json", file) == 0
-            told[named] = json.loads(file.read_text())
+            outputs[named] = json.loads(file.read_text())
             file.unlink()
-        assert 0 < len(told[lab]) < len(told[lab]) + len(told[other]) == len(told[lab / "live.db"])
+        assert (
+            0
+            < len(outputs[lab])
+            < len(outputs[lab]) + len(outputs[other])
+            == len(outputs[lab / "live.db"])
+        )
         if what == "runs":
-            assert {row["site"] for row in told[other]} == {"hall"}
+            assert {row["site"] for row in outputs[other]} == {"hall"}
     capsys.readouterr()
 
 
@@ -96,7 +101,7 @@ def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "outputs"),
     [
         (("--site", "nowhere"), "--site: found 'nowhere'"),
         (("--run", "77"), "--run: found 77"),
@@ -108,12 +113,12 @@ def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) ->
     ],
 )
 def test_query_names_the_option_as_typed(
-    words: tuple[str, ...], told: str, lab: Path, capsys: pytest.CaptureFixture[str]
+    words: tuple[str, ...], outputs: str, lab: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     capsys.readouterr()
     assert run("query", lab / "live.db", *words) == 2
     err = capsys.readouterr().err
-    assert err.startswith(f"e3pose: {told}") and err.count("\n") == 1, err
+    assert err.startswith(f"e3pose: {outputs}") and err.count("\n") == 1, err
 
 
 def test_query_of_a_site_without_a_store_is_one_line(

@@ -86,7 +86,7 @@ def test_terminal_that_is_closed_is_one_line(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         ((), "SOURCE: found 0 cameras on this machine, expected two or more sources"),
         (("c0.mp4", "none.mp4"), "camera none: .*none.mp4: found no file"),
@@ -98,7 +98,7 @@ def test_terminal_that_is_closed_is_one_line(
 def test_what_is_missing_is_one_line(
     films: Path,
     words: tuple[str, ...],
-    told: str,
+    message: str,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -107,7 +107,7 @@ def test_what_is_missing_is_one_line(
     assert run("init", "room", *words, *more) == 2
     err = [line for line in capsys.readouterr().err.splitlines() if line.startswith("e3pose: ")]
     assert len(err) == 1
-    assert re.search(told, err[0]), err
+    assert re.search(message, err[0]), err
     assert not (films / "room").exists()
 
 

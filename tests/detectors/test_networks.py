@@ -131,7 +131,7 @@ def test_boxes_that_are_not_numbers_are_nobody() -> None:
     assert keep_people(boxes[:0], np.zeros(0)).tolist() == []
 
 
-def test_a_kind_is_told_from_its_outputs(tmp_path: Path) -> None:
+def test_a_kind_is_reported_from_its_outputs(tmp_path: Path) -> None:
     thin = write_onnx(tmp_path / "a.onnx", (1, 3, "h", "w"), np.zeros((1, 57, 4, 4), np.float32))
     assert identify(thin) == "openpose-thin"
     maps = [np.zeros((1, count, 8, 8), np.float32) for count in (18, 42)]

@@ -36,6 +36,6 @@ def test_every_looker_is_measured_alone_and_with_the_others(tmp_path: Path) -> N
     assert times.rate <= 2 / NAP_S and times.reach_fps(1) <= 1 / NAP_S
 
 
-def test_network_that_is_not_there_is_told() -> None:
+def test_network_that_is_not_there_is_reported() -> None:
     with pytest.raises(InputError, match=r"detector: .*no such file"):
         time_looks([Looker("missing.onnx")])

@@ -93,7 +93,7 @@ class Site:
         assert self.edge is not None
         return next(c for c in self.edge.status().cameras if c.camera_id == camera_id)
 
-    def told(self, kind: str, camera_id: str) -> bool:
+    def reported(self, kind: str, camera_id: str) -> bool:
         """Return whether the newest word on a camera is of a kind."""
         words = [event.kind for event in self.events if event.camera_id == camera_id]
         return words[-1:] == [kind]

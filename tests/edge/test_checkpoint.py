@@ -93,7 +93,7 @@ def test_checkpoint_of_another_site_is_refused(recording: Recording, tmp_path: P
         load_checkpoint(path, replace(pipeline, interval_s=0.1))
 
 
-def test_damage_is_told_and_never_half_believed(recording: Recording, tmp_path: Path) -> None:
+def test_damage_is_reported_and_never_half_believed(recording: Recording, tmp_path: Path) -> None:
     pipeline, path = made(recording, "memory"), tmp_path / "state.npz"
     state, _ = run(recording, pipeline, initial_state(pipeline), 12)
     save_checkpoint(path, Checkpoint(state, 1, 3, 2), pipeline)
@@ -175,9 +175,9 @@ def test_slots_move_only_with_a_clock_that_went_back() -> None:
 def test_slot_numbers_do_not_jump_by_a_clock(away_s: float, why: str) -> None:
     times = SlotTimes(1000 * 10**9, 40_000_000)
     now_ns = times.middle_ns(500) + round(away_s * 1e9)
-    moved, told = still_true(times, 500, now_ns, 2)
+    moved, reported = still_true(times, 500, now_ns, 2)
     assert moved.slot_at(now_ns) == 500 - 3
-    assert told == f"{why} since the last slot, by this machine's clock"
+    assert reported == f"{why} since the last slot, by this machine's clock"
 
 
 @pytest.mark.parametrize("name", ["paper", "memory"])
@@ -271,15 +271,15 @@ def test_values_that_make_no_sense_begin_afresh(
     belief = replace(state.memory.belief, leftovers=leftovers)
     state = replace(state, memory=replace(state.memory, belief=belief))
     save_checkpoint(path, Checkpoint(state, 1, 3, 2), pipeline)
-    told: list[str] = []
+    reported: list[str] = []
 
     def taken_up() -> Checkpoint | None:
-        return StateFile(path, lambda kind, message: told.append(message), 0).take_up(pipeline)
+        return StateFile(path, lambda kind, message: reported.append(message), 0).take_up(pipeline)
 
-    assert taken_up() is not None and not told
+    assert taken_up() is not None and not reported
     change_file(path, HOSTILE[name])
     assert taken_up() is None
-    assert len(told) == 1 and "started without the saved state" in told[0]
+    assert len(reported) == 1 and "started without the saved state" in reported[0]
     assert not path.exists()
 
 
@@ -293,9 +293,11 @@ def test_state_that_the_loop_fails_on_begins_afresh(
         raise ZeroDivisionError("one of many")
 
     monkeypatch.setattr("e3pose.edge.state_file.step", fail)
-    told: list[str] = []
-    assert StateFile(path, lambda kind, message: told.append(message), 0).take_up(pipeline) is None
-    assert "the loop fails on" in told[0] and "one of many" in told[0]
+    reported: list[str] = []
+    assert (
+        StateFile(path, lambda kind, message: reported.append(message), 0).take_up(pipeline) is None
+    )
+    assert "the loop fails on" in reported[0] and "one of many" in reported[0]
 
 
 def test_zip_bomb_is_refused_before_it_is_unpacked(recording: Recording, tmp_path: Path) -> None:

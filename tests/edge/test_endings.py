@@ -1,4 +1,4 @@
-"""A camera that was told to end says so, and is not taken for one that was lost."""
+"""A camera that is stopped says so, and is not reported as lost."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def test_camera_that_ends_is_said_to_have_ended_and_comes_back(tmp_path: Path) -
         site.nodes["cam1"].stop()
         assert eventually(lambda: site.camera("cam1").why == "stopped")
         assert not site.camera("cam1").online
-        assert eventually(lambda: site.told("camera-lost", "cam1"))
+        assert eventually(lambda: site.reported("camera-lost", "cam1"))
         words = [event.message for event in site.events if event.camera_id == "cam1"]
         assert words[-1] == "cam1: stopped"
         site.start_camera("cam1")
@@ -39,6 +39,6 @@ def test_order_of_the_last_word_and_the_lost_connection_is_no_matter(first: str)
 
 def test_empty_battery_says_whose_word_that_is() -> None:
     life = greet(CameraLife("cam0"), Hello("cam0", 7, ("nose",), (640, 480), 20.0), 1)
-    for gauge, told in ((True, "battery empty"), (False, "battery empty (modelled)")):
+    for gauge, reported in ((True, "battery empty"), (False, "battery empty (modelled)")):
         beat = Heartbeat("cam0", 7, 2, "active", captured=1, battery_j=0.0, gauge=gauge)
-        assert trouble(take_beat(life, beat, 2), ("nose",), (640, 480), 3) == told
+        assert trouble(take_beat(life, beat, 2), ("nose",), (640, 480), 3) == reported

@@ -30,8 +30,8 @@ def view(people: int = 2) -> ExpectedView:
     return ExpectedView(keypoints_px, np.linspace(5, 20, people))
 
 
-def order(slot: int = 5, told: ExpectedView | None = None, **changes: Any) -> Order:
-    expected_px, reach_px = packed_expected(told)
+def order(slot: int = 5, expected_people: ExpectedView | None = None, **changes: Any) -> Order:
+    expected_px, reach_px = packed_expected(expected_people)
     fields = {
         "camera_id": "cam1", "slot": slot, "active": True, "idle_mode": "power-saving",
         "origin_edge_ns": ORIGIN, "interval_ns": INTERVAL, "sent_edge_ns": 0, "session": 1,
@@ -41,14 +41,14 @@ def order(slot: int = 5, told: ExpectedView | None = None, **changes: Any) -> Or
 
 
 def test_expected_people_come_back_from_the_bytes() -> None:
-    back = expected_view(decode(encode(order(told=view())), Order, "edge"))
+    back = expected_view(decode(encode(order(expected_people=view())), Order, "edge"))
     assert back is not None
     np.testing.assert_allclose(back.keypoints_px, view().keypoints_px, rtol=1e-6)
     np.testing.assert_allclose(back.reach_px, view().reach_px)
 
 
-def test_order_of_four_people_is_small_and_a_crowd_is_not_told() -> None:
-    assert len(encode(order(told=view(4)))) < 800
+def test_order_of_four_people_is_small_and_a_crowd_is_left_out() -> None:
+    assert len(encode(order(expected_people=view(4)))) < 800
     assert len(encode(order())) < 100
     for people in (0, MAX_EXPECTED + 1):
         assert packed_expected(view(people)) == (None, None)
@@ -57,7 +57,7 @@ def test_order_of_four_people_is_small_and_a_crowd_is_not_told() -> None:
 
 def test_keypoints_far_beyond_every_image_are_left_out() -> None:
     wild = ExpectedView(np.full((1, 2, 2), [[2 * MAX_PIXEL, 0], [3, 4]]), np.array([1e12]))
-    back = expected_view(decode(encode(order(told=wild)), Order, "edge"))
+    back = expected_view(decode(encode(order(expected_people=wild)), Order, "edge"))
     assert back is not None and back.reach_px[0] == MAX_PIXEL
     assert np.isnan(back.keypoints_px[0, 0]).all() and back.keypoints_px[0, 1].tolist() == [3, 4]
 
@@ -75,7 +75,7 @@ def test_keypoints_far_beyond_every_image_are_left_out() -> None:
 )
 def test_order_with_what_nobody_can_expect_is_refused(changes: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="order"):
-        decode(encode(order(told=view(), **changes)), Order, "edge")
+        decode(encode(order(expected_people=view(), **changes)), Order, "edge")
 
 
 def test_old_program_reads_the_order_and_an_old_order_is_read() -> None:
@@ -108,7 +108,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 
 @pytest.mark.slow
-def test_cameras_of_a_site_are_told_in_some_slots_and_not_in_others(site: Site) -> None:
+def test_cameras_of_a_site_are_reported_in_some_slots_and_not_in_others(site: Site) -> None:
     assert eventually(lambda: all(node.counts.focused > 10 for node in site.nodes.values()))
     assert all(node.counts.focused < node.counts.detected for node in site.nodes.values())
     assert eventually(lambda: all(site.camera(name).focused > 0 for name in site.nodes))

@@ -28,10 +28,10 @@ def calm() -> Recording:
     return walk(703, people=2, seconds=50.0)
 
 
-def told(
+def watch_run(
     recording: Recording, awake: int
 ) -> tuple[list[tuple[float, str, str | None]], KnockWatch]:
-    """Return seconds, kind and camera of all that was told."""
+    """Return seconds, kind and camera of all events."""
     watch, found = KnockWatch(recording.rig), []
     policy = "all" if awake == len(recording.rig) else "round-robin"
     for record in replay(recording, ReplaySettings(policy=policy, num_selected=awake)):
@@ -41,15 +41,15 @@ def told(
 
 
 @pytest.mark.parametrize("awake", [2, 4])
-def test_knock_is_told_of_the_right_camera_and_nothing_before(calm: Recording, awake: int) -> None:
-    found, watch = told(knocked(calm, 1, 2.0, 703, FROM_S), awake)
+def test_knock_is_reported_the_right_camera_and_nothing_before(calm: Recording, awake: int) -> None:
+    found, watch = watch_run(knocked(calm, 1, 2.0, 703, FROM_S), awake)
     assert [(kind, camera) for _, kind, camera in found] == [("camera-moved", "cam1")]
     assert FROM_S < found[0][0] < FROM_S + 35
     assert watch.knock is not None and 0.8 < watch.knock.degrees < 2.3
 
 
-def test_nothing_is_told_of_cameras_that_stand_still(calm: Recording) -> None:
-    found, watch = told(calm, 2)
+def test_nothing_is_reported_cameras_that_stand_still(calm: Recording) -> None:
+    found, watch = watch_run(calm, 2)
     assert found == [] and watch.knock is None
 
 

@@ -40,11 +40,11 @@ def test_jitter_and_loss_leave_no_camera_out(site: Site) -> None:
     assert np.mean(left_out) < 0.1, site.events  # a half, if what comes late does not count
 
 
-def test_camera_that_is_always_late_is_left_out_told_and_taken_back(site: Site) -> None:
+def test_camera_that_is_always_late_is_left_out_reported_and_taken_back(site: Site) -> None:
     edge = site.edge
     assert edge is not None
     site.hub.delay_s = lambda topic: 0.5 if topic.endswith("cam1/view") else 0.0
-    assert eventually(lambda: site.told("camera-useless", "cam1")), site.events
+    assert eventually(lambda: site.reported("camera-useless", "cam1")), site.events
     word = next(e.message for e in reversed(site.events) if e.kind == "camera-useless")
     assert word.startswith("cam1: views arrive too late, ") and word.endswith(" ms after capture")
     assert int(word.split(", ")[1].split()[0]) >= 500
@@ -54,5 +54,5 @@ def test_camera_that_is_always_late_is_left_out_told_and_taken_back(site: Site) 
     assert eventually(lambda: not edge.state.selections[:, 1].any())
     assert eventually(lambda: edge.counts.slots > seen + 5)
     site.hub.delay_s = lambda topic: 0.0
-    assert eventually(lambda: site.told("camera-useful", "cam1")), site.events
+    assert eventually(lambda: site.reported("camera-useful", "cam1")), site.events
     assert site.camera("cam1").why == ""

@@ -1,4 +1,4 @@
-"""What came late is held against nobody for good, and told."""
+"""Late views and orders do not count as failures for good, and are reported."""
 
 from __future__ import annotations
 
@@ -47,19 +47,19 @@ def test_late_views_and_late_orders_forgive_their_camera_alone(state: SlotState)
         assert after.slot == state.slot and after.memory is state.memory
 
 
-def test_camera_that_is_always_late_is_told_with_its_delay() -> None:
+def test_camera_that_is_always_late_is_reported_with_its_delay() -> None:
     silence, late_by_s = Silence.none(3), np.array([np.nan, 0.232, np.nan])
     for slot in range(40):
         assert oddities(silence, late_by_s, INTERVAL_S) == [""] * 3 or slot * INTERVAL_S > 1.4
         silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
         silence = replace(silence, missed=np.zeros(3, dtype=np.int64))  # it is alive
-    told = "views arrive too late, 232 ms after capture"
-    assert oddities(silence, late_by_s, INTERVAL_S) == ["", told, ""]
+    message = "views arrive too late, 232 ms after capture"
+    assert oddities(silence, late_by_s, INTERVAL_S) == ["", message, ""]
     silence = listen(silence, int(silence.retry_slot[1]), ALL, ALL, INTERVAL_S)
     assert oddities(silence, late_by_s, INTERVAL_S) == [""] * 3
 
 
-def test_camera_that_is_there_but_sends_nothing_is_told() -> None:
+def test_camera_that_is_there_but_sends_nothing_is_reported() -> None:
     silence, slot, failures = Silence.none(3), 0, 0
     while failures < REPORTED_FAILURES:
         assert oddities(silence, UNKNOWN_S, INTERVAL_S) == [""] * 3
@@ -69,7 +69,7 @@ def test_camera_that_is_there_but_sends_nothing_is_told() -> None:
     assert oddities(silence, UNKNOWN_S, INTERVAL_S) == ["", "no views arrive in time", ""]
 
 
-def test_changes_are_told_once() -> None:
+def test_changes_are_reported_once() -> None:
     ids, kinds = ("a", "b", "c"), ("lost", "back")
     assert changes(ids, ["", "x", "y"], ["gone", "", "z"], kinds) == [
         ("lost", "a: gone", "a"),

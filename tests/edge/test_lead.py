@@ -61,9 +61,9 @@ def test_slow_air_counts_within_two_seconds() -> None:
     """Five cameras say their longest delay twice a second."""
     lead = Lead()
     for _ in range(200):
-        lead = told(lead, [0.01] * 5)
+        lead = after_delays(lead, [0.01] * 5)
     for _ in range(2 * 2):
-        lead = told(lead, [0.15] * 5)
+        lead = after_delays(lead, [0.15] * 5)
     assert adapt(lead, INTERVAL_S).slots == 5
 
 
@@ -107,7 +107,7 @@ def test_delay_that_cannot_be_is_ignored(delay_s: float) -> None:
     assert take_in_delay(Lead(), 0, delay_s) == Lead()
 
 
-def told(lead: Lead, delays_s: list[float]) -> Lead:
+def after_delays(lead: Lead, delays_s: list[float]) -> Lead:
     """Every camera reports a delay."""
     for camera, delay_s in enumerate(delays_s):
         lead = take_in_delay(lead, camera, delay_s)
@@ -118,7 +118,7 @@ def followed(*delays_s: float, online: list[bool] | None = None) -> Lead:
     """The lead after cameras have reported these delays for a while."""
     lead = Lead()
     for _ in range(MIN_SAMPLES):
-        lead = told(lead, list(delays_s))
+        lead = after_delays(lead, list(delays_s))
     return adapt(lead, INTERVAL_S, online=online)
 
 

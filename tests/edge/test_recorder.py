@@ -32,15 +32,15 @@ def settings(folder: Path) -> RecorderSettings:
 
 
 def record(asked: RecorderSettings, slots: Sequence[int]) -> list[str]:
-    """Let three cameras see a person in some slots; return what was told."""
-    told: list[str] = []
-    recorder = Recorder(asked, RIG, lambda kind, line: told.append(f"{kind}: {line}"))
+    """Let three cameras see a person in some slots; return the messages."""
+    messages: list[str] = []
+    recorder = Recorder(asked, RIG, lambda kind, line: messages.append(f"{kind}: {line}"))
     poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
     for slot in slots:
         time_ns = BEGIN_NS + round(slot * 1e9 / FPS)
         recorder.keep(slot, time_ns, {i: Arrival(poses, time_ns + 10**6, 0) for i in range(3)})
     recorder.close()
-    return told
+    return messages
 
 
 def test_views_of_the_cameras_asked_for_are_a_recording(tmp_path: Path) -> None:
@@ -64,8 +64,8 @@ def test_oldest_parts_make_room(tmp_path: Path) -> None:
     record(replace(settings(tmp_path), part_s=1.0), range(20))
     size = sum(file.stat().st_size for file in tmp_path.rglob("*") if file.is_file())
     asked = replace(settings(tmp_path), part_s=1.0, max_bytes=round(2.5 * size))
-    told: list[str] = []
-    recorder = Recorder(asked, RIG, lambda kind, line: told.append(line))
+    messages: list[str] = []
+    recorder = Recorder(asked, RIG, lambda kind, line: messages.append(line))
     poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
     for slot in range(100, 200):
         time_ns = BEGIN_NS + round(slot * 1e9 / FPS)
@@ -74,7 +74,7 @@ def test_oldest_parts_make_room(tmp_path: Path) -> None:
             assert eventually(lambda: not recorder.waiting)
     recorder.close()
     parts = [part.name for part in recordings_in(tmp_path)]
-    assert 1 <= len(parts) <= 3 and "20270115T080000Z" not in parts and told == []
+    assert 1 <= len(parts) <= 3 and "20270115T080000Z" not in parts and messages == []
     assert sum(f.stat().st_size for f in tmp_path.rglob("*") if f.is_file()) <= 3 * size
 
 
@@ -87,18 +87,20 @@ def test_what_a_kill_cut_off_is_finished_by_the_next_run(tmp_path: Path) -> None
     assert load_recording(part).num_slots == 5
 
 
-def test_folder_that_cannot_be_written_is_told_once(tmp_path: Path) -> None:
+def test_folder_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
     folder = tmp_path / "recordings"
-    told: list[str] = []
-    recorder = Recorder(settings(folder), RIG, lambda kind, line: told.append(f"{kind}: {line}"))
+    messages: list[str] = []
+    recorder = Recorder(
+        settings(folder), RIG, lambda kind, line: messages.append(f"{kind}: {line}")
+    )
     folder.rmdir()
     folder.write_text("in the way")
     poses = Poses2D.empty(17)
     recorder.keep(0, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
-    assert eventually(lambda: told)
+    assert eventually(lambda: messages)
     recorder.keep(1, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
     recorder.close()
-    assert [line.partition(":")[0] for line in told] == ["record-trouble"]
+    assert [line.partition(":")[0] for line in messages] == ["record-trouble"]
 
 
 def make_videos(folder: Path, camera_id: str, begins: Sequence[int], end_slot: int) -> None:

@@ -45,7 +45,7 @@ def test_camera_that_is_well_can_be_chosen() -> None:
 
 
 @pytest.mark.parametrize(
-    ("life", "told"),
+    ("life", "message"),
     [
         (CameraLife("cam1"), "never connected"),
         (come_or_go(well(), False, NOW), "not connected"),
@@ -53,8 +53,8 @@ def test_camera_that_is_well_can_be_chosen() -> None:
         (greet(CameraLife("cam1"), HELLO, NOW), "connected, waiting for its first status"),
     ],
 )
-def test_incomplete_camera_says_what_is_missing(life: CameraLife, told: str) -> None:
-    assert told in why(life)
+def test_incomplete_camera_says_what_is_missing(life: CameraLife, message: str) -> None:
+    assert message in why(life)
 
 
 def test_camera_says_that_its_orders_come_late_until_they_do_not() -> None:
@@ -69,15 +69,19 @@ def speak(life: CameraLife, session: int, at_ns: int) -> CameraLife:
     return take_beat(life, structs.replace(BEAT, session=session, captured=at_ns), at_ns)
 
 
-def test_two_programs_that_speak_as_one_camera_are_told_apart() -> None:
+def test_two_programs_that_speak_as_one_camera_are_distinguished() -> None:
     life, at_ns = well(), NOW
     for _ in range(4):
         for session in (5, 9):
             at_ns += SECOND // 4
             life = speak(life, session, at_ns)
-    told = "two programs run as cam1 (sessions 5 and 9): stop one of them"
-    assert told in why(life, at_ns)
-    for later_s, expected in ((1, told), (RIVAL_S / 2, told), (RIVAL_S, "")):  # one of them ended
+    message = "two programs run as cam1 (sessions 5 and 9): stop one of them"
+    assert message in why(life, at_ns)
+    for later_s, expected in (
+        (1, message),
+        (RIVAL_S / 2, message),
+        (RIVAL_S, ""),
+    ):  # one of them ended
         later_ns = at_ns + round(later_s * SECOND)
         life = speak(life, 9, later_ns)
         assert expected in why(life, later_ns) and bool(expected) == bool(why(life, later_ns))
@@ -109,7 +113,7 @@ def test_word_from_a_silent_camera_brings_it_back() -> None:
 
 
 @pytest.mark.parametrize(
-    ("hello", "told"),
+    ("hello", "message"),
     [
         (
             Hello("cam1", 5, COCO18.joints, SIZE, 25.0),
@@ -122,8 +126,8 @@ def test_word_from_a_silent_camera_brings_it_back() -> None:
         (Hello("cam1", 5, JOINTS, (640, 481), 25.0), "640 x 481, but the calibration has 640 x"),
     ],
 )
-def test_camera_of_another_rig_is_refused(hello: Hello, told: str) -> None:
-    assert told in why(take_beat(greet(CameraLife("cam1"), hello, NOW), BEAT, NOW))
+def test_camera_of_another_rig_is_refused(hello: Hello, message: str) -> None:
+    assert message in why(take_beat(greet(CameraLife("cam1"), hello, NOW), BEAT, NOW))
 
 
 @pytest.mark.parametrize("found", [COCO17, COCO18, BODY25])
@@ -141,15 +145,15 @@ def replace_beat(**changes: object) -> Heartbeat:
 
 
 @pytest.mark.parametrize(
-    ("beat", "told"),
+    ("beat", "message"),
     [
         (replace_beat(problem="no frames from the source"), "no frames from the source"),
         (replace_beat(battery_j=0.0, gauge=True), "battery empty"),
         (replace_beat(clock_error_ns=300_000_000), "clock uncertain by 300 ms"),
     ],
 )
-def test_ailing_camera_says_what_ails_it(beat: Heartbeat, told: str) -> None:
-    assert why(take_beat(well(), beat, NOW)) == told
+def test_ailing_camera_says_what_ails_it(beat: Heartbeat, message: str) -> None:
+    assert why(take_beat(well(), beat, NOW)) == message
 
 
 def test_camera_without_a_frame_says_why() -> None:

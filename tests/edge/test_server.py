@@ -102,10 +102,10 @@ def test_partition_is_noticed_in_two_seconds_and_healed(site: Site) -> None:
     assert edge is not None
     here = edge.counts.slots
     assert eventually(lambda: edge.counts.slots > here + 10)  # the others go on
-    assert eventually(lambda: site.told("camera-lost", "cam2"))
+    assert eventually(lambda: site.reported("camera-lost", "cam2"))
     site.hub.fault = lambda topic, payload: payload
     assert eventually(lambda: site.online() == {"cam0", "cam1", "cam2"})
-    assert eventually(lambda: site.told("camera-back", "cam2"))
+    assert eventually(lambda: site.reported("camera-back", "cam2"))
 
 
 @pytest.mark.timed
@@ -121,14 +121,14 @@ def test_lossy_network_loses_views_but_no_slot(site: Site) -> None:
     assert eventually(lambda: len(site.online()) == 3)
 
 
-def test_two_programs_with_one_name_are_told_apart(site: Site) -> None:
+def test_two_programs_with_one_name_are_distinguished(site: Site) -> None:
     first = site.nodes["cam1"]
     second = site.start_camera("cam1")
     sessions = sorted((first.session, second.session))
-    told = f"two programs run as cam1 (sessions {sessions[0]} and {sessions[1]})"
-    assert eventually(lambda: told in site.camera("cam1").why)
+    reported = f"two programs run as cam1 (sessions {sessions[0]} and {sessions[1]})"
+    assert eventually(lambda: reported in site.camera("cam1").why)
     assert site.online() == {"cam0", "cam2"}
-    assert eventually(lambda: any(told in event.message for event in site.events))
+    assert eventually(lambda: any(reported in event.message for event in site.events))
     first.stop()
     assert eventually(lambda: len(site.online()) == 3)
 
@@ -186,7 +186,7 @@ def test_slow_and_lossy_air_makes_orders_go_out_earlier(site: Site) -> None:
     assert eventually(lambda: edge.counts.views > views + 10)
 
 
-def test_state_that_cannot_be_kept_is_told_once_and_stops_nobody(site: Site) -> None:
+def test_state_that_cannot_be_kept_is_reported_once_and_stops_nobody(site: Site) -> None:
     edge = site.edge
     assert edge is not None
     good = edge.state_file.path
@@ -197,9 +197,9 @@ def test_state_that_cannot_be_kept_is_told_once_and_stops_nobody(site: Site) -> 
     assert eventually(lambda: edge.counts.slots > slots + 50)
     edge.state_file.path = good
     assert eventually(lambda: not edge.state_file.trouble)
-    told = [event.message for event in site.events if event.kind == "checkpoint"]
-    assert sum("cannot save the state" in line for line in told) == 1
-    assert "saving the state again" in told[-1]
+    reported = [event.message for event in site.events if event.kind == "checkpoint"]
+    assert sum("cannot save the state" in line for line in reported) == 1
+    assert "saving the state again" in reported[-1]
 
 
 def test_edge_whose_clock_went_back_goes_on_at_once(site: Site) -> None:
@@ -224,8 +224,10 @@ def test_edge_whose_clock_went_ahead_goes_on_with_the_next_slot(site: Site) -> N
     again = site.start_edge()
     assert eventually(lambda: again.counts.views > 10)
     assert slot < again.state.slot < slot + 400
-    told = [event.message for event in site.events if event.kind == "clock"]
-    assert "60 min since the last slot, by this machine's clock: slot numbers continue" in told[-1]
+    reported = [event.message for event in site.events if event.kind == "clock"]
+    assert (
+        "60 min since the last slot, by this machine's clock: slot numbers continue" in reported[-1]
+    )
     assert eventually(lambda: len(site.online()) == 3)
 
 

@@ -60,7 +60,7 @@ def test_truth_is_found_within_its_uncertainty() -> None:
 
 
 def test_joules_and_seconds_give_what_slots_give() -> None:
-    """A minute told in one heartbeat says the same as told in a hundred and twenty."""
+    """A minute reported in one heartbeat counts the same as in a hundred and twenty."""
     cost = unlearned(PROFILE)
     for share in np.linspace(0.1, 0.9, 60):
         cost = learn(

@@ -216,7 +216,7 @@ def test_wrong_profile_is_one_line_naming_file_and_field(
         load_profile(path)
     assert str(error.value).startswith(f"{path}: ")
     if field == "components.gpu.active.volts":
-        field = "components.gpu.active.watts"  # the missing key is told first
+        field = "components.gpu.active.watts"  # the missing key is reported first
     assert field in str(error.value)
     assert len(str(error.value).splitlines()) == 1
 

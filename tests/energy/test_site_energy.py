@@ -152,7 +152,7 @@ def test_ledger_takes_heartbeats_and_estimates_every_minute() -> None:
     assert not ledger.estimate()[1]
     np.testing.assert_allclose(ledger.spent_j(np.array([True, True])), [0.28, 0.4], rtol=0.02)
     assert len(kept) == 199
-    last_j = energy_j - (7.0 * spent_s + 3.0 * (BEAT_S - spent_s))  # what was told in the end
+    last_j = energy_j - (7.0 * spent_s + 3.0 * (BEAT_S - spent_s))  # what was reported last
     assert sum(reading.energy_j for reading in kept) == pytest.approx(last_j)
     assert {reading.source for reading in kept} == {"measured"}
     assert {reading.span_s for reading in kept} == {BEAT_S}
@@ -202,7 +202,7 @@ def test_pipeline_follows_the_estimate() -> None:
     assert re.fullmatch(r"budgets allow 0\.9\d cameras per slot, 2 requested", news[2][1])
 
 
-def test_battery_that_cannot_last_is_told_once() -> None:
+def test_battery_that_cannot_last_is_reported_once() -> None:
     """4 W for a camera that draws 5.2 W when idle."""
     now_ns = [0]
     ledger = EnergyLedger(

@@ -160,7 +160,7 @@ def test_steering_sees_its_whole_history_after_a_short_warm_up() -> None:
 
 
 @pytest.mark.parametrize("lead", [1, 30])
-def test_steering_does_not_depend_on_how_far_ahead_cameras_are_told(lead: int) -> None:
+def test_steering_does_not_depend_on_how_far_ahead_cameras_are_reported(lead: int) -> None:
     recording = scene(*CASES[1])
     settings = ReplaySettings(policy="all", num_selected=5, lead_slots=lead)
     found = [record.poses.joints_m for record in replay(recording, settings)]

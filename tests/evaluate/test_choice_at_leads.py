@@ -34,13 +34,13 @@ def figures(name: str, seed: int, policy: str, count: float, lead: int) -> dict[
     settings = ReplaySettings(policy=policy, num_selected=count, lead_slots=lead, phase=seed)
     records = list(replay(recording, settings))
     found, expected = accuracy(recording, records), expected_figures(recording, records)
-    told = {
+    row = {
         "error": found.mpjpe_mm,
         "recall": found.recall_500mm,
         "foreseen": expected.foreseen_mm,
         "stated": expected.error_mm,
     }
-    return {name: np.nan if figure is None else figure for name, figure in told.items()}
+    return {name: np.nan if figure is None else figure for name, figure in row.items()}
 
 
 def mean_error(policy: str, count: float, lead: int) -> float:

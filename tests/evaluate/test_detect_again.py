@@ -73,9 +73,9 @@ def test_feedback_looks_at_fewer_pixels_and_finds_the_same_people(
         parts = [part for _, _, part, _ in look.looks_s]
         assert len(parts) == 3 * recording.num_slots and any(parts) == feedback
     assert pixels[1] < 0.8 * pixels[0]
-    usual, told = ((f.recall_500mm, f.mpjpe_mm) for f in found)
-    assert usual[0] and told[0] and told[0] > usual[0] - 0.02
-    assert usual[1] and told[1] and told[1] < usual[1] + 3.0
+    usual, focused = ((f.recall_500mm, f.mpjpe_mm) for f in found)
+    assert usual[0] and focused[0] and focused[0] > usual[0] - 0.02
+    assert usual[1] and focused[1] and focused[1] < usual[1] + 3.0
 
 
 def test_look_at_a_stored_recording_repeats_exactly(films: Path, recording: Recording) -> None:
@@ -155,9 +155,9 @@ def test_feedback_for_a_detector_without_a_use_for_it_is_refused(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     video = f"cam0={films / 'videos' / recording.videos['cam0']}"
-    told = DetectSettings(feedback=True)
+    focused = DetectSettings(feedback=True)
     with pytest.raises(InputError, match="found with mine, which detects in whole images"):
-        detect_videos([video], recording.rig, Plain(), tmp_path / "out", told, "mine 1234")
+        detect_videos([video], recording.rig, Plain(), tmp_path / "out", focused, "mine 1234")
     assert not partial_folder(tmp_path / "out").exists()
     (tmp_path / "mine.py").write_text(
         "from e3pose.model.skeleton import COCO17\n\n\nclass Plain:\n    skeleton = COCO17\n"

@@ -90,7 +90,7 @@ def test_another_skeleton_or_no_covariance_says_less() -> None:
     assert expected_figures(recording(), []) == Expected()
 
 
-def test_savings_are_told_for_both_devices_of_the_paper() -> None:
+def test_savings_are_reported_for_both_devices_of_the_paper() -> None:
     found = energy_figures(
         recording(), records(0.02, 0.02, on=3), load_profile("generic"), "power-saving", 50.0
     )

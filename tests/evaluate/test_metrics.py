@@ -112,7 +112,7 @@ def test_nothing_can_be_said_without_truth(truth: list[list[float]]) -> None:
     assert joint_coverage(result) is None
 
 
-def test_missing_joints_are_left_out_of_the_error_and_told() -> None:
+def test_missing_joints_are_left_out_of_the_error_and_reported() -> None:
     predicted = np.stack([person(0.02, missing=True), person(10.0)])
     result = candidates([predicted], [np.array([0.9, 0.8])], people(0, 10)[None])
     assert mpjpe_mm(result) == pytest.approx(10.0)  # of 20 mm and 0 mm

@@ -159,7 +159,7 @@ def test_views_that_disagree_match_up_to_the_distance(
 
 
 @pytest.mark.parametrize(
-    ("pipeline", "distance_m", "told"),
+    ("pipeline", "distance_m", "message"),
     [
         (
             "default",
@@ -177,9 +177,9 @@ def test_views_that_disagree_match_up_to_the_distance(
     ],
 )
 def test_match_distance_is_the_papers_and_a_small_length(
-    pipeline: str, distance_m: float, told: str
+    pipeline: str, distance_m: float, message: str
 ) -> None:
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         settings = replace(SETTINGS, pipeline=pipeline, match_distance_m=distance_m)
         replay(RECORDING, replace(settings, matcher="rays" if pipeline == "paper" else None))
 
@@ -194,7 +194,7 @@ def test_the_paper_matches_by_pixels_from_epipolar_lines(
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"pipeline": "memory", "matcher": "rays"}, "matcher: found with the pipeline memory"),
         ({"epipolar_px": 20.0}, "epipolar_px: found with the pipeline default"),
@@ -211,8 +211,8 @@ def test_the_paper_matches_by_pixels_from_epipolar_lines(
         ),
     ],
 )
-def test_each_matcher_has_its_own_threshold(changes: dict[str, Any], told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_each_matcher_has_its_own_threshold(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
         replay(RECORDING, replace(SETTINGS, **changes))
 
 

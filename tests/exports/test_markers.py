@@ -78,8 +78,8 @@ def test_one_person_has_the_name_that_was_asked_for(tmp_path: Path) -> None:
 def test_c3d_holds_everybody_and_says_what_is_missing(tmp_path: Path) -> None:
     import ezc3d
 
-    ((path, told),) = export(TAKE, tmp_path / "walk.c3d", "c3d")
-    assert "z up" in told
+    ((path, summary),) = export(TAKE, tmp_path / "walk.c3d", "c3d")
+    assert "z up" in summary
     file = ezc3d.c3d(str(path))
     labels = file["parameters"]["POINT"]["LABELS"]["value"]
     assert labels[0] == "track3:nose" and labels[-1] == "track7:right_ankle"
@@ -115,8 +115,8 @@ def test_c3d_of_many_people_keeps_all_labels(tmp_path: Path) -> None:
 def test_csv_and_parquet_hold_a_row_per_frame_and_person(tmp_path: Path) -> None:
     from pyarrow import parquet
 
-    ((path, told),) = export(TAKE, tmp_path / "walk.csv", "csv", ExportSettings(angles=True))
-    assert told.startswith("74 rows")
+    ((path, summary),) = export(TAKE, tmp_path / "walk.csv", "csv", ExportSettings(angles=True))
+    assert summary.startswith("74 rows")
     rows = list(csv.DictReader(path.read_text().splitlines()))
     assert [row["track"] for row in rows] == ["3"] * 40 + ["7"] * 34
     row = rows[45]

@@ -82,8 +82,8 @@ def read_bvh(path: Path) -> tuple[list[str], list[int], Floats, float, Floats]:
 
 def test_bvh_puts_rigid_limbs_where_they_were(tmp_path: Path) -> None:
     alone = replace(TAKE, motions=(SECOND,))
-    ((path, told),) = export(alone, tmp_path / "walk.bvh", "bvh")
-    assert "m, y up" in told and told.endswith("begins at 0.24 s")
+    ((path, summary),) = export(alone, tmp_path / "walk.bvh", "bvh")
+    assert "m, y up" in summary and summary.endswith("begins at 0.24 s")
     names, parents, offsets, seconds, world = read_bvh(path)
     assert seconds == pytest.approx(0.04)
     assert names[0] == "mid_hip" and parents.count(-1) == 1
@@ -107,8 +107,8 @@ def test_bvh_puts_rigid_limbs_where_they_were(tmp_path: Path) -> None:
 
 def test_bvh_keeps_a_rotation_that_no_frame_tells_and_says_so(tmp_path: Path) -> None:
     alone = replace(TAKE, motions=(FIRST,))
-    ((path, told),) = export(alone, tmp_path / "walk.bvh", "bvh")
-    assert "4 of 40 frames keep" in told
+    ((path, summary),) = export(alone, tmp_path / "walk.bvh", "bvh")
+    assert "4 of 40 frames keep" in summary
     *_, world = read_bvh(path)
     assert len(world) == NUM_FRAMES and np.isfinite(world).all()
 
@@ -196,8 +196,8 @@ class Gltf:
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf"])
 def test_gltf_moves_joints_and_hides_who_is_away(tmp_path: Path, suffix: str) -> None:
-    ((path, told),) = export(TAKE, tmp_path / f"walk{suffix}", "gltf")
-    assert "2 people" in told and "4 of 74 frames without a key" in told
+    ((path, summary),) = export(TAKE, tmp_path / f"walk{suffix}", "gltf")
+    assert "2 people" in summary and "4 of 74 frames without a key" in summary
     file = Gltf(path)
     for motion, name in ((FIRST, "track3"), (SECOND, "track7")):
         for frame in (0, 7, 15, 33):

@@ -79,7 +79,7 @@ def test_time_person_and_place_choose(store: Path, tmp_path: Path) -> None:
         (Asked(run=3), "expected a store"),
     ],
 )
-def test_what_a_table_does_not_hold_is_told(tmp_path: Path, asked: Asked, message: str) -> None:
+def test_what_a_table_does_not_hold_is_reported(tmp_path: Path, asked: Asked, message: str) -> None:
     path = tmp_path / "poses.csv"
     write_poses(records(), COCO17, path)
     with pytest.raises(InputError, match=message):

@@ -24,8 +24,8 @@ CAMERAS = ExportSettings(rig=RIG)
 
 
 def test_openpose_without_cameras_is_3d(tmp_path: Path) -> None:
-    ((path, told),) = export(TAKE, tmp_path / "op", "openpose")
-    assert "40 frames, 3D" in told
+    ((path, summary),) = export(TAKE, tmp_path / "op", "openpose")
+    assert "40 frames, 3D" in summary
     files = sorted(path.iterdir())
     assert [file.name for file in files][::39] == [
         "000000000000_keypoints.json",
@@ -67,8 +67,8 @@ def test_openpose_replaces_no_folder(tmp_path: Path) -> None:
 def test_coco_needs_cameras_and_can_be_imported(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--calibration"):
         list(export(TAKE, tmp_path / "coco.json", "coco"))
-    ((path, told),) = export(TAKE, tmp_path / "coco.json", "coco", CAMERAS)
-    assert told.startswith("200 images of 5 cameras")
+    ((path, summary),) = export(TAKE, tmp_path / "coco.json", "coco", CAMERAS)
+    assert summary.startswith("200 images of 5 cameras")
     document = json.loads(path.read_text())
     assert [image["id"] for image in document["images"]] == [*range(1, 201)]
     (category,) = document["categories"]

@@ -1,4 +1,4 @@
-"""One program writes at a place; a second one is told who, and a killed one leaves no lock."""
+"""One program writes at a place; others are refused by name; a killed one leaves no lock."""
 
 from __future__ import annotations
 
@@ -38,12 +38,14 @@ def holder(path: Path) -> subprocess.Popen[str]:
     return program
 
 
-def test_second_program_is_told_who_writes(tmp_path: Path) -> None:
+def test_second_program_is_reported_who_writes(tmp_path: Path) -> None:
     path = tmp_path / "live.db"
     program = holder(path)
     with program:
-        told = rf"live\.db: process {program.pid} \(e3pose edge site\.toml\) writes there already"
-        with pytest.raises(InputError, match=told), hold(path):
+        message = (
+            rf"live\.db: process {program.pid} \(e3pose edge site\.toml\) writes there already"
+        )
+        with pytest.raises(InputError, match=message), hold(path):
             pass
         (tmp_path / "link.db").symlink_to(path)
         with pytest.raises(InputError, match="writes there already"), hold(tmp_path / "link.db"):
@@ -107,12 +109,12 @@ def test_a_folder_where_nothing_may_be_written_is_no_lock(tmp_path: Path) -> Non
         tmp_path.chmod(0o700)
 
 
-def test_two_writers_of_one_recording_are_told_apart(tmp_path: Path) -> None:
+def test_two_writers_of_one_recording_are_distinguished(tmp_path: Path) -> None:
     dest = tmp_path / "walk"
     with atomic_folder(dest) as folder:
         (folder / "recording.toml").write_text("first")
-        told = rf"walk: process {os.getpid()} .*writes there already"
-        with pytest.raises(InputError, match=told), atomic_folder(dest, overwrite=True):
+        message = rf"walk: process {os.getpid()} .*writes there already"
+        with pytest.raises(InputError, match=message), atomic_folder(dest, overwrite=True):
             pass
     assert (dest / "recording.toml").read_text() == "first"
     assert [entry.name for entry in tmp_path.iterdir()] == ["walk"]

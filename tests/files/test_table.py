@@ -1,4 +1,4 @@
-"""What does not fit a table is told with its key, in words that need no Python."""
+"""What does not fit a table is reported with its key, in plain words."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ KEYS = "name, lead, parts, by_name, apart"
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "message"),
     [
         ({}, 'missing: name = "a name"'),
         ([], "found a list, expected a table"),
@@ -63,10 +63,10 @@ KEYS = "name, lead, parts, by_name, apart"
         ({"name": "a", "apart": "3"}, "apart: found '3', expected a number and mm, cm, m"),
     ],
 )
-def test_what_is_wrong_is_told_in_words(table: Any, told: str) -> None:
+def test_what_is_wrong_is_reported_in_words(table: Any, message: str) -> None:
     with pytest.raises(InputError) as caught:
         read_table(Outer, table)
-    assert str(caught.value).startswith(told)
+    assert str(caught.value).startswith(message)
 
 
 def test_what_fits_is_read() -> None:
@@ -75,7 +75,7 @@ def test_what_fits_is_read() -> None:
     assert read == Outer("a", "adaptive", (Inner(1.0),), None, 0.04)
 
 
-def test_an_error_is_told_where_it_was_written() -> None:
+def test_an_error_is_reported_where_it_was_written() -> None:
     error = InputError("cameras", 99, "at most 4")
     assert (error.thing, error.found, error.expected) == ("cameras", "99", "at most 4")
     there = error.under("loop").at("site.toml")

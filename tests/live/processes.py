@@ -150,8 +150,8 @@ class LiveSite:
     def events(self, kind: str) -> list[dict[str, Any]]:
         """Return what the edge logged of a kind, oldest first."""
         lines = self.log("edge").read_text().splitlines()
-        told = [json.loads(line) for line in lines if line.startswith("{")]
-        return [line for line in told if line.get("kind") == kind]
+        parsed = [json.loads(line) for line in lines if line.startswith("{")]
+        return [line for line in parsed if line.get("kind") == kind]
 
     def status(self) -> Status:
         return self.statuses[-1][1]
@@ -170,7 +170,7 @@ class LiveSite:
 
     def becomes(self, *camera_ids: str) -> None:
         """Wait until exactly these cameras are online."""
-        assert eventually(lambda: self.online() == set(camera_ids)), self.told()
+        assert eventually(lambda: self.online() == set(camera_ids)), self.diagnostics()
 
     def longest_silence_s(self, camera_id: str, since: int) -> float:
         """Return how long at most nothing had come from a camera that was called online.
@@ -198,13 +198,13 @@ class LiveSite:
         missing = set(range(slots[0], slots[-1] + 1)) - set(slots)
         assert len(missing) < 0.1 * len(slots) + self.status().slots_lost - lost
 
-        def told() -> bool:
+        def appeared() -> bool:
             given_up = self.status().slots_lost - lost
             if len(missing) <= given_up:
                 return True
             return len(missing - set(self.stored())) <= given_up
 
-        assert eventually(told, 3.0), self.told()
+        assert eventually(appeared, 3.0), self.diagnostics()
 
     def stored(self, database: str = "poses.db") -> list[int]:
         """Return the slots in the store, oldest first; none while there is no store."""
@@ -215,7 +215,9 @@ class LiveSite:
 
     def stores(self, slot: int, database: str = "poses.db") -> None:
         """Wait until the store has a slot or a later one."""
-        assert eventually(lambda: max(self.stored(database), default=-1) >= slot), self.told()
+        assert eventually(lambda: max(self.stored(database), default=-1) >= slot), (
+            self.diagnostics()
+        )
 
     def whole(self) -> None:
         """Start cameras that do not run, and wait for all."""
@@ -234,7 +236,7 @@ class LiveSite:
     def flows(self, slots: int = 10) -> None:
         """Wait for so many slots more."""
         count = len(self.poses)
-        assert eventually(lambda: len(self.poses) >= count + slots), self.told()
+        assert eventually(lambda: len(self.poses) >= count + slots), self.diagnostics()
 
     def send(self, name: str, number: signal.Signals) -> float:
         """Send a signal to a program; return the time."""
@@ -247,7 +249,7 @@ class LiveSite:
         self.ended[name] = code
         return code
 
-    def told(self) -> str:
+    def diagnostics(self) -> str:
         """Return what all programs said, for the one who looks into a failure."""
         why = {c.camera_id: c.why for c in self.status().cameras} if self.statuses else {}
         logs = "\n".join(
@@ -257,7 +259,7 @@ class LiveSite:
 
     @contextmanager
     def at_work(self, *hosts: str) -> Iterator[LiveSite]:
-        """Have everybody there and slots flowing; at the end, nobody may have told of a fault.
+        """Wait until all cameras are online and slots flow; afterwards, no fault may be reported.
 
         Args:
             hosts: other names of the edge, for its certificate.
@@ -269,7 +271,7 @@ class LiveSite:
             self.start_camera(camera_id)
         self.watch()
         try:
-            assert eventually(lambda: len(self.poses) > 20, COMPILE_S), self.told()
+            assert eventually(lambda: len(self.poses) > 20, COMPILE_S), self.diagnostics()
             self.becomes(*CAMERAS)
             yield self
             for log in self.folder.glob("*.log"):

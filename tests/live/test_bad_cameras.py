@@ -100,7 +100,7 @@ def test_clock_that_is_wrong_drifts_and_is_set_costs_nothing_for_long(site: Live
     site.flows(10)
     lost = not_in_time(site, "cam1")
     site.flows(40)
-    assert not_in_time(site, "cam1") - lost <= 13, site.told()  # of 26 or so
+    assert not_in_time(site, "cam1") - lost <= 13, site.diagnostics()  # of 26 or so
     site.send("cam1", signal.SIGTERM)
     assert site.wait("cam1") == 0
 
@@ -108,8 +108,10 @@ def test_clock_that_is_wrong_drifts_and_is_set_costs_nothing_for_long(site: Live
 def test_empty_battery_is_noticed(site: LiveSite) -> None:
     site.without("cam1")
     site.start_camera("cam1", "--battery-wh", "0.015")  # 54 J, a few seconds of its profile
-    assert eventually(lambda: site.camera("cam1").online), site.told()
-    assert eventually(lambda: site.camera("cam1").why.startswith("battery empty")), site.told()
+    assert eventually(lambda: site.camera("cam1").online), site.diagnostics()
+    assert eventually(lambda: site.camera("cam1").why.startswith("battery empty")), (
+        site.diagnostics()
+    )
     assert site.camera("cam1").battery == 0.0
     site.flows(10)
     site.without("cam1")
@@ -121,7 +123,7 @@ def test_flood_of_garbage_shuts_out_its_camera_and_no_other(site: LiveSite) -> N
     before, slots, lost = edge.memory_info().rss, len(site.poses), site.status().slots_lost
     site.start_odd_camera("cam1", "flood")
     began_s = time.monotonic()
-    assert eventually(lambda: "invalid messages" in site.camera("cam1").why), site.told()
+    assert eventually(lambda: "invalid messages" in site.camera("cam1").why), site.diagnostics()
     site.flows(40)
     site.send("cam1", signal.SIGTERM)
     assert site.wait("cam1") == 0

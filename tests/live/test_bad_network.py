@@ -52,7 +52,7 @@ def test_loss_and_jitter_lose_views_but_no_slot(far_site: LiveSite, link: BadLin
         missed = sum(c.lost + c.late for c in far_site.status().cameras) - missed
         return missed < 0.25 * 2 * 60
 
-    assert eventually(come, 60.0), far_site.told()
+    assert eventually(come, 60.0), far_site.diagnostics()
     far_site.unbroken([poses.slot for poses in far_site.poses[begin:]], given_up)
     far_site.becomes(*CAMERAS)
     assert not far_site.events("camera-useless")

@@ -38,20 +38,20 @@ def test_nothing_is_lost_while_the_server_is_away(
         return [row["slot"] for row in Store(url).rows("slots")]
 
     with site.at_work():
-        assert eventually(lambda: len(stored()) > 0), site.told()
+        assert eventually(lambda: len(stored()) > 0), site.diagnostics()
         server.stop()
-        assert eventually(lambda: site.events("store-trouble")), site.told()
+        assert eventually(lambda: site.events("store-trouble")), site.diagnostics()
         count, lost = len(site.poses), site.status().slots_lost
         site.flows(40)
         site.unbroken([poses.slot for poses in site.poses[count:]], lost)
         away = site.poses[-1].slot
         server.start()
-        assert eventually(lambda: site.events("store-recovered")), site.told()
-        assert eventually(lambda: max(stored(), default=-1) > away), site.told()
+        assert eventually(lambda: site.events("store-recovered")), site.diagnostics()
+        assert eventually(lambda: max(stored(), default=-1) > away), site.diagnostics()
         first, last = stored()[0], stored()[-1]
         missing = set(range(first, last + 1)) - set(stored())
         assert len(missing) <= site.status().slots_lost, "only what was never computed"
-        assert len(site.events("store-trouble")) == 1, "told once"
+        assert len(site.events("store-trouble")) == 1, "reported once"
         assert "file" in site.events("store-trouble")[0]["event"]
 
         def kinds() -> set[str]:

@@ -34,15 +34,15 @@ def test_killed_edge_goes_on_where_it_was(site: LiveSite) -> None:
         kept = {name: archive[name] for name in archive.files}
     statuses, count = len(site.statuses), len(site.poses)
     site.start_edge()
-    assert eventually(lambda: site.events("resumed")), site.told()
-    assert eventually(lambda: len(site.statuses) > statuses), site.told()
+    assert eventually(lambda: site.events("resumed")), site.diagnostics()
+    assert eventually(lambda: len(site.statuses) > statuses), site.diagnostics()
     site.becomes(*CAMERAS)
     back = next(
         status for _, status in site.statuses[statuses:] if all(c.online for c in status.cameras)
     )
     ready = site.statuses[statuses][1]  # its first word, once what it needs is loaded
-    assert back.uptime_s - ready.uptime_s < BACK_S, site.told()
-    assert eventually(lambda: len(site.poses) > count + 20), site.told()
+    assert back.uptime_s - ready.uptime_s < BACK_S, site.diagnostics()
+    assert eventually(lambda: len(site.poses) > count + 20), site.diagnostics()
     first = site.poses[count]
     assert last.slot < first.slot < last.slot + AWAY_SLOTS
     site.unbroken([poses.slot for poses in site.poses[count:]], 0)
@@ -70,7 +70,7 @@ def test_revoked_camera_is_shut_out_and_an_added_one_let_in(site: LiveSite) -> N
     site.becomes("cam0", "cam1")
     since = len(site.statuses)
     site.flows(20)
-    assert eventually(lambda: len(site.statuses) > since + 1), site.told()
+    assert eventually(lambda: len(site.statuses) > since + 1), site.diagnostics()
     assert not any(c.camera_id == "cam2" and c.online for c in site.cameras_since(since))
     assert site.programs["cam2"].poll() is None  # it goes on trying
     assert run("keys", "add", "cam2", "--keys", keys)[0] == 0
@@ -84,7 +84,7 @@ def test_damaged_list_of_certificates_changes_nothing(site: LiveSite) -> None:
     path = site.folder / "keys" / "keys.toml"
     good = path.read_text()
     path.write_text("no list [")
-    assert eventually(lambda: "cannot reload the certificates" in site.told())
+    assert eventually(lambda: "cannot reload the certificates" in site.diagnostics())
     site.flows(10)
     path.write_text(good)
     site.becomes(*CAMERAS)

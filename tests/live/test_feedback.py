@@ -49,14 +49,14 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Filmed]:
 
 def test_cameras_look_where_the_edge_expects_people(filmed: Filmed) -> None:
     assert eventually(lambda: all(filmed.camera(name).focused > 3 for name in CAMERAS)), (
-        filmed.told()
+        filmed.diagnostics()
     )
     assert eventually(lambda: any(poses.track_ids.shape[0] == 2 for poses in filmed.poses))
 
 
-def test_camera_that_is_started_later_is_told_too(filmed: Filmed, tmp_path: Path) -> None:
+def test_camera_that_is_started_later_is_reported_too(filmed: Filmed, tmp_path: Path) -> None:
     filmed.without("cam1")
     before = filmed.camera("cam0").focused
     filmed.whole()
-    assert eventually(lambda: filmed.camera("cam1").focused > 0), filmed.told()
+    assert eventually(lambda: filmed.camera("cam1").focused > 0), filmed.diagnostics()
     assert filmed.camera("cam0").focused > before

@@ -109,8 +109,8 @@ def test_page_leads_from_four_sources_to_live_poses(
                 assert code == 0, f"{command}: {said[command]}"
         finally:
             site.send_signal(signal.SIGINT)
-            told, _ = site.communicate(timeout=60)
-    assert "Traceback" not in told, told
+            output, _ = site.communicate(timeout=60)
+    assert "Traceback" not in output, output
     assert "cam3" in said["e3pose top room --once"]
     assert "track" in said["e3pose query room --from -10s"]
     assert live_error_m(folder) < LIVE_M

@@ -42,21 +42,23 @@ def fill(path: Path) -> None:
                 continue
 
 
-def test_full_disk_is_told_and_stops_nobody(small_site: LiveSite) -> None:
+def test_full_disk_is_reported_and_stops_nobody(small_site: LiveSite) -> None:
     site, disk = small_site, small_site.folder / "disk"
     state = disk / "state.npz"
     assert eventually(state.exists)
     fill(disk / "filler")
     # The state is written beside the old one, which stays as it was until there is room.
-    assert eventually(lambda: "cannot save the state" in site.log("edge").read_text()), site.told()
+    assert eventually(lambda: "cannot save the state" in site.log("edge").read_text()), (
+        site.diagnostics()
+    )
     kept = state.read_bytes()
-    assert eventually(lambda: site.events("store-full")), site.told()
+    assert eventually(lambda: site.events("store-full")), site.diagnostics()
     count, lost = len(site.poses), site.status().slots_lost
     site.flows(40)
     site.unbroken([poses.slot for poses in site.poses[count:]], lost)
     assert kept and state.read_bytes() == kept
-    told = [line for line in site.events("checkpoint") if "cannot save the state" in line["event"]]
-    assert len(told) == 1  # not once a second
+    lines = [line for line in site.events("checkpoint") if "cannot save the state" in line["event"]]
+    assert len(lines) == 1  # not once a second
     os.unlink(disk / "filler")
     assert eventually(lambda: "saving the state again" in site.log("edge").read_text())
     site.flows(30)

@@ -43,7 +43,7 @@ def angle(rig: Rig, other: Rig) -> float:
     return float(np.degrees(angles_between(rig.cameras[2].R[None], other.cameras[2].R[None])[0]))
 
 
-def test_turned_camera_is_told_and_placed_anew_while_the_site_runs(
+def test_turned_camera_is_reported_and_placed_anew_while_the_site_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)

@@ -57,7 +57,7 @@ def test_killed_up_leaves_nobody_behind(tmp_path: Path) -> None:
         assert eventually(lambda: len(site.stored("live.db")) >= 10), logs[0].read_text()
         psutil.Process(children[0].ppid()).send_signal(signal.SIGKILL)
         assert eventually(lambda: gone(children), GONE_S), children
-    # Each ended as if it was told to: with its last words, and what it keeps whole.
+    # Each ended as if it was asked to: with its summary, and complete files.
     assert "slots, 0 lost" in logs[0].read_text(), logs[0].read_text()
     for log in logs[1:]:
         assert "views sent" in log.read_text(), log.read_text()

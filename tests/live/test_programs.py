@@ -48,7 +48,7 @@ source = "{source}"
 def write_site(
     folder: Path, recording: Path, name: str = "lab", upstream: str = "", **sources: str
 ) -> Path:
-    """Write a site on plain tcp whose cameras play a recording, unless told otherwise."""
+    """Write a site on plain tcp whose cameras play a recording."""
     path = folder / "site.toml"
     content = SITE.format(name=name, recording=recording, port=free_port(), upstream=upstream)
     for camera_id in load_rig(recording / "calibration.toml").camera_ids:
@@ -112,7 +112,7 @@ def test_port_that_is_taken_is_one_line(tmp_path: Path, recording: Path) -> None
     assert err.splitlines()[-1].startswith("e3pose: ") and "Traceback" not in err, err
 
 
-def test_second_edge_of_a_site_is_told_of_the_first(tmp_path: Path, recording: Path) -> None:
+def test_second_edge_of_a_site_is_reported_the_first(tmp_path: Path, recording: Path) -> None:
     """Also that nobody but the owner may read what they write."""
     path = write_site(tmp_path, recording)
     store = '\n[store]\npath = "live.db"\n'
@@ -191,7 +191,7 @@ def test_two_sites_share_one_router(tmp_path: Path, recording: Path) -> None:
                 for f in followers
             )
 
-        assert eventually(both, COMPILE_S), programs.told()
+        assert eventually(both, COMPILE_S), programs.diagnostics()
         # Each knows its own: a camera of one that ends is no loss to the other.
         programs.send("lab-cam0", signal.SIGKILL)
         assert eventually(lambda: not both())
@@ -220,7 +220,7 @@ def replaced(old: str, new: str) -> Change:
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda path: path.unlink(), "site.toml"),
         (lambda path: path.write_bytes(b"\xff\xfe"), "site.toml"),
@@ -256,7 +256,7 @@ def test_wrong_site_files_are_one_line_that_says_what(
     recording: Path,
     capsys: pytest.CaptureFixture[str],
     change: Change,
-    told: str,
+    message: str,
 ) -> None:
     from e3pose.cli import main
 
@@ -271,7 +271,7 @@ def test_wrong_site_files_are_one_line_that_says_what(
         signal.signal(signal.SIGTERM, handler)
         err = capsys.readouterr().err
         assert ended.value.code == 2, err
-        assert err.count("\n") == 1 and told in err and err.startswith("e3pose: "), err
+        assert err.count("\n") == 1 and message in err and err.startswith("e3pose: "), err
     assert sorted(os.listdir(tmp_path)) in (["calibration.toml", "site.toml"], ["calibration.toml"])
 
 

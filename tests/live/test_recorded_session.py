@@ -164,7 +164,7 @@ def test_video_alone_stays_beside_the_recordings(session: Path, verb: Callable[.
     assert "cam3" in verb("detect", videos[-1], session / "third", *drawn)
 
 
-def test_energy_of_recording_is_told_apart(session: Path) -> None:
+def test_energy_of_recording_is_distinguished(session: Path) -> None:
     rows = Store(session / "live.db").rows("energy")
     table = {(row["camera_id"], row["source"]) for row in rows}
     assert {("cam0", "recording"), ("cam3", "recording"), ("cam2", "modelled")} <= table

@@ -257,7 +257,7 @@ def test_a_recording_that_cannot_be_written_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_existing_recording_is_kept_unless_told(scene: Recording, folder: Path) -> None:
+def test_an_existing_recording_is_kept_by_default(scene: Recording, folder: Path) -> None:
     with pytest.raises(InputError, match="--overwrite"):
         save_recording(scene, folder)
     save_recording(replace(scene, name="second"), folder, overwrite=True)

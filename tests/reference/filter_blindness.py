@@ -35,9 +35,9 @@ def learn(
         return detection_map
     cells, weights = around(places_m - corner)
     where = (cameras[:, None], cells[people, :, 0], cells[people, :, 1])
-    told = np.stack([looks[people, cameras], shown[people, cameras]], axis=-1)
+    added = np.stack([looks[people, cameras], shown[people, cameras]], axis=-1)
     detection_map = detection_map.copy()
-    np.add.at(detection_map, where, weights[people][..., None] * told[:, None])
+    np.add.at(detection_map, where, weights[people][..., None] * added[:, None])
     kept = np.minimum(MOST_LOOKS / np.maximum(detection_map[where][..., LOOKS], 1e-12), 1.0)
     detection_map[where] = detection_map[where] * kept[..., None]
     return detection_map

@@ -35,7 +35,7 @@ def attend(
     cameras: Ints,
     fits: Floats,
     hits: Flags,
-    told: Floats,
+    shares: Floats,
     dt: float,
     model: Model,
 ) -> Belief:
@@ -51,7 +51,7 @@ def attend(
         fits: `(num_views, num_tracks)` how well the detection fits, 0 for none. A track at the
             wrong place lives on detections that fit badly.
         hits: `(num_views, num_tracks)` whether there was one.
-        told: `(num_views, num_tracks)` its information, as a share of a perfect view's.
+        shares: `(num_views, num_tracks)` its information, as a share of a perfect view's.
         dt: seconds since the slot before.
         model: the rig.
     """
@@ -71,7 +71,7 @@ def attend(
         existence = existence + rate * (fits[view] - existence)
         seen_by[:, camera] |= hit
         last_seen_s[hit, camera] = 0.0
-        delivered[seen, camera] += DELIVERED_RATE * (told[view] - delivered[:, camera])[seen]
+        delivered[seen, camera] += DELIVERED_RATE * (shares[view] - delivered[:, camera])[seen]
     alone = _alone(belief, hits, share)
     total = belief.hits + hits.sum(axis=0)
     confirmed = belief.confirmed | (seen_by.sum(axis=1) >= CONFIRM_CAMERAS)

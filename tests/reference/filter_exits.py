@@ -38,21 +38,21 @@ def learn(before: Belief, belief: Belief, model: Model) -> Floats:
     places_m = belief.state[(belief.last_seen_s == 0).any(axis=1) & belief.confirmed, root, :2]
     followed_s = np.full(len(places_m), np.nan_to_num(belief.time_s - before.time_s))
     passed_m = _passed_m(before, belief, model)
-    told = np.concatenate(
+    added = np.concatenate(
         [
             np.stack([followed_s, np.zeros(len(places_m))], axis=-1),
             np.tile([0.0, 1.0], (len(passed_m), 1)),
         ]
     )
-    return count_exits(belief.exits, np.concatenate([places_m, passed_m]), told, model.corner_m)
+    return count_exits(belief.exits, np.concatenate([places_m, passed_m]), added, model.corner_m)
 
 
-def count_exits(exits: Floats, places_m: Floats, told: Floats, corner: Floats) -> Floats:
-    """See `kernels.exits.count_exits`; `told` `(num_places, 2)` is what each place adds."""
+def count_exits(exits: Floats, places_m: Floats, added: Floats, corner: Floats) -> Floats:
+    """See `kernels.exits.count_exits`; `added` `(num_places, 2)` is what each place adds."""
     cells, weights = around(places_m - corner)
     where = (cells[..., 0], cells[..., 1])
     exits = exits.copy()
-    np.add.at(exits, where, weights[..., None] * told[:, None])
+    np.add.at(exits, where, weights[..., None] * added[:, None])
     kept = np.minimum(MOST_S / np.maximum(exits[where][..., FOLLOWED], 1e-12), 1.0)
     exits[where] = exits[where] * kept[..., None]
     return exits

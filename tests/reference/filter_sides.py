@@ -97,9 +97,9 @@ def turn_round(
     for row, limb in enumerate((ARMS, LEGS)):
         share = mirrored[:, row]
         for view, camera in enumerate(cameras.tolist()):
-            told = hits[view] & (exchanged[view] & (limb + GIVEN * limb) > 0)
+            evidence = hits[view] & (exchanged[view] & (limb + GIVEN * limb) > 0)
             since = np.minimum((belief.last_seen_s[:, camera] + dt) / APART_S, 1.0)
-            rate = np.where(told, RATE * since, 0.0)
+            rate = np.where(evidence, RATE * since, 0.0)
             share = share + rate * ((exchanged[view] & limb > 0) - share)
         turned = share > MOST_MIRRORED
         mirrored[:, row] = np.where(turned, 1 - share, share)

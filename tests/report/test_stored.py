@@ -96,7 +96,7 @@ def test_page_shows_the_stretch_asked_for(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (("p.html", "--from", "77"), "no slot of site lab was stored in that time"),
         (("p.html", "--from", "3", "--to", "1"), "--from, --to: found '3' to '1'"),
@@ -107,14 +107,14 @@ def test_page_shows_the_stretch_asked_for(
 def test_what_cannot_be_shown_is_one_line(
     site: Path,
     words: tuple[str, ...],
-    told: str,
+    message: str,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(site)
     assert run("report", site, *words) == 2
     err = capsys.readouterr().err
-    assert told in err and err.count("\n") == 1, err
+    assert message in err and err.count("\n") == 1, err
     assert not (site / "p.html").exists()
 
 

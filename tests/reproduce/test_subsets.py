@@ -59,9 +59,9 @@ def test_a_relation_has_its_sign(slope: float, sign: int) -> None:
 def test_the_true_occlusion_is_less_where_it_decides() -> None:
     asked = Asked("crossing", "e3pose", seconds=6.0, fps=12.5, quality_weight=1000.0)
     blind = replayed(Sources(), Asked("crossing", "random", seconds=6.0, fps=12.5))
-    told = replayed(
+    seeing = replayed(
         Sources(),
         Asked("crossing", "e3pose", seconds=6.0, fps=12.5, quality_weight=1000.0, sees_all=True),
     )
-    assert told.occlusion < replayed(Sources(), asked).occlusion < blind.occlusion
-    assert told.cameras == pytest.approx(blind.cameras)
+    assert seeing.occlusion < replayed(Sources(), asked).occlusion < blind.occlusion
+    assert seeing.cameras == pytest.approx(blind.cameras)

@@ -90,7 +90,7 @@ def test_an_installed_package_offers_its_own(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("nobody", "policy: found 'nobody', expected one of all, random, "),
         ("no_module_here:Mine", "policy: found 'no_module_here:Mine', but No module named"),
@@ -98,12 +98,12 @@ def test_an_installed_package_offers_its_own(monkeypatch: pytest.MonkeyPatch) ->
         ("mine_policies:Gone", "policy: found no Gone in "),
     ],
 )
-def test_what_cannot_be_found_is_told(name: str, told: str, folder: Path) -> None:
+def test_what_cannot_be_found_is_reported(name: str, message: str, folder: Path) -> None:
     with pytest.raises(InputError) as caught:
         policy_row(name)
-    assert str(caught.value).startswith(told)
+    assert str(caught.value).startswith(message)
 
 
-def test_names_of_other_families_are_told_alike() -> None:
+def test_names_of_other_families_are_reported_alike() -> None:
     with pytest.raises(InputError, match=r"predictor: found 'nobody', .*or module:Name"):
         make_predictor("nobody")

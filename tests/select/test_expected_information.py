@@ -104,19 +104,19 @@ def test_it_is_the_textbook_formula() -> None:
 def test_more_cameras_tell_more_and_each_less_than_before(seed: int) -> None:
     foresight = random_foresight(seed)
     every = subsets(6)
-    told, error = foresight.information(every), foresight.expected_error_m(every)
-    assert told[0] == pytest.approx(0)
+    gained, error = foresight.information(every), foresight.expected_error_m(every)
+    assert gained[0] == pytest.approx(0)
     assert error[0] == pytest.approx(0.1 * 1.595769, rel=1e-5)
     for small in range(64):
         for camera in range(6):
             if small >> camera & 1:
                 continue
-            gain = told[small | 1 << camera] - told[small]
+            gain = gained[small | 1 << camera] - gained[small]
             assert gain >= -1e-12
             assert error[small | 1 << camera] <= error[small] + 1e-12
             for other in set(range(6)) - {camera}:
                 larger = small | 1 << other
-                assert told[larger | 1 << camera] - told[larger] <= gain + 1e-9
+                assert gained[larger | 1 << camera] - gained[larger] <= gain + 1e-9
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -142,7 +142,7 @@ def test_a_view_from_the_same_side_is_worth_less() -> None:
     assert across > beside + 0.3
 
 
-def test_outside_the_image_or_behind_the_camera_nothing_is_told() -> None:
+def test_outside_the_image_or_behind_the_camera_nothing_is_reported() -> None:
     seen = foresee(RIG, outlook(np.stack([person(0, 30), person(30, 0)])), SLOT_S)
     assert (seen.views[0] == 0).all()
     away = looking((4, 0), away=True)

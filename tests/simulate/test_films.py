@@ -50,7 +50,7 @@ def test_detector_finds_in_the_film_what_was_drawn(films: Path, recording: Recor
     assert people > 25  # of 40
 
 
-def test_joints_of_up_to_three_people_are_told_apart() -> None:
+def test_joints_of_up_to_three_people_are_distinguished() -> None:
     xs, ys = np.meshgrid(np.arange(17) * 36.0 + 20, [40.0, 120.0, 200.0])
     people = list(np.stack([xs, ys], axis=-1))
     empty = np.full((240, 640, 3), 24, dtype=np.uint8)

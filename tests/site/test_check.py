@@ -189,7 +189,7 @@ NOBODY = "00000000,0.0.0.0,0,0.0,0.0,0.0,0.0,0,0,0,1,1,0,Not synchronised"
 
 
 @pytest.mark.parametrize(
-    ("name", "says", "level", "told"),
+    ("name", "says", "level", "message"),
     [
         ("chronyc", FOLLOWS, "ok", "192.0.2.7"),
         ("chronyc", NOBODY, "warning", "chrony"),
@@ -200,12 +200,12 @@ NOBODY = "00000000,0.0.0.0,0,0.0,0.0,0.0,0.0,0,0,0,1,1,0,Not synchronised"
     ],
 )
 def test_what_keeps_the_clock_right_is_asked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, says: str, level: str, told: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, says: str, level: str, message: str
 ) -> None:
     assert os.access("/bin/sh", os.X_OK)
     on_path(tmp_path, name, says, monkeypatch)
     found = check_clock()
-    assert (found.level, found.what) == (level, "clock") and told in found.found
+    assert (found.level, found.what) == (level, "clock") and message in found.found
     assert bool(found.advice) == (level == "warning")
 
 
@@ -215,7 +215,7 @@ def test_edge_that_does_not_answer_is_a_warning() -> None:
     assert "not running at tcp/127.0.0.1:" in found.found and "e3pose edge" in found.advice
 
 
-def test_port_of_another_program_is_told() -> None:
+def test_port_of_another_program_is_reported() -> None:
     port = free_port()
     with socket.create_server(("127.0.0.1", port)):
         (found,) = check_running(None, f"tcp/127.0.0.1:{port}")
@@ -243,10 +243,10 @@ def test_camera_that_was_knocked_is_a_warning_with_the_command_that_mends_it() -
 
 
 def test_check_says_what_to_do_about_a_battery_that_a_model_emptied() -> None:
-    for gauge, told in ((False, "battery.json"), (True, "see its log")):
+    for gauge, message in ((False, "battery.json"), (True, "see its log")):
         camera = CameraStatus("cam0", False, why="battery empty", battery=0.0, gauge=gauge)
         found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))
-        assert found[-1].level == "problem" and told in found[-1].advice
+        assert found[-1].level == "problem" and message in found[-1].advice
 
 
 def found(folder: Path) -> dict[str, str]:
@@ -286,7 +286,7 @@ def test_damaged_store_is_a_problem_and_one_set_aside_a_warning(tmp_path: Path) 
     assert found(tmp_path)["store-corrupt"] == "warning"
 
 
-def test_files_that_everybody_may_read_are_told_of(tmp_path: Path) -> None:
+def test_files_that_everybody_may_read_are_reported(tmp_path: Path) -> None:
     make_database(tmp_path / "live.db")
     (tmp_path / "state.npz").touch(0o600)
     assert found(tmp_path).items() >= {"store": "ok", "state": "ok"}.items()
@@ -295,7 +295,7 @@ def test_files_that_everybody_may_read_are_told_of(tmp_path: Path) -> None:
     assert found(tmp_path).items() >= {"store": "warning", "state": "ok"}.items()
 
 
-def test_place_that_is_no_folder_and_a_site_that_keeps_nothing_are_told(tmp_path: Path) -> None:
+def test_place_that_is_no_folder_and_a_site_that_keeps_nothing_are_reported(tmp_path: Path) -> None:
     site = write_site(tmp_path, 'state = "missing/state.npz"\n')
     state, store = wrong(check_places(site))
     assert (state.level, state.what) == ("problem", "state")

@@ -84,7 +84,7 @@ def test_certificate_is_looked_at(node: NodeTable, tmp_path: Path) -> None:
     assert found(replace(tls, keys="none"))["certificate"].level == "problem"
 
 
-def test_network_and_device_that_are_missing_are_told(node: NodeTable) -> None:
+def test_network_and_device_that_are_missing_are_reported(node: NodeTable) -> None:
     findings = found(replace(node, source="usb:987", detector="missing.onnx"))
     assert findings["source"].advice == "connect the camera"
     assert findings["network"].level == "problem" and "no such file" in findings["network"].found

@@ -85,7 +85,7 @@ def test_skeleton_follows_from_the_detectors(
     assert all(finding.level == "ok" for finding in check_skeletons(site))
 
 
-def test_detector_of_another_skeleton_is_told_with_what_it_lacks(tmp_path: Path) -> None:
+def test_detector_of_another_skeleton_is_reported_with_what_it_lacks(tmp_path: Path) -> None:
     site = live(tmp_path, 'skeleton = "body25"\n' + cameras("openpose-thin", "movenet-multipose"))
     found = {finding.what: finding for finding in check_skeletons(site)}
     assert found["skeleton"].found == "body25"
@@ -94,7 +94,7 @@ def test_detector_of_another_skeleton_is_told_with_what_it_lacks(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("budget", "level", "told"),
+    ("budget", "level", "message"),
     [
         ("1W", "problem", "does not even pay for idling"),
         ("0.01J", "problem", "it draws 6.2 W idle and 12 W active (profile xavier-nx)"),
@@ -104,12 +104,12 @@ def test_detector_of_another_skeleton_is_told_with_what_it_lacks(tmp_path: Path)
     ],
 )
 def test_budget_is_compared_with_what_cameras_draw(
-    tmp_path: Path, budget: str, level: str, told: str
+    tmp_path: Path, budget: str, level: str, message: str
 ) -> None:
     site = live(tmp_path, f'budget = "{budget}"\n')
     found = list(check_budgets(site, NOW))
     assert {finding.level for finding in found} == {level}
-    assert told in f"{found[0].found} {found[0].advice}"
+    assert message in f"{found[0].found} {found[0].advice}"
 
 
 def test_site_without_a_budget_has_none_to_check(tmp_path: Path) -> None:

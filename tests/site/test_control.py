@@ -46,10 +46,10 @@ def controls(made: EdgeServer) -> SiteControls:
 
 
 def next_pipeline(consumers: Consumers, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
-    """Return the parts of the slot after, and what was told, without a learner."""
+    """Return the pipeline of the next slot and the messages, without a learner."""
     assert consumers.controls is not None and consumers.ledger is not None
-    pipeline, told = consumers.controls.applied(pipeline)
-    return consumers.ledger.updated(pipeline)[0], told
+    pipeline, messages = consumers.controls.applied(pipeline)
+    return consumers.ledger.updated(pipeline)[0], messages
 
 
 def policy(pipeline: Pipeline) -> Information:
@@ -64,8 +64,8 @@ def test_number_of_cameras_and_its_budget_change_with_the_next_slot(tmp_path: Pa
         answer = hub.join().ask("e3pose/lab/control", encode(Control(cameras=3)), 1.0)
         assert answer is not None
         assert decode(answer, Controlled, "edge") == Controlled(said="3 cameras per slot")
-        after, told = next_pipeline(made.consumers, before)
-        assert policy(after).num_selected == 3 and told == ["3 cameras per slot"]
+        after, messages = next_pipeline(made.consumers, before)
+        assert policy(after).num_selected == 3 and messages == ["3 cameras per slot"]
         assert after.budget.tolist() == [0.95] * 4
         assert next_pipeline(made.consumers, after) == (after, [])
 
@@ -74,9 +74,9 @@ def test_target_replaces_the_number_and_the_other_way_round(tmp_path: Path) -> N
     with edge(tmp_path) as (made, _):
         asked = controls(made)
         asked.take(Control(target_error_mm=40, quality_weight=3))
-        pipeline, told = next_pipeline(made.consumers, made.pipeline)
+        pipeline, messages = next_pipeline(made.consumers, made.pipeline)
         assert policy(pipeline).target_error_m == 0.04 and policy(pipeline).quality_weight == 3
-        assert told == ["target error 40 mm, quality weight 3"]
+        assert messages == ["target error 40 mm, quality weight 3"]
         asked.take(Control(cameras=1.5))
         pipeline, _ = next_pipeline(made.consumers, pipeline)
         found = policy(pipeline)
@@ -96,16 +96,16 @@ def test_paused_camera_is_left_out_until_it_is_resumed(tmp_path: Path) -> None:
 def test_budget_of_a_camera_is_its_own_and_stays(tmp_path: Path) -> None:
     with edge(tmp_path, '[[camera]]\nid = "c2"\nbudget = "90%"\n') as (made, _):
         controls(made).take(Control(camera_id="c1", budget="30%"))
-        pipeline, told = next_pipeline(made.consumers, made.pipeline)
+        pipeline, messages = next_pipeline(made.consumers, made.pipeline)
         assert pipeline.budget.round(3).tolist() == [0.7, 0.3, 0.9, 0.7]
-        assert told == ["c1: budget 30%"]
+        assert messages == ["c1: budget 30%"]
         controls(made).take(Control(cameras=1))
         pipeline, _ = next_pipeline(made.consumers, pipeline)
         assert pipeline.budget.round(3).tolist() == [0.45, 0.3, 0.9, 0.45]
 
 
 @pytest.mark.parametrize(
-    ("control", "told"),
+    ("control", "messages"),
     [
         (Control(), "control: found nothing to change"),
         (Control(cameras=9), "cameras: found 9 per slot"),
@@ -119,13 +119,13 @@ def test_budget_of_a_camera_is_its_own_and_stays(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_had_is_refused_and_changes_nothing(
-    tmp_path: Path, control: Control, told: str
+    tmp_path: Path, control: Control, messages: str
 ) -> None:
     with edge(tmp_path) as (made, hub):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=messages):
             controls(made).take(control)
         answer = hub.join().ask("e3pose/lab/control", encode(control), 1.0)
-        assert answer is not None and told in decode(answer, Controlled, "edge").problem
+        assert answer is not None and messages in decode(answer, Controlled, "edge").problem
         assert controls(made).applied(made.pipeline) == (made.pipeline, [])
         assert not controls(made).paused
 

@@ -104,8 +104,8 @@ def test_interrupt_leaves_no_process_and_no_file(tmp_path: Path) -> None:
         time.sleep(0.1)
     children = watched.children(recursive=True)
     demo.send_signal(signal.SIGINT)
-    _, told = demo.communicate(timeout=60)
-    assert demo.returncode == 130 and told.decode().strip().endswith("e3pose: interrupted")
+    _, output = demo.communicate(timeout=60)
+    assert demo.returncode == 130 and output.decode().strip().endswith("e3pose: interrupted")
     _, alive = psutil.wait_procs(children, timeout=0)
     assert not [child for child in alive if child.status() != psutil.STATUS_ZOMBIE]
     assert [path.name for path in tmp_path.iterdir() if path.name != "cache"] == []
@@ -147,7 +147,7 @@ def test_offline_says_what_it_could_not_fetch_and_where_to_look(tmp_path: Path) 
 
 
 @pytest.mark.usefixtures("without_processes")
-def test_failed_download_is_told_in_one_line(
+def test_failed_download_is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(jobs, "fetch_clip", refuse)

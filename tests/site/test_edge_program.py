@@ -106,7 +106,7 @@ def test_edge_joins_anew_once_for_each_change_of_the_list(tmp_path: Path) -> Non
     init_keys(keys, "lab", [], NOW)
     add_keys(keys, "c0", NOW)
     site = write_site(tmp_path, TLS)
-    hub, told = Hub(), list[str]()
+    hub, messages = Hub(), list[str]()
     rolls: list[set[str]] = []
 
     def join(link: Link, roll: Roll | None) -> MemoryTransport:
@@ -116,23 +116,23 @@ def test_edge_joins_anew_once_for_each_change_of_the_list(tmp_path: Path) -> Non
 
     with ExitStack() as stack:
         server = edge_of(site, stack)
-        admission = Admission(site, server, join, told.append)
+        admission = Admission(site, server, join, messages.append)
         admission.look()
-        assert not rolls and not told
+        assert not rolls and not messages
         add_keys(keys, "c1", NOW)
         admission.look()
         admission.look()
-        assert rolls == [{"c0", "c1"}] and len(told) == 1
+        assert rolls == [{"c0", "c1"}] and len(messages) == 1
         revoke_keys(keys, "c0")
         admission.look()
         assert rolls[-1] == {"c1"}
-        # A list that makes no sense is told of once, and changes nothing.
+        # A list that is invalid is reported once, and changes nothing.
         good = (keys / "keys.toml").read_text()
         (keys / "keys.toml").write_text("no list [")
-        before = len(told)
+        before = len(messages)
         admission.look()
         admission.look()
-        assert len(rolls) == 2 and len(told) == before + 1
+        assert len(rolls) == 2 and len(messages) == before + 1
         (keys / "keys.toml").write_text(good)
         admission.look()
         assert rolls[-1] == {"c1"} and len(rolls) == 3

@@ -34,11 +34,11 @@ def test_site_of_a_recording_passes_its_own_check(tmp_path: Path) -> None:
 
 def test_example_says_what_it_is_given(tmp_path: Path) -> None:
     rig = simulate(SceneSettings(people=0, seconds=0.1, cameras=2), 0).rig
-    told = Example(
+    wanted = Example(
         "lab", dict.fromkeys(rig.camera_ids, "usb:0"), 12.5, "coco18", 1, 0.5, 300.0,
         {"threads": 2}, "one\ntwo", {"pipeline": "paper"},
     )  # fmt: skip
-    path = write_example(tmp_path / "new", told, rig)
+    path = write_example(tmp_path / "new", wanted, rig)
     site = load_site(path)
     assert (site.fps, site.skeleton, site.pace, site.deadline_ms) == (12.5, "coco18", 0.5, 300.0)
     assert (site.loop.num_selected, site.loop.pipeline) == (1, "paper")

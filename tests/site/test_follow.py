@@ -40,8 +40,8 @@ def poses(slot: int) -> Poses:
 def test_newest_status_and_poses_are_kept_and_handed_on() -> None:
     hub, follower = Hub(), Follower("lab")
     shown: list[Poses] = []
-    told: list[Status] = []
-    follower.listen(hub.join(), shown.append, told.append)
+    statuses: list[Status] = []
+    follower.listen(hub.join(), shown.append, statuses.append)
     assert follower.status is None and follower.poses is None and not follower.fresh.is_set()
     edge = hub.join()
     for slot in (3, 4):
@@ -49,7 +49,7 @@ def test_newest_status_and_poses_are_kept_and_handed_on() -> None:
         edge.publish("e3pose/lab/poses", encode(poses(slot)))
     assert follower.status == status(4) and follower.fresh.is_set()
     assert [found.slot for found in shown] == [3, 4]
-    assert [found.slot for found in told] == [3, 4]
+    assert [found.slot for found in statuses] == [3, 4]
     assert follower.poses is not None
     np.testing.assert_array_equal(unpack(follower.poses.joints_m), np.full((1, 2, 3), 4.0))
     assert follower.problem == ""
@@ -65,7 +65,7 @@ def test_other_sites_and_topics_are_not_heard() -> None:
 
 
 @pytest.mark.parametrize("topic", ["status", "poses"])
-def test_message_that_makes_no_sense_is_told_and_changes_nothing(topic: str) -> None:
+def test_message_that_makes_no_sense_is_reported_and_changes_nothing(topic: str) -> None:
     hub, follower, heard = Hub(), Follower("lab"), list[int]()
     follower.listen(
         hub.join(), lambda found: heard.append(found.slot), lambda found: heard.append(found.slot)

@@ -108,7 +108,7 @@ def test_sources_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["usb:0"], "SOURCE: found 1 source, expected two or more"),
         (["a=usb:0", "a=usb:1"], "two cameras a"),
@@ -116,8 +116,10 @@ def test_sources_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         (["/tmp/x/cam.mp4", "cam.mp4"], "two cameras cam"),
     ],
 )
-def test_sources_that_cannot_be_are_told(words: list[str], told: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=told):
+def test_sources_that_cannot_be_are_reported(
+    words: list[str], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
         name_sources(words, tmp_path)
 
 

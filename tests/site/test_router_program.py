@@ -57,7 +57,7 @@ def test_copy_of_the_list_is_the_list_after_every_change(keys: Path) -> None:
 
 
 def test_running_router_takes_in_a_new_list_and_outlives_a_wrong_one(keys: Path) -> None:
-    told: list[str] = []
+    messages: list[str] = []
     opened: list[Mapping[str, str]] = []
 
     def join(link: Link, roll: object) -> MemoryTransport:
@@ -65,28 +65,28 @@ def test_running_router_takes_in_a_new_list_and_outlives_a_wrong_one(keys: Path)
         return MemoryTransport(Hub())
 
     place = keys / "routers" / "hall"
-    router = Router(place, HERE, EDGE, join, told.append)
+    router = Router(place, HERE, EDGE, join, messages.append)
     router.open()
     router.look()
-    assert len(opened) == 1 and not told
+    assert len(opened) == 1 and not messages
     revoke_keys(keys, "cam1")
     router.look()
     router.look()
-    assert opened[1:] == [{}] and told == ["certificates reloaded"]
+    assert opened[1:] == [{}] and messages == ["certificates reloaded"]
     (place / "keys.toml").write_text("nothing")
     router.look()
     router.look()
-    assert len(opened) == 2 and len(told) == 2 and "keys.toml" in told[1]
+    assert len(opened) == 2 and len(messages) == 2 and "keys.toml" in messages[1]
 
 
 def test_contradictions_are_refused(keys: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for options, told in (
+    for options, messages in (
         (["--viewer", "--router"], "--router: found with --viewer"),
         (["--host", "a.local"], "--host: found without --router"),
     ):
         with pytest.raises(SystemExit) as ended:
             main(["keys", "add", "x", "--keys", str(keys), *options])
-        assert ended.value.code == 2 and told in capsys.readouterr().err
+        assert ended.value.code == 2 and messages in capsys.readouterr().err
 
 
 def test_folder_of_a_camera_is_no_router(keys: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -107,27 +107,27 @@ def test_the_screen_tells_of_a_shifted_camera_unless_something_is_worse() -> Non
         CameraStatus("cam2", True, why="views come late", last_seen_s=0.1, shift_px=9.0),
         CameraStatus("cam3", True, last_seen_s=0.1, shift_px=math.nan),
     )
-    told = drawn(Status("lab", 1, 20.0, 2, 1, cameras), 0.1)
-    assert told.count("px off") == 1
-    assert "6 px off" in told
-    assert "views come late" in told
+    shown = drawn(Status("lab", 1, 20.0, 2, 1, cameras), 0.1)
+    assert shown.count("px off") == 1
+    assert "6 px off" in shown
+    assert "views come late" in shown
 
 
 def test_screen_tells_of_a_camera_that_was_knocked_and_what_mends_it() -> None:
     camera = CameraStatus("cam2", True, last_seen_s=0.1, shift_px=9.0, turned_deg=1.44)
-    told = drawn(Status("lab", 1, 20.0, 2, 1, (camera,)), 0.1)
-    assert "cam2: has moved: turned by 1.4 degrees or more" in told
-    assert "e3pose calibrate extrinsics SITE --only cam2" in told and "px off" not in told
+    shown = drawn(Status("lab", 1, 20.0, 2, 1, (camera,)), 0.1)
+    assert "cam2: has moved: turned by 1.4 degrees or more" in shown
+    assert "e3pose calibrate extrinsics SITE --only cam2" in shown and "px off" not in shown
 
 
 def test_screen_marks_what_a_model_says() -> None:
-    told = []
+    shown = []
     for gauge in (True, False):
         camera = CameraStatus("cam0", True, mode="active", battery=0.625, gauge=gauge)
-        told.append(drawn(Status("lab", 1, 20.0, 1, 1, (camera,))))
-        assert "1 person" in told[-1] and "1/1 camera" in told[-1]
-    assert " 62%" in told[0] and "~" not in told[0]
-    assert "~62%" in told[1]
+        shown.append(drawn(Status("lab", 1, 20.0, 1, 1, (camera,))))
+        assert "1 person" in shown[-1] and "1/1 camera" in shown[-1]
+    assert " 62%" in shown[0] and "~" not in shown[0]
+    assert "~62%" in shown[1]
 
 
 @pytest.mark.parametrize("width", [60, 80, 140])

@@ -40,23 +40,23 @@ def test_edge_says_how_it_left_each_camera() -> None:
 
 def test_edge_that_did_nothing_says_why_and_measures_nothing() -> None:
     status = Status("lab", 0, 0.0, 2, 0, (CameraStatus("cam0", False, why="never connected"),))
-    told = edge_summary(status, 0, 0)
-    assert told == ["No slots: fewer than two cameras connected", "  cam0: never connected"]
+    message = edge_summary(status, 0, 0)
+    assert message == ["No slots: fewer than two cameras connected", "  cam0: never connected"]
 
 
 def test_camera_without_frames_says_why() -> None:
     assert camera_summary("cam0", CameraCounts(), 0, 0) == "cam0: no frames"
-    told = camera_summary("cam0", CameraCounts(), 0, 0, "source usb:0: found no /dev/video0")
-    assert told == "cam0: no frames: source usb:0: found no /dev/video0"
+    message = camera_summary("cam0", CameraCounts(), 0, 0, "source usb:0: found no /dev/video0")
+    assert message == "cam0: no frames: source usb:0: found no /dev/video0"
 
 
 @pytest.mark.parametrize(
-    ("done", "orders", "late", "told"),
+    ("done", "orders", "late", "message"),
     [
         (CameraCounts(1, 1, 1), 4, 1, "cam0: 1 frame, 1 processed, 1 view sent, 1 late order"),
         (CameraCounts(9, 2, 2), 4, 0, "cam0: 9 frames, 2 processed, 2 views sent, 0 late orders"),
         (CameraCounts(9), 0, 0, "cam0: 9 frames, but no orders from the edge"),
     ],
 )
-def test_camera_says_what_it_did(done: CameraCounts, orders: int, late: int, told: str) -> None:
-    assert camera_summary("cam0", done, orders, late) == told
+def test_camera_says_what_it_did(done: CameraCounts, orders: int, late: int, message: str) -> None:
+    assert camera_summary("cam0", done, orders, late) == message

@@ -204,24 +204,24 @@ def test_programs_run_until_stopped_and_cameras_end_before_the_edge(tmp_path: Pa
     (tmp_path / "logs").mkdir()
     programs = [program(tmp_path, name, POLITE) for name in ("edge", "cam0", "cam1")]
     ready = [tmp_path / f"{p.name}.ready" for p in programs]
-    told: list[str] = []
-    run_site(programs, stop_when(lambda: all(p.exists() for p in ready)), told.append)
-    assert not told and [p.ended() for p in programs] == [0, 0, 0]
+    messages: list[str] = []
+    run_site(programs, stop_when(lambda: all(p.exists() for p in ready)), messages.append)
+    assert not messages and [p.ended() for p in programs] == [0, 0, 0]
     edge_s, *cameras_s = [float((tmp_path / f"{p.name}.ended").read_text()) for p in programs]
     assert max(cameras_s) < edge_s
 
 
-def test_program_that_ends_is_told_of_and_started_again(
+def test_program_that_ends_is_reported_and_started_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(up, "RESTART_S", 0.1)
     (tmp_path / "logs").mkdir()
     programs = [program(tmp_path, "edge", WAITS), program(tmp_path, "cam0", ONCE)]
-    log, told = programs[1].log, list[str]()
+    log, messages = programs[1].log, list[str]()
     again = stop_when(lambda: log.exists() and log.read_text().count("run") == 2)
-    run_site(programs, again, told.append)
+    run_site(programs, again, messages.append)
     assert programs[1].restarts == 1 and programs[0].restarts == 0
-    assert len(told) == 1 and told[0].startswith("cam0 ") and "7" in told[0]
+    assert len(messages) == 1 and messages[0].startswith("cam0 ") and "7" in messages[0]
     assert log.read_text() == "run\nrun\n"  # both lives in one log
 
 
@@ -229,9 +229,9 @@ def test_program_that_refuses_its_input_ends_all_with_its_last_words(tmp_path: P
     (tmp_path / "logs").mkdir()
     refuses = "import sys\nprint('loading')\nprint('e3pose: source x: found none')\nsys.exit(2)\n"
     programs = [program(tmp_path, "edge", WAITS), program(tmp_path, "cam0", refuses)]
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as messages:
         run_site(programs, stop_when(lambda: False), print)
-    assert str(told.value) == "cam0: source x: found none"
+    assert str(messages.value) == "cam0: source x: found none"
     assert programs[0].ended() is not None
 
 

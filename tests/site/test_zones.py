@@ -30,7 +30,7 @@ def slot(number: int, **places: tuple[float, float]) -> LiveSlot:
     )
 
 
-def told(zones: Zones, *slots: LiveSlot) -> tuple[Zones, list[tuple[str, int, int, int]]]:
+def events_of(zones: Zones, *slots: LiveSlot) -> tuple[Zones, list[tuple[str, int, int, int]]]:
     """Return the state after slots, and kind, track, count and slot of what happened."""
     found: list[tuple[str, int, int, int]] = []
     for one in slots:
@@ -54,18 +54,18 @@ def test_middle_of_somebody_without_joints_is_nowhere() -> None:
 
 def test_people_enter_stay_and_leave() -> None:
     zones = Zones((ZONE,))
-    zones, events = told(zones, slot(0, t7=(3, 3)), slot(1, t7=(0.5, 0.5)))
+    zones, events = events_of(zones, slot(0, t7=(3, 3)), slot(1, t7=(0.5, 0.5)))
     assert events == [("enter", 7, 1, 1)] and zones.counts() == {"door": 1}
-    zones, events = told(zones, slot(2, t7=(0.5, 1), t9=(1.5, 0.5)))
+    zones, events = events_of(zones, slot(2, t7=(0.5, 1), t9=(1.5, 0.5)))
     assert events == [("enter", 9, 2, 2)]
-    zones, events = told(zones, *(slot(n, t7=(0.5, 1), t9=(1.5, 0.5)) for n in range(3, 12)))
+    zones, events = events_of(zones, *(slot(n, t7=(0.5, 1), t9=(1.5, 0.5)) for n in range(3, 12)))
     assert events == [("dwell", 7, 2, 6), ("dwell", 9, 2, 7)]  # each once
-    zones, events = told(zones, slot(12, t7=(3, 3), t9=(1.5, 0.5)))
+    zones, events = events_of(zones, slot(12, t7=(3, 3), t9=(1.5, 0.5)))
     assert events == [("leave", 7, 1, 12)] and zones.counts() == {"door": 1}
 
 
 def test_who_sways_at_the_edge_does_not_come_and_go() -> None:
-    _, events = told(
+    _, events = events_of(
         Zones((ZONE,)),
         *(slot(n, t7=(-0.03 if n % 2 else 0.03, 0.5)) for n in range(4)),
         slot(4, t7=(-0.2, 0.5)),
@@ -74,9 +74,11 @@ def test_who_sways_at_the_edge_does_not_come_and_go() -> None:
 
 
 def test_track_that_is_lost_has_left_after_a_second() -> None:
-    zones, events = told(Zones((ZONE,)), slot(0, t7=(0.5, 0.5)), *(slot(n) for n in range(1, 10)))
+    zones, events = events_of(
+        Zones((ZONE,)), slot(0, t7=(0.5, 0.5)), *(slot(n) for n in range(1, 10))
+    )
     assert events == [("enter", 7, 1, 0)]
-    _, events = told(zones, slot(10), slot(11), slot(12))
+    _, events = events_of(zones, slot(10), slot(11), slot(12))
     assert events == [("leave", 7, 0, 11)]
 
 

@@ -116,8 +116,8 @@ def test_command_says_what_it_wrote(
     fill(tmp_path / "live.db", record, run, 5)
     words = ["store", "copy", str(tmp_path / "live.db"), str(tmp_path / "backup.db")]
     assert run_cli(*words) == 0
-    told = f"Wrote {tmp_path / 'backup.db'}: 2 runs, 10 slots, 20 poses"
-    assert capsys.readouterr().out.strip() == told
+    message = f"Wrote {tmp_path / 'backup.db'}: 2 runs, 10 slots, 20 poses"
+    assert capsys.readouterr().out.strip() == message
     assert (tmp_path / "backup.db").stat().st_mode & 0o777 == 0o600
     assert run_cli(*words) == 2
     assert run_cli("store", "copy", str(tmp_path / "none.db"), str(tmp_path / "x.db")) == 2

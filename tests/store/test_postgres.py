@@ -26,11 +26,11 @@ def url(postgres: Server) -> str:
 def test_nothing_is_lost_while_the_server_is_away(
     postgres: Server, tmp_path: Path, record: Records, run: Runs
 ) -> None:
-    told: list[Event] = []
+    events: list[Event] = []
     settings = WriterSettings(commit_s=0.02, spool_beside=tmp_path / "lab")
     with running_server(postgres.tools) as server:  # others have theirs
         url = server.new_store()
-        with StoreWriter(url, run(), settings, report=told.append) as writer:
+        with StoreWriter(url, run(), settings, report=events.append) as writer:
             for slot in range(50):
                 writer.append(record(slot), wait=True)
             assert writer.flush()
@@ -40,20 +40,20 @@ def test_nothing_is_lost_while_the_server_is_away(
             assert writer.flush()
             status = writer.status()
             assert status.trouble is not None
-            assert status.spooled >= 3 * 150  # a slot and two people, and what is told
+            assert status.spooled >= 3 * 150  # a slot and two people, and events
             assert status.shed == 0
-            assert [e.kind for e in told] == ["store-trouble"]
-            assert "spooling to a file" in told[0].message
+            assert [e.kind for e in events] == ["store-trouble"]
+            assert "spooling to a file" in events[0].message
             with pytest.raises(InputError, match="cannot be read"):
                 Store(url).query()
             server.start()
             wait_for(lambda: writer.status().trouble is None)
             writer.append(record(200))
             assert writer.flush()
-        assert [e.kind for e in told] == ["store-trouble", "store-recovered"]
+        assert [e.kind for e in events] == ["store-trouble", "store-recovered"]
         assert stored_slots(url) == list(range(201))
         assert len(Store(url).query()) == 2 * 201
-        assert [row["kind"] for row in Store(url).rows("events")] == [e.kind for e in told]
+        assert [row["kind"] for row in Store(url).rows("events")] == [e.kind for e in events]
     assert spools_of(tmp_path / "lab") == []
 
 
@@ -67,9 +67,9 @@ def test_what_a_killed_writer_spooled_is_delivered_by_the_next(
             writer.append(record(slot), wait=True)
         assert writer.flush()
     assert len(spools_of(tmp_path / "lab")) == 1, "kept for the next start"
-    told: list[Event] = []
-    with StoreWriter(url, run("yard"), settings, report=told.append):
-        wait_for(lambda: any("recovered" in event.message for event in told))
+    events: list[Event] = []
+    with StoreWriter(url, run("yard"), settings, report=events.append):
+        wait_for(lambda: any("recovered" in event.message for event in events))
     assert [row["slot"] for row in Store(url).rows("slots", site="hall")] == list(range(20))
     assert spools_of(tmp_path / "lab") == []
 
@@ -78,8 +78,8 @@ def test_refusal_of_the_server_is_not_held_against_the_rows(
     url: str, record: Records, run: Runs
 ) -> None:
     """A right that was taken away is trouble that ends, as a full disk is."""
-    told: list[Event] = []
-    with StoreWriter(url, run(), QUICK, report=told.append) as writer:
+    events: list[Event] = []
+    with StoreWriter(url, run(), QUICK, report=events.append) as writer:
         writer.append(record(0))
         assert writer.flush()
         engine = writing_engine(database_url(url))
@@ -95,7 +95,7 @@ def test_refusal_of_the_server_is_not_held_against_the_rows(
             connection.execute(text("ALTER TABLE hidden RENAME TO slots"))
         wait_for(lambda: writer.status().trouble is None)
     assert stored_slots(url) == [0, 1]
-    assert [e.kind for e in told] == ["store-trouble", "store-recovered"]
+    assert [e.kind for e in events] == ["store-trouble", "store-recovered"]
 
 
 def test_row_that_the_server_cannot_hold_is_refused_alone(
@@ -181,17 +181,17 @@ def test_somebody_elses_database_is_refused(postgres: Server, url: str, run: Run
     ],
 )
 def test_password_is_in_no_message(with_password: str, run: Runs) -> None:
-    told: list[Event] = []
+    events: list[Event] = []
     said = []
     try:
         said.append(shown(with_password))
-        with StoreWriter(with_password, run(), QUICK, report=told.append) as writer:
+        with StoreWriter(with_password, run(), QUICK, report=events.append) as writer:
             said.append(writer.status().trouble or "")
     except InputError as error:
         said.append(str(error))
     with pytest.raises(InputError) as refused:
         Store(with_password).query()
-    said += [str(refused.value), *(event.message for event in told)]
+    said += [str(refused.value), *(event.message for event in events)]
     assert len(said) > 1
     assert not any(SECRET in line for line in said), said
 

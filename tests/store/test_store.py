@@ -190,17 +190,17 @@ def test_blob_of_wrong_size_is_named(filled: Place, column: str) -> None:
     assert len(Store(filled).query("1", "2")) == 52, "other times are still read"
 
 
-def test_record_that_does_not_fit_is_refused_and_told(
+def test_record_that_does_not_fit_is_refused_and_reported(
     place: Place, record: Records, run: Runs
 ) -> None:
-    told: list[Event] = []
-    with StoreWriter(place, run(), report=told.append) as writer:
+    events: list[Event] = []
+    with StoreWriter(place, run(), report=events.append) as writer:
         writer.append(record(0), energy_j=np.zeros(7))
         writer.append(record(1))
         writer.append(record(2), time_ns=2**70)
         writer.append(record(3))
     assert np.unique(Store(place).query().slots).tolist() == [1, 3]
-    assert any("energy" in event.message for event in told)
+    assert any("energy" in event.message for event in events)
     kinds = {row["kind"] for row in Store(place).rows("events")}
     assert "store-refused" in kinds
 

@@ -1,4 +1,4 @@
-"""Databases that are damaged, foreign, cut off or moved away: set aside, told, and begun again."""
+"""Damaged, foreign, cut off or moved databases: set aside, reported and recreated."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ def test_damaged_database_is_set_aside_and_kept(
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"damaged|no tables"):
         Store(path).query()
-    told: list[Event] = []
-    with StoreWriter(path, run(), QUICK, report=told.append) as writer:
+    reported: list[Event] = []
+    with StoreWriter(path, run(), QUICK, report=reported.append) as writer:
         writer.append(record(5))
     (aside,) = tmp_path.glob("live.db.corrupt-*Z")
     assert aside.read_bytes() == bytes(content)
     assert stored_slots(path) == [5]
-    (event,) = [event for event in told if event.kind == "store-corrupt"]
+    (event,) = [event for event in reported if event.kind == "store-corrupt"]
     assert aside.name in event.message
     assert "a new one takes its place" in event.message
 
@@ -70,8 +70,8 @@ def test_damage_while_running_starts_a_new_database(
 ) -> None:
     limit_connections(monkeypatch, lambda: "cache_size = 5")  # so that pages are read again
     path = tmp_path / "live.db"
-    told: list[Event] = []
-    with StoreWriter(path, run(), QUICK, report=told.append) as writer:
+    reported: list[Event] = []
+    with StoreWriter(path, run(), QUICK, report=reported.append) as writer:
         for slot in range(300):
             writer.append(record(slot), wait=True)
         assert writer.flush()
@@ -85,7 +85,7 @@ def test_damage_while_running_starts_a_new_database(
         assert writer.flush()
     assert list(tmp_path.glob("live.db.corrupt-*"))
     assert stored_slots(path)[-1] == 329
-    assert any(event.kind == "store-corrupt" for event in told)
+    assert any(event.kind == "store-corrupt" for event in reported)
 
 
 def scribble(path: Path) -> None:
@@ -115,9 +115,9 @@ def test_damage_that_no_commit_meets_is_found(
     tmp_path: Path, record: Records, run: Runs, harm: Callable[[Path], None], check_s: float
 ) -> None:
     path = tmp_path / "live.db"
-    told: list[Event] = []
+    reported: list[Event] = []
     settings = WriterSettings(commit_s=0.02, check_s=check_s)
-    with StoreWriter(path, run(), settings, report=told.append) as writer:
+    with StoreWriter(path, run(), settings, report=reported.append) as writer:
         for slot in range(600):
             writer.append(record(slot), wait=True)
         assert writer.flush()
@@ -125,7 +125,7 @@ def test_damage_that_no_commit_meets_is_found(
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         connection.close()
         wait_for(lambda: writer._watch is not None and writer._watch._thread is None)
-        assert writer.status().corrupt == 0 and not told
+        assert writer.status().corrupt == 0 and not reported
         harm(path)
         slot = 600
         while writer.status().corrupt == 0:
@@ -137,7 +137,7 @@ def test_damage_that_no_commit_meets_is_found(
         wait_for(lambda: writer.status().trouble is None and writer.status().spooled == 0)
         assert writer.flush()
     assert stored_slots(path)[-1] == slot
-    assert len([event for event in told if event.kind == "store-corrupt"]) == 1
+    assert len([event for event in reported if event.kind == "store-corrupt"]) == 1
     (aside,) = (p for p in tmp_path.glob("live.db.corrupt-*") if p.name.endswith("Z"))
     assert problem_of(aside) and not problem_of(path)
 

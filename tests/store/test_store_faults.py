@@ -85,9 +85,9 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 def test_full_disk_goes_to_the_spool_and_comes_back(
     small_disk: Path, record: Records, run: Runs
 ) -> None:
-    told: list[Event] = []
+    events: list[Event] = []
     path = small_disk / "live.db"
-    with StoreWriter(path, run(), QUICK, report=told.append) as writer:
+    with StoreWriter(path, run(), QUICK, report=events.append) as writer:
         for slot in range(50):
             writer.append(record(slot), wait=True)
         assert writer.flush()
@@ -112,7 +112,7 @@ def test_full_disk_goes_to_the_spool_and_comes_back(
         status = writer.status()
         assert status.spooled > 0
         assert status.shed == 0
-        assert any(event.kind == "store-full" for event in told)
+        assert any(event.kind == "store-full" for event in events)
         assert slowest_s < 0.5, "the caller never waits for the disk"
         held = stored_slots(path)
         assert len(held) < slot, "readers go on, with what there is"
@@ -143,8 +143,8 @@ def test_spool_is_bounded_and_keeps_the_newest(
     with StoreWriter(path, run(), QUICK):
         pass
     page_limit[0] = 1
-    told: list[Event] = []
-    with StoreWriter(path, run(), QUICK, report=told.append) as writer:
+    events: list[Event] = []
+    with StoreWriter(path, run(), QUICK, report=events.append) as writer:
         (spool,) = spools_of(path)
         for slot in range(1500):
             assert writer.append(record(slot), wait=True)
@@ -159,7 +159,7 @@ def test_spool_is_bounded_and_keeps_the_newest(
         assert kept[-1] == 1499
         assert kept == list(range(kept[0], 1500)), "what is left has no holes"
         assert len(kept) > 150, "at least the half that was full"
-    assert any(event.kind == "store-shed" for event in told)
+    assert any(event.kind == "store-shed" for event in events)
     assert spools_of(path) == []
 
 
@@ -179,14 +179,14 @@ def test_spool_of_a_killed_process_is_delivered_at_the_next_start(
     damaged = spool.read_bytes()
     (tmp_path / "live.db.spool-7").write_bytes(b"no spool at all" * 10)
     page_limit[0] = 2**30
-    told: list[Event] = []
-    with StoreWriter(path, run("yard"), QUICK, report=told.append) as writer:
+    events: list[Event] = []
+    with StoreWriter(path, run("yard"), QUICK, report=events.append) as writer:
         wait_for(lambda: not spool.exists())
-        wait_for(lambda: len(told) >= 2)
+        wait_for(lambda: len(events) >= 2)
     assert stored_slots(path) == list(range(20))
     assert len(Store(path).rows("slots", site="hall")) == 20, "under the run that it was of"
-    assert any("20 slots" in e.message or "rows" in e.message for e in told)
-    assert any("no spool that e3pose wrote" in e.message for e in told)
+    assert any("20 slots" in e.message or "rows" in e.message for e in events)
+    assert any("no spool that e3pose wrote" in e.message for e in events)
     assert (tmp_path / "live.db.spool-7").exists(), "what is not ours is not deleted"
     # Cut off anywhere, it is read up to there and never raises.
     from e3pose.store.spool import left_behind
@@ -218,9 +218,9 @@ def test_lock_of_another_is_waited_out(tmp_path: Path, record: Records, run: Run
 
 def test_full_queue_sheds_and_says_so(tmp_path: Path, record: Records, run: Runs) -> None:
     path = tmp_path / "live.db"
-    told: list[Event] = []
+    events: list[Event] = []
     settings = WriterSettings(commit_s=0.02, queue_slots=10)
-    with StoreWriter(path, run(), settings, report=told.append) as writer:
+    with StoreWriter(path, run(), settings, report=events.append) as writer:
         blocker = sqlite3.connect(path, isolation_level=None)
         blocker.execute("BEGIN IMMEDIATE")
         taken = [writer.append(record(slot)) for slot in range(100)]
@@ -231,5 +231,5 @@ def test_full_queue_sheds_and_says_so(tmp_path: Path, record: Records, run: Runs
         assert writer.status().shed == taken.count(False)
         writer.append(record(100))
         assert writer.flush()
-    assert any(event.kind == "store-shed" for event in told)
+    assert any(event.kind == "store-shed" for event in events)
     assert stored_slots(path) == [s for s, ok in enumerate(taken) if ok] + [100]

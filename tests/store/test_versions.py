@@ -75,13 +75,13 @@ def test_store_of_version_1_is_read_as_it_is(old: Place) -> None:
 def test_writer_upgrades_a_store_of_version_1(
     old: Place, record: Records, run: Runs, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
-    before, told = Store(old).query(), list[Event]()
-    with StoreWriter(old, run(), report=told.append) as writer:
+    before, reported = Store(old).query(), list[Event]()
+    with StoreWriter(old, run(), report=reported.append) as writer:
         writer.append(record(SLOTS), wait=True)
         writer.append(record(5), wait=True)  # is there already
     assert version(old) == schema.VERSION
-    assert [e.kind for e in told] == ["store-upgraded"]
-    assert told[0].message.endswith("upgraded from schema 1 to 2")
+    assert [e.kind for e in reported] == ["store-upgraded"]
+    assert reported[0].message.endswith("upgraded from schema 1 to 2")
     after = Store(old).query()
     assert after.slots.tolist() == sorted([*range(SLOTS + 1)] * 2)
     for name in ("joints_m", "scores", "sigma_m", "measured", "time_ns", "track_ids"):

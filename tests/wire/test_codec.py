@@ -157,10 +157,10 @@ WRONG: dict[str, tuple[Message, str]] = {
 
 @pytest.mark.parametrize("name", sorted(WRONG))
 def test_wrong_field_is_named_in_one_line(name: str) -> None:
-    message, told = WRONG[name]
+    message, sent = WRONG[name]
     with pytest.raises(InputError) as error:
         decode(encode(message), type(message), "cam1")
-    assert told in str(error.value) and "\n" not in str(error.value)
+    assert sent in str(error.value) and "\n" not in str(error.value)
 
 
 def test_huge_message_is_refused_unread() -> None:
@@ -198,8 +198,8 @@ def test_missing_keypoint_is_nan_with_score_0() -> None:
 def test_every_kind_of_nan_is_a_missing_keypoint(bits: int) -> None:
     keypoints = np.full((1, 3, 2), 5, np.float32)
     keypoints.view(np.uint32)[0, 1, 0] = bits  # signalling ones too, of which NumPy warns
-    told = view(1, keypoints_px=pack(keypoints))
-    found = poses_2d(decode(encode(told), View, "cam1"))
+    sent = view(1, keypoints_px=pack(keypoints))
+    found = poses_2d(decode(encode(sent), View, "cam1"))
     assert np.isnan(found.keypoints_px[0, 1]).all() and found.scores[0, 1] == 0
     assert (found.keypoints_px[0, [0, 2]] == 5).all()
 

@@ -73,7 +73,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
     edge = site.edge()
     views: list[tuple[str, bytes]] = []
-    told: list[bytes] = []
+    orders: list[bytes] = []
     spied: list[tuple[str, bytes]] = []
     seen: list[bytes] = []
     edge.subscribe("e3pose/lab/camera/*/view", lambda t, p: views.append((t, p)))
@@ -84,7 +84,7 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
         site.camera("cam3"),
         site.viewer(),
     )
-    cam1.subscribe("e3pose/lab/order/cam1", lambda t, p: told.append(p))
+    cam1.subscribe("e3pose/lab/order/cam1", lambda t, p: orders.append(p))
     viewer.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
     later: list[bytes] = []
     viewer.subscribe("e3pose/lab/poses-delayed", lambda t, p: later.append(p))
@@ -98,7 +98,7 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
         edge.publish("e3pose/lab/poses", b"people")
         edge.publish("e3pose/lab/poses-delayed", b"people again")
         time.sleep(0.05)
-        return bool(views and told and seen and later)
+        return bool(views and orders and seen and later)
 
     assert eventually(ready)
     views.clear()
@@ -115,7 +115,7 @@ def test_camera_neither_reads_nor_forges_anothers_messages(site: Site) -> None:
     assert eventually(lambda: ("e3pose/lab/camera/cam2/view", b"honest") in views)
     time.sleep(SILENCE_S)
     assert {payload for _, payload in views} <= {b"honest", b"mine"}
-    assert set(told) == {b"to cam1"} and set(seen) == {b"people"}
+    assert set(orders) == {b"to cam1"} and set(seen) == {b"people"}
     assert set(later) == {b"people again"}
     # The one thing on `e3pose/**` that a viewer may hear are the poses.
     assert {payload for _, payload in spied} <= {b"people", b"people again"}
@@ -150,15 +150,15 @@ def test_operators_alone_control_the_edge_and_see_what_viewers_see(site: Site) -
 
 def test_edge_that_comes_back_is_found_again(site: Site) -> None:
     camera = site.camera("cam1")
-    told: list[bytes] = []
-    camera.subscribe("e3pose/lab/order/cam1", lambda t, p: told.append(p))
+    orders: list[bytes] = []
+    camera.subscribe("e3pose/lab/order/cam1", lambda t, p: orders.append(p))
     for life in (b"first", b"second"):
         edge = site.edge()
 
         def heard(edge: NetworkTransport = edge, life: bytes = life) -> bool:
             edge.publish("e3pose/lab/order/cam1", life)
             time.sleep(0.05)
-            return life in told
+            return life in orders
 
         assert eventually(heard)
         edge.close()
@@ -178,7 +178,7 @@ def listening() -> set[str]:
     }
 
 
-def test_camera_listens_nowhere_and_the_edge_where_told(site: Site) -> None:
+def test_camera_listens_nowhere_and_the_edge_as_configured(site: Site) -> None:
     before = listening()
     site.camera("cam1")
     assert listening() <= before  # what an earlier test left may end meanwhile
@@ -279,14 +279,14 @@ def test_what_is_said_at_once_arrives_whole() -> None:
     edge.close()
 
 
-def test_port_that_is_taken_is_told_with_what_to_do() -> None:
+def test_port_that_is_taken_is_reported_with_what_to_do() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        with pytest.raises(InputError) as told:
+        with pytest.raises(InputError) as orders:
             open_network(Link("edge", "lab", f"tcp/127.0.0.1:{port}"))
-    assert str(told.value) == (
+    assert str(orders.value) == (
         f"endpoint tcp/127.0.0.1:{port}: port {port} is in use: stop the program that has it "
         f"(`ss -ltnp 'sport = :{port}'` names it), such as another run of this site, or choose "
         "another port"
@@ -315,13 +315,13 @@ def test_what_is_wrong_with_an_endpoint_names_no_foreign_source(tmp_path: Path) 
         (Link("edge", "lab", "tcp/host.invalid:7447", insecure=True), "cannot be used: "),
         (Link("edge", "lab", "tls/127.0.0.1:0", files), "No private key found"),
     ):
-        with pytest.raises(InputError, match=reason) as told:
+        with pytest.raises(InputError, match=reason) as orders:
             open_network(link)
-        assert ".rs" not in str(told.value) and "cargo" not in str(told.value)
+        assert ".rs" not in str(orders.value) and "cargo" not in str(orders.value)
 
 
 @pytest.mark.parametrize(
-    ("link", "told"),
+    ("link", "orders"),
     [
         (Link("edge", "lab", "tcp/0.0.0.0:7447"), "plain tcp beyond this machine"),
         (Link("edge", "lab", "tcp/[::]:7447"), "plain tcp beyond this machine"),
@@ -333,8 +333,8 @@ def test_what_is_wrong_with_an_endpoint_names_no_foreign_source(tmp_path: Path) 
         (Link("camera", "lab", "tcp/127.0.0.1:0"), "port of the edge"),
     ],
 )
-def test_unsafe_or_impossible_endpoints_are_refused(link: Link, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_unsafe_or_impossible_endpoints_are_refused(link: Link, orders: str) -> None:
+    with pytest.raises(InputError, match=orders):
         check_link(link)
 
 

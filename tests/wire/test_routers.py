@@ -91,7 +91,7 @@ def test_camera_reaches_its_edge_through_a_router_and_nobody_else_speaks_for_it(
     site = made("lab")
     edge = site.edge()
     views: list[tuple[str, bytes]] = []
-    told: list[bytes] = []
+    orders: list[bytes] = []
     seen: list[bytes] = []
     spied: list[tuple[str, bytes]] = []
     there: list[tuple[str, bool]] = []
@@ -102,7 +102,7 @@ def test_camera_reaches_its_edge_through_a_router_and_nobody_else_speaks_for_it(
     cam1, cam2, revoked = (site.camera(name) for name in ("cam1", "cam2", "cam3"))
     viewer = site.viewer()
     cam1.be_present("e3pose/lab/camera/cam1/alive")
-    cam1.subscribe("e3pose/lab/order/cam1", lambda t, p: told.append(p))
+    cam1.subscribe("e3pose/lab/order/cam1", lambda t, p: orders.append(p))
     viewer.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
     for spy, name in ((cam2, "cam2"), (viewer, "viewer"), (revoked, "revoked")):
         for topic in ("e3pose/lab/order/cam1", "e3pose/lab/camera/cam1/view", "e3pose/**"):
@@ -113,7 +113,7 @@ def test_camera_reaches_its_edge_through_a_router_and_nobody_else_speaks_for_it(
         edge.publish("e3pose/lab/order/cam1", b"to cam1")
         edge.publish("e3pose/lab/poses", b"people")
         time.sleep(0.05)
-        return bool(views and told and seen and there)
+        return bool(views and orders and seen and there)
 
     assert eventually(ready)
     assert cam1.ask("e3pose/lab/camera/cam1/clock", b"?", 2.0) == b"time of ?"
@@ -128,7 +128,7 @@ def test_camera_reaches_its_edge_through_a_router_and_nobody_else_speaks_for_it(
     assert eventually(lambda: ("e3pose/lab/camera/cam2/view", b"honest") in views)
     time.sleep(SILENCE_S)
     assert {payload for _, payload in views} <= {b"honest", b"mine"}
-    assert set(told) == {b"to cam1"} and set(seen) == {b"people"}
+    assert set(orders) == {b"to cam1"} and set(seen) == {b"people"}
     assert {payload for _, payload in spied} <= {b"people"}  # which the viewer may hear
     cam1.close()
     assert eventually(lambda: ("e3pose/lab/camera/cam1/alive", False) in there)

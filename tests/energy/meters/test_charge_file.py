@@ -32,9 +32,9 @@ def written(**other: object) -> str:
 
 
 def camera_at_work(path: Path | None, seconds: float, folder: Path) -> tuple[float, list[str]]:
-    """Run a camera's sampler; return the joules left by its last heartbeat, and what it told."""
-    now_s, told = [0.0], list[str]()
-    charge = ChargeFile(path, "cam0", 1.0, told.append)
+    """Run a camera's sampler; return the joules left by its last heartbeat, and its messages."""
+    now_s, messages = [0.0], list[str]()
+    charge = ChargeFile(path, "cam0", 1.0, messages.append)
     sampler = PowerSampler(
         Steady(), root=folder, capacity_wh=1.0, clock_s=lambda: now_s[0], charge_file=charge
     )
@@ -45,15 +45,15 @@ def camera_at_work(path: Path | None, seconds: float, folder: Path) -> tuple[flo
             sampler.sample()
         fields = sampler()
     assert fields["gauge"] is False
-    return fields["battery_j"], told
+    return fields["battery_j"], messages
 
 
 def test_restart_goes_on_with_what_was_left(tmp_path: Path) -> None:
     path = tmp_path / "cam0.battery.json"
     for run in (1, 2, 3):
-        left_j, told = camera_at_work(path, 60, tmp_path)
+        left_j, messages = camera_at_work(path, 60, tmp_path)
         assert left_j == pytest.approx(WH - run * 600, abs=1.0)
-        assert not told
+        assert not messages
     assert load_charge(path, "cam0", 1.0) == pytest.approx(WH - 1800, abs=1.0)
 
 
@@ -83,14 +83,14 @@ def test_gauge_is_believed_and_nothing_written(tmp_path: Path) -> None:
 
 
 def test_deleted_file_is_a_battery_that_was_charged(tmp_path: Path) -> None:
-    path, told = tmp_path / "cam0.battery.json", list[str]()
-    charge = ChargeFile(path, "cam0", 1.0, told.append)
+    path, messages = tmp_path / "cam0.battery.json", list[str]()
+    charge = ChargeFile(path, "cam0", 1.0, messages.append)
     charge.spend(3000)
     charge.keep()
     path.unlink()
     charge.keep()
     assert charge.left_j == WH == load_charge(path, "cam0", 1.0)
-    assert len(told) == 1 and "assuming a full battery" in told[0]
+    assert len(messages) == 1 and "assuming a full battery" in messages[0]
 
 
 def test_another_battery_begins_full(tmp_path: Path) -> None:
@@ -114,26 +114,26 @@ def test_another_battery_begins_full(tmp_path: Path) -> None:
         "x" * 5000,
     ],
 )  # fmt: skip
-def test_damaged_file_is_told_of_and_the_battery_taken_to_be_full(
+def test_damaged_file_is_reported_and_the_battery_taken_to_be_full(
     content: str, tmp_path: Path
 ) -> None:
-    path, told = tmp_path / "cam0.battery.json", list[str]()
+    path, messages = tmp_path / "cam0.battery.json", list[str]()
     path.write_text(content)
     with pytest.raises(InputError):
         load_charge(path, "cam0", 1.0)
-    charge = ChargeFile(path, "cam0", 1.0, told.append)
-    assert charge.left_j == WH and len(told) == 1 and "assuming a full battery" in told[0]
+    charge = ChargeFile(path, "cam0", 1.0, messages.append)
+    assert charge.left_j == WH and len(messages) == 1 and "assuming a full battery" in messages[0]
     charge.keep()
     assert json.loads(path.read_text())["left_j"] == WH
 
 
-def test_place_that_cannot_be_written_is_told_once(tmp_path: Path) -> None:
+def test_place_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    told: list[str] = []
-    charge = ChargeFile(tmp_path / "file" / "b.json", "cam0", 1.0, told.append)
+    messages: list[str] = []
+    charge = ChargeFile(tmp_path / "file" / "b.json", "cam0", 1.0, messages.append)
     for _ in range(3):
         charge.keep()
-    assert len(told) == 1 and "cannot save the battery charge" in told[0]
+    assert len(messages) == 1 and "cannot save the battery charge" in messages[0]
 
 
 def test_place_is_beside_the_camera_file_unless_it_says_where(tmp_path: Path) -> None:
@@ -141,16 +141,16 @@ def test_place_is_beside_the_camera_file_unless_it_says_where(tmp_path: Path) ->
     from e3pose.site.camera_program import open_charge_file
 
     node = NodeTable("e3pose-camera", 1, "lab", "cam0", "usb:0", battery_wh=1.0)
-    config, told = tmp_path / "cam0.toml", list[str]()
+    config, messages = tmp_path / "cam0.toml", list[str]()
     for state, place in ((None, "cam0.battery.json"), ("b.json", "b.json"), ("", None)):
-        charge = open_charge_file(replace(node, state=state, path=config), told.append)
+        charge = open_charge_file(replace(node, state=state, path=config), messages.append)
         assert charge is not None
         charge.keep()
         assert [p.name for p in tmp_path.iterdir()] == ([] if place is None else [place])
         for file in tmp_path.iterdir():
             file.unlink()
-    assert not told
-    charge = open_charge_file(node, told.append)
-    assert charge is not None and charge.left_j == WH and "--state" in told[0]
+    assert not messages
+    charge = open_charge_file(node, messages.append)
+    assert charge is not None and charge.left_j == WH and "--state" in messages[0]
     mains = NodeTable("e3pose-camera", 1, "lab", "cam0", "usb:0")
-    assert open_charge_file(replace(mains, path=config), told.append) is None
+    assert open_charge_file(replace(mains, path=config), messages.append) is None

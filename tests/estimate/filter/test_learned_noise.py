@@ -142,7 +142,7 @@ def test_bounds_hold_whatever_is_seen() -> None:
     assert (belief.noise[:, 1] <= MEMORY).all()
 
 
-def test_nothing_is_told_before_much_is_seen() -> None:
+def test_nothing_is_reported_before_much_is_seen() -> None:
     belief = Belief.empty(MODEL)
     assert np.isnan(found(belief.noise, KNOWN_WEIGHT)).all()
     assert (factors(belief.noise, KNOWN_WEIGHT) == 1).all()

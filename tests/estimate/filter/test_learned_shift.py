@@ -111,7 +111,7 @@ def test_bounds_hold_whatever_is_seen() -> None:
     assert (belief.shifts[:, COUNT] <= MEMORY).all()
 
 
-def test_nothing_is_told_before_much_is_seen() -> None:
+def test_nothing_is_reported_before_much_is_seen() -> None:
     belief = Belief.empty(MODEL)
     assert (shifts_px(belief.shifts, MODEL) == 0).all()
     assert np.isnan(found_px(belief.shifts, MODEL)).all()

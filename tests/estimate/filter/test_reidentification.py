@@ -116,7 +116,7 @@ def test_nobody_walks_faster_than_people_do() -> None:
     assert ids[-1] == [7]
 
 
-def test_two_who_look_alike_are_told_apart_by_nothing_and_stay_new() -> None:
+def test_two_who_look_alike_are_distinguished_by_nothing_and_stay_new() -> None:
     ids = shown(
         belief(0.0, {3: (0, 0, 1), 4: (0.5, 0, 1)}), belief(0.5, {}), belief(1, {7: (0.25, 0, 1)})
     )

@@ -105,7 +105,7 @@ def test_without_a_prediction_or_time_people_move_by_themselves(
     np.testing.assert_array_equal(found.drift_share, belief.drift_share)
 
 
-def test_less_is_unknown_of_motion_that_is_foretold() -> None:
+def test_less_is_unknown_of_motion_that_is_predicted() -> None:
     belief = known()
     foreseen_m = places(tree(), belief.state, AHEAD_S)[..., :3][:1]
     steered = steer(tree(), belief, np.array([0]), foreseen_m, AHEAD_S, SHARE)

@@ -55,7 +55,7 @@ def test_history_is_newest_last_and_missing_where_unseen() -> None:
     np.testing.assert_allclose(tracks.history_m[-1, 0], BODY + [0.1, 0, 0])
 
 
-def test_poses_without_a_shared_joint_are_told_by_their_centre() -> None:
+def test_poses_without_a_shared_joint_are_reported_by_their_centre() -> None:
     first, second = people((0, 0), (3, 0)), people((3, 0), (0, 0))
     upper, lower = np.arange(17) < 8, np.arange(17) >= 8
     a = Poses3D(first.joints_m, first.scores * upper)

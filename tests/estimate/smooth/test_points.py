@@ -44,7 +44,7 @@ def test_answers_of_a_filter_give_the_smoother_of_what_it_measured() -> None:
     joints[:, :, 0] = np.array(means)[:, :1]
     sigma = np.sqrt(np.array(covariances)[:, :1, 0]) * np.ones(17)
     found = smooth_points(motion(joints, sigma), COCO17, DT)
-    # Slots that told nothing count as if they had told a thousandth.
+    # Slots that showed nothing count as if they had shown a thousandth.
     np.testing.assert_allclose(found.joints_m[:, joint, 0], path, atol=2e-4)
 
 

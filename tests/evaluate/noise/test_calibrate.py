@@ -119,7 +119,7 @@ def test_two_cameras_are_too_few() -> None:
         calibrate_noise(recording)
 
 
-def test_nobody_there_is_told() -> None:
+def test_nobody_there_is_reported() -> None:
     recording = simulate(SceneSettings(people=0, seconds=1.0), seed=0)
     with pytest.raises(InputError, match="found 0 keypoints that two other views confirm"):
         calibrate_noise(recording)

@@ -22,7 +22,7 @@ def recording() -> Recording:
     return simulate(SceneSettings(scene="ring", seconds=6.0, fps=12.5), 705)
 
 
-def test_unknown_detector_is_told_of(recording: Recording) -> None:
+def test_unknown_detector_is_reported(recording: Recording) -> None:
     unknown = replace(recording, detector="a network of our own")
     assert "no noise model for this detector" in noise_warning(unknown, ReplaySettings())
     assert noise_warning(unknown, ReplaySettings(noise="openpose")) == ""
@@ -30,7 +30,7 @@ def test_unknown_detector_is_told_of(recording: Recording) -> None:
     assert noise_warning(recording, ReplaySettings()) == ""
 
 
-def test_detector_that_is_only_named_in_words_is_told_of(recording: Recording) -> None:
+def test_detector_that_is_only_named_in_words_is_reported(recording: Recording) -> None:
     old = replace(recording, detector="")
     assert "in words only: simulated is assumed" in noise_warning(old, ReplaySettings())
     assert noise_warning(old, ReplaySettings(noise="openpose")) == ""

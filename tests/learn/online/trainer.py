@@ -1,4 +1,4 @@
-"""A trainer that succeeds, fails, dies, hangs or lies, as it is told; and what it learns from."""
+"""A trainer that succeeds, fails, dies, hangs or lies, on request; and what it learns from."""
 
 from __future__ import annotations
 

@@ -21,18 +21,18 @@ pytestmark = pytest.mark.slow
 EYE = np.array([1.0, 0, 0, 1, 0, 1])
 
 
-def foresight(told: list[float], sigma_m: float = 0.1, **more: object) -> Foresight:
-    """One person of one joint, known to `sigma_m`; camera n tells `told[n]` in 1/m2."""
-    views = np.array(told)[:, None, None, None] * EYE
+def foresight(added: list[float], sigma_m: float = 0.1, **more: object) -> Foresight:
+    """One person of one joint, known to `sigma_m`; camera n adds `added[n]` in 1/m2."""
+    views = np.array(added)[:, None, None, None] * EYE
     plain = Foresight(
         track_ids=np.array([0]),
         confirmed=np.array([True]),
         prior=(EYE / sigma_m**2)[None, None],
         views=views,
-        counted=np.ones((len(told), 1)),
+        counted=np.ones((len(added), 1)),
         weights=np.ones(1),
-        entrants=Entrants.nobody(len(told)),
-        hidden=HiddenPeople.nobody(len(told)),
+        entrants=Entrants.nobody(len(added)),
+        hidden=HiddenPeople.nobody(len(added)),
     )
     return replace(plain, **more)  # type: ignore[arg-type]
 
@@ -74,7 +74,7 @@ def test_two_cameras_from_different_sides_beat_the_two_best_from_one() -> None:
     assert chosen(Information(2).select(situation(replace(seen, views=views)))) == [0, 2]
 
 
-def test_who_told_the_same_just_now_waits() -> None:
+def test_a_camera_that_just_showed_the_same_waits() -> None:
     seen = foresight([300, 290], counted=np.array([[0.1], [1.0]]))
     assert chosen(Information(1).select(situation(seen))) == [1]
 

@@ -1,4 +1,4 @@
-"""A broker with a password and a certificate: who comes in, and what is told of who does not."""
+"""A broker with a password and a certificate: accepted clients, and messages to others."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_password_and_certificate_let_in(keys: Path, monkeypatch: pytest.MonkeyP
     assert "e3pose/lab/poses" in topics and "e3pose/lab/zone/door" in topics
 
 
-def test_wrong_password_is_told_and_not_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_password_is_reported_and_not_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("E3POSE_MQTT_USER", LOGIN[0])
     monkeypatch.setenv("E3POSE_MQTT_PASSWORD", "a guess")
     with broker(LOGIN) as port, pytest.raises(InputError) as refused:

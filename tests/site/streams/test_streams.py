@@ -181,7 +181,7 @@ def test_mqtt_is_read_by_paho() -> None:
 
 
 @pytest.mark.parametrize(
-    ("target", "told"),
+    ("target", "reported"),
     [
         ("smoke://x", "target: found 'smoke://x', expected osc"),
         ("osc", "target: found 'osc'"),
@@ -190,8 +190,8 @@ def test_mqtt_is_read_by_paho() -> None:
         ("mqtt://127.0.0.1:1", "a broker that runs"),
     ],
 )
-def test_target_that_is_none_is_refused(target: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+def test_target_that_is_none_is_refused(target: str, reported: str) -> None:
+    with pytest.raises(InputError, match=reported):
         open_stream(target, SOURCE)
 
 
@@ -247,15 +247,15 @@ def test_slots_and_zone_events_go_to_every_stream_also_after_a_silence(
 ) -> None:
     kept = Kept()
     hub, sender = sending(kept)
-    told: list[str] = []
-    sender.report = told.append
+    reported: list[str] = []
+    sender.report = reported.append
     edge = hub.join()
     with sender:
         for number in (3, 4):
             edge.publish("e3pose/lab/poses", _published(slot(7, number=number)))
             assert eventually(lambda number=number: kept.slots[-1:] == [number])  # type: ignore[misc]
-            assert eventually(lambda number=number: len(told) == number - 2)  # type: ignore[misc]
-    assert "no slot for 0.05 s" in told[0]
+            assert eventually(lambda number=number: len(reported) == number - 2)  # type: ignore[misc]
+    assert "no slot for 0.05 s" in reported[0]
     assert kept.zones == ["enter"] and sender.sent == 2 and not sender.running()
 
 

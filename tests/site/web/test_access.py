@@ -145,10 +145,10 @@ def test_tokens_are_made_once_and_private(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("read", "write", "told"),
+    ("read", "write", "message"),
     [("short", "w" * 20, "read: found no token"), ("w" * 20, "w" * 20, "write: found the token")],
 )
-def test_file_of_tokens_is_checked(tmp_path: Path, read: str, write: str, told: str) -> None:
+def test_file_of_tokens_is_checked(tmp_path: Path, read: str, write: str, message: str) -> None:
     path = tmp_path / "tokens.toml"
     lines = [
         'format = "e3pose-view-tokens"',
@@ -157,6 +157,6 @@ def test_file_of_tokens_is_checked(tmp_path: Path, read: str, write: str, told: 
         f'write = "{write}"',
     ]
     path.write_text("\n".join(lines))
-    with pytest.raises(InputError, match=told) as error:
+    with pytest.raises(InputError, match=message) as error:
         open_tokens(path)
     assert str(path) in str(error.value) and "w" * 20 not in str(error.value)

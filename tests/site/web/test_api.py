@@ -79,7 +79,7 @@ def test_rows_of_the_store_come_in_pages(client: httpx.Client) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "told"),
+    ("path", "message"),
     [
         ("/api/poses?start=yesterday", "time: found 'yesterday'"),
         ("/api/poses?joint=tail", "joint: found 'tail'"),
@@ -88,9 +88,9 @@ def test_rows_of_the_store_come_in_pages(client: httpx.Client) -> None:
         ("/api/poses?start=2&end=1", "the earlier one first"),
     ],
 )
-def test_what_cannot_be_answered_says_why(client: httpx.Client, path: str, told: str) -> None:
+def test_what_cannot_be_answered_says_why(client: httpx.Client, path: str, message: str) -> None:
     answer = client.get(path)
-    assert answer.status_code == 422 and told in answer.json()["detail"]
+    assert answer.status_code == 422 and message in answer.json()["detail"]
     assert "lab.db" not in answer.text
 
 

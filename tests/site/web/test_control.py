@@ -53,7 +53,7 @@ def test_changes_reach_the_edge_as_asked(post: Post, asked: list[Control]) -> No
     ]
 
 
-def test_refusal_of_the_edge_is_told(post: Post, asked: list[Control]) -> None:
+def test_refusal_of_the_edge_is_reported(post: Post, asked: list[Control]) -> None:
     assert post("cameras/c2", {"paused": True}) == (409, "c2 must look")
 
 
@@ -84,7 +84,7 @@ def test_only_the_token_for_writing_controls(
     assert asked == []
 
 
-def test_edge_that_is_silent_is_told(watched: Watched, post: Post) -> None:
+def test_edge_that_is_silent_is_reported(watched: Watched, post: Post) -> None:
     watched.edge.answers.clear()
     status, said = post("loop", {"cameras": 1})
     assert status == 504 and "does not answer" in said

@@ -131,7 +131,7 @@ def test_an_event_is_encoded_once_for_all() -> None:
     assert len(set(encoded)) == 1 and event.json is event.json
 
 
-def test_zone_events_and_counts_are_told() -> None:
+def test_zone_events_and_counts_are_reported() -> None:
     async def follow() -> list[dict[str, Any]]:
         zone = ZoneTable("door", ((0.0, -1.0), (2.0, -1.0), (2.0, 5.0), (0.0, 5.0)))
         feed, hub = Feed("lab", zones=Zones((zone,))), Hub()

@@ -23,7 +23,7 @@ NOW = datetime.datetime.now(datetime.timezone.utc)
 TLS = '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n'
 
 
-def test_view_is_on_loopback_unless_told_otherwise(tmp_path: Path) -> None:
+def test_view_is_on_loopback_by_default(tmp_path: Path) -> None:
     address = address_of(write_site(tmp_path))
     assert (address.host, address.port, address.certificate) == ("127.0.0.1", 8470, None)
     assert "localhost" in address.hosts

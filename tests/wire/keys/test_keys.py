@@ -55,7 +55,7 @@ def test_certificates_made_at_the_same_time_are_all_listed(folder: Path) -> None
     assert sorted(read_roll(folder).cameras) == names
 
 
-def test_list_that_another_program_changes_is_told_of(
+def test_list_that_another_program_changes_is_reported(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("e3pose.wire.keys.folder.WAIT_S", 0.1)
@@ -112,7 +112,7 @@ def test_unknown_camera_cannot_be_revoked(folder: Path) -> None:
         revoke_keys(folder, "cam7")
 
 
-def test_wrong_certificates_are_told(folder: Path, tmp_path: Path) -> None:
+def test_wrong_certificates_are_reported(folder: Path, tmp_path: Path) -> None:
     place = add_keys(folder, "cam1", NOW)
     files = certificates_in(place, "camera")
     with pytest.raises(InputError, match="expired on"):
@@ -140,7 +140,7 @@ def test_wrong_certificates_are_told(folder: Path, tmp_path: Path) -> None:
     "text",
     ["", "format = 'other'", "format = 'e3pose-keys'\nversion = 2", "[", "\x00"],
 )
-def test_damaged_list_is_told(folder: Path, text: str) -> None:
+def test_damaged_list_is_reported(folder: Path, text: str) -> None:
     (folder / "keys.toml").write_text(text)
     with pytest.raises(InputError, match=r"keys\.toml"):
         read_roll(folder)

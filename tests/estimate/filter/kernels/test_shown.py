@@ -61,11 +61,11 @@ def test_exits_are_counted_as_in_numpy(follower: Belief, seed: int) -> None:
     rng = np.random.default_rng(seed)
     places_m = rng.uniform(-2, 2, (8, 2))
     followed_s = np.where(rng.random(8) < 0.5, np.nan, 0.08)
-    told = np.zeros((8, 2))
-    told[:, FOLLOWED] = np.nan_to_num(followed_s)
-    told[:, PASSED] = np.isnan(followed_s)
+    counted = np.zeros((8, 2))
+    counted[:, FOLLOWED] = np.nan_to_num(followed_s)
+    counted[:, PASSED] = np.isnan(followed_s)
     exits = drawn(follower, seed).exits
-    expected = filter_exits.count_exits(exits, places_m, told, MODEL.corner_m)
+    expected = filter_exits.count_exits(exits, places_m, counted, MODEL.corner_m)
     count_exits(places_m, followed_s, MODEL.corner_m, exits)
     np.testing.assert_allclose(exits, expected, rtol=1e-12)
 
