@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from e3pose.estimate.filter import Noise
-from e3pose.evaluate.faults import thinned
+from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.noise.calibrate import all_camera_tracks
 from e3pose.evaluate.noise.residuals import (
@@ -145,7 +145,7 @@ def main() -> None:
     options = parser.parse_args()
     recording = load_recording(options.recording)
     if options.fps:
-        recording = thinned(recording, options.fps)
+        recording = downsampled(recording, options.fps)
     noise = load_noise(detector_of(recording))
     people = references(recording, noise)
     print(f"{recording.name}: {recording.num_slots} slots, {len(people)} people")

@@ -49,7 +49,7 @@ def watched(
     for record in replay(recording, settings):
         views = selected_views(recording, record.slot, record.arrived)
         begun = time.perf_counter()
-        watch.saw(record, views)
+        watch.observe(record, views)
         news = watch.events()
         spent += time.perf_counter() - begun
         if news:

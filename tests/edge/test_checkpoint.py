@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.lib import format as npy
 
-from e3pose.edge.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, take_apart
+from e3pose.edge.checkpoint import Checkpoint, flatten, load_checkpoint, save_checkpoint
 from e3pose.edge.lead_change import skip_to, still_true, with_lead
 from e3pose.edge.state_file import StateFile
 from e3pose.errors import InputError
@@ -69,7 +69,7 @@ def test_continued_loop_is_the_same_loop(name: str, recording: Recording, tmp_pa
     save_checkpoint(path, Checkpoint(state, 12345, 3, 67890), pipeline)
     found = load_checkpoint(path, pipeline)
     assert (found.origin_ns, found.lead_slots, found.made_ns) == (12345, 3, 67890)
-    kept, was = take_apart(found.state), take_apart(state)
+    kept, was = flatten(found.state), flatten(state)
     assert kept.keys() == was.keys()  # also what only some policies remember
     for name, array in was.items():
         np.testing.assert_array_equal(kept[name], array, name)
@@ -111,8 +111,8 @@ def test_damage_is_reported_and_never_half_believed(recording: Recording, tmp_pa
             found = load_checkpoint(path, pipeline)
         except InputError:
             continue
-        for name, array in take_apart(found.state).items():
-            np.testing.assert_array_equal(array, take_apart(state)[name])
+        for name, array in flatten(found.state).items():
+            np.testing.assert_array_equal(array, flatten(state)[name])
 
 
 @pytest.mark.parametrize("change", ["missing", "shape", "kind", "uneven"])
@@ -188,7 +188,7 @@ def test_forgotten_people_leave_what_was_learned_of_the_site(
     state, records = run(recording, pipeline, initial_state(pipeline), CUT)
     assert len(records[-1].track_ids)
     memory = pipeline.estimator.forget_people(state.memory)
-    kept, was = take_apart(memory), take_apart(state.memory)
+    kept, was = flatten(memory), flatten(state.memory)
     kept_of_site = (
         "next_id", "detection_map", "exits", "noise", "shifts", "time_s",
     )  # fmt: skip

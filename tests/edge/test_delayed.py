@@ -63,7 +63,7 @@ def test_an_edge_tells_the_same_people_again(tmp_path: Path) -> None:
             assert late.time_edge_ns == first.time_edge_ns
             assert late.published_edge_ns > first.published_edge_ns
             assert unpack(late.track_ids).tolist() == unpack(first.track_ids).tolist()
-        assert site.edge is not None and site.edge.crew.failure is None
+        assert site.edge is not None and site.edge.threads.failure is None
 
 
 def test_the_papers_pipeline_has_nothing_to_smooth_with(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def view(joints: int, session: int = 5) -> View:
 
 
 def received(found: Skeleton, expected: Skeleton, sent: int | None = None) -> tuple[Inbox, Gather]:
-    """Let a camera with one skeleton greet and send a view to an edge with another."""
+    """Let a camera with one skeleton with_hello and send a view to an edge with another."""
     gather, hub = Gather(2), Hub()
     inbox = Inbox(
         "lab", RIG, expected.joints, 0.05, gather, ManualClock(10**9), lambda i, s: None,
@@ -66,4 +66,4 @@ def test_joint_that_no_detector_finds_is_missing() -> None:
 def test_view_with_other_joints_than_were_announced_is_refused() -> None:
     inbox, gather = received(COCO18, COCO17, sent=17)
     assert inbox.wrong == 1 and not gather.close()
-    assert "found 17 joints, expected 18" in inbox.roster.lives[0].fault
+    assert "found 17 joints, expected 18" in inbox.roster.cameras[0].fault

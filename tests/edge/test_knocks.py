@@ -35,7 +35,7 @@ def watch_run(
     watch, found = KnockWatch(recording.rig), []
     policy = "all" if awake == len(recording.rig) else "round-robin"
     for record in replay(recording, ReplaySettings(policy=policy, num_selected=awake)):
-        watch.saw(record, selected_views(recording, record.slot, record.arrived))
+        watch.observe(record, selected_views(recording, record.slot, record.arrived))
         found += [(record.time_s, kind, camera) for kind, _, camera in watch.events()]
     return found, watch
 
@@ -91,7 +91,7 @@ def test_camera_counts_as_moved_until_it_is_seen_to_be_back(calm: Recording) -> 
     for recording in (turned, calm):
         for record in replay(recording, ReplaySettings(policy="all")):
             later = replace(record, time_s=record.time_s + start_s)
-            watch.saw(later, selected_views(recording, record.slot, record.arrived))
+            watch.observe(later, selected_views(recording, record.slot, record.arrived))
             kinds += [kind for kind, _, _ in watch.events()]
         start_s += recording.num_slots / recording.fps
     assert kinds == ["camera-moved", "camera-in-place"]

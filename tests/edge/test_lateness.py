@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from e3pose.edge.lateness import REPORTED_FAILURES, forgiven, oddities
+from e3pose.edge.lateness import REPORTED_FAILURES, impairments, without_late_failures
 from e3pose.edge.reports import changes
 from e3pose.pipeline import SlotState, initial_state
 from e3pose.select.failure_detector import Silence, listen
@@ -42,7 +42,7 @@ def test_late_views_and_late_orders_forgive_their_camera_alone(state: SlotState)
         (none, third, [True, False, True]),
         (second, third, [True, True, True]),
     ):
-        after = forgiven(state, views_late, orders_late, INTERVAL_S)
+        after = without_late_failures(state, views_late, orders_late, INTERVAL_S)
         assert after.silence.answering(5).tolist() == expected
         assert after.slot == state.slot and after.memory is state.memory
 
@@ -50,23 +50,23 @@ def test_late_views_and_late_orders_forgive_their_camera_alone(state: SlotState)
 def test_camera_that_is_always_late_is_reported_with_its_delay() -> None:
     silence, late_by_s = Silence.none(3), np.array([np.nan, 0.232, np.nan])
     for slot in range(40):
-        assert oddities(silence, late_by_s, INTERVAL_S) == [""] * 3 or slot * INTERVAL_S > 1.4
+        assert impairments(silence, late_by_s, INTERVAL_S) == [""] * 3 or slot * INTERVAL_S > 1.4
         silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
         silence = replace(silence, missed=np.zeros(3, dtype=np.int64))  # it is alive
     message = "views arrive too late, 232 ms after capture"
-    assert oddities(silence, late_by_s, INTERVAL_S) == ["", message, ""]
+    assert impairments(silence, late_by_s, INTERVAL_S) == ["", message, ""]
     silence = listen(silence, int(silence.retry_slot[1]), ALL, ALL, INTERVAL_S)
-    assert oddities(silence, late_by_s, INTERVAL_S) == [""] * 3
+    assert impairments(silence, late_by_s, INTERVAL_S) == [""] * 3
 
 
 def test_camera_that_is_there_but_sends_nothing_is_reported() -> None:
     silence, slot, failures = Silence.none(3), 0, 0
     while failures < REPORTED_FAILURES:
-        assert oddities(silence, UNKNOWN_S, INTERVAL_S) == [""] * 3
+        assert impairments(silence, UNKNOWN_S, INTERVAL_S) == [""] * 3
         slot = max(slot + 1, int(silence.retry_slot[1]))
         silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
         failures = int(silence.failures[1])
-    assert oddities(silence, UNKNOWN_S, INTERVAL_S) == ["", "no views arrive in time", ""]
+    assert impairments(silence, UNKNOWN_S, INTERVAL_S) == ["", "no views arrive in time", ""]
 
 
 def test_changes_are_reported_once() -> None:

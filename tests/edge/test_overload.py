@@ -18,7 +18,7 @@ from e3pose.edge.overload import (
     EveryOther,
     Load,
     after_slot,
-    thinned,
+    shed_load,
 )
 from e3pose.model.pose import Poses2D
 from e3pose.pipeline import initial_state, step
@@ -76,13 +76,13 @@ def test_it_does_not_flutter_where_less_load_is_due_to_leaving_out() -> None:
     assert changes < 30
 
 
-def test_thinned_takes_turns_without_a_foresight() -> None:
+def test_shed_load_takes_turns_without_a_foresight() -> None:
     scene = simulate(SceneSettings("ring", people=1, seconds=1, cameras=4), seed=8)
     pipeline = make_pipeline(scene, ReplaySettings(num_selected=2))
-    assert thinned(pipeline, Load()) is pipeline
-    cheap = thinned(pipeline, Load(level=ROUND_ROBIN, awake=2.0))
+    assert shed_load(pipeline, Load()) is pipeline
+    cheap = shed_load(pipeline, Load(level=ROUND_ROBIN, awake=2.0))
     assert cheap.policy == RoundRobin(2.0, order=spread_order(scene.rig)) and not cheap.foresees
-    rare = thinned(pipeline, Load(level=HALF_RATE, awake=1.0))
+    rare = shed_load(pipeline, Load(level=HALF_RATE, awake=1.0))
     state, online, woken = initial_state(rare), np.ones(4, dtype=bool), []
     nobody = Poses2D(np.zeros((0, 17, 2)), np.zeros((0, 17)))
     for _ in range(40):

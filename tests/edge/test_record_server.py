@@ -45,7 +45,7 @@ def test_recording_holds_what_the_cameras_saw(shown: Recording, tmp_path: Path) 
         for camera_id in shown.rig.camera_ids
     ]
     with RecordServer(plan, hub.join(), clock) as server:
-        assert set(server.troubles()) == set(shown.rig.camera_ids)
+        assert set(server.problems()) == set(shown.rig.camera_ids)
         for node in nodes:
             node.start()
         try:
@@ -53,7 +53,7 @@ def test_recording_holds_what_the_cameras_saw(shown: Recording, tmp_path: Path) 
         finally:
             for node in nodes:
                 node.stop()
-    assert server.crew.failure is None and server.written == tmp_path / "walk"
+    assert server.threads.failure is None and server.written == tmp_path / "walk"
     recording = load_recording(tmp_path / "walk")
     assert 20 <= recording.num_slots <= 30 and recording.detector == "openpose"
     assert not recording.rig.placed
@@ -74,5 +74,5 @@ def test_recording_that_is_stopped_before_a_camera_came_is_none(
 ) -> None:
     plan = RecordingPlan(tmp_path / "walk", "lab", shown.rig, shown.skeleton, FPS)
     with RecordServer(plan, Hub().join(), WallClock()) as server:
-        assert set(server.troubles().values()) == {"never connected"}
+        assert set(server.problems().values()) == {"never connected"}
     assert server.written is None and not list(tmp_path.iterdir())

@@ -32,7 +32,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 @pytest.mark.timed
 def test_slots_follow_each_other_and_orders_come_in_time(site: Site) -> None:
     edge = site.edge
-    assert edge is not None and edge.crew.failure is None
+    assert edge is not None and edge.threads.failure is None
     assert edge.counts.lost == 0
     slots = [poses.slot for poses in site.poses]
     assert slots == list(range(slots[0], slots[0] + len(slots)))
@@ -74,10 +74,12 @@ def test_garbage_puts_a_camera_in_quarantine_and_no_other(site: Site) -> None:
         liar.publish("e3pose/lab/camera/nobody/view", b"garbage")
     assert site.online() == {"cam0", "cam2"}
     edge = site.edge
-    assert edge is not None and edge.inbox.strangers >= 25
+    assert edge is not None and edge.inbox.unknown_senders >= 25
     with edge.inbox._lock:  # let time pass
         roster = edge.inbox.roster
-        edge.inbox.roster = roster.with_life(1, replace(roster.lives[1], quarantined_until_ns=0))
+        edge.inbox.roster = roster.with_camera(
+            1, replace(roster.cameras[1], quarantined_until_ns=0)
+        )
     assert eventually(lambda: site.online() == {"cam0", "cam1", "cam2"})
 
 
@@ -193,10 +195,10 @@ def test_state_that_cannot_be_kept_is_reported_once_and_stops_nobody(site: Site)
     (site.folder / "file").write_text("in the way")
     edge.state_file.path = site.folder / "file" / "state.npz"
     slots = edge.counts.slots
-    assert eventually(lambda: bool(edge.state_file.trouble))
+    assert eventually(lambda: bool(edge.state_file.problem))
     assert eventually(lambda: edge.counts.slots > slots + 50)
     edge.state_file.path = good
-    assert eventually(lambda: not edge.state_file.trouble)
+    assert eventually(lambda: not edge.state_file.problem)
     reported = [event.message for event in site.events if event.kind == "checkpoint"]
     assert sum("cannot save the state" in line for line in reported) == 1
     assert "saving the state again" in reported[-1]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.evaluate.faults import arriving, capacity_j, deaths_s, parse_kill, thinned
+from e3pose.evaluate.faults import arriving, capacity_j, deaths_s, downsampled, parse_kill
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.geometry.camera import Rig
 from e3pose.pipeline import SlotRecord
@@ -117,7 +117,7 @@ def test_empty_batteries_end_cameras() -> None:
 
 
 def test_thinning_keeps_views_times_and_truth_together() -> None:
-    slow = thinned(replace(scene(), scored_slots=(10, 60)), 10)
+    slow = downsampled(replace(scene(), scored_slots=(10, 60)), 10)
     assert slow.fps == 10 and slow.num_slots == 40 and slow.truth is not None
     truth = scene().truth
     assert truth is not None
@@ -135,16 +135,16 @@ def test_thinning_keeps_views_times_and_truth_together() -> None:
 
 def test_thinning_keeps_losses_lost() -> None:
     dying = simulate(SceneSettings(scene="dying-cameras", people=1, seconds=2), 0)
-    slow = thinned(dying, 5)
+    slow = downsampled(dying, 5)
     for old, new in zip(dying.views, slow.views, strict=True):
         assert new.slots.tolist() == [s for s in range(10) if s * 5 in set(old.slots.tolist())]
 
 
 def test_thinning_to_the_same_rate_changes_nothing_and_no_rate_is_made_up() -> None:
-    assert thinned(scene(), scene().fps) is scene()
+    assert downsampled(scene(), scene().fps) is scene()
     for fps in (0.0, 30.0, -1.0, float("nan")):
         with pytest.raises(InputError, match="--fps: found"):
-            thinned(scene(), fps)
+            downsampled(scene(), fps)
 
 
 def test_a_rig_of_one_camera_can_lose_it() -> None:

@@ -14,7 +14,7 @@ from e3pose.select.failure_detector import (
     RETRY_LIMIT_S,
     USELESS_S,
     Silence,
-    forgive,
+    acknowledge_late,
     listen,
     patience,
 )
@@ -127,7 +127,7 @@ def test_losses_are_learned() -> None:
 def test_late_views_are_signs_of_life() -> None:
     silence = Silence.none(2)
     for slot in range(30):
-        silence = forgive(silence, ~FIRST & bool(slot % 4), NONE, INTERVAL_S)
+        silence = acknowledge_late(silence, ~FIRST & bool(slot % 4), NONE, INTERVAL_S)
         silence = listen(silence, slot, BOTH, FIRST, INTERVAL_S)
         assert silence.answering(slot + 1).all()
 
@@ -137,18 +137,20 @@ def test_a_camera_given_up_is_taken_back_when_its_view_comes_late() -> None:
     for slot in range(MISSES):
         silence = listen(silence, slot, BOTH, FIRST, INTERVAL_S)
     assert not silence.answering(MISSES)[1]
-    silence = forgive(silence, ~FIRST, NONE, INTERVAL_S)
+    silence = acknowledge_late(silence, ~FIRST, NONE, INTERVAL_S)
     assert silence.answering(MISSES).all() and silence.failures[1] == 0
 
 
 def test_a_camera_whose_views_are_all_late_is_given_up_within_two_seconds() -> None:
     silence, slot = Silence.none(2), 0
     while silence.answering(slot).all():
-        silence = forgive(silence, ~FIRST, NONE, INTERVAL_S)
+        silence = acknowledge_late(silence, ~FIRST, NONE, INTERVAL_S)
         silence = listen(silence, slot, BOTH, FIRST, INTERVAL_S)
         slot += 1
     assert slot * INTERVAL_S == pytest.approx(USELESS_S, abs=INTERVAL_S) and USELESS_S < 2
-    silence = forgive(silence, ~FIRST, NONE, INTERVAL_S)  # what is late gives it no new chance
+    silence = acknowledge_late(
+        silence, ~FIRST, NONE, INTERVAL_S
+    )  # what is late gives it no new chance
     assert not silence.answering(slot)[1]
     retry = int(silence.retry_slot[1])
     silence = listen(silence, retry, BOTH, BOTH, INTERVAL_S)  # a view in time does
@@ -158,12 +160,12 @@ def test_a_camera_whose_views_are_all_late_is_given_up_within_two_seconds() -> N
 def test_a_camera_whose_orders_are_late_is_not_to_blame() -> None:
     silence = Silence.none(2)
     for slot in range(200):
-        silence = forgive(silence, NONE, ~FIRST & (slot % 4 == 0), INTERVAL_S)
+        silence = acknowledge_late(silence, NONE, ~FIRST & (slot % 4 == 0), INTERVAL_S)
         silence = listen(silence, slot, BOTH, FIRST, INTERVAL_S)
         assert silence.answering(slot + 1).all()
 
 
 def test_nobody_is_forgiven_for_nothing() -> None:
     silence = replace(Silence.none(2), missed=np.array([3, 4]), useless=np.array([3, 4]))
-    after = forgive(silence, NONE, NONE, INTERVAL_S)
+    after = acknowledge_late(silence, NONE, NONE, INTERVAL_S)
     assert after.missed.tolist() == [3, 4] and after.useless.tolist() == [3, 4]

@@ -86,11 +86,11 @@ def test_target_replaces_the_number_and_the_other_way_round(tmp_path: Path) -> N
 def test_paused_camera_is_left_out_until_it_is_resumed(tmp_path: Path) -> None:
     with edge(tmp_path) as (made, _):
         assert controls(made).take(Control(camera_id="c1", paused=True)) == "c1: paused"
-        assert made.inbox.troubles()[1] == "paused" and not made.inbox.online()[1]
+        assert made.inbox.problems()[1] == "paused" and not made.inbox.online()[1]
         status = made.status().cameras
         assert [camera.paused for camera in status] == [False, True, False, False]
         controls(made).take(Control(camera_id="c1", paused=False))
-        assert made.inbox.troubles()[1] == "never connected"
+        assert made.inbox.problems()[1] == "never connected"
 
 
 def test_budget_of_a_camera_is_its_own_and_stays(tmp_path: Path) -> None:

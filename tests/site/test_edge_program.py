@@ -71,7 +71,7 @@ def test_store_of_a_site_is_open_while_its_edge_is(tmp_path: Path) -> None:
     with ExitStack() as stack:
         edge = edge_of(site, stack)
         sink = edge.consumers.sink
-        assert sink is not None and sink.status().trouble is None
+        assert sink is not None and sink.status().problem is None
     assert (tmp_path / "live.db").is_file()
 
 

@@ -30,7 +30,7 @@ class Kept:
         return True
 
     def status(self) -> WriterStatus:
-        return WriterStatus(7, 0, spooled=4, shed=5, trouble="disk full", corrupt=2)
+        return WriterStatus(7, 0, spooled=4, shed=5, problem="disk full", corrupt=2)
 
 
 def scraped(port: int) -> dict[str, float]:
@@ -55,7 +55,7 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
         try:
             with pytest.raises(InputError, match=f"metrics_port: {port}: .*expected a free port"):
                 serve_metrics(edge, port)
-            assert eventually(lambda: edge.inbox.roster.lives[0].beat is not None)
+            assert eventually(lambda: edge.inbox.roster.cameras[0].beat is not None)
             before, found, after = edge.counts.slots, scraped(port), edge.counts.slots
         finally:
             server.shutdown()

@@ -175,7 +175,7 @@ while True:
     time.sleep(0.01)
 """
 
-# Fails in its first life.
+# Fails in its first run.
 ONCE = """
 import pathlib, signal, sys
 signal.signal(signal.SIGINT, signal.SIG_DFL)
@@ -222,7 +222,7 @@ def test_program_that_ends_is_reported_and_started_again(
     run_site(programs, again, messages.append)
     assert programs[1].restarts == 1 and programs[0].restarts == 0
     assert len(messages) == 1 and messages[0].startswith("cam0 ") and "7" in messages[0]
-    assert log.read_text() == "run\nrun\n"  # both lives in one log
+    assert log.read_text() == "run\nrun\n"  # both runs in one log
 
 
 def test_program_that_refuses_its_input_ends_all_with_its_last_words(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def test_nothing_is_lost_while_the_server_is_away(
                 assert writer.append(record(slot), wait=True)
             assert writer.flush()
             status = writer.status()
-            assert status.trouble is not None
+            assert status.problem is not None
             assert status.spooled >= 3 * 150  # a slot and two people, and events
             assert status.shed == 0
             assert [e.kind for e in events] == ["store-trouble"]
@@ -47,7 +47,7 @@ def test_nothing_is_lost_while_the_server_is_away(
             with pytest.raises(InputError, match="cannot be read"):
                 Store(url).query()
             server.start()
-            wait_for(lambda: writer.status().trouble is None)
+            wait_for(lambda: writer.status().problem is None)
             writer.append(record(200))
             assert writer.flush()
         assert [e.kind for e in events] == ["store-trouble", "store-recovered"]
@@ -88,12 +88,12 @@ def test_refusal_of_the_server_is_not_held_against_the_rows(
             connection.execute(text("CREATE VIEW slots AS SELECT 1 AS none"))
         writer.append(record(1))
         assert writer.flush()
-        assert writer.status().trouble is not None
+        assert writer.status().problem is not None
         assert writer.status().shed == 0
         with engine.begin() as connection:
             connection.execute(text("DROP VIEW slots"))
             connection.execute(text("ALTER TABLE hidden RENAME TO slots"))
-        wait_for(lambda: writer.status().trouble is None)
+        wait_for(lambda: writer.status().problem is None)
     assert stored_slots(url) == [0, 1]
     assert [e.kind for e in events] == ["store-trouble", "store-recovered"]
 
@@ -107,7 +107,7 @@ def test_row_that_the_server_cannot_hold_is_refused_alone(
         writer.event(Event(6, "said", "half a pair \ud800"))
         writer.append(record(1))
         assert writer.flush()
-        assert writer.status().trouble is None
+        assert writer.status().problem is None
     assert stored_slots(url) == [0, 1]
     kinds = {row["kind"] for row in Store(url).rows("events", 0)}
     assert "store-refused" in kinds and "said" not in kinds
@@ -186,7 +186,7 @@ def test_password_is_in_no_message(with_password: str, run: Runs) -> None:
     try:
         said.append(shown(with_password))
         with StoreWriter(with_password, run(), QUICK, report=events.append) as writer:
-            said.append(writer.status().trouble or "")
+            said.append(writer.status().problem or "")
     except InputError as error:
         said.append(str(error))
     with pytest.raises(InputError) as refused:

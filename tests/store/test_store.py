@@ -51,7 +51,7 @@ def fill(place: Place, record: Records, run: Runs) -> Place:
         assert writer.flush()
         status = writer.status()
     assert status.acknowledged_slot == NUM_SLOTS - 1
-    assert (status.waiting, status.spooled, status.shed, status.trouble) == (0, 0, 0, None)
+    assert (status.waiting, status.spooled, status.shed, status.problem) == (0, 0, 0, None)
     return place
 
 

@@ -81,7 +81,7 @@ def test_damage_while_running_starts_a_new_database(
         for slot in range(300, 330):
             writer.append(record(slot), wait=True)
             time.sleep(0.01)
-        wait_for(lambda: writer.status().trouble is None and writer.status().spooled == 0)
+        wait_for(lambda: writer.status().problem is None and writer.status().spooled == 0)
         assert writer.flush()
     assert list(tmp_path.glob("live.db.corrupt-*"))
     assert stored_slots(path)[-1] == 329
@@ -134,7 +134,7 @@ def test_damage_that_no_commit_meets_is_found(
             time.sleep(0.01)
             assert slot < 3000, "nobody noticed"
         writer.append(record(slot))
-        wait_for(lambda: writer.status().trouble is None and writer.status().spooled == 0)
+        wait_for(lambda: writer.status().problem is None and writer.status().spooled == 0)
         assert writer.flush()
     assert stored_slots(path)[-1] == slot
     assert len([event for event in reported if event.kind == "store-corrupt"]) == 1

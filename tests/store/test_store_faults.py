@@ -99,7 +99,7 @@ def test_full_disk_goes_to_the_spool_and_comes_back(
                 os.write(handle, bytes(4096))
         os.close(handle)
         slowest_s, slot = 0.0, 50
-        while writer.status().trouble is None:
+        while writer.status().problem is None:
             before_s = time.perf_counter()
             assert writer.append(record(slot))
             slowest_s = max(slowest_s, time.perf_counter() - before_s)
@@ -117,7 +117,7 @@ def test_full_disk_goes_to_the_spool_and_comes_back(
         held = stored_slots(path)
         assert len(held) < slot, "readers go on, with what there is"
         ballast.unlink()
-        wait_for(lambda: writer.status().trouble is None)
+        wait_for(lambda: writer.status().problem is None)
         writer.append(record(slot + 100))
         assert writer.flush()
         assert writer.status().spooled == 0
@@ -149,11 +149,11 @@ def test_spool_is_bounded_and_keeps_the_newest(
         for slot in range(1500):
             assert writer.append(record(slot), wait=True)
         assert writer.flush()
-        assert writer.status().trouble == "database or disk is full"
+        assert writer.status().problem == "database or disk is full"
         assert writer.status().shed > 0
         assert spool.stat().st_size <= QUICK.spool_bytes + 100_000
         page_limit[0] = 2**30
-        wait_for(lambda: writer.status().trouble is None)
+        wait_for(lambda: writer.status().problem is None)
         assert writer.flush()
         kept = stored_slots(path)
         assert kept[-1] == 1499

@@ -107,8 +107,8 @@ def test_upgrade_that_fails_leaves_the_store_as_it_was(
 
     monkeypatch.setitem(migrations.STEPS, 2, stumble)
     with StoreWriter(old, run()) as writer:
-        trouble = writer.status().trouble
-    assert trouble is not None and "what_is_not_there" in trouble
+        problem = writer.status().problem
+    assert problem is not None and "what_is_not_there" in problem
     assert tables(old) == before
     assert len(Store(old).query()) == 2 * SLOTS
 

@@ -169,7 +169,7 @@ def adjust_all(
     used = np.flatnonzero(there & (views >= 2))
     if len(used) < MIN_SHARED:
         return None
-    used = thinned(used, views[used], most_points)
+    used = subsampled(used, views[used], most_points)
     free = done.copy()
     free[int(np.flatnonzero(done)[0])] = False
     focal = np.where(done, focal_sigma, 0.0)
@@ -180,7 +180,7 @@ def adjust_all(
     return PointRig(adjusted, used, done.copy())
 
 
-def thinned(used: NDArray[np.int64], views: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+def subsampled(used: NDArray[np.int64], views: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """Return so many of the points `used`, evenly; those of three or more `views` count double."""
     if len(used) <= most:
         return used

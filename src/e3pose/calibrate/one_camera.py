@@ -14,7 +14,7 @@ from e3pose.calibrate.from_people import (
     ROUGH_SIGMAS,
     match_people,
 )
-from e3pose.calibrate.from_points import OUTLIER_SIGMAS, thinned
+from e3pose.calibrate.from_points import OUTLIER_SIGMAS, subsampled
 from e3pose.calibrate.triangulation import place_points
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
@@ -80,7 +80,7 @@ def place_one(recording: Recording, noise: Noise, rig: Rig, camera_id: str) -> O
                 f"expected at least {MIN_POINTS} with {MIN_OTHERS}: let somebody walk through "
                 "what it sees"
             )
-        used = thinned(used, seen[:, used].sum(axis=0), FINAL_POINTS)
+        used = subsampled(used, seen[:, used].sum(axis=0), FINAL_POINTS)
         adjusted = adjust_points(
             current,
             points[used],

@@ -89,7 +89,7 @@ class VideoRecorder:
         self._file: VideoFile | None = None
         self._part = (0, -1)
         self._begin_ns = self._trim_ns = self._retry_ns = 0
-        self._trouble = ""
+        self._problem = ""
         self._thread = threading.Thread(target=self._work, name="video", daemon=True)
         self._thread.start()
 
@@ -143,9 +143,9 @@ class VideoRecorder:
     def _write(self, taken: _Taken) -> bool:
         """Write a frame; return whether that went well. Tells of trouble when it comes and goes."""
         done = self._try(lambda: self._put(taken))
-        if done and self._trouble:
+        if done and self._problem:
             self._report("recording video again")
-            self._trouble = ""
+            self._problem = ""
         if self.dropped and not self._told_dropped:
             self._told_dropped = True
             self._report("video: frames are left out, encoder or disk is too slow")
@@ -156,9 +156,9 @@ class VideoRecorder:
             action()
         except (OSError, ValueError) as error:  # PyAV's errors are both
             reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
-            if not self._trouble:
+            if not self._problem:
                 self._report(f"not recording video: {reason.lower()}")
-            self._trouble, self._file = reason, None
+            self._problem, self._file = reason, None
             return False
         return True
 

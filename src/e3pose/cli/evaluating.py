@@ -109,7 +109,7 @@ def evaluate(
         if leads is None:
             raise InputError("--plot: found no --leads, expected --leads for its axis")
     check_outputs(recording, {"--json": json_file, "--plot": plot})
-    source = faults.thinned(load_placed(recording))
+    source = faults.downsampled(load_placed(recording))
     names = _names(_usual(loop) if policies is None else policies)
     counts = [None] if cameras is None else [*numbers_of("--cameras", cameras, "1.15,2")]
     loops = _balances(loop)

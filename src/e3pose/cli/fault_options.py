@@ -33,7 +33,7 @@ class FaultOptions:
         """Return what goes wrong; raise `InputError` for what cannot.
 
         Args:
-            recording: as `thinned` returns it.
+            recording: as `downsampled` returns it.
             watts: what each camera draws when active, and when not.
         """
         from e3pose.evaluate.faults import arriving, deaths_s, parse_kill
@@ -44,8 +44,8 @@ class FaultOptions:
         arriving(len(recording.rig), day.loss, 0, 0)
         return day
 
-    def thinned(self, recording: Recording) -> Recording:
+    def downsampled(self, recording: Recording) -> Recording:
         """Return the recording at the frame rate that is asked for."""
-        from e3pose.evaluate.faults import thinned
+        from e3pose.evaluate.faults import downsampled
 
-        return recording if self.fps is None else thinned(recording, self.fps)
+        return recording if self.fps is None else downsampled(recording, self.fps)

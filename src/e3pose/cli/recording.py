@@ -93,8 +93,8 @@ def record(
 
         with suppress(KeyboardInterrupt):
             run_site(programs, stopped, console.print)
-    if server.crew.failure is not None:
-        raise server.crew.failure
+    if server.threads.failure is not None:
+        raise server.threads.failure
     _report(server, table)
 
 
@@ -111,8 +111,8 @@ def _plan(table: SiteTable, dest: Path, for_s: float | None) -> RecordingPlan:
 
 
 def _progress(server: RecordServer) -> str:
-    if server.slots == 0 and (troubles := server.troubles()):
-        missing = "; ".join(f"{name}: {why}" for name, why in troubles.items())
+    if server.slots == 0 and (problems := server.problems()):
+        missing = "; ".join(f"{name}: {why}" for name, why in problems.items())
         return f"waiting for cameras: {missing}"
     seconds = server.slots / server.plan.fps
     ids = server.plan.rig.camera_ids
@@ -122,7 +122,7 @@ def _progress(server: RecordServer) -> str:
 
 def _report(server: RecordServer, table: SiteTable) -> None:
     if server.written is None:
-        reasons = "; ".join(f"{name}: {why}" for name, why in server.troubles().items())
+        reasons = "; ".join(f"{name}: {why}" for name, why in server.problems().items())
         raise InputError(f"nothing was recorded{': ' if reasons else ''}{reasons}")
     plan = server.plan
     slots = plural(server.slots, "slot")

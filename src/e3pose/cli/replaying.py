@@ -101,7 +101,7 @@ def replay(
         )
     outputs = {"--poses": poses, "--json": json_file, "--report": report}
     check_outputs(recording, {"--store": store.file(), **outputs})
-    source = faults.thinned(load_placed(recording))
+    source = faults.downsampled(load_placed(recording))
     posteriors: list[Posterior] = []
 
     def keep_posterior(people: People) -> None:

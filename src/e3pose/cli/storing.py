@@ -100,9 +100,9 @@ def stored(
             yield record
         writer.flush(60.0)
         status = writer.status()
-    if status.trouble is not None or status.shed:
+    if status.problem is not None or status.shed:
         raise InputError(
             f"{Path(options.store).name}: {plural(status.spooled, 'row')} not stored, "
-            f"{status.shed} given up ({status.trouble or 'no room'}), "
+            f"{status.shed} given up ({status.problem or 'no room'}), "
             "expected a database that takes them all"
         )

@@ -1,8 +1,7 @@
 """Save and restore the state of the loop, so that a killed edge resumes.
 
-Everything that one slot hands to the next is a value: nested frozen records of arrays and numbers.
-It is taken apart by the names of their fields and put together again after the pattern of an
-initial state; nothing is pickled.
+The state is a value: nested frozen records of arrays and numbers. It is flattened by field names
+and rebuilt along the structure of an initial state; nothing is pickled.
 """
 
 from __future__ import annotations
@@ -35,14 +34,14 @@ MAX_NS = 2**62  # the year 2116: what is added to it still fits 64 bits
 MAX_ID = 2**53
 MAX_VALUE = 1e15  # in whatever unit
 ABOUT = "about"
-FORGOTTEN = {"shown", "focused"}  # of the slots before, which are history when the edge is back
-DAMAGE = (*BROKEN, struct.error)  # what archives raise that are none, or no longer
+FORGOTTEN = {"shown", "focused"}  # of earlier slots, which are over when the edge resumes
+DAMAGE = (*BROKEN, struct.error)  # what damaged or foreign archives raise
 Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """A moment of an edge.
+    """The state of an edge at one time.
 
     Attributes:
         state: of the loop.
@@ -69,7 +68,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint, pipeline: Pipeline) -> N
         "made_ns": checkpoint.made_ns,
         "run_ns": checkpoint.run_ns,
     }
-    arrays = take_apart(checkpoint.state)
+    arrays = flatten(checkpoint.state)
     arrays[ABOUT] = np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)
     with atomic_file(path, private=True) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]
@@ -106,12 +105,12 @@ def load_checkpoint(path: Path, pipeline: Pipeline) -> Checkpoint:
         if not low <= value <= high:
             raise InputError(f"{path}: {name}: found {str(value)[:40]}, expected {low} to {high}")
     pattern = initial_state(replace(pipeline, lead_slots=lead))
-    state = put_together(pattern, arrays, str(path))
-    _check_values(take_apart(state), len(pipeline.rig), pipeline.interval_s, str(path))
+    state = rebuild(pattern, arrays, str(path))
+    _check_values(flatten(state), len(pipeline.rig), pipeline.interval_s, str(path))
     return Checkpoint(state, origin, lead, made, run)
 
 
-def take_apart(value: Any, name: str = "state") -> Arrays:
+def flatten(value: Any, name: str = "state") -> Arrays:
     """Return the arrays and numbers of nested records, by the names of their fields."""
     if is_dataclass(value):
         parts = [(item.name, getattr(value, item.name)) for item in fields(value)]
@@ -122,12 +121,12 @@ def take_apart(value: Any, name: str = "state") -> Arrays:
     found: Arrays = {}
     for part, item in parts:
         if part not in FORGOTTEN:
-            found.update(take_apart(item, f"{name}.{part}"))
+            found.update(flatten(item, f"{name}.{part}"))
     return found
 
 
-def put_together(pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
-    """Return a value like `pattern`, with the arrays that `take_apart` found.
+def rebuild(pattern: Any, arrays: Mapping[str, NDArray[Any]], where: str) -> Any:
+    """Return a value with the structure of `pattern` and the arrays of `flatten`.
 
     An axis that is empty in the pattern may have any length, the same in all arrays of a record.
 
@@ -154,7 +153,7 @@ def _unpacked(file: BinaryIO, size: int) -> Arrays:
 
 
 def _check_values(arrays: Arrays, num_cameras: int, interval_s: float, where: str) -> None:
-    """Raise `InputError` for values that no loop leaves behind, on which it might end or hang."""
+    """Raise `InputError` for values that no loop produces and that might stop or hang it."""
     slot = int(arrays["state.slot"])
     last_id = max(int(a) for name, a in arrays.items() if name.endswith("next_id")) - 1
     bounds = {  # by the last word of the name; of anything else there is one a slot and camera

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class Sink(Protocol):
-    """Who keeps what happened; `store.StoreWriter` is one. Its methods return at once."""
+    """Stores slots and events; `store.StoreWriter` is one. Its methods return at once."""
 
     def append(
         self,
@@ -35,36 +35,36 @@ class Sink(Protocol):
         energy_j: NDArray[np.float64] | None = None,
         wait: bool = False,
     ) -> bool:
-        """Keep a slot."""
+        """Store a slot."""
         ...
 
     def event(self, event: Event) -> bool:
-        """Keep an event."""
+        """Store an event."""
         ...
 
     def status(self) -> WriterStatus:
-        """Return how the keeping goes."""
+        """Return the status of the store."""
         ...
 
 
 class Learner(Protocol):
-    """Who improves the predictor while the edge runs; `learning.OnlineTrainer` is one."""
+    """Improves the predictor while the edge runs; `learn.online.OnlineTrainer` is one."""
 
     def collect(self, record: SlotRecord) -> None:
-        """Take in a slot."""
+        """Collect a slot."""
         ...
 
     def poll(self) -> Predictor | None:
-        """Return a better predictor to use from now on, if there is one."""
+        """Return a better predictor to use from now on, or None."""
         ...
 
 
 class Controls(Protocol):
-    """What operators ask of a running edge; `site.control.SiteControls` is one."""
+    """Requests of operators to a running edge; `site.control.SiteControls` is one."""
 
     @property
     def paused(self) -> frozenset[str]:
-        """Cameras that are left out."""
+        """Cameras that operators paused."""
         ...
 
     def answer(self, payload: bytes) -> bytes:
@@ -78,15 +78,15 @@ class Controls(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consumers:
-    """To whom an edge hands what it gets and makes.
+    """Consumers of what an edge receives and computes.
 
     Attributes:
-        sink: keeps every slot.
+        sink: stores every slot.
         learner: improves the predictor.
-        ledger: keeps what cameras spend and may spend.
-        controls: what operators ask for.
-        recorder: keeps what cameras saw, as recordings.
-        watch: notices that a camera was knocked.
+        ledger: tracks what cameras spend and may spend.
+        controls: requests of operators.
+        recorder: writes the views of cameras as recordings.
+        watch: detects that a camera was knocked.
         on_beat: called with every heartbeat, on a thread of the transport.
     """
 
@@ -99,36 +99,36 @@ class Consumers:
     on_beat: Callable[[Heartbeat], None] = lambda beat: None
 
     def paused(self) -> frozenset[str]:
-        """Return the cameras that operators had left out."""
+        """Return the cameras that operators paused."""
         return frozenset() if self.controls is None else self.controls.paused
 
     def listen(self, transport: Transport, site: str) -> None:
-        """Answer operators from now on."""
+        """Start to answer operators."""
         controls = self.controls
         if controls is not None:
             transport.answer(of_site(site, "control"), lambda _, asked: controls.answer(asked))
 
     def take(self, beat: Heartbeat) -> None:
-        """Hand on a heartbeat; on a thread of the transport."""
+        """Pass on a heartbeat; on a thread of the transport."""
         if self.ledger is not None:
             self.ledger.take(beat)
         self.on_beat(beat)
 
-    def saw(self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
-        """Hand on the views of a slot, by camera, and who was found in them."""
+    def observe(self, record: SlotRecord, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
+        """Pass on the views of a slot, by camera, and its record."""
         if self.recorder is not None:
             self.recorder.keep(record.slot, time_ns, arrivals)
         if self.watch is not None:
-            self.watch.saw(record, {camera: one.poses for camera, one in arrivals.items()})
+            self.watch.observe(record, {camera: one.poses for camera, one in arrivals.items()})
 
     @property
     def turned(self) -> tuple[int, float] | None:
-        """The camera that was knocked and degrees, if one was."""
+        """The knocked camera and its rotation in degrees, or None."""
         knock = None if self.watch is None else self.watch.knock
         return None if knock is None else (knock.camera, knock.degrees)
 
     def keep(self, record: SlotRecord, time_ns: int) -> None:
-        """Hand on a slot that was computed."""
+        """Pass on a computed slot."""
         if self.sink is not None:
             spent_j = None if self.ledger is None else self.ledger.spent_j(record.selected)
             self.sink.append(record, time_ns=time_ns, energy_j=spent_j)
@@ -136,15 +136,15 @@ class Consumers:
     def improved(
         self, pipeline: Pipeline, record: SlotRecord
     ) -> tuple[Pipeline, list[tuple[str, str, str | None]]]:
-        """Return the parts to go on with, between two slots, and what to tell of them.
+        """Return the pipeline for the next slot, and events.
 
         Args:
-            pipeline: the parts so far.
-            record: of the slot that was computed.
+            pipeline: of the slot just computed.
+            record: of that slot.
 
         Returns:
-            Other budgets and a better predictor, where there are any; kind, line and camera of
-            what a person should know.
+            The pipeline with new budgets and a better predictor, if any; and kind, message and
+            camera of each event.
         """
         events: list[tuple[str, str, str | None]] = []
         if self.controls is not None:
@@ -165,4 +165,4 @@ class Consumers:
         return pipeline, events
 
 
-NOBODY = Consumers()
+NO_CONSUMERS = Consumers()

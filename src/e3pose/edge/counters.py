@@ -14,12 +14,12 @@ MINUTE_S = 60.0
 
 @dataclass(slots=True, eq=False)
 class Durations:
-    """The newest durations of one thing."""
+    """The newest durations of one operation."""
 
     samples_ns: deque[int] = field(default_factory=lambda: deque(maxlen=MAX_SAMPLES))
 
     def add(self, duration_ns: int) -> None:
-        """Take in one."""
+        """Add one."""
         self.samples_ns.append(duration_ns)
 
     def median_and_99_ms(self) -> tuple[float, float]:
@@ -33,14 +33,14 @@ class Durations:
 
 @dataclass(slots=True, eq=False)
 class Counts:
-    """What is counted while an edge runs.
+    """Counters of a running edge.
 
     Attributes:
         slots: slots computed.
-        lost: slots that were given up.
-        views: views that came in time.
-        ordered: `(num_cameras,)` slots in which each camera was wanted.
-        missed: `(num_cameras,)` of those, slots for which no view came in time.
+        lost: slots skipped.
+        views: views that arrived in time.
+        ordered: `(num_cameras,)` slots for which each camera was selected.
+        missed: `(num_cameras,)` of those, slots without a view in time.
         first_ns: when the first slot was computed.
         latency: from the last view's arrival to the poses.
         stepping: computing of a slot.
@@ -66,7 +66,7 @@ class Counts:
         self._looked = np.zeros(self.num_cameras, dtype=np.int64)
 
     def looked(self, selected: NDArray[np.bool_]) -> None:
-        """Take in who looked in a slot."""
+        """Add the selection of a slot."""
         self._selected.append(selected)
         change = selected.astype(np.int64)
         if len(self._selected) > max(1, round(MINUTE_S / self.interval_s)):
@@ -74,11 +74,11 @@ class Counts:
         self._looked = self._looked + change  # replaced whole: another thread reads it
 
     def duty(self) -> NDArray[np.float64]:
-        """Return `(num_cameras,)`: share of the last minute's slots in which each looked."""
+        """Return `(num_cameras,)`: share of the last minute's slots in which each was active."""
         return np.asarray(self._looked / max(len(self._selected), 1))
 
     def fps(self, now_ns: int) -> float:
-        """Return slots a second since the first."""
+        """Return slots per second since the first."""
         if self.first_ns is None:
             return 0.0
         run_s = max((now_ns - self.first_ns) / 1e9, self.interval_s)

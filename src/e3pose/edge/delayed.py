@@ -17,7 +17,7 @@ from e3pose.wire.site_messages import Poses
 
 @dataclass
 class DelayedPoses:
-    """Who was shown in recent slots, until enough later ones are known.
+    """Published people of recent slots, held until enough later slots are known.
 
     Attributes:
         joints: names of the skeleton's joints.
@@ -33,14 +33,14 @@ class DelayedPoses:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: slots that wait are never told."""
+        """Start again: slots that wait are never published."""
         tree = grow(Skeleton("", tuple(self.joints), ()))
         self._lag, self._waiting = FixedLag(tree, self.lag_slots), deque()
 
     def push(
         self, slot: int, time_ns: int, people: People, now_ns: Callable[[], int]
     ) -> Poses | None:
-        """Take in the newest slot; return the message of the one `lag_slots` before it.
+        """Add the newest slot; return the message of the one `lag_slots` before it.
 
         Args:
             slot: the newest.
@@ -63,10 +63,10 @@ class DelayedPoses:
 
 
 def lag_slots(delay_s: float, interval_s: float) -> int:
-    """Return how many slots a delay is, one at least.
+    """Return a delay in slots, at least one.
 
     Args:
-        delay_s: how much later poses are told again; above 0.
+        delay_s: how much later smoothed poses are published; above 0.
         interval_s: of a slot.
     """
     return max(1, round(delay_s / interval_s))

@@ -31,7 +31,7 @@ RECORDING = "recording"  # the part of a reading that recording video took, in a
 
 
 class EnergyLedger:
-    """Keeps what is known of every camera's energy; `take` and `estimate` on any thread."""
+    """The energy of every camera; `take` and `estimate` may be called on any thread."""
 
     def __init__(
         self,
@@ -44,17 +44,17 @@ class EnergyLedger:
         now_ns: Callable[[], int],
         keep: Callable[[EnergyReading], Any] | None = None,
     ) -> None:
-        """Begin with what the profiles say.
+        """Start from the power profiles.
 
         Args:
             camera_ids: `(num_cameras,)` of the rig.
-            profiles: `(num_cameras,)` what each is taken to draw until it was measured.
+            profiles: `(num_cameras,)` assumed power until it is measured.
             idle_modes: `(num_cameras,)` what each does in slots without an order.
             budgets: `(num_cameras,)` what each may spend.
             interval_s: seconds a slot.
             num_selected: cameras that are to be active in a slot.
             now_ns: nanoseconds since 1970.
-            keep: told what meters said, such as `StoreWriter.energy`.
+            keep: called with meter readings, such as `StoreWriter.energy`.
         """
         self._index = {camera_id: index for index, camera_id in enumerate(camera_ids)}
         self._cameras: list[CameraEnergy] = [
@@ -65,10 +65,10 @@ class EnergyLedger:
         self._lock = threading.Lock()
         self._estimate = self._estimated()
         self._last: EnergyEstimate | None = None
-        self._estimated_ns: int | None = None  # nobody has asked yet
+        self._estimated_ns: int | None = None  # before the first call
 
     def take(self, beat: Heartbeat) -> None:
-        """Take in a heartbeat; those of cameras that the rig does not have are left out."""
+        """Add a heartbeat; those of cameras outside the rig are ignored."""
         index = self._index.get(beat.camera_id)
         if index is None:
             return
@@ -91,7 +91,7 @@ class EnergyLedger:
                 self._keep(EnergyReading(end_ns, beat.camera_id, video_j, span_s, RECORDING))
 
     def change(self, budgets: Sequence[Budget], num_selected: float) -> None:
-        """Go on with other budgets, from the next slot on.
+        """Use other budgets from the next slot on.
 
         Args:
             budgets: `(num_cameras,)` what each may spend.
@@ -102,7 +102,7 @@ class EnergyLedger:
             self._estimated_ns = None
 
     def estimate(self) -> tuple[EnergyEstimate, bool]:
-        """Return budgets and costs, worked out anew once a minute, and whether they are new."""
+        """Return budgets and costs, recomputed once a minute, and whether they are new."""
         now_ns = self._now_ns()
         if self._estimated_ns is not None and now_ns - self._estimated_ns < UPDATE_S * 1e9:
             return self._estimate, False
@@ -111,10 +111,10 @@ class EnergyLedger:
         return self._estimate, True
 
     def updated(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str | None, str]]]:
-        """Return a pipeline with the budgets and costs of the present, between two slots.
+        """Return a pipeline with the current budgets and costs; call it between slots.
 
-        Also what a person should know, each with the camera that it is about: costs that were
-        measured for the first time or no longer are, budgets that pay for too little.
+        Also returns messages for operators, each with its camera: costs measured for the first
+        time, or no longer; budgets that are too small.
         """
         estimate, new = self.estimate()
         if not new:
@@ -155,7 +155,7 @@ class EnergyLedger:
         return events
 
     def spent_j(self, selected: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return `(num_cameras,)` joules that a slot with this selection is charged with."""
+        """Return `(num_cameras,)` joules charged for a slot with this selection."""
         return self._estimate.spent_j(selected)
 
     def _estimated(self) -> EnergyEstimate:

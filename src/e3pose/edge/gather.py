@@ -13,19 +13,19 @@ from numpy.typing import NDArray
 from e3pose.model.pose import Poses2D
 from e3pose.runtime.clock import Clock
 
-MAX_AHEAD_SLOTS = 64  # a view of a slot farther ahead than any order is a clock gone wrong
-LATEST = 25  # late views whose age is remembered: a second of them, about
-WAIT_NS = 50_000_000  # how long to sleep at most between looks at who is still online
+MAX_AHEAD_SLOTS = 64  # a view farther ahead than any order comes from a wrong clock
+LATEST = 25  # late views whose age is kept: about a second of them
+WAIT_NS = 50_000_000  # longest sleep between checks of which cameras are online
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A view and when it came.
+    """A view and when it arrived.
 
     Attributes:
-        poses: what it shows.
+        poses: its 2D poses.
         captured_ns: when its frame was taken, edge time.
-        arrived_ns: when it came.
+        arrived_ns: when it arrived.
     """
 
     poses: Poses2D
@@ -35,11 +35,11 @@ class Arrival:
 
 @dataclass(slots=True, eq=False)
 class Gather:
-    """The views of the slots to come, by slot and camera; bounded, for any threads.
+    """The views of open slots, by slot and camera; bounded and thread-safe.
 
     Attributes:
         slot: the oldest slot that is still open.
-        late: `(num_cameras,)` views that came after their slot was closed.
+        late: `(num_cameras,)` views that arrived after their slot was closed.
     """
 
     num_cameras: int
@@ -55,7 +55,7 @@ class Gather:
         self._late_by_s = [deque(maxlen=LATEST) for _ in range(self.num_cameras)]
 
     def add(self, slot: int, camera: int, arrival: Arrival) -> bool:
-        """Take in a view; return whether its slot is open. A newer view of a slot replaces it."""
+        """Add a view, replacing an older one of its slot; return whether the slot is open."""
         with self._lock:
             if slot < self.slot:
                 self.late[camera] += 1
@@ -71,12 +71,12 @@ class Gather:
             return True
 
     def late_by_s(self) -> NDArray[np.float64]:
-        """Return `(num_cameras,)`: how old the latest views that came late were, at the most."""
+        """Return `(num_cameras,)`: the largest age of recent late views, seconds."""
         with self._lock:
             return np.array([max(ages, default=np.nan) for ages in self._late_by_s])
 
     def wake(self) -> None:
-        """Let `close` look again: a camera came, went, or the program ends."""
+        """Wake up `sleep`: a camera connected or disconnected, or the program ends."""
         with self._lock:
             self._lock.notify_all()
 
@@ -87,9 +87,9 @@ class Gather:
             return [camera for camera in np.flatnonzero(wanted).tolist() if camera not in here]
 
     def sleep(self, clock: Clock, until_ns: int, awaited: Collection[int] = ()) -> None:
-        """Wait until the oldest open slot has the views of some cameras, for a time, or a moment.
+        """Wait until the oldest open slot has the views of some cameras, but not past a time.
 
-        Without such cameras no view ends it.
+        Without such cameras no view ends the wait.
         """
         with self._lock:
             self._awaited = frozenset(awaited)
@@ -100,14 +100,14 @@ class Gather:
                 self._lock.wait(nap_ns / 1e9)
 
     def close(self) -> Mapping[int, Arrival]:
-        """Return the views of the oldest open slot and open the next; what comes now is late."""
+        """Return the views of the oldest open slot and open the next; later arrivals are late."""
         with self._lock:
             views = self._slots.pop(self.slot, {})
             self.slot += 1
             return views
 
     def skip_to(self, slot: int) -> None:
-        """Give up all slots before `slot`."""
+        """Discard all slots before `slot`."""
         with self._lock:
             self.slot = max(self.slot, slot)
             self._slots = {s: views for s, views in self._slots.items() if s >= self.slot}

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.roster import (
-    CameraLife,
+    CameraState,
     Roster,
-    come_or_go,
     flooding,
-    greet,
-    mark_heard,
-    take_beat,
-    take_wrong,
-    trouble,
+    problem,
+    with_heartbeat,
+    with_hello,
+    with_invalid_message,
+    with_message,
+    with_presence,
 )
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
@@ -32,13 +32,13 @@ from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, View
 from e3pose.wire.transport import Transport
 
-PAUSED = "paused"  # in place of a trouble, so that nobody selects it
-FLOOD_WRONG = 64  # of so many unread messages of a flood one counts as making no sense
+PAUSED = "paused"  # a problem, so that the camera is not selected
+FLOOD_WRONG = 64  # one in so many unread messages of a flood counts as invalid
 
 
 @dataclass(eq=False)
 class Inbox:
-    """The receiving side of an edge: one callback a topic, each of them quick.
+    """The receiving side of an edge: one short callback per topic.
 
     Attributes:
         site: name of the site.
@@ -48,11 +48,11 @@ class Inbox:
         gather: where views go.
         clock: the edge's.
         on_delay: called with a camera's index and the delay of orders that it measured, seconds.
-        on_beat: told every heartbeat.
-        paused: returns the cameras that operators had left out.
-        roster: what is known of the cameras; replaced whole, so that readers need no lock.
-        strangers: messages of cameras that the rig does not have.
-        wrong: messages that made no sense.
+        on_beat: called with every heartbeat.
+        paused: returns the cameras that operators paused.
+        roster: the state of the cameras; replaced whole, so that readers need no lock.
+        unknown_senders: messages of cameras that the rig does not have.
+        wrong: invalid messages.
         flooded: messages that were not read because their camera sends too many.
     """
 
@@ -66,11 +66,11 @@ class Inbox:
     on_beat: Callable[[Heartbeat], None]
     paused: Callable[[], frozenset[str]] = frozenset
     roster: Roster = field(init=False)
-    strangers: int = 0
+    unknown_senders: int = 0
     wrong: int = 0
     flooded: int = 0
     _index: dict[str, int] = field(init=False)
-    _topics: dict[str, int] = field(init=False)  # of all that cameras may say
+    _topics: dict[str, int] = field(init=False)  # of all messages of cameras
     _flood_until_ns: list[int] = field(init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -85,7 +85,7 @@ class Inbox:
         self._flood_until_ns = [0] * len(self._index)
 
     def listen(self, transport: Transport) -> None:
-        """Receive from now on."""
+        """Start to receive."""
         for what, receive in (
             ("view", self._view),
             ("hello", self._hello),
@@ -95,73 +95,73 @@ class Inbox:
         transport.watch(topics.of_camera(self.site, topics.ANY, "alive"), self._presence)
         transport.answer(topics.of_camera(self.site, topics.ANY, "clock"), self._clock)
 
-    def troubles(self) -> list[str]:
-        """Return, camera by camera, why it cannot be chosen; empty where it can."""
-        return [self.trouble(index) for index in range(len(self.rig))]
+    def problems(self) -> list[str]:
+        """Return for each camera why it cannot be selected; empty if it can."""
+        return [self.problem(index) for index in range(len(self.rig))]
 
-    def trouble(self, index: int) -> str:
-        """Return why a camera cannot be chosen; empty if it can."""
+    def problem(self, index: int) -> str:
+        """Return why a camera cannot be selected; empty if it can."""
         camera = self.rig.cameras[index]
         if camera.camera_id in self.paused():
             return PAUSED
-        life = self.roster.lives[index]
-        return trouble(life, self.joints, self._size(camera), self.clock.now_ns())
+        state = self.roster.cameras[index]
+        return problem(state, self.joints, self._size(camera), self.clock.now_ns())
 
     def _size(self, camera: Camera) -> tuple[int, int] | None:
-        """Return the size that a camera's images must have; None before it was ever seen."""
+        """Return the required image size of a camera; None if it is not known yet."""
         return camera.image_size if self.rig.placed or not camera.lens_assumed else None
 
     def online(self) -> NDArray[np.bool_]:
-        """Return `(num_cameras,)`: who can be chosen now."""
-        return np.array([not why for why in self.troubles()], dtype=bool)
+        """Return `(num_cameras,)`: cameras that can be selected now."""
+        return np.array([not why for why in self.problems()], dtype=bool)
 
     def orders_late(self) -> NDArray[np.bool_]:
-        """Return `(num_cameras,)`: who said last that orders came too late."""
-        return np.array([life.orders_late for life in self.roster.lives], dtype=bool)
+        """Return `(num_cameras,)`: cameras whose last heartbeat counted late orders."""
+        return np.array([state.orders_late for state in self.roster.cameras], dtype=bool)
 
-    def _change(self, index: int, change: Callable[[CameraLife], CameraLife]) -> CameraLife:
+    def _change(self, index: int, change: Callable[[CameraState], CameraState]) -> CameraState:
         with self._lock:
-            life = change(self.roster.lives[index])
-            self.roster = self.roster.with_life(index, life)
-            return life
+            state = change(self.roster.cameras[index])
+            self.roster = self.roster.with_camera(index, state)
+            return state
 
     def _camera(self, topic: str) -> int | None:
-        """Return the index of the camera that wrote on a topic, None if it is to be ignored.
+        """Return the index of the camera that published on a topic; None to ignore the message.
 
-        This runs for every message of a flood, so it does little before it knows more.
+        This runs for every message of a flood, so it does little before the rate is checked.
         """
         index = self._topics.get(topic)
         if index is None:
-            self.strangers += 1
+            self.unknown_senders += 1
             return None
         now_ns = self.clock.now_ns()
         if self._floods(index, now_ns):
             return None
-        life = self._change(index, lambda life: mark_heard(life, now_ns))
-        if flooding(life, 1 / self.interval_s):
+        state = self._change(index, lambda state: with_message(state, now_ns))
+        if flooding(state, 1 / self.interval_s):
             self._flood_until_ns[index] = (now_ns // 10**9 + 1) * 10**9
         return index
 
     def _floods(self, index: int, now_ns: int) -> bool:
-        """Return whether a camera has said more this second than is read, and count it."""
+        """Return whether a camera exceeds the message rate this second, and count it."""
         if now_ns >= self._flood_until_ns[index]:
             return False
         self.flooded += 1
         if self.flooded % FLOOD_WRONG == 0:
-            self._change(index, lambda life: take_wrong(life, "too many", now_ns))
+            self._change(index, lambda state: with_invalid_message(state, "too many", now_ns))
         return True
 
     def _refuse(self, index: int, error: InputError) -> None:
         now_ns = self.clock.now_ns()
         self.wrong += 1
-        self._change(index, lambda life: take_wrong(life, str(error), now_ns))
+        self._change(index, lambda state: with_invalid_message(state, str(error), now_ns))
 
     def _view(self, topic: str, payload: bytes) -> None:
         arrived_ns = self.clock.now_ns()
         index = self._camera(topic)
         if index is None:
             return
-        camera_id, hello = self.rig.camera_ids[index], self.roster.lives[index].hello
+        camera_id, hello = self.rig.camera_ids[index], self.roster.cameras[index].hello
         joints = tuple(self.joints) if hello is None else hello.joints
         try:
             view = decode(payload, View, camera_id)
@@ -188,7 +188,7 @@ class Inbox:
             self._refuse(index, error)
             return
         now_ns = self.clock.now_ns()
-        self._change(index, lambda life: greet(life, hello, now_ns))
+        self._change(index, lambda state: with_hello(state, hello, now_ns))
 
     def _heartbeat(self, topic: str, payload: bytes) -> None:
         index = self._camera(topic)
@@ -201,7 +201,7 @@ class Inbox:
             self._refuse(index, error)
             return
         now_ns = self.clock.now_ns()
-        self._change(index, lambda life: take_beat(life, beat, now_ns))
+        self._change(index, lambda state: with_heartbeat(state, beat, now_ns))
         if beat.order_delay_ns > 0:
             self.on_delay(index, beat.order_delay_ns / 1e9)
         self.on_beat(beat)
@@ -212,10 +212,10 @@ class Inbox:
         except InputError:
             index = None
         if index is None:
-            self.strangers += 1
+            self.unknown_senders += 1
             return
         now_ns = self.clock.now_ns()
-        self._change(index, lambda life: come_or_go(life, there, now_ns))
+        self._change(index, lambda state: with_presence(state, there, now_ns))
         self.gather.wake()
 
     def _clock(self, topic: str, payload: bytes) -> bytes | None:
@@ -232,7 +232,7 @@ class Inbox:
 
 
 def _with_joints(poses: Poses2D, found: tuple[str, ...], wanted: tuple[str, ...]) -> Poses2D:
-    """Return poses with the joints of the edge's skeleton, whatever those of the detector are."""
+    """Return poses with the joints of the edge's skeleton, from any detector."""
     if found == wanted:
         return poses
     source, target = Skeleton("", found, ()), Skeleton("", wanted, ())

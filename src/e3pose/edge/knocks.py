@@ -1,11 +1,10 @@
-"""Detect a displaced camera from where published people appear in its views.
+"""Detect a displaced camera by comparing published people with its detections.
 
-Every person and every 2D pose of a view whose joints differ by one offset vote for it, whether they
-are one person or not. Where the camera stands as calibrated, votes gather around zero; where it was
-turned, around that turn, which one small rotation of the camera explains for the whole picture.
-Votes of two different people scatter. The estimator's own corrections of small shifts do not matter
-here, as what the detector found is compared; nor does its outlier rejection, which would not let
-the views of a camera that was turned by degrees count.
+Every pair of a person and a 2D pose whose joints differ by a constant offset votes for that offset,
+whether they are the same person or not. If the camera stands as calibrated, votes cluster around
+zero; if it was turned, around one small rotation, which explains them over the whole image. Votes
+of different people scatter. Raw detections are compared, so neither the estimator's correction of
+small shifts nor its outlier rejection hides a displaced camera.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from e3pose.model.pose import Poses2D, Poses3D
 Floats = NDArray[np.float64]
 Counts = NDArray[np.int64]
 
-WINDOW_S = 20.0  # votes older than this are forgotten
-SPAN_S = 8.0  # of votes, before they are asked: people who stand say little
+WINDOW_S = 20.0  # votes older than this are dropped
+SPAN_S = 8.0  # of votes needed: people who stand still carry little information
 MOST_VOTES = 300  # of a camera
 MIN_VOTES = 30
-MOST_TRIED = 60  # votes around which others may gather
+MOST_TRIED = 60  # votes tried as cluster centres
 MIN_JOINTS = 6
 MIN_SCORE = 0.3
 MOST_SIGMA_M = 0.1  # of joints that are compared
@@ -34,17 +33,17 @@ ALIKE = 0.1  # of a person's size: scatter of the joints' offsets in a vote
 MOST_OFFSET = 0.25  # normalised: 14 degrees
 NEAR = 0.012  # normalised: votes that agree, 0.7 degrees
 MIN_SHARE = 0.4  # of the poses of a view whose votes the rotation must explain
-ROLL_SIGMA = 0.03  # radians, as people in the middle of the picture say little of it
+ROLL_SIGMA = 0.03  # radians of roll, which people near the image centre determine badly
 PARTS = 4  # of the window, in time, that must agree
 # Cameras of simulated rigs that stand as calibrated seem turned by up to 0.1 degrees, those of
 # a published calibration of a real room by up to 0.2.
 MOVED_DEG = 0.25
-LEAST_DEG = 0.12  # that each part of the window must say
+LEAST_DEG = 0.12  # in each part of the window
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Watch:
-    """What cameras voted for lately.
+    """Recent votes by camera.
 
     Attributes:
         votes: by camera `(n, 6)`: seconds, number of the 2D pose, x, y and offset, normalised.
@@ -54,7 +53,7 @@ class Watch:
 
     @classmethod
     def begin(cls, num_cameras: int) -> Watch:
-        """Return nothing seen."""
+        """Return a watch without votes."""
         return cls((np.zeros((0, 6)),) * num_cameras)
 
 
@@ -72,12 +71,12 @@ class Knock:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
-    """What a camera saw in a slot, and who was published for it.
+class Observation:
+    """The view of a camera in a slot, and the people published for it.
 
     Attributes:
         time_s: of the slot, in the scene.
-        view: what the detector found, pixels of the real image.
+        view: the detections, pixels of the real image.
         poses: the people published.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of their joints.
     """
@@ -88,29 +87,29 @@ class Sight:
     covariance_m2: Floats
 
 
-def look(watch: Watch, rig: Rig, sights: Mapping[int, Sequence[Sight]]) -> Watch:
-    """Take in some slots.
+def observe(watch: Watch, rig: Rig, observations: Mapping[int, Sequence[Observation]]) -> Watch:
+    """Return the watch with the votes of some more slots.
 
     Args:
-        watch: what was seen before.
-        rig: the calibration in question.
-        sights: by camera, oldest first.
+        watch: earlier votes.
+        rig: the calibration to check.
+        observations: by camera, oldest first.
     """
     votes = list(watch.votes)
-    for index, seen in sights.items():
+    for index, seen in observations.items():
         kept = votes[index]
         kept = kept[kept[:, 0] > seen[-1].time_s - WINDOW_S]
         kept = np.concatenate([kept, _votes(rig.cameras[index], seen)])
-        if len(kept) > MOST_VOTES:  # thinned, so that a crowd does not shorten the window
+        if len(kept) > MOST_VOTES:  # subsampled, so that a crowd does not shorten the window
             kept = kept[np.linspace(0, len(kept) - 1, MOST_VOTES).astype(int)]
         votes[index] = kept
     return Watch(tuple(votes))
 
 
-def _votes(camera: Camera, sights: Sequence[Sight]) -> Floats:
+def _votes(camera: Camera, observations: Sequence[Observation]) -> Floats:
     """Return `(n, 6)` votes, as in `Watch`, of people and poses of one slot that match."""
-    expected, found = _expected(camera, sights), _found(camera, sights)
-    people, poses = _pairs(sights)
+    expected, found = _expected(camera, observations), _found(camera, observations)
+    people, poses = _pairs(observations)
     offsets = found[poses] - expected[people]  # (num_pairs, num_joints, 2)
     known = np.isfinite(offsets[..., 0]).sum(axis=-1) >= MIN_JOINTS
     if not known.any():
@@ -122,16 +121,16 @@ def _votes(camera: Camera, sights: Sequence[Sight]) -> Floats:
     place = _medians(places)
     height = 2 * _medians(np.abs(places - place[:, None]).max(axis=-1, keepdims=True))[:, 0]
     alike = (scatter < ALIKE * height) & (np.linalg.norm(middle, axis=1) < MOST_OFFSET)
-    counts = [len(sight.view) for sight in sights]
+    counts = [len(observation.view) for observation in observations]
     numbers = np.concatenate([np.arange(count) for count in counts])
-    times_s = np.repeat([sight.time_s for sight in sights], counts)
+    times_s = np.repeat([observation.time_s for observation in observations], counts)
     return np.asarray(np.column_stack([times_s[poses], numbers[poses], place, middle])[alike])
 
 
-def _expected(camera: Camera, sights: Sequence[Sight]) -> Floats:
-    """Return `(num_people, num_joints, 2)`, normalised, where people known well should appear."""
-    joints_m = np.concatenate([sight.poses.joints_m for sight in sights])
-    covariance_m2 = np.concatenate([sight.covariance_m2 for sight in sights])
+def _expected(camera: Camera, observations: Sequence[Observation]) -> Floats:
+    """Return `(num_people, num_joints, 2)`: projections of accurate joints, normalised."""
+    joints_m = np.concatenate([observation.poses.joints_m for observation in observations])
+    covariance_m2 = np.concatenate([observation.covariance_m2 for observation in observations])
     sigma_m = np.sqrt(np.trace(covariance_m2, axis1=-2, axis2=-1) / 3)
     in_camera = joints_m @ camera.R.T + camera.t
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -139,27 +138,30 @@ def _expected(camera: Camera, sights: Sequence[Sight]) -> Floats:
         return np.asarray(np.where(clear, in_camera[..., :2] / in_camera[..., 2:], np.nan))
 
 
-def _found(camera: Camera, sights: Sequence[Sight]) -> Floats:
-    """Return `(num_poses, num_joints, 2)`, normalised, where the detector found people."""
-    keypoints_px = np.concatenate([sight.view.keypoints_px for sight in sights])
-    scores = np.concatenate([sight.view.scores for sight in sights])
+def _found(camera: Camera, observations: Sequence[Observation]) -> Floats:
+    """Return `(num_poses, num_joints, 2)`: detections, normalised."""
+    keypoints_px = np.concatenate([observation.view.keypoints_px for observation in observations])
+    scores = np.concatenate([observation.view.scores for observation in observations])
     return camera.normalise(np.where((scores >= MIN_SCORE)[..., None], keypoints_px, np.nan))
 
 
-def _pairs(sights: Sequence[Sight]) -> tuple[Counts, Counts]:
+def _pairs(observations: Sequence[Observation]) -> tuple[Counts, Counts]:
     """Return `(num_pairs,)` rows of people and of poses: all with all of the same slot."""
     people, poses = [], []
     first_person = first_pose = 0
-    for sight in sights:
-        person, pose = np.indices((len(sight.poses), len(sight.view))).reshape(2, -1)
+    for observation in observations:
+        person, pose = np.indices((len(observation.poses), len(observation.view))).reshape(2, -1)
         people.append(first_person + person)
         poses.append(first_pose + pose)
-        first_person, first_pose = first_person + len(sight.poses), first_pose + len(sight.view)
+        first_person, first_pose = (
+            first_person + len(observation.poses),
+            first_pose + len(observation.view),
+        )
     return np.concatenate(people), np.concatenate(poses)
 
 
 def _medians(values: Floats) -> Floats:
-    """Return medians over the second axis of what is known there, the lower of two."""
+    """Return lower medians over the second axis, without NaN."""
     known = np.isfinite(values)
     ranked = np.sort(np.where(known, values, np.inf), axis=1)
     middle = (known.sum(axis=1, keepdims=True) - 1) // 2
@@ -167,19 +169,19 @@ def _medians(values: Floats) -> Floats:
 
 
 def turned_deg(watch: Watch) -> tuple[Floats, Floats]:
-    """Return `(num_cameras,)` by how many degrees each camera seems turned, and its lower bound.
+    """Return `(num_cameras,)` degrees by which each camera seems turned, and lower bounds.
 
-    NaN where too little is seen; the bound is the least of what parts of the window say.
+    NaN where too little is seen; the bound is the minimum over parts of the window.
     """
     found = np.array([_turn(votes) for votes in watch.votes])
     return found[:, 0], found[:, 1]
 
 
 def moved(degrees: Floats, least: Floats) -> Knock | None:
-    """Return the camera that stands elsewhere than calibrated most clearly, if one does.
+    """Return the camera that is most clearly displaced, if one is.
 
-    One at a time: people are drawn along by a camera that was knocked, so that the others seem
-    turned too, by less.
+    Only one at a time: a displaced camera shifts the estimated people, so that the other cameras
+    seem turned too, by less.
 
     Args:
         degrees: as `turned_deg` returns them.
@@ -214,7 +216,7 @@ def _turn(votes: Floats) -> tuple[float, float]:
 
 
 def _most_agreed(offsets: Floats) -> Floats:
-    """Return the offset `(2,)` that most others `(n, 2)` are near, of those tried."""
+    """Return the offset `(2,)` with most neighbours among `(n, 2)`, of those tried."""
     tried = offsets[:: -(-len(offsets) // MOST_TRIED)]
     # Axis by axis: a last axis of two is ten times as slow.
     x, y = (tried[:, axis, None] - offsets[:, axis] for axis in range(2))
@@ -222,7 +224,7 @@ def _most_agreed(offsets: Floats) -> Floats:
 
 
 def _slopes(places: Floats) -> Floats:
-    """Return `(n, 2, 3)`: how normalised places move with a small turn of the camera."""
+    """Return `(n, 2, 3)`: derivatives of normalised places by a small rotation of the camera."""
     x, y = places.T
     return np.stack([
         np.stack([x * y, -(1 + x * x), y], axis=-1),
@@ -231,7 +233,7 @@ def _slopes(places: Floats) -> Floats:
 
 
 def _rotation(slopes: Floats, offsets: Floats) -> Floats:
-    """Return the turn `(3,)` in radians that explains votes best, by least squares."""
+    """Return the rotation `(3,)` in radians that fits votes best, by least squares."""
     rows = slopes.reshape(-1, 3)
     normal, gradient = rows.T @ rows, rows.T @ offsets.reshape(-1)
     normal[2, 2] += (NEAR / ROLL_SIGMA) ** 2

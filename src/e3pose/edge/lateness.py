@@ -8,49 +8,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.pipeline import SlotState
-from e3pose.select.failure_detector import Silence, forgive, patience
+from e3pose.select.failure_detector import Silence, acknowledge_late, patience
 
-# A camera without a view is told of when it was given up so often in a row, which takes 3 s: one
-# that is not there at all is known to be away by then.
+# A camera without views is reported after so many failures in a row, which take 3 s: a camera that
+# is disconnected is known to be offline by then.
 REPORTED_FAILURES = 3
-LONG_S = 60.0  # a view that claims to be older has a wrong clock
+LONG_S = 60.0  # an older view comes from a wrong clock
 
 
-def forgiven(
+def without_late_failures(
     state: SlotState,
     views_late: NDArray[np.bool_],
     orders_late: NDArray[np.bool_],
     interval_s: float,
 ) -> SlotState:
-    """Return the state in which cameras are not thought dead because something came late.
+    """Return the state in which late views and late orders do not count as failures.
 
     Args:
         state: of the loop, between two slots.
-        views_late: `(num_cameras,)` of whom a view came too late since that was last asked.
-        orders_late: `(num_cameras,)` who said last that orders came too late.
+        views_late: `(num_cameras,)` cameras with a late view since the last call.
+        orders_late: `(num_cameras,)` cameras whose last heartbeat counted late orders.
         interval_s: seconds a slot.
     """
     if not (views_late.any() or orders_late.any()):
         return state
-    return replace(state, silence=forgive(state.silence, views_late, orders_late, interval_s))
+    return replace(
+        state, silence=acknowledge_late(state.silence, views_late, orders_late, interval_s)
+    )
 
 
-def oddities(silence: Silence, late_by_s: NDArray[np.float64], interval_s: float) -> list[str]:
-    """Return, camera by camera, why one that is there is of no use; empty where it is.
+def impairments(silence: Silence, late_by_s: NDArray[np.float64], interval_s: float) -> list[str]:
+    """Return for each camera why it is useless although connected; empty if it is useful.
 
     Args:
-        silence: who answers.
-        late_by_s: `(num_cameras,)` how old the views were that came late; NaN where none did.
+        silence: of the failure detector.
+        late_by_s: `(num_cameras,)` age of late views; NaN where none were late.
         interval_s: seconds a slot.
     """
     lives = silence.missed < patience(silence.loss, interval_s)
     return [
-        _oddity(int(failures), bool(alive), float(age_s))
+        _impairment(int(failures), bool(alive), float(age_s))
         for failures, alive, age_s in zip(silence.failures, lives, late_by_s, strict=True)
     ]
 
 
-def _oddity(failures: int, alive: bool, age_s: float) -> str:
+def _impairment(failures: int, alive: bool, age_s: float) -> str:
     if failures and alive and age_s < LONG_S:
         return f"views arrive too late, {age_s * 1e3:.0f} ms after capture"
     return "no views arrive in time" if failures >= REPORTED_FAILURES else ""

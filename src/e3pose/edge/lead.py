@@ -1,7 +1,7 @@
 """The smallest lead at which orders arrive in time, from measured delays.
 
 Every camera reports its own delays. The lead follows the slowest camera, unless that one is far
-behind the others: then the site leaves it behind instead of slowing down for it.
+slower than the others: then it is excluded instead of slowing down the site.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 QUANTILE = 0.9  # of delays that are each the longest of half a second: 99 % of the orders, about
-MAX_SAMPLES = 20  # per camera, ten seconds: slow air must count soon
+MAX_SAMPLES = 20  # per camera, ten seconds: a slow wireless link must count soon
 MIN_SAMPLES = 5
-# How long a smaller lead must have done before it is taken: hysteresis, doubled each time that it
-# soon fails, so that a busy machine does not make the lead go up and down all day.
+# How long a smaller lead must have sufficed before it is taken: hysteresis, doubled each time that
+# it soon fails, so that the lead does not oscillate on a busy machine.
 CALM_SLOTS, LONGEST_CALM_SLOTS = 250, 8000
 SOON_SLOTS = 1000
-MARGIN_SHARE = 0.1  # of a slot, to spare
-MAX_LEAD = 60  # slots; the predictor sees no farther
-# Who would act on what people did two seconds ago does not follow them: nothing that a site does is
-# worth a longer delay, and a camera that reports one is not believed.
+MARGIN_SHARE = 0.1  # of a slot, safety margin
+MAX_LEAD = 60  # slots; the horizon of the predictor
+# Orders from two seconds ago are useless: a longer delay is not worth following, and a camera that
+# reports one is not believed.
 MAX_DELAY_S = 2.0
-# A camera is left behind if its delay is so many times that of the next one, and so much longer.
+# A camera is excluded if its delay is so many times that of the next one, and so much longer.
 FAR_TIMES, FAR_S = 4.0, 0.5
 
 
@@ -37,11 +37,10 @@ class Lead:
         delays_s: by camera, the newest delays from the middle of the slot that was looked at until
             the orders made from it had arrived; oldest first.
         longest_s: by camera, the `QUANTILE` of these; NaN while they are too few.
-        calm: slots for which a smaller lead would have done.
+        calm: slots for which a smaller lead would have sufficed.
         wait: slots of calm after which the smaller one is taken.
-        since_reduced: slots since one was; at most `SOON_SLOTS`.
-        left_behind: cameras whose orders come too late at this lead, as they are far slower than
-            the others.
+        since_reduced: slots since the last reduction; at most `SOON_SLOTS`.
+        left_behind: cameras excluded because they are far slower than the others.
     """
 
     slots: int = 1
@@ -54,7 +53,7 @@ class Lead:
 
 
 def take_in_delay(lead: Lead, camera: int, delay_s: float) -> Lead:
-    """Return the lead with one more delay that a camera measured; one that cannot be is ignored."""
+    """Return the lead with one more delay that a camera measured; impossible ones are ignored."""
     if not (math.isfinite(delay_s) and delay_s >= 0):
         return lead
     new = camera + 1 - len(lead.delays_s)
@@ -67,7 +66,7 @@ def take_in_delay(lead: Lead, camera: int, delay_s: float) -> Lead:
 
 
 def cautious(deadline_s: float, interval_s: float) -> Lead:
-    """Return the lead to begin with: enough even if every slot waits for its deadline."""
+    """Return the initial lead: enough even if every slot waits for its deadline."""
     return Lead(_needed(min(deadline_s, MAX_DELAY_S), interval_s))
 
 
@@ -85,7 +84,7 @@ def adapt(
         interval_s: seconds per slot.
         wake_s: how long the slowest camera takes to wake.
         online: by camera, whether it can be selected. Delays of others do not count, and are
-            forgotten: who comes back runs another program, or over another link.
+            dropped: a camera that comes back runs another program, or uses another link.
 
     Returns:
         The lead with `slots` in 1..`MAX_LEAD`.
@@ -113,7 +112,7 @@ def adapt(
 
 
 def lagging(lead: Lead) -> dict[int, str]:
-    """Return why each camera that is left behind is of no use."""
+    """Return why each excluded camera is useless."""
     return {
         camera: f"too slow: orders take {lead.longest_s[camera]:.1f} s to arrive, "
         "far longer than for the others"

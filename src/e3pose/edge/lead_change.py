@@ -1,4 +1,4 @@
-"""Change the lead between slots, and carry the state over slots that were not computed."""
+"""Change the lead between slots, and advance the state over skipped slots."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from e3pose.pipeline import SlotState
 from e3pose.runtime.clock import SlotTimes
 from e3pose.select.policies.base import Floats
 
-AHEAD_SLOTS = 2  # a state from farther in the future is one whose clock went wrong
-LONGEST_AWAY_S = 60.0  # of a state whose slots and people are still those of now
+AHEAD_SLOTS = 2  # a state from farther in the future was saved with a wrong clock
+LONGEST_AWAY_S = 60.0  # age of a state whose slots and people are still current
 
 
 def still_true(times: SlotTimes, slot: int, now_ns: int, lead_slots: int) -> tuple[SlotTimes, str]:
-    """Return where slots lie, and why they were moved; empty if they were not.
+    """Return the slot times, and why they were moved; empty if they were not.
 
-    They are if the machine's clock was set back since they were laid out, or if so much time seems
-    to have passed that it may as well have been set forward: slots go on with the next number.
+    They are moved if the machine's clock was set back, or if so much time seems to have passed
+    that it may have been set forward: slot numbers continue with the next one.
 
     Args:
-        times: where they lay.
+        times: before.
         slot: the next to compute.
         now_ns: the time.
         lead_slots: slots between an order and the slot it is for.
@@ -38,7 +38,7 @@ def still_true(times: SlotTimes, slot: int, now_ns: int, lead_slots: int) -> tup
 
 
 def lasting(seconds: float) -> str:
-    """Return a time in the unit that makes it easy to grasp: `3.2 s`, `45 min`, `10.0 years`."""
+    """Return a duration in a convenient unit: `3.2 s`, `45 min`, `10.0 years`."""
     for unit, length_s in (("years", 365.25 * 86400), ("days", 86400.0), ("h", 3600.0)):
         if seconds >= 2 * length_s:
             return f"{seconds / length_s:.1f} {unit}"
@@ -48,8 +48,8 @@ def lasting(seconds: float) -> str:
 def with_lead(state: SlotState, lead_slots: int) -> SlotState:
     """Return the state for another lead.
 
-    With a longer one the last decision also holds for the slots in between; with a shorter one
-    the last decisions are made again.
+    A longer lead extends the last decision to the slots in between; a shorter one repeats the
+    last decisions.
 
     Args:
         state: before a slot.
@@ -63,13 +63,13 @@ def with_lead(state: SlotState, lead_slots: int) -> SlotState:
 
 
 def skip_to(state: SlotState, slot: int, budget: Floats) -> SlotState:
-    """Return the state before a later slot, after a time in which nothing was computed.
+    """Return the state before a later slot, after slots that were not computed.
 
-    Everybody may have moved, so all cameras look in the slots that were not decided for; cameras
-    that did nothing meanwhile have saved up.
+    People may have moved, so all cameras are active in slots without a decision; idle cameras have
+    saved energy meanwhile.
 
     Args:
-        state: before the slots that are left out.
+        state: before the skipped slots.
         slot: the next to compute.
         budget: `(num_cameras,)` share of slots allowed.
     """

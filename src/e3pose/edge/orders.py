@@ -1,4 +1,4 @@
-"""Orders to cameras: what each does in a slot, and whether an order can arrive in time."""
+"""Orders to cameras: the mode of each in a slot, and whether an order can arrive in time."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from e3pose.wire.messages import CameraMode, Order
 
 @dataclass(slots=True, eq=False)
 class Orders:
-    """The orders of an edge, and when they went out; for one thread.
+    """The orders of an edge, and when they were sent; for one thread.
 
     Attributes:
         site: name of the site.
@@ -50,21 +50,21 @@ class Orders:
         lead: int,
         expected: Sequence[ExpectedView] | None = None,
     ) -> None:
-        """Tell every camera what to do in a slot.
+        """Send every camera its order for a slot.
 
         Args:
-            times: where slots lie.
+            times: of the slots.
             slot: which.
-            decision: `(num_cameras,)` who is to look.
-            lead: how many slots ahead orders are given at present.
-            expected: `(num_cameras,)` what each that looks will see; None if it is to look at all
-                of its image.
+            decision: `(num_cameras,)` selected cameras.
+            lead: current lead in slots.
+            expected: `(num_cameras,)` expected view of each active camera; None for full-frame
+                detection.
         """
         sent_ns = self._sent_ns[slot] = self.clock.now_ns()
         payloads: dict[str, bytes] = {}
         for index, camera_id in enumerate(self.camera_ids):
-            told = None if expected is None or not decision[index] else expected[index]
-            expected_px, reach_px = packed_expected(told)
+            view = None if expected is None or not decision[index] else expected[index]
+            expected_px, reach_px = packed_expected(view)
             order = Order(
                 camera_id=camera_id,
                 slot=slot,
@@ -82,15 +82,14 @@ class Orders:
         self.outbox.put_all(payloads, slot)
 
     def in_time(self, times: SlotTimes, slot: int) -> bool:
-        """Return whether the orders for a slot went out before it began.
+        """Return whether the orders for a slot were sent before it began.
 
-        An order that went out too late is no reason to wait for a view, nor to think its camera
-        dead.
+        A late order is no reason to wait for a view, nor to consider its camera dead.
         """
         begin_ns = times.begin_ns(slot)
         return self._sent_ns.get(slot, begin_ns + 1) <= begin_ns
 
     def forget_before(self, slot: int) -> None:
-        """Forget when the orders for slots that are over went out."""
+        """Drop the send times of slots that are over."""
         for old in [s for s in self._sent_ns if s < slot]:
             del self._sent_ns[old]

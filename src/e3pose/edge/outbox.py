@@ -11,18 +11,18 @@ MAX_WAITING = 4096
 
 @dataclass(slots=True, eq=False)
 class Outbox:
-    """Messages by what a newer one replaces; for any threads."""
+    """Messages by topic and slot, where newer ones replace older ones; thread-safe."""
 
     _waiting: dict[tuple[str, int], bytes] = field(default_factory=dict)
     _change: threading.Condition = field(default_factory=threading.Condition)
     _closed: bool = False
 
     def put(self, topic: str, payload: bytes, slot: int = -1) -> None:
-        """Let a message wait; it takes the place of one for the same topic and slot."""
+        """Queue a message; it replaces one of the same topic and slot."""
         self.put_all({topic: payload}, slot)
 
     def put_all(self, payloads: Mapping[str, bytes], slot: int = -1) -> None:
-        """Let a message for each topic wait, and wake the sending thread once for all of them."""
+        """Queue a message for each topic, and wake the sending thread once."""
         with self._change:
             for topic, payload in payloads.items():
                 self._waiting.pop((topic, slot), None)
@@ -32,13 +32,13 @@ class Outbox:
             self._change.notify()
 
     def close(self) -> None:
-        """Send what waits and then end."""
+        """Send what is queued, then end."""
         with self._change:
             self._closed = True
             self._change.notify()
 
     def run(self, publish: Callable[[str, bytes, int], None]) -> None:
-        """Send, until closed; the body of the sending thread. `publish` is told the slot too."""
+        """Send until closed; the body of the sending thread. `publish` also gets the slot."""
         while True:
             with self._change:
                 while not self._waiting and not self._closed:

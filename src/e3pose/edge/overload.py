@@ -1,8 +1,8 @@
 """Load shedding: what an edge skips when its machine is too slow, and when it resumes.
 
-Whoever computes longer than a slot lasts falls behind: views wait, orders take longer, the lead
-grows, and a longer lead costs more. Before that happens the edge thins its work, one level at a
-time, and takes it up again once there is room.
+An edge that computes longer than a slot lasts falls behind: views wait, orders take longer, the
+lead grows, and a longer lead costs more. Before that happens the edge sheds load, one level at a
+time, and restores it once there is capacity.
 """
 
 from __future__ import annotations
@@ -24,25 +24,25 @@ WORDS = {
     HALF_RATE: "round robin, in every second slot only",
 }
 AVERAGED_S = 1.0  # the load is a running mean over so long
-HIGH = 0.8  # of a slot: beyond it, the next slot begins late
-LOW = 0.5  # there is room, also for what was left out
-SETTLED_S = 2.0  # a level shows its effect after so long
-CALM_S, LONGEST_CALM_S = 20.0, 640.0  # of low load before a level less; doubled if that fails
-FAILED_S = 20.0  # a level that has to be taken again so soon was given up too early
+HIGH = 0.8  # of a slot: above it, the next slot starts late
+LOW = 0.5  # there is capacity, also for what was shed
+SETTLED_S = 2.0  # time until a level takes effect
+CALM_S, LONGEST_CALM_S = 20.0, 640.0  # of low load before a level is undone; doubled if that fails
+FAILED_S = 20.0  # a level that returns so soon was undone too early
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """How busy an edge is, and how it copes; a value.
+    """The load of an edge, and what it sheds; a value.
 
     Attributes:
         busy: computing time per slot as a share of the slot, a running mean.
-        level: what is left out: `FULL`, `ROUND_ROBIN` or `HALF_RATE`.
-        since_s: how long the level has been so.
-        eased: whether the last change of the level was to leave out less.
+        level: what is shed: `FULL` (nothing), `ROUND_ROBIN` or `HALF_RATE`.
+        since_s: since the last change of the level.
+        eased: whether the last change was to shed less.
         calm_s: how long the load has been low.
-        wait_s: how long it must be low before the next level less.
-        awake: cameras per slot while nothing was left out, a running mean.
+        wait_s: how long it must be low before less is shed.
+        awake: cameras per slot while nothing was shed, a running mean.
     """
 
     busy: float = 0.0
@@ -59,9 +59,9 @@ def after_slot(load: Load, took_s: float, interval_s: float, awake: int) -> Load
 
     Args:
         load: before it.
-        took_s: how long it was computed.
-        interval_s: how long a slot lasts.
-        awake: cameras that looked in it.
+        took_s: its computing time.
+        interval_s: seconds per slot.
+        awake: cameras active in it.
     """
     kept = math.exp(-interval_s / AVERAGED_S)
     busy = kept * load.busy + (1 - kept) * took_s / interval_s
@@ -82,8 +82,8 @@ def after_slot(load: Load, took_s: float, interval_s: float, awake: int) -> Load
     return load
 
 
-def thinned(pipeline: Pipeline, load: Load) -> Pipeline:
-    """Return the pipeline without what is left out at present."""
+def shed_load(pipeline: Pipeline, load: Load) -> Pipeline:
+    """Return the pipeline without what is currently shed."""
     if load.level == FULL:
         return pipeline
     rounds = RoundRobin(load.awake, order=spread_order(pipeline.rig))
@@ -93,7 +93,7 @@ def thinned(pipeline: Pipeline, load: Load) -> Pipeline:
 
 @dataclass(frozen=True, slots=True)
 class EveryOther:
-    """Leave every other slot without a camera."""
+    """Select no camera in every other slot."""
 
     policy: Policy
 

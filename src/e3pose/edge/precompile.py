@@ -9,7 +9,7 @@ from e3pose.pipeline import Pipeline, initial_state, step
 
 
 def warm_up(pipeline: Pipeline) -> None:
-    """Run a few made-up slots through the loop, and forget them."""
+    """Run a few synthetic slots through the loop, and discard them."""
     joints = np.zeros((2, 2, pipeline.num_joints, 3))
     pipeline.predictor.predict(joints, pipeline.interval_s, pipeline.lead_slots)
     if pipeline.steering is not None:

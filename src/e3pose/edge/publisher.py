@@ -19,7 +19,7 @@ from e3pose.wire.codec import encode
 
 
 class Publisher:
-    """Puts people into the outbox, and knows how long after the last view they left it."""
+    """Queues the messages of people, and measures their latency."""
 
     def __init__(
         self,
@@ -29,13 +29,13 @@ class Publisher:
         outbox: Outbox,
         clock: Clock,
     ) -> None:
-        """Begin with nobody.
+        """Start without people.
 
         Args:
             settings: of the edge.
             rig: the cameras.
             interval_s: of a slot.
-            outbox: sends.
+            outbox: the send queue.
             clock: the edge's.
         """
         self._joints, self._outbox, self._clock = settings.joints, outbox, clock
@@ -44,7 +44,7 @@ class Publisher:
         self._delayed_topic = topics.of_site(settings.site, "poses-delayed")
         lag = lag_slots(settings.smooth_delay_s, interval_s)
         self._delayed = DelayedPoses(settings.joints, lag) if settings.smooth_delay_s else None
-        self._last_in_ns: dict[int, int] = {}  # slot to when its last view came, until published
+        self._last_in_ns: dict[int, int] = {}  # slot to arrival of its last view, until published
         self._newest: tuple[int, int, People] | None = None  # the newest slot, its time and people
 
     def publish(
@@ -60,9 +60,9 @@ class Publisher:
         Args:
             slot: which.
             time_ns: when it was.
-            people: who was there.
-            came_ns: camera to when its view came, of those selected.
-            selected: `(num_cameras,)` who was to look.
+            people: its people.
+            came_ns: camera to arrival time of its view, of those selected.
+            selected: `(num_cameras,)` selected cameras.
         """
         self._newest = slot, time_ns, people
         self._last_in_ns = {slot: max(*came_ns.values(), time_ns)} if came_ns else {}
@@ -79,7 +79,7 @@ class Publisher:
         self._outbox.put(self._topic, encode(message), slot)
 
     def publish_delayed(self, busy: bool) -> int:
-        """Publish an earlier slot, smoothed, unless there is too much to do; return the time."""
+        """Publish an earlier slot, smoothed, unless the edge is busy; return the ns it took."""
         if self._delayed is None or self._newest is None:
             return 0
         if busy:
@@ -92,6 +92,6 @@ class Publisher:
         return self._clock.now_ns() - begun_ns
 
     def latency_ns(self, topic: str, slot: int) -> int | None:
-        """Return how long ago the last view of a slot came whose people just left; None of else."""
+        """Return the time since a slot's last view for people just sent; None of other topics."""
         last_ns = self._last_in_ns.pop(slot, None) if topic == self._topic else None
         return None if last_ns is None else self._clock.now_ns() - last_ns

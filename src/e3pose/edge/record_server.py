@@ -1,7 +1,6 @@
 """Record the views of all cameras of a site that needs no calibration.
 
-All cameras look in every slot. Nothing is computed, so it does not matter when a view arrives, as
-long as it does.
+All cameras are active in every slot. Nothing is computed, so late views are not a problem.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
-from e3pose.edge.threads import Crew
+from e3pose.edge.threads import ThreadGroup
 from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
 from e3pose.recording.calibration.world import assumed_rig
@@ -27,25 +26,25 @@ from e3pose.runtime.clock import Clock, SlotTimes
 from e3pose.wire import topics
 from e3pose.wire.transport import Transport
 
-AHEAD_S = 0.6  # orders go out before their slot
+AHEAD_S = 0.6  # orders are sent so long before their slot
 PATIENCE_S = 2.0  # for views, beyond the end of their slot
-LONE_S = 20.0  # to wait for further cameras once one is there
+LONE_S = 20.0  # to wait for further cameras once one is connected
 END_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingPlan:
-    """What is to be recorded.
+    """What to record.
 
     Attributes:
         dest: the folder to make.
         site: name of the site.
-        rig: its cameras, as far as they are known.
+        rig: its cameras, as far as known.
         skeleton: of the keypoints.
         fps: slots a second of the scene.
         pace: seconds of the scene that pass in a second.
-        detector: whose noise the keypoints have; empty to take what the cameras say.
-        for_s: seconds of the scene to record; None until it is stopped.
+        detector: whose noise the keypoints have; empty to use the names that cameras report.
+        for_s: seconds of the scene to record; None to record until stopped.
     """
 
     dest: Path
@@ -59,10 +58,10 @@ class RecordingPlan:
 
 
 class RecordServer:
-    """Records until stopped, or as long as planned. Use as a context manager."""
+    """Records until stopped or for a given time. Use as a context manager."""
 
     def __init__(self, plan: RecordingPlan, transport: Transport, clock: Clock) -> None:
-        """Make a recorder of a site.
+        """Create a recorder for a site.
 
         Args:
             plan: what to record.
@@ -81,7 +80,7 @@ class RecordServer:
             plan.site, plan.rig.camera_ids, ["power-saving"] * len(plan.rig),
             clock.now_ns() // 1000, self.outbox, clock,
         )  # fmt: skip
-        self.crew = Crew(self._wake)
+        self.threads = ThreadGroup(self._wake)
         self.done = threading.Event()
         self.slots = 0
         self.people = np.zeros(len(plan.rig), dtype=np.int64)  # seen by each camera so far
@@ -91,26 +90,26 @@ class RecordServer:
     def __enter__(self) -> RecordServer:
         self.inbox.listen(self.transport)
         self.transport.be_present(topics.of_site(self.plan.site, "alive"))
-        self.crew.start("sending", lambda: self.outbox.run(self._publish))
-        self.crew.start("recording", self._run)
+        self.threads.start("sending", lambda: self.outbox.run(self._publish))
+        self.threads.start("recording", self._run)
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.crew.stop()
+        self.threads.stop()
         self.gather.wake()
-        self.crew.join(END_S, without="sending")
+        self.threads.join(END_S, without="sending")
         self.outbox.close()
-        self.crew.join(END_S)
+        self.threads.join(END_S)
         self.transport.close()
 
     def running(self) -> bool:
-        """Return whether it still records."""
-        return self.crew.running() and not self.done.is_set()
+        """Return whether it is still recording."""
+        return self.threads.running() and not self.done.is_set()
 
-    def troubles(self) -> dict[str, str]:
+    def problems(self) -> dict[str, str]:
         """Return the cameras that cannot be recorded, with the reason."""
-        troubles = zip(self.plan.rig.camera_ids, self.inbox.troubles(), strict=True)
-        return {camera_id: why for camera_id, why in troubles if why}
+        problems = zip(self.plan.rig.camera_ids, self.inbox.problems(), strict=True)
+        return {camera_id: why for camera_id, why in problems if why}
 
     def _wake(self) -> None:
         self.gather.wake()
@@ -132,7 +131,7 @@ class RecordServer:
         ordered = 0
         with self._writer() as writer:
             while last is None or self.slots < last:
-                stopping = self.crew.stopping.is_set()
+                stopping = self.threads.stopping.is_set()
                 now = times.slot_at(self.clock.now_ns())
                 until = now + ahead if last is None else min(now + ahead, last - 1)
                 while ordered <= until and not stopping:
@@ -144,7 +143,7 @@ class RecordServer:
                 if stopping:
                     break
                 writer.flush()
-                self.clock.wait(self.crew.stopping, times.middle_ns(now + 1))
+                self.clock.wait(self.threads.stopping, times.middle_ns(now + 1))
         self.written = writer.dest if any(writer.counts.values()) else None
         self.done.set()
 
@@ -160,19 +159,19 @@ class RecordServer:
         self.slots += 1
 
     def _wait_for_cameras(self) -> bool:
-        """Wait for all cameras, or for one and then a while; return whether to begin."""
+        """Wait for all cameras, or some time after the first one; return whether to start."""
         first_ns: int | None = None
-        while not self.crew.stopping.is_set():
+        while not self.threads.stopping.is_set():
             online, now_ns = self.inbox.online(), self.clock.now_ns()
             first_ns = (first_ns or now_ns) if online.any() else None
             if online.all() or (first_ns is not None and now_ns - first_ns > LONE_S * 1e9):
                 return True
-            self.clock.wait(self.crew.stopping, now_ns + 50_000_000)
+            self.clock.wait(self.threads.stopping, now_ns + 50_000_000)
         return False
 
     def _writer(self) -> RecordingWriter:
         plan = self.plan
-        hellos = [life.hello for life in self.inbox.roster.lives]
+        hellos = [camera.hello for camera in self.inbox.roster.cameras]
         detectors = {hello.detector for hello in hellos if hello is not None}
         detector = plan.detector or (detectors.pop() if len(detectors) == 1 else "")
         sizes = [None if hello is None else hello.image_size for hello in hellos]
@@ -183,7 +182,7 @@ class RecordServer:
 
 
 def _seen(rig: Rig, sizes: Sequence[tuple[int, int] | None]) -> Rig:
-    """Return cameras whose lenses are assumed with the image sizes that they really have."""
+    """Return cameras with assumed lenses, with their real image sizes."""
     if rig.placed:
         return rig
     cameras = []

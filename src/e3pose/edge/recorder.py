@@ -27,10 +27,10 @@ RETRY_S = 10.0  # after a disk that was full
 
 @dataclass(frozen=True, slots=True)
 class RecorderSettings:
-    """What is recorded, and how much of it is kept.
+    """What to record, and how much of it to keep.
 
     Attributes:
-        folder: of the recordings.
+        folder: where recordings are written.
         site: its name, for the description.
         cameras: `(num_cameras,)` whether the views of each are kept.
         filmed: names of the cameras whose videos become part of the recordings.
@@ -39,7 +39,7 @@ class RecorderSettings:
         skeleton: name of the skeleton.
         detector: whose noise the keypoints have.
         part_s: length of one recording.
-        max_bytes: of all recordings in the folder; the oldest go first.
+        max_bytes: of all recordings in the folder; the oldest are deleted first.
         rotations: by camera, degrees clockwise by which its images are turned for its detector.
     """
 
@@ -62,15 +62,15 @@ class RecorderSettings:
 
 
 class Recorder:
-    """Writes on a thread of its own; `keep` returns at once."""
+    """Writes on its own thread; `keep` returns at once."""
 
     def __init__(
         self, settings: RecorderSettings, rig: Rig, report: Callable[[str, str], None]
     ) -> None:
-        """Finish what an earlier run left, and start the thread.
+        """Finish the recording of an earlier run, and start the thread.
 
         Args:
-            settings: what to keep.
+            settings: what to record.
             rig: the cameras.
             report: called with the kind of an event and a line, from the recorder's thread.
 
@@ -89,13 +89,13 @@ class Recorder:
         self._stop = threading.Event()
         self._writer: RecordingWriter | None = None
         self._first = (0, 0)  # slot and time of the recording's first
-        self._trouble = ""
+        self._problem = ""
         self._retry = 0
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
     def keep(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
-        """Take in the views of a slot.
+        """Queue the views of a slot.
 
         Args:
             slot: which.
@@ -109,11 +109,11 @@ class Recorder:
 
     @property
     def waiting(self) -> int:
-        """Slots that were taken in and not yet written."""
+        """Number of slots queued and not yet written."""
         return len(self._slots)
 
     def close(self) -> None:
-        """Write what was taken in and finish the recording."""
+        """Write the queued slots and finish the recording."""
         self._stop.set()
         self._thread.join(timeout=10.0)
 
@@ -124,12 +124,12 @@ class Recorder:
             try:
                 if self._retry > 0 and not stopping:
                     self._retry -= 1
-                    self._slots.clear()  # there is no room for it
+                    self._slots.clear()  # the queue is full
                     continue
                 self._write()
-                if self._trouble:
+                if self._problem:
                     self._report("record-recovered", "recording again")
-                self._trouble = ""
+                self._problem = ""
             except (OSError, InputError) as error:
                 self._fail(error)
         try:
@@ -177,13 +177,13 @@ class Recorder:
         return writer
 
     def _finish(self) -> None:
-        """End the recording that is being written, if there is one."""
+        """Finish the current recording, if there is one."""
         writer, self._writer = self._writer, None
         if writer is not None and (part := writer.finish()) is not None:
             self._attach(part)
 
     def _attach(self, part: Path) -> None:
-        """Put the cameras' videos into a recording, which is none the worse without them."""
+        """Attach the cameras' videos to a recording; failure leaves it without videos."""
         if not self.settings.filmed:
             return
         try:
@@ -192,7 +192,7 @@ class Recorder:
             self._report("record-trouble", f"no videos in {part.name}: {error}")
 
     def _trim(self) -> None:
-        """Delete the oldest recordings beyond the space they may take."""
+        """Delete the oldest recordings beyond the space limit."""
         parts = recordings_in(self.settings.folder)
         sizes = {part: _size(part) for part in parts}
         left = sum(sizes.values()) + _size(self.settings.videos)
@@ -203,13 +203,13 @@ class Recorder:
             shutil.rmtree(part, ignore_errors=True)
             left -= sizes[part]
         if left > self.settings.max_bytes and self._writer is not None:
-            self._finish()  # it alone is larger: begin another, so that it can go
+            self._finish()  # it alone is larger: start another, so that it can be deleted
 
     def _fail(self, error: Exception) -> None:
         reason = (error.strerror if isinstance(error, OSError) else "") or str(error)
-        if not self._trouble:
+        if not self._problem:
             self._report("record-trouble", f"not recording: {reason.lower()}")
-        self._trouble = reason
+        self._problem = reason
         self._retry = round(RETRY_S / WRITE_S)
         if self.dropped:
             self._report("record-trouble", f"{plural(self.dropped, 'slot')} not recorded")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from e3pose.edge.counters import Counts
 from e3pose.edge.inbox import PAUSED
-from e3pose.edge.roster import CameraLife
+from e3pose.edge.roster import CameraState
 from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import Pipeline, SlotRecord
@@ -45,23 +45,23 @@ def poses_message(
     )
 
 
-class Outlined(NamedTuple):
-    """What a camera was expected to show in the slot decided last; None if unknown."""
+class ShownReason(NamedTuple):
+    """What a camera was expected to show in the newest decided slot; None if unknown."""
 
     occlusion: float | None = None
     gain_nats: float | None = None
     price: float | None = None
 
 
-NOTHING = Outlined()
+NOTHING = ShownReason()
 
 
-def outlined(record: SlotRecord | None, camera: int) -> Outlined:
-    """Return what a camera was expected to show, by the newest record."""
+def shown_reason(record: SlotRecord | None, camera: int) -> ShownReason:
+    """Return what the newest record expected a camera to show."""
     if record is None:
         return NOTHING
     occlusion, reasons = float(record.occlusion[camera]), record.reasons
-    found = Outlined(min(max(occlusion, 0.0), 1.0) if np.isfinite(occlusion) else None)
+    found = ShownReason(min(max(occlusion, 0.0), 1.0) if np.isfinite(occlusion) else None)
     if reasons is None:
         return found
     gain, price = float(reasons.gain_nats[camera]), float(reasons.price[camera])
@@ -71,9 +71,9 @@ def outlined(record: SlotRecord | None, camera: int) -> Outlined:
 
 
 def camera_status(
-    life: CameraLife,
-    trouble: str,
-    oddity: str,
+    camera: CameraState,
+    problem: str,
+    impairment: str,
     deficit: float,
     duty: float,
     late: int,
@@ -81,35 +81,35 @@ def camera_status(
     now_ns: int,
     noise_factor: float = np.nan,
     shift_px: float = np.nan,
-    why: Outlined = NOTHING,
+    why: ShownReason = NOTHING,
     budget: float | None = None,
     turned_deg: float | None = None,
 ) -> CameraStatus:
-    """Return what the edge knows of a camera.
+    """Return the status of a camera.
 
     Args:
-        life: of the camera.
-        trouble: why it cannot be chosen; empty if it can.
-        oddity: why it is of no use all the same.
-        deficit: its queue.
+        camera: its state.
+        trouble: why it cannot be selected; empty if it can.
+        impairment: why it is useless although it can be selected; empty if it is useful.
+        deficit: its virtual queue.
         duty: share of the last minute's slots in which it was selected.
-        late: views that came too late.
-        lost: views that were ordered and never came.
+        late: views that arrived too late.
+        lost: views that were ordered and never arrived.
         now_ns: the time.
-        noise_factor: sigma of its keypoints over what the noise file states; NaN if unknown.
-        shift_px: how far all of its keypoints are off the same way; NaN if unknown.
+        noise_factor: sigma of its keypoints relative to the noise file; NaN if unknown.
+        shift_px: common offset of all its keypoints; NaN if unknown.
         why: it was or was not selected.
         budget: share of the slots in which it may be active.
-        turned_deg: by how much it was turned since it was calibrated; None if it was not.
+        turned_deg: rotation since its calibration; None if it was not turned.
     """
-    beat, capacity_wh = life.beat, life.hello.battery_wh if life.hello else None
+    beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
     charge = beat.battery_j if beat else None
     return CameraStatus(
-        camera_id=life.camera_id,
-        online=not trouble,
-        why=one_line(trouble or oddity),
+        camera_id=camera.camera_id,
+        online=not problem,
+        why=one_line(problem or impairment),
         mode=beat.mode if beat else None,
-        last_seen_s=None if life.heard_ns is None else (now_ns - life.heard_ns) / 1e9,
+        last_seen_s=None if camera.heard_ns is None else (now_ns - camera.heard_ns) / 1e9,
         duty=duty,
         power_w=beat.power_w if beat else None,
         measured=bool(beat and beat.measured),
@@ -130,40 +130,40 @@ def camera_status(
         price=why.price,
         temperature_c=beat.temperature_c if beat else None,
         focused=beat.focused if beat else 0,
-        paused=trouble == PAUSED,
+        paused=problem == PAUSED,
         budget=None if budget is None else min(max(budget, 0.0), 1.0),
         turned_deg=turned_deg,
     )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment:
-    """What an edge knows of its site at one time.
+class SiteSnapshot:
+    """The state of a site at one time.
 
     Attributes:
         site: its name.
         now_ns: the time.
-        uptime_s: since it began.
+        uptime_s: since the edge started.
         record: of the newest slot, if there is one.
-        lives: `(num_cameras,)` of the cameras.
-        troubles: `(num_cameras,)` why each cannot be chosen; empty if it can.
-        oddities: `(num_cameras,)` why each is of no use all the same.
-        deficit: `(num_cameras,)` their queues.
-        late: `(num_cameras,)` views that came too late.
+        cameras: `(num_cameras,)` of the cameras.
+        troubles: `(num_cameras,)` why each cannot be selected; empty if it can.
+        impairments: `(num_cameras,)` why each is useless although it can be selected.
+        deficit: `(num_cameras,)` their virtual queues.
+        late: `(num_cameras,)` views that arrived too late.
         lead_slots: between an order and its slot.
-        pipeline: the parts that work now.
+        pipeline: the current parts.
         counts: of slots, views and times.
-        events: what was told last.
-        turned: index of a camera that was knocked, and degrees; None if none was.
+        events: the latest messages.
+        turned: index of a knocked camera, and degrees; None if there is none.
     """
 
     site: str
     now_ns: int
     uptime_s: float
     record: SlotRecord | None
-    lives: Sequence[CameraLife]
-    troubles: Sequence[str]
-    oddities: Sequence[str]
+    cameras: Sequence[CameraState]
+    problems: Sequence[str]
+    impairments: Sequence[str]
     deficit: NDArray[np.float64]
     late: NDArray[np.int64]
     lead_slots: int
@@ -173,48 +173,48 @@ class Moment:
     turned: tuple[int, float] | None = None
 
 
-def site_status(moment: Moment) -> Status:
-    """Return how a site is."""
-    record, counts = moment.record, moment.counts
+def site_status(snapshot: SiteSnapshot) -> Status:
+    """Return the status message of a site."""
+    record, counts = snapshot.record, snapshot.counts
     factors = record.noise_factors if record else None
     if factors is None:
-        factors = np.full(len(moment.lives), np.nan)
+        factors = np.full(len(snapshot.cameras), np.nan)
     shifts_px = record.shifts_px if record else None
     if shifts_px is None:
-        shifts_px = np.full((len(moment.lives), 2), np.nan)
+        shifts_px = np.full((len(snapshot.cameras), 2), np.nan)
     duty = counts.duty()
     cameras = tuple(
         camera_status(
-            life,
-            moment.troubles[index],
-            moment.oddities[index],
-            moment.deficit[index],
+            camera,
+            snapshot.problems[index],
+            snapshot.impairments[index],
+            snapshot.deficit[index],
             float(duty[index]),
-            int(moment.late[index]),
-            max(int(counts.missed[index] - moment.late[index]), 0),
-            moment.now_ns,
+            int(snapshot.late[index]),
+            max(int(counts.missed[index] - snapshot.late[index]), 0),
+            snapshot.now_ns,
             factors[index],
             float(np.hypot(*shifts_px[index])),
-            outlined(record, index),
-            float(moment.pipeline.budget[index]),
-            moment.turned[1] if moment.turned and moment.turned[0] == index else None,
+            shown_reason(record, index),
+            float(snapshot.pipeline.budget[index]),
+            snapshot.turned[1] if snapshot.turned and snapshot.turned[0] == index else None,
         )
-        for index, life in enumerate(moment.lives)
+        for index, camera in enumerate(snapshot.cameras)
     )
-    policy = moment.pipeline.policy
+    policy = snapshot.pipeline.policy
     target_m = _number(policy, "target_error_m")
     error_m = record.reasons.error_m if record and record.reasons else np.nan
     return Status(
-        site=moment.site,
+        site=snapshot.site,
         slot=record.slot if record else 0,
-        fps=counts.fps(moment.now_ns),
-        lead=moment.lead_slots,
+        fps=counts.fps(snapshot.now_ns),
+        lead=snapshot.lead_slots,
         people=len(record.track_ids) if record else 0,
         cameras=cameras,
         step_ms=counts.stepping.median_and_99_ms(),
         latency_ms=counts.latency.median_and_99_ms(),
-        uptime_s=moment.uptime_s,
-        events=tuple(map(one_line, moment.events)),
+        uptime_s=snapshot.uptime_s,
+        events=tuple(map(one_line, snapshot.events)),
         expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
         slots_lost=counts.lost,
         num_selected=_number(policy, "num_selected"),
@@ -224,7 +224,7 @@ def site_status(moment: Moment) -> Status:
 
 
 def _number(policy: Policy, name: str) -> float | None:
-    """Return a number that a policy has; None of one that has none by that name."""
+    """Return a numeric setting of a policy; None if it has none of that name."""
     found = getattr(policy, name, None)
     return float(found) if isinstance(found, int | float) and np.isfinite(found) else None
 
@@ -236,14 +236,14 @@ def changes(
     kinds: tuple[str, str],
     well: str = "connected",
 ) -> list[tuple[str, str, str]]:
-    """Return what to tell of cameras whose trouble began or ended: kind, words, camera.
+    """Return the events of cameras whose problem began or ended: kind, message, camera.
 
     Args:
         camera_ids: of the rig.
-        before: what troubled each; empty where nothing did.
-        after: what does now.
-        kinds: of events, when it begins and when it ends.
-        well: what to say of a camera when its trouble ends.
+        before: the problem of each; empty where there was none.
+        after: likewise, now.
+        kinds: of events, for a problem that begins and one that ends.
+        well: message when a problem ends.
     """
     return [
         (kinds[not why], f"{camera_id}: {why}" if why else f"{camera_id} {well}", camera_id)

@@ -19,23 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.edge.checkpoint import Checkpoint
-from e3pose.edge.consumers import NOBODY, Consumers
+from e3pose.edge.consumers import NO_CONSUMERS, Consumers
 from e3pose.edge.counters import Counts
 from e3pose.edge.events import EventLog
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.inbox import Inbox
-from e3pose.edge.lateness import forgiven, oddities
+from e3pose.edge.lateness import impairments, without_late_failures
 from e3pose.edge.lead import Lead, adapt, cautious, lagging, take_in_delay
 from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
-from e3pose.edge.overload import WORDS, Load, after_slot, thinned
+from e3pose.edge.overload import WORDS, Load, after_slot, shed_load
 from e3pose.edge.precompile import warm_up
 from e3pose.edge.publisher import Publisher
-from e3pose.edge.reports import Moment, changes, site_status
+from e3pose.edge.reports import SiteSnapshot, changes, site_status
 from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.state_file import StateFile
-from e3pose.edge.threads import Crew
+from e3pose.edge.threads import ThreadGroup
 from e3pose.estimate.base import People
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.quantities import plural
@@ -64,7 +64,7 @@ class EdgeServer:
         clock: Clock,
         state_file: StateFile | None = None,
         event_log: EventLog | None = None,
-        consumers: Consumers = NOBODY,
+        consumers: Consumers = NO_CONSUMERS,
     ) -> None:
         """Take up the state of the checkpoint, if there is one that fits.
 
@@ -120,7 +120,7 @@ class EdgeServer:
         self.newest: SlotRecord | None = None
         self.publisher = Publisher(settings, pipeline.rig, interval_s, self.outbox, clock)
         self._quiet = threading.Event()  # a slot was just done
-        self.crew = Crew(self._wake)
+        self.threads = ThreadGroup(self._wake)
         self._resume()
 
     def __enter__(self) -> EdgeServer:
@@ -141,17 +141,17 @@ class EdgeServer:
             ("sending", lambda: self.outbox.run(self._publish)),
             ("keeping", self._run_housekeeping),
         ):
-            self.crew.start(name, body)
+            self.threads.start(name, body)
 
     def stop(self) -> None:
         """End after the slot in work, keep the state, leave the site."""
-        if not self.crew.stop():
+        if not self.threads.stop():
             return
         self.gather.wake()
-        self.crew.join(END_S, without="sending")
+        self.threads.join(END_S, without="sending")
         self._keep_checkpoint()
         self.outbox.close()
-        self.crew.join(END_S)
+        self.threads.join(END_S)
         self.transport.close()
 
     def rejoin(self, open_transport: Callable[[], Transport]) -> None:
@@ -176,11 +176,11 @@ class EdgeServer:
 
     def running(self) -> bool:
         """Return whether all threads still work."""
-        return self.crew.running()
+        return self.threads.running()
 
-    def oddities(self) -> list[str]:
+    def impairments(self) -> list[str]:
         """Return, camera by camera, why one that can be chosen is of no use; empty where it is."""
-        found = oddities(self.state.silence, self.gather.late_by_s(), self.pipeline.interval_s)
+        found = impairments(self.state.silence, self.gather.late_by_s(), self.pipeline.interval_s)
         for camera, why in lagging(self.lead).items():
             found[camera] = why
         return found
@@ -189,14 +189,14 @@ class EdgeServer:
         """Return how the site is."""
         now_ns = self.clock.now_ns()
         return site_status(
-            Moment(
+            SiteSnapshot(
                 site=self.settings.site,
                 now_ns=now_ns,
                 uptime_s=(now_ns - self.started_ns) / 1e9,
                 record=self.newest,
-                lives=self.inbox.roster.lives,
-                troubles=self.inbox.troubles(),
-                oddities=self.oddities(),
+                cameras=self.inbox.roster.cameras,
+                problems=self.inbox.problems(),
+                impairments=self.impairments(),
                 deficit=self.state.deficit,
                 late=self.gather.late,
                 lead_slots=self.lead.slots,
@@ -213,7 +213,7 @@ class EdgeServer:
         if not self._wait_for_cameras():
             return
         times = self.times = self._begin()
-        while not self.crew.stopping.is_set():
+        while not self.threads.stopping.is_set():
             self._catch_up(times)
             slot = self.state.slot
             if not self._wait_for_views(times, slot):
@@ -223,13 +223,13 @@ class EdgeServer:
     def _wait_for_cameras(self) -> bool:
         """Wait until all cameras are there, or two and then a while; return whether to begin."""
         two_ns: int | None = None
-        while not self.crew.stopping.is_set():
+        while not self.threads.stopping.is_set():
             online, now_ns = self.inbox.online(), self.clock.now_ns()
             two_ns = (two_ns or now_ns) if online.sum() >= min(2, len(online)) else None
             waited = two_ns is not None and now_ns - two_ns >= self.settings.start_wait_s * 1e9
             if online.all() or waited or (self.times is not None and online.any()):
                 return True
-            self.clock.wait(self.crew.stopping, now_ns + 50_000_000)
+            self.clock.wait(self.threads.stopping, now_ns + 50_000_000)
         return False
 
     def _begin(self) -> SlotTimes:
@@ -268,7 +268,7 @@ class EdgeServer:
     def _wait_for_views(self, times: SlotTimes, slot: int) -> bool:
         """Wait until nothing more is to come, or the deadline; return False when to end."""
         middle_ns, deadline_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
-        while not self.crew.stopping.is_set():
+        while not self.threads.stopping.is_set():
             now_ns = self.clock.now_ns()
             if now_ns < middle_ns:
                 self.gather.sleep(self.clock, middle_ns)
@@ -282,7 +282,7 @@ class EdgeServer:
     def _missing(self, times: SlotTimes, slot: int) -> list[int]:
         """Return the cameras that were ordered and are there, whose view is yet to come."""
         ordered = self.gather.missing(self._ordered(times, slot))
-        return [camera for camera in ordered if not self.inbox.trouble(camera)]
+        return [camera for camera in ordered if not self.inbox.problem(camera)]
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
@@ -293,7 +293,7 @@ class EdgeServer:
         wanted = ordered & online
         late, orders_late = self.gather.late.copy(), self.inbox.orders_late()
         interval_s = self.pipeline.interval_s
-        state = forgiven(self.state, late > self._late, orders_late, interval_s)
+        state = without_late_failures(self.state, late > self._late, orders_late, interval_s)
         self._late = late
         state = replace(state, selections=np.concatenate([ordered[None], state.selections[1:]]))
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
@@ -305,7 +305,9 @@ class EdgeServer:
         def publish(people: People) -> None:
             self.publisher.publish(slot, time_ns, people, used, ordered & online)
 
-        self.state, record = step(thinned(self.pipeline, self.load), state, views, online, publish)
+        self.state, record = step(
+            shed_load(self.pipeline, self.load), state, views, online, publish
+        )
         took_ns = self.clock.now_ns() - begun_ns
         self.counts.stepping.add(took_ns)
         lead = self.pipeline.lead_slots
@@ -317,18 +319,20 @@ class EdgeServer:
         self.counts.ordered += wanted
         self.counts.missed += wanted & ~record.arrived
         self.counts.looked(record.selected)
-        self.consumers.saw(record, time_ns, arrivals)
+        self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
         took_ns += self.publisher.publish_delayed(busy=self.load.level > 0)
-        self._improve(times, record, reachable.tolist())
-        self._cope(took_ns / 1e9, record)
+        self._update_pipeline(times, record, reachable.tolist())
+        self._adapt_load(took_ns / 1e9, record)
         self._quiet.set()
 
     def _ordered(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: who was selected for a slot and can have known of it."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 
-    def _improve(self, times: SlotTimes, record: SlotRecord, online: Sequence[bool]) -> None:
+    def _update_pipeline(
+        self, times: SlotTimes, record: SlotRecord, online: Sequence[bool]
+    ) -> None:
         """Between two slots: another lead, a better predictor, other budgets."""
         self.pipeline, events = self.consumers.improved(self.pipeline, record)
         for kind, line, camera_id in events:
@@ -338,7 +342,7 @@ class EdgeServer:
         while self._delays:
             self.lead = take_in_delay(self.lead, *self._delays.popleft())
         before = self.lead.slots
-        wake_s = slowest_wake_s(self.inbox.roster.lives, self.settings.idle_modes)
+        wake_s = slowest_wake_s(self.inbox.roster.cameras, self.settings.idle_modes)
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"
@@ -351,7 +355,7 @@ class EdgeServer:
                 decision = self.state.selections[ahead]
                 self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
 
-    def _cope(self, took_s: float, record: SlotRecord) -> None:
+    def _adapt_load(self, took_s: float, record: SlotRecord) -> None:
         """Leave out work while the machine is too slow for it, and say so."""
         before, interval_s = self.load.level, self.interval_ns / 1e9
         self.load = after_slot(self.load, took_s, interval_s, int(record.selected.sum()))
@@ -365,11 +369,11 @@ class EdgeServer:
 
     def _run_housekeeping(self) -> None:
         ids, due_ns = self.pipeline.rig.camera_ids, 0
-        troubles, odd = ["never connected"] * len(ids), [""] * len(ids)
-        while not self.crew.stopping.is_set():
-            before = troubles, odd
-            troubles, odd = self.inbox.troubles(), self.oddities()
-            events = changes(ids, before[0], troubles, ("camera-lost", "camera-back"))
+        problems, odd = ["never connected"] * len(ids), [""] * len(ids)
+        while not self.threads.stopping.is_set():
+            before = problems, odd
+            problems, odd = self.inbox.problems(), self.impairments()
+            events = changes(ids, before[0], problems, ("camera-lost", "camera-back"))
             events += changes(
                 ids, before[1], odd, ("camera-useless", "camera-useful"), "responds in time again"
             )
@@ -380,7 +384,7 @@ class EdgeServer:
                 status = encode(self.status())
                 self.outbox.put(topics.of_site(self.settings.site, "status"), status)
                 self._keep_checkpoint()
-            self.clock.wait(self.crew.stopping, self.clock.now_ns() + round(LOOK_S * 1e9))
+            self.clock.wait(self.threads.stopping, self.clock.now_ns() + round(LOOK_S * 1e9))
             # Two threads of Python work at half the speed: not while a slot is computed.
             self._quiet.clear()
             self._quiet.wait(LOOK_S)

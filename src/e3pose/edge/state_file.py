@@ -1,4 +1,4 @@
-"""The file with an edge's state, written every second and read at the start."""
+"""The file with an edge's state, written every second and read at startup."""
 
 from __future__ import annotations
 
@@ -16,39 +16,39 @@ from e3pose.wire.codec import one_line
 
 @dataclass(slots=True, eq=False)
 class StateFile:
-    """Where the state of the loop is kept.
+    """Saves and loads the state of the loop.
 
     Attributes:
-        path: the file; None keeps nothing.
+        path: the file; None saves nothing.
         report: called with the kind and message of an event; a lasting fault is reported once.
-        run_ns: when the run began: that of the state that is taken up, if there is one.
-        trouble: why the state cannot be kept at present; empty if it can.
+        run_ns: when the run began: that of the resumed state, if there is one.
+        trouble: why the state cannot be saved at present; empty if it can.
     """
 
     path: Path | None
     report: Callable[[str, str], None]
     run_ns: int
-    trouble: str = ""
+    problem: str = ""
     _found: Checkpoint | None = None
     _looked: bool = False
 
     def keep(self, made: Checkpoint, pipeline: Pipeline) -> None:
-        """Keep a state; a disk that is full is no reason to stop."""
+        """Save a state; a full disk is no reason to stop."""
         if self.path is None:
             return
         try:
             save_checkpoint(self.path, made, pipeline)
         except (InputError, OSError) as error:
-            if not self.trouble:
-                self.trouble = one_line(str(error))
-                self.report("checkpoint", f"cannot save the state: {self.trouble}")
+            if not self.problem:
+                self.problem = one_line(str(error))
+                self.report("checkpoint", f"cannot save the state: {self.problem}")
             return
-        if self.trouble:
-            self.trouble = ""
+        if self.problem:
+            self.problem = ""
             self.report("checkpoint", "saving the state again")
 
     def take_up(self, pipeline: Pipeline) -> Checkpoint | None:
-        """Return the state that was kept; None, and the old file set aside, if it is of no use."""
+        """Return the saved state; None if there is none or it is unusable and was moved aside."""
         if self._looked or self.path is None or not self.path.exists():
             return self._found
         self._looked = True
@@ -62,7 +62,7 @@ class StateFile:
         return found
 
     def _try(self, path: Path, found: Checkpoint, pipeline: Pipeline) -> None:
-        """Raise `InputError` if the loop fails on a state, as it would at every start from now."""
+        """Raise `InputError` if the loop fails on a state, as it would at every start."""
         everybody = np.ones(len(pipeline.rig), dtype=bool)
         try:
             step(replace(pipeline, lead_slots=found.lead_slots), found.state, {}, everybody)

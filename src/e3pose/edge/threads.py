@@ -9,14 +9,14 @@ from typing import Any
 from e3pose.runtime.thread_name import show_thread_name
 
 
-class Crew:
-    """Threads that work until they are told to stop."""
+class ThreadGroup:
+    """Threads that run until stopped."""
 
     def __init__(self, wake: Callable[[], Any]) -> None:
-        """Begin with nobody.
+        """Start without threads.
 
         Args:
-            wake: called when all are to end, for those that wait for something else.
+            wake: called when all must end, to wake threads that wait.
         """
         self.stopping = threading.Event()
         self.failure: BaseException | None = None
@@ -24,23 +24,23 @@ class Crew:
         self._threads: dict[str, threading.Thread] = {}
 
     def start(self, name: str, body: Callable[[], Any]) -> None:
-        """Let a thread do something."""
+        """Start a thread."""
         thread = threading.Thread(target=self._guarded, args=(body,), name=name, daemon=True)
         self._threads[name] = thread
         thread.start()
 
     def running(self) -> bool:
-        """Return whether all still work."""
+        """Return whether all are still running."""
         return self.failure is None and not self.stopping.is_set()
 
     def stop(self) -> bool:
-        """Tell all to end; return whether they were not told before."""
+        """Ask all to end; return False if they were already asked."""
         first = not self.stopping.is_set()
         self.stopping.set()
         return first
 
     def join(self, timeout_s: float, without: str = "") -> None:
-        """Wait until all have ended, so long for each; leave one out."""
+        """Wait until all but one have ended, at most so long for each."""
         for name, thread in self._threads.items():
             if name != without:
                 thread.join(timeout=timeout_s)

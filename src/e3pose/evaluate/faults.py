@@ -80,7 +80,7 @@ def capacity_j(recording: Recording) -> Floats:
     return np.array([3600 * recording.battery_wh.get(i, np.inf) for i in ids])
 
 
-def thinned(recording: Recording, fps: float) -> Recording:
+def downsampled(recording: Recording, fps: float) -> Recording:
     """Return the recording at fewer frames a second.
 
     Every new slot takes the views and truth of the nearest slot there is. Capture times stay as
@@ -111,13 +111,13 @@ def thinned(recording: Recording, fps: float) -> Recording:
         name=f"{recording.name[:150]}, {fps:g} fps",
         fps=float(fps),
         num_slots=len(kept),
-        views=tuple(_thinned_series(series, kept) for series in recording.views),
+        views=tuple(_downsampled_series(series, kept) for series in recording.views),
         truth=truth,
         scored_slots=scored,
     )
 
 
-def _thinned_series(series: ViewSeries, kept: NDArray[np.int64]) -> ViewSeries:
+def _downsampled_series(series: ViewSeries, kept: NDArray[np.int64]) -> ViewSeries:
     """Keep the views of the slots `kept`, which become slots 0, 1, 2 and so on."""
     frames = np.searchsorted(series.slots, kept)
     there = frames < len(series.slots)

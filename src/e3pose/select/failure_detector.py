@@ -5,8 +5,8 @@ in one of these slots. It is given up as soon as the second is the likelier:
 
     loss^k <= k * interval / MEAN_LIFE_S
 
-A view that comes too late for its slot answers that question too (`forgive`), but is of no use: a
-camera whose views are all late for `USELESS_S` is given up just as a dead one.
+A view that comes too late for its slot is a sign of life too (`acknowledge_late`), but useless: a
+camera whose views are all late for `USELESS_S` is given up like a dead one.
 """
 
 from __future__ import annotations
@@ -102,7 +102,9 @@ def listen(
     )
 
 
-def forgive(silence: Silence, views_late: Flags, orders_late: Flags, interval_s: float) -> Silence:
+def acknowledge_late(
+    silence: Silence, views_late: Flags, orders_late: Flags, interval_s: float
+) -> Silence:
     """Return what is known once cameras gave a sign of life other than a view in time.
 
     Args:

@@ -87,8 +87,8 @@ class Edge:
         end_ns = None if for_s is None else clock.now_ns() + round(for_s * 1e9)
         run_until_stopped(lambda: self.running() and (end_ns is None or clock.now_ns() < end_ns))
         self.server.stop()
-        if self.server.crew.failure is not None:
-            raise self.server.crew.failure
+        if self.server.threads.failure is not None:
+            raise self.server.threads.failure
 
     def close(self) -> None:
         """End after the slot in work, keep the state, leave the site."""

@@ -27,7 +27,11 @@ class EdgeCollector:
             ("views", "views received in time", counts.views),
             ("wrong_messages", "invalid messages", inbox.wrong),
             ("unread_messages", "messages dropped by the rate limit", inbox.flooded),
-            ("unknown_messages", "messages of cameras that are not in the rig", inbox.strangers),
+            (
+                "unknown_messages",
+                "messages of cameras that are not in the rig",
+                inbox.unknown_senders,
+            ),
         ):
             yield CounterMetricFamily(f"e3pose_{name}", text, value=value)
         for name, text, level in (
@@ -60,7 +64,7 @@ def _store(edge: EdgeServer) -> Iterator[Any]:
     ):
         yield CounterMetricFamily(f"e3pose_{name}", text, value=count)
     for name, text, level in (
-        ("store_trouble", "whether the store takes nothing", kept.trouble is not None),
+        ("store_trouble", "whether the store takes nothing", kept.problem is not None),
         ("store_spooled_rows", "rows that wait for the store", kept.spooled),
     ):
         yield GaugeMetricFamily(f"e3pose_{name}", text, value=level)
@@ -87,7 +91,7 @@ def _of_cameras(
     edge: EdgeServer, cameras: Sequence[CameraStatus]
 ) -> tuple[tuple[str, str, Sequence[float | None]], ...]:
     """Return name, help text and value by camera of each metric; None where it is unknown."""
-    counts, beats = edge.counts, [life.beat for life in edge.inbox.roster.lives]
+    counts, beats = edge.counts, [camera.beat for camera in edge.inbox.roster.cameras]
     return (
         ("camera_online", "whether the camera can be selected", [c.online for c in cameras]),
         ("camera_duty", "share of slots selected, last minute", [c.duty for c in cameras]),

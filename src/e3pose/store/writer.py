@@ -92,7 +92,7 @@ class WriterStatus:
     waiting: int
     spooled: int
     shed: int
-    trouble: str | None
+    problem: str | None
     corrupt: int = 0
 
 
@@ -148,7 +148,7 @@ class StoreWriter:
         self._stop = threading.Event()
         self._shed = self._reported_shed = self._events = self._corrupt = 0
         self._acknowledged = NO_SLOT
-        self._trouble: str | None = None
+        self._problem: str | None = None
         self._next_try_s = 0.0
         self._notes: list[Event] = []
         self._delivery = Delivery(self._url, beside)
@@ -160,7 +160,7 @@ class StoreWriter:
             unable = error
         self._spool = new_spool(run, beside, self.settings.spool_bytes)
         if unable is not None:
-            self._in_trouble(unable)
+            self._fail(unable)
         self._thread = threading.Thread(target=self._work, name="store", daemon=True)
         self._thread.start()
 
@@ -206,7 +206,7 @@ class StoreWriter:
             waiting=len(self._items),
             spooled=len(self._spool),
             shed=self._shed + self._spool.lost_rows,
-            trouble=self._trouble,
+            problem=self._problem,
             corrupt=self._corrupt,
         )
 
@@ -305,10 +305,10 @@ class StoreWriter:
 
     def _deliver(self, rows: list[Row], newest: int) -> None:
         """Commit rows, or keep them in the spool while the database does not take them."""
-        if self._trouble is not None and time.monotonic() < self._next_try_s:
+        if self._problem is not None and time.monotonic() < self._next_try_s:
             self._spool.add(rows)
             return
-        if not rows and self._trouble is None:
+        if not rows and self._problem is None:
             return
         try:
             if not self._delivery.opened:
@@ -319,13 +319,13 @@ class StoreWriter:
                     self._commit(kept)
         except (*REFUSALS, OSError, InputError) as error:
             self._spool.add(rows)
-            self._in_trouble(error)
+            self._fail(error)
             return
         self._acknowledged = max(self._acknowledged, newest)
-        if self._trouble is not None:
+        if self._problem is not None:
             kept_rows = len(self._spool)
             self._spool.clear()
-            self._trouble = None
+            self._problem = None
             self._say(
                 "store-recovered",
                 f"the store is writable again, {plural(kept_rows, 'row')} written from the spool",
@@ -337,11 +337,11 @@ class StoreWriter:
             self._shed += refused
             self._say("store-refused", f"the database rejected {plural(refused, 'row')}")
 
-    def _in_trouble(self, error: Exception) -> None:
+    def _fail(self, error: Exception) -> None:
         self._delivery.close()
         self._next_try_s = time.monotonic() + RETRY_S
         reason = reason_of(error)
-        known, self._trouble = self._trouble is not None, reason
+        known, self._problem = self._problem is not None, reason
         if self._path is not None and is_damage(error):
             try:
                 self._corrupt += 1
@@ -363,7 +363,7 @@ class StoreWriter:
 
     def _keep_house(self) -> None:
         """Do what can wait, a little after every commit."""
-        if self._trouble is not None:
+        if self._problem is not None:
             return
         try:
             for adopted in self._delivery.adopt():
@@ -372,7 +372,7 @@ class StoreWriter:
             if self._watch is not None and (wrong := self._watch.look()):
                 raise damage(wrong)
         except (*REFUSALS, OSError) as error:
-            self._in_trouble(error)
+            self._fail(error)
 
     def _say(self, kind: str, message: str) -> None:
         event = Event(self._wall_ns(), kind, message)

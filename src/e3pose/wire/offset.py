@@ -84,12 +84,12 @@ class OffsetEstimate:
 
     Attributes:
         exchanges: the newest ones, oldest first.
-        strangers: how many of the newest in a row contradict the others.
+        outliers: how many of the newest in a row contradict the others.
         offset: the estimate they give.
     """
 
     exchanges: tuple[Exchange, ...] = ()
-    strangers: int = 0
+    outliers: int = 0
     offset: Offset = field(default_factory=Offset)
 
 
@@ -102,13 +102,13 @@ def take_in(estimate: OffsetEstimate, exchange: Exchange) -> OffsetEstimate:
     predicted = estimate.offset.edge_ns(exchange.at_ns) - exchange.at_ns
     doubt = exchange.delay_ns // 2 + (estimate.offset.error_ns or 0) + 1_000_000
     strange = known and abs(exchange.offset_ns - predicted) > doubt
-    strangers = estimate.strangers + 1 if strange else 0
+    outliers = estimate.outliers + 1 if strange else 0
     exchanges = (*estimate.exchanges, exchange)[-MAX_EXCHANGES:]
-    if strangers >= STEP_COUNT:
-        exchanges, strangers = exchanges[-STEP_COUNT:], 0
-    elif strangers:  # a stranger is not believed before its time
-        return OffsetEstimate(exchanges, strangers, estimate.offset)
-    return OffsetEstimate(exchanges, strangers, _fit(exchanges))
+    if outliers >= STEP_COUNT:
+        exchanges, outliers = exchanges[-STEP_COUNT:], 0
+    elif outliers:  # a stranger is not believed before its time
+        return OffsetEstimate(exchanges, outliers, estimate.offset)
+    return OffsetEstimate(exchanges, outliers, _fit(exchanges))
 
 
 def _fit(exchanges: tuple[Exchange, ...]) -> Offset:
