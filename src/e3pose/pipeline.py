@@ -90,7 +90,7 @@ class Pipeline:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlotState:
-    """Everything that one slot hands to the next.
+    """The state passed from slot to slot.
 
     Attributes:
         slot: the slot to come.
@@ -254,7 +254,7 @@ def _feedback(
     surest: Prediction,
     predicted_ids: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], tuple[ExpectedView, ...] | None]:
-    """Return the looks since each camera's last whole one, and what they are told to expect.
+    """Return slots since each camera's last full-frame detection, and the expected views.
 
     Once one of the cameras selected is due for a whole look, all of them get one: two must see a
     newcomer at about the same time. People whom the estimator follows but does not show, as too few
@@ -292,7 +292,7 @@ def _situation(
     online: Selection,
     ordered: NDArray[np.bool_],
 ) -> Situation:
-    """Gather what a policy may know about the slot that is decided now."""
+    """Collect the input of the policy for the slot that is decided now."""
     target = state.slot + pipeline.lead_slots
     occlusion, visibility = views
     cost_j = None if pipeline.as_published else pipeline.cost_j
@@ -315,7 +315,7 @@ def _situation(
 
 
 def _in_flight(pipeline: Pipeline, state: SlotState, online: Selection) -> NDArray[np.bool_]:
-    """Return `(lead_slots - 1, num_cameras)`: the looks of the next slots that are to be expected.
+    """Return `(lead_slots - 1, num_cameras)`: views expected in the next slots.
 
     Cameras that were ordered and have since been given up will not look.
     """
@@ -327,14 +327,14 @@ def _in_flight(pipeline: Pipeline, state: SlotState, online: Selection) -> NDArr
 def _last_looks(
     last_views: tuple[LastView, ...], ordered: NDArray[np.bool_], next_slot: int
 ) -> NDArray[np.int64]:
-    """Return `(num_cameras,)`: the slot of each camera's last look, ordered ones included."""
+    """Return `(num_cameras,)`: the slot of each camera's last detection, ordered ones included."""
     looked = np.array([last.slot for last in last_views], dtype=np.int64)
     slots = np.arange(next_slot, next_slot + len(ordered))[:, None]
     return np.asarray(np.maximum(looked, np.where(ordered, slots, -1).max(axis=0, initial=-1)))
 
 
 def _foresight(pipeline: Pipeline, state: SlotState, ordered: NDArray[np.bool_]) -> Foresight:
-    """Work out what each camera would tell of the slot that is decided now."""
+    """Compute the information of each camera in the slot that is decided now."""
     ahead_s = pipeline.lead_slots * pipeline.interval_s
     outlook = pipeline.estimator.outlook(state.memory, ahead_s)
     return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)

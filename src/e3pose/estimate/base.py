@@ -37,7 +37,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Posterior:
-    """Everybody followed, after the views of one slot.
+    """All tracks, after the views of one slot.
 
     Attributes:
         time_s: of the slot.
@@ -60,7 +60,7 @@ class Posterior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class People:
-    """Who is there in one slot, and where they were.
+    """The people of one slot, and their past positions.
 
     Attributes:
         poses: the people, world metres.
@@ -95,7 +95,7 @@ class People:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlook:
-    """What an estimator expects of a slot to come, and what it knows in its newest slot.
+    """Prediction for a future slot, and the knowledge of the newest slot.
 
     Attributes:
         track_ids: `(num_tracks,)` everybody followed, also those not yet shown.
@@ -144,7 +144,7 @@ class Outlook:
 
 
 class Estimator(Protocol[Memory]):
-    """Estimate who is where. The memory is a value that the estimator alone understands."""
+    """Estimate people and positions. The memory is a value that only the estimator reads."""
 
     def begin(self) -> Memory:
         """Return the memory before the first slot."""
@@ -171,7 +171,7 @@ class Estimator(Protocol[Memory]):
         ...
 
     def steer(self, memory: Memory, prediction: Prediction, interval_s: float) -> Memory:
-        """Return the memory that expects people to move as a predictor does, as far as it can.
+        """Return the memory steered by a predictor, as far as it supports that.
 
         Args:
             memory: of the newest slot.
@@ -181,13 +181,13 @@ class Estimator(Protocol[Memory]):
         ...
 
     def leave_out_ids(self, memory: Memory, count: int) -> Memory:
-        """Return the memory in which the next `count` identities are never given to anybody."""
+        """Return the memory in which the next `count` track ids are skipped."""
         ...
 
     def forget_people(self, memory: Memory) -> Memory:
-        """Return the memory with nobody in it: what was learned of the site and ids stay."""
+        """Return the memory without people; site parameters and ids stay."""
         ...
 
     def outlook(self, memory: Memory, ahead_s: float) -> Outlook:
-        """Return what is expected `ahead_s` seconds after the newest slot, if nothing is seen."""
+        """Return the prediction `ahead_s` seconds after the newest slot, without new views."""
         ...

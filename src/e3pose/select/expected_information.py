@@ -1,4 +1,4 @@
-"""Expected Fisher information of each camera about everybody in a future slot.
+"""Expected Fisher information of each camera about all people in a future slot.
 
 A joint at p with covariance P, seen by the cameras of a set S, is expected to be left with
 
@@ -101,7 +101,7 @@ class Foresight:
 def foresee(
     rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags | None = None
 ) -> Foresight:
-    """Work out what each camera would add to what is expected of the slot after `ordered`.
+    """Compute the information that each camera would add in the slot after `ordered`.
 
     What is known is carried through the slots in between: each adds its process noise, and the
     views that are ordered for it add what they are expected to tell, at their own time.
@@ -166,5 +166,5 @@ def foresee(
 
 @lru_cache(maxsize=8)
 def _terms(memory: ErrorMemory) -> MemoryTerms:
-    """Return how the filter counts looks at errors that last so long."""
+    """Return the filter's constants for errors that last so long."""
     return memory_terms(memory)

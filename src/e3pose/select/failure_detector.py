@@ -33,7 +33,7 @@ _ROWS = np.arange(1, 65)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silence:
-    """How long cameras have not answered.
+    """How long each camera has not answered.
 
     Attributes:
         missed: `(num_cameras,)` orders in a row without a sign of life.
@@ -51,12 +51,12 @@ class Silence:
 
     @classmethod
     def none(cls, num_cameras: int) -> Silence:
-        """Return the state before the first slot: everybody is presumed well."""
+        """Return the state before the first slot: all cameras are presumed alive."""
         zeros = np.zeros(num_cameras, dtype=np.int64)
         return cls(zeros, zeros, np.full(num_cameras, LOSS_RANGE[0]), zeros, zeros)
 
     def answering(self, slot: int | Counts) -> Flags:
-        """Return `(num_cameras,)`: who may be ordered for `slot`; a row for each `(*slots, 1)`."""
+        """Return `(num_cameras,)`: selectable cameras in `slot`; a row for each `(*slots, 1)`."""
         return np.asarray(self.retry_slot <= slot)
 
 
@@ -75,7 +75,7 @@ def patience(loss: Floats, interval_s: float) -> Counts:
 def listen(
     silence: Silence, slot: int, ordered: Flags, arrived: Flags, interval_s: float
 ) -> Silence:
-    """Return what is known after `slot`, in which cameras `ordered` to detect did or did not.
+    """Return the state after `slot`, in which cameras `ordered` to detect did or did not answer.
 
     Args:
         silence: what was known before.
@@ -105,7 +105,7 @@ def listen(
 def acknowledge_late(
     silence: Silence, views_late: Flags, orders_late: Flags, interval_s: float
 ) -> Silence:
-    """Return what is known once cameras gave a sign of life other than a view in time.
+    """Return the state after signs of life other than a view in time.
 
     Args:
         silence: what was known before.
@@ -121,7 +121,7 @@ def acknowledge_late(
 
 
 def _is_useless(silence: Silence, interval_s: float) -> Flags:
-    """Return `(num_cameras,)`: who sent nothing in time for too long, whether alive or not."""
+    """Return `(num_cameras,)`: cameras without a view in time for too long, alive or not."""
     limit = np.maximum(np.ceil(USELESS_S / interval_s), patience(silence.loss, interval_s))
     return np.asarray(silence.useless >= limit)
 
@@ -129,7 +129,7 @@ def _is_useless(silence: Silence, interval_s: float) -> Flags:
 def _answered(
     silence: Silence, who: Flags, interval_s: float, missed: Counts, useless: Counts
 ) -> Silence:
-    """Return what is known after an answer: the misses before it were bad luck, few as they are.
+    """Return the state after an answer: the few misses before it were lost views.
 
     Args:
         silence: what was known before.

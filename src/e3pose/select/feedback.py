@@ -1,4 +1,4 @@
-"""Semantic feedback: predicted people projected into every camera that is selected.
+"""Semantic feedback: predicted people projected into every selected camera.
 
 After Bultmann and Behnke, "Real-time multi-view 3D human pose estimation using semantic feedback to
 smart edge sensors" (RSS 2021). What cameras do with it is in `detectors.focus`.
@@ -23,7 +23,7 @@ USUAL_ERROR_MPS = 1.1
 
 
 def reach_m(error_m: Floats, ahead_s: float) -> Floats:
-    """Return how far off nine of ten of a person's joints are at most.
+    """Return the radius in pixels that holds nine of ten of a person's joints.
 
     Args:
         error_m: `(num_tracks, num_joints)` expected distance from the truth; NaN where unknown.

@@ -37,7 +37,7 @@ class HiddenPeople:
 
     @classmethod
     def nobody(cls, num_cameras: int) -> HiddenPeople:
-        """Return what is expected where everybody is shown."""
+        """Return the value for when every person is published."""
         return cls(np.zeros(0), np.zeros((num_cameras, 0)))
 
     def shows(self, subsets: Flags) -> Floats:

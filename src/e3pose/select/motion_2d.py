@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LastView:
-    """What one camera remembers of the view it saw last.
+    """The last view of a camera.
 
     Attributes:
         slot: when it last looked; -1 if never.
@@ -35,16 +35,16 @@ class LastView:
 
     @classmethod
     def none(cls) -> LastView:
-        """Return that of a camera that never looked."""
+        """Return that of a camera without a view."""
         return cls(-1, np.zeros((0, 4)), np.zeros((0, 4)))
 
     def at(self, slot: int) -> LastView:
-        """Return the memory of a camera that looked in `slot`, and of whose boxes nobody asks."""
+        """Return the last view of a camera active in `slot`, whose boxes are not needed."""
         return LastView(slot, self.boxes, self.motion)
 
 
 def look(last: LastView, view: Poses2D, slot: int, image_size: tuple[int, int]) -> LastView:
-    """Return the camera's memory after it detected `view` in `slot`."""
+    """Return the last view after a camera detected `view` in `slot`."""
     boxes = person_boxes(view.keypoints_px, image_size)
     boxes = boxes[np.isfinite(boxes).all(axis=-1)]
     motion = np.zeros_like(boxes)

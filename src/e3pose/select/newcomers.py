@@ -39,7 +39,7 @@ class Entrants:
 
     @classmethod
     def nobody(cls, num_cameras: int) -> Entrants:
-        """Return what is expected where every detection is explained."""
+        """Return the value for when every detection is explained."""
         return cls(np.zeros((0, num_cameras)), np.zeros((0, num_cameras)), np.zeros(0))
 
     def starts(self, subsets: Flags) -> Floats:
@@ -63,7 +63,7 @@ def expected_entrants(
     interval_s: float,
     ordered: Flags,
 ) -> Entrants:
-    """Work out whom cameras could start in the slot after those that are ordered.
+    """Compute the tracks that cameras could start in the slot after those ordered.
 
     Args:
         rig: the cameras.

@@ -22,7 +22,7 @@ SPREAD_MEMORY_S = 60.0  # a site's people come and go
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """How much the occlusion of a site's cameras differs in a slot: the unit of the paper's V.
+    """Spread of the cameras' occlusion in a slot: the unit of the paper's V.
 
     IoU is small where there are many people or large rooms and large where they crowd, so that a
     weight on it means something else at every site. Divided by this it does not.
@@ -107,7 +107,7 @@ def occlusion(boxes: Floats) -> Floats:
 
 
 def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
-    """Foresee what every camera would see of people.
+    """Predict the views of every camera.
 
     Args:
         rig: the cameras.

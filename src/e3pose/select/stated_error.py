@@ -1,4 +1,4 @@
-"""How large the errors were that the estimator stated of the people it showed lately.
+"""The mean error that the estimator recently stated.
 
 A target error is compared with what the estimator expects to state, which errs both ways: more
 cameras look than the expectation needs, orders arrive for people who moved, cameras fail. What was
@@ -50,7 +50,7 @@ class StatedError:
         return StatedError(mean_m, filled)
 
     def aim_m(self, target_m: float) -> float:
-        """Return the expected error to choose cameras for, so that what is stated meets the target.
+        """Return the expected error to aim at, so that the stated error meets the target.
 
         Proportional in the logarithm: of what an uncorrected aim would miss the target by, a sixth
         is left. An error that was stated for a short time only corrects little, so that the

@@ -37,7 +37,7 @@ HEAR = ["put", "delete", "query", "reply", "declare_subscriber", "liveliness_tok
 
 @dataclass(frozen=True, slots=True)
 class Certificates:
-    """The files with which a program proves who it is.
+    """The files with which a program authenticates.
 
     Attributes:
         authority: certificate of the site's authority.
@@ -73,7 +73,7 @@ class Link:
 
 
 def check_link(link: Link) -> None:
-    """Raise `InputError` for an endpoint that cannot be, or one that anybody could listen to."""
+    """Raise `InputError` for an endpoint that is invalid or unencrypted."""
     protocol, host, port = split_endpoint(link.endpoint)
     if protocol == "tcp" and not (is_loopback(host) or link.insecure):
         raise InputError(
@@ -93,7 +93,7 @@ def check_link(link: Link) -> None:
 
 
 def routes(link: Link) -> bool:
-    """Return whether others connect to the program, which then says who may say what."""
+    """Return whether others connect to the program, which then enforces access."""
     return link.role in ("edge", "router")
 
 
@@ -201,7 +201,7 @@ def edge_name(site: str) -> str:
 
 
 def _limits(site: str) -> list[dict[str, Any]]:
-    """Return how large what cameras say may be: the rest is not even kept until it is read."""
+    """Return the size limits of camera messages; Zenoh drops larger ones."""
     sizes = {"view": VIEW_BYTES, "hello": WORD_BYTES, "heartbeat": WORD_BYTES, "clock": WORD_BYTES}
     return [
         {

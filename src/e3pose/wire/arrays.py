@@ -1,4 +1,4 @@
-"""Arrays and 2D poses as messages carry them, and back."""
+"""Convert arrays and 2D poses to fields of messages, and back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DTYPES = {name: np.dtype(f"<{name}") for name in ("f4", "f8", "i8", "b1")}
 
 
 def pack(array: NDArray[Any]) -> Array:
-    """Return an array as it travels: floats of 4 or 8 bytes, integers of 8, or flags.
+    """Return an array as a message field: floats of 4 or 8 bytes, integers of 8, or flags.
 
     Raises:
         InputError: for another dtype.
@@ -28,7 +28,7 @@ def pack(array: NDArray[Any]) -> Array:
 
 
 def pack_poses(poses: Poses2D) -> tuple[Array, Array]:
-    """Return keypoints and scores as they travel: of more people than are accepted, the surest."""
+    """Return keypoints and scores as message fields; of too many people, those of best score."""
     surest = np.argsort(-poses.scores.sum(axis=1), kind="stable")[:MAX_PERSONS]
     scores = np.clip(poses.scores[surest], 0, 1).astype(np.float32)
     return pack(poses.keypoints_px[surest].astype(np.float32)), pack(scores)
@@ -44,6 +44,6 @@ def unpack(array: Array) -> NDArray[Any]:
 
 
 def poses_2d(view: View) -> Poses2D:
-    """Return what a view shows, with NaN and score 0 where a keypoint is missing."""
+    """Return the 2D poses of a view, with NaN and score 0 where a keypoint is missing."""
     with np.errstate(invalid="ignore"):  # there are NaNs that NumPy warns of
         return Poses2D(unpack(view.keypoints_px), unpack(view.scores))

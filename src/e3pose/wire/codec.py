@@ -46,7 +46,7 @@ def encode(message: Message) -> bytes:
 
 
 def decode(payload: bytes, kind: type[Kind], where: str) -> Kind:
-    """Return the message of a kind that was sent.
+    """Decode and validate a message of the expected kind.
 
     Args:
         payload: what came.
@@ -87,5 +87,5 @@ def _short(error: Exception) -> str:
 
 
 def one_line(text: str) -> str:
-    """Return text as a message may carry it: printable, on one line, not endless."""
+    """Return text fit for a message: printable, one line, bounded length."""
     return "".join(char if char.isprintable() else " " for char in text)[:300]

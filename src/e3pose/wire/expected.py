@@ -11,7 +11,7 @@ from e3pose.wire.validation import MAX_EXPECTED, MAX_PIXEL
 
 
 def packed_expected(view: ExpectedView | None) -> tuple[Array | None, Array | None]:
-    """Return who is expected as the fields of an order; None of each for nobody or a crowd."""
+    """Return an expected view as fields of an order; None of each for no people or a crowd."""
     if view is None or not 0 < len(view) <= MAX_EXPECTED:
         return None, None
     with np.errstate(invalid="ignore"):
@@ -22,7 +22,7 @@ def packed_expected(view: ExpectedView | None) -> tuple[Array | None, Array | No
 
 
 def expected_view(order: Order) -> ExpectedView | None:
-    """Return who is expected in the slot of an order; None to look at the whole image."""
+    """Return the expected view of an order; None for full-frame detection."""
     if order.expected_px is None or order.reach_px is None:
         return None
     keypoints_px, reach_px = unpack(order.expected_px), unpack(order.reach_px)

@@ -30,7 +30,7 @@ class Array(msgspec.Struct, array_like=True, frozen=True):
 
 
 class Hello(msgspec.Struct, array_like=True, frozen=True, tag="hello"):
-    """A camera says what it is, when it connects and every few seconds.
+    """Description of a camera, sent when it connects and every few seconds.
 
     Replaced by a newer one of the same camera.
 
@@ -58,7 +58,7 @@ class Hello(msgspec.Struct, array_like=True, frozen=True, tag="hello"):
 
 
 class View(msgspec.Struct, array_like=True, frozen=True, tag="view"):
-    """What a camera saw in one slot.
+    """The detections of a camera in one slot.
 
     Replaced by a newer one of the same camera and slot.
 
@@ -86,7 +86,7 @@ class View(msgspec.Struct, array_like=True, frozen=True, tag="view"):
 
 
 class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
-    """How a camera is; twice a second, and when its mode changes.
+    """Status of a camera; twice a second, and when its mode changes.
 
     Replaced by a newer one of the same camera.
 
@@ -152,7 +152,7 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
 
 
 class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
-    """The edge tells a camera what to do in a slot, and where slots lie in time.
+    """Order of the edge to a camera: its mode in a slot, and the slot times.
 
     Replaced by a newer one for the same camera and slot; a camera just started needs no other.
 
@@ -196,7 +196,7 @@ class ClockQuestion(msgspec.Struct, array_like=True, frozen=True, tag="clock?"):
 
 
 class ClockAnswer(msgspec.Struct, array_like=True, frozen=True, tag="clock"):
-    """The edge's answer; with the time of its arrival it makes four time stamps.
+    """The edge's answer; with its arrival time it makes four time stamps.
 
     Attributes:
         asked_ns: `sent_ns` of the question.

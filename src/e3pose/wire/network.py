@@ -95,7 +95,7 @@ def open_network(
     routers: Mapping[str, str] | None = None,
     operators: Mapping[str, str] | None = None,
 ) -> NetworkTransport:
-    """Join the site; a camera that finds no edge goes on trying in the background.
+    """Join the site; a camera that finds no edge keeps trying in the background.
 
     Args:
         link: how to join.
@@ -142,7 +142,7 @@ def _in_use(port: int) -> str:
 
 
 def _reason(link: Link, said: str) -> str:
-    """Return why an endpoint cannot be used, and what to do, from what Zenoh says."""
+    """Translate an error of Zenoh into the reason and what to do."""
     _, host, port = split_endpoint(link.endpoint)
     if "os error 98" in said:
         return _in_use(port)

@@ -80,7 +80,7 @@ class Offset:
 
 @dataclass(frozen=True, slots=True)
 class OffsetEstimate:
-    """What a camera remembers of its exchanges; a value.
+    """The clock exchanges of a camera; a value.
 
     Attributes:
         exchanges: the newest ones, oldest first.

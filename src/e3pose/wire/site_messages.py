@@ -11,7 +11,7 @@ from e3pose.wire.messages import Array, CameraMode
 
 
 class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
-    """The people of one slot, for whoever subscribes.
+    """The people of one slot, for subscribers.
 
     Replaced by a newer one.
 
@@ -41,7 +41,7 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
 
 
 class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
-    """What the edge knows of a camera.
+    """The status of a camera.
 
     Attributes:
         camera_id: who.
@@ -98,7 +98,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
-    """An operator asks the edge to run otherwise from the next slot on; until it is restarted.
+    """Request of an operator to change settings of the running edge, until it restarts.
 
     What is None or empty stays as it is.
 
@@ -132,7 +132,7 @@ class Controlled(msgspec.Struct, array_like=True, frozen=True, tag="controlled")
 
 
 class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
-    """A camera's answer to an operator who asks for what it looks at.
+    """A camera's current image, for an operator.
 
     Attributes:
         camera_id: who.
@@ -152,7 +152,7 @@ class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
 
 
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
-    """How the site is; once a second. Replaced by a newer one.
+    """Status of the site; once a second. Replaced by a newer one.
 
     Attributes:
         site: its name.

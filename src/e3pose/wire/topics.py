@@ -19,7 +19,7 @@ ANY = "*"
 
 
 def check_site(site: object) -> str:
-    """Return `site` if it may name a site; the rule is that of camera ids."""
+    """Return `site` if it is a valid name; the rule is that of camera ids."""
     try:
         return check_camera_id(site)
     except InputError as error:
@@ -27,13 +27,13 @@ def check_site(site: object) -> str:
 
 
 def of_camera(site: str, camera_id: str, what: str) -> str:
-    """Return the topic of what a camera says; `ANY` stands for all cameras."""
+    """Return a topic published by a camera; `ANY` stands for all cameras."""
     name = camera_id if camera_id == ANY else check_camera_id(camera_id)
     return f"{ROOT}/{check_site(site)}/camera/{name}/{what}"
 
 
 def of_order(site: str, camera_id: str) -> str:
-    """Return the topic on which a camera is told what to do."""
+    """Return the topic of a camera's orders."""
     return f"{ROOT}/{check_site(site)}/order/{check_camera_id(camera_id)}"
 
 
@@ -43,7 +43,7 @@ def of_site(site: str, what: str) -> str:
 
 
 def sender(topic: str) -> str:
-    """Return the camera that wrote on a topic of its own.
+    """Return the camera that published on a topic.
 
     Raises:
         InputError: when it is no topic of a camera.

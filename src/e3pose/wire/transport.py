@@ -18,7 +18,7 @@ class Transport(Protocol):
     """
 
     def publish(self, topic: str, payload: bytes) -> None:
-        """Send to whoever subscribes; what cannot be sent now is lost, never queued for long."""
+        """Send to all subscribers; what cannot be sent now is dropped, never queued for long."""
         ...
 
     def subscribe(self, topic: str, receive: Receive) -> None:
@@ -26,7 +26,7 @@ class Transport(Protocol):
         ...
 
     def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the answer of whoever answers on a topic; None if none came in time."""
+        """Return an answer to a request on a topic; None if none arrived in time."""
         ...
 
     def answer(self, topic: str, answer: Answer) -> None:
@@ -34,13 +34,13 @@ class Transport(Protocol):
         ...
 
     def be_present(self, topic: str) -> None:
-        """Be seen by those who watch the topic, until closed, killed or cut off."""
+        """Announce presence to those who watch the topic, until closed, killed or disconnected."""
         ...
 
     def watch(self, topic: str, presence: Presence) -> None:
-        """Be told who is there already, who comes and who goes."""
+        """Call back for every program present now, that connects, or that disconnects."""
         ...
 
     def close(self) -> None:
-        """Go; nothing is received afterwards."""
+        """Leave; nothing is received afterwards."""
         ...

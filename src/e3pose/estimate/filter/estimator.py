@@ -1,4 +1,4 @@
-"""The estimator with a memory, as a part of the loop: one causal filter per person."""
+"""The filtering estimator as a part of the loop: one causal filter per person."""
 
 from __future__ import annotations
 

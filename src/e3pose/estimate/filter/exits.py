@@ -27,7 +27,7 @@ SETTLED_S = 4.0  # of people followed before who appears has come: at first ever
 
 
 def count_slot(before: Belief, belief: Belief, model: Model) -> None:
-    """Add a slot to the counts `belief.exits`, an array that nobody else has yet.
+    """Add a slot to the counts `belief.exits`, in place.
 
     Args:
         before: the belief of the slot before.

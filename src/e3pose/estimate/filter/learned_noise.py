@@ -41,7 +41,7 @@ def nothing_known(num_cameras: int) -> Floats:
 
 
 def factors(noise: Floats, weight: float) -> Floats:
-    """Return `(num_cameras,)` what to multiply the sigma of the noise file by.
+    """Return `(num_cameras,)` factors on the sigma of the noise file.
 
     Args:
         noise: `Belief.noise`.

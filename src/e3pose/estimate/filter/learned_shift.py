@@ -31,7 +31,7 @@ LEAST_KNOWN = 50.0  # keypoints from which on a shift is worth telling
 
 
 def shifts_px(shifts: Floats, model: Model) -> Floats:
-    """Return `(num_cameras, 2)` pixels right and down that are taken off each camera's keypoints.
+    """Return `(num_cameras, 2)` pixels right and down subtracted from each camera's keypoints.
 
     Small ones are left alone and large ones hardly reduced: the non-negative garrote (Breiman,
     Technometrics 37, 1995).
@@ -44,7 +44,7 @@ def shifts_px(shifts: Floats, model: Model) -> Floats:
 
 
 def found_px(shifts: Floats, model: Model) -> Floats:
-    """Return `(num_cameras, 2)` pixels that are taken off; NaN where too little is seen."""
+    """Return `(num_cameras, 2)` pixels subtracted; NaN where too little is seen."""
     return _found(shifts, model, LEAST_KNOWN)
 
 

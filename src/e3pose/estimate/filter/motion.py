@@ -48,7 +48,7 @@ def places(tree: Tree, state: Floats, dt: float) -> Floats:
 
 
 def alone(tree: Tree) -> tuple[Floats, Floats]:
-    """Return each joint's motion in the world as one process, for those who look at no other.
+    """Return each joint's motion in the world as one process, independent of other joints.
 
     It takes part in what all joints above it do. Its velocity lasts as long as theirs do, by their
     share of the noise.

@@ -1,4 +1,4 @@
-"""Outlook: predicted people at a future slot with their covariance."""
+"""Outlook: people predicted for a future slot, with covariances."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def outlook(
     track_ids: Ints | None = None,
     factor: float = 1.0,
 ) -> Outlook:
-    """Return what is expected `ahead_s` seconds after the belief's slot, if nothing is seen.
+    """Return the prediction `ahead_s` seconds after the belief's slot, without new views.
 
     Args:
         model: of the filter.
@@ -79,7 +79,7 @@ def outlook(
 
 
 def stated_factor(belief: Belief) -> float:
-    """Return the factor that makes the standard deviations of all who are shown honest at once.
+    """Return one factor that makes the standard deviations of all published people consistent.
 
     One factor for everybody changes what is expected, but not which cameras tell most.
     """

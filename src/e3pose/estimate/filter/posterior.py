@@ -1,4 +1,4 @@
-"""The filter's posterior after a slot, as a smoother needs it."""
+"""The filter's posterior after a slot, for smoothers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from e3pose.estimate.filter.state import Belief, Ints
 
 
 def posterior_of(before: Belief, belief: Belief, track_ids: Ints) -> Posterior:
-    """Return what a smoother needs of a belief; nothing is copied.
+    """Return the posterior of a belief; nothing is copied.
 
     Args:
         before: what the slot began with.

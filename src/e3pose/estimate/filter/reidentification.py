@@ -46,7 +46,7 @@ OVERLAP_S = 0.2  # a track may take a last look when its person has a new one
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Present:
-    """Who is followed and was shown, and who they may turn out to be.
+    """Published tracks, and the identities they may have.
 
     Attributes:
         tracks: `(num_present,)` ids of the filter's tracks.
@@ -67,7 +67,7 @@ class Present:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Departed:
-    """Who left, oldest first.
+    """Identities of ended tracks, oldest first.
 
     Attributes:
         track_ids: `(num_departed,)` identities.
@@ -89,7 +89,7 @@ Rows = TypeVar("Rows", Present, Departed)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identities:
-    """Who is there and who left; a value, never changed in place."""
+    """Present and past identities; a value, never changed in place."""
 
     present: Present
     departed: Departed
@@ -151,7 +151,7 @@ def identify(
 def _recognise(
     present: Present, departed: Departed, rows: Ints, belief: Belief, model: Model
 ) -> tuple[Present, Departed]:
-    """Give those at `rows` the identities of whom they clearly are."""
+    """Give the tracks at `rows` their past identities where these are clear."""
     lengths, taught = _lengths(belief, present.tracks[rows], model)
     gap_s = present.since_s[rows, None] - departed.seen_s
     telling = place_odds(
@@ -174,7 +174,7 @@ def _recognise(
 
 
 def place_odds(gap_s: Floats, apart_m: Floats) -> Floats:
-    """Return the logarithm of how much likelier a place is for one who was lost than a stranger.
+    """Return log-odds of a place: a lost person against a new one.
 
     Args:
         gap_s: `(*batch)` between the last look and being shown again.
@@ -190,7 +190,7 @@ def place_odds(gap_s: Floats, apart_m: Floats) -> Floats:
 def length_odds(
     lengths_m: Floats, taught: Floats, others_m: Floats, others_taught: Floats
 ) -> Floats:
-    """Return the logarithm of how much likelier lengths are for one person than for two.
+    """Return log-odds of bone lengths: the same person against two.
 
     Args:
         lengths_m: `(*batch, num_kinds)` of bones, metres.
@@ -223,7 +223,7 @@ def length_odds(
 
 
 def _left(gone: Present, before: Belief, belief: Belief, model: Model) -> Departed:
-    """Return who left, without second tracks of those who are still there."""
+    """Return ended tracks, without duplicates of people still present."""
     rows = np.searchsorted(before.track_ids, gone.tracks)
     place = before.state[rows, :, :2].mean(axis=1)
     lengths, taught = _lengths(before, gone.tracks, model)

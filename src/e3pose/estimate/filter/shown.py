@@ -31,7 +31,7 @@ class Estimate:
 
 
 def shown(belief: Belief, model: Model) -> Flags:
-    """Return `(num_tracks,)`: who is shown; the others are followed, to be found again."""
+    """Return `(num_tracks,)`: published tracks; the others are kept for re-association."""
     from e3pose.estimate.filter.kernels.shown import who_is_shown
 
     flags = np.empty(len(belief), dtype=bool)
@@ -51,7 +51,7 @@ def shown(belief: Belief, model: Model) -> Flags:
 
 
 def estimate_of(belief: Belief, model: Model) -> Estimate:
-    """Return the people who are believed to be there, and where."""
+    """Return the published people and their positions."""
     from e3pose.estimate.filter.kernels.shown import show
 
     rows = np.flatnonzero(shown(belief, model))

@@ -1,4 +1,4 @@
-"""The state of the filter: its model of the rig, and its belief about everybody."""
+"""The state of the filter: its model of the rig, and its belief about people."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ MIN_SCORE = 0.05  # keypoints below this are not used
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """What does not change from slot to slot.
+    """Constants of the filter.
 
     Attributes:
         rig: the cameras.
@@ -149,7 +149,7 @@ class Model:
 
 
 def wait_s(interval_s: float, num_selected: float) -> float:
-    """Return how long an unexplained detection must wait so that another camera's look can come.
+    """Return how long an unexplained detection must wait for another camera's view.
 
     Args:
         interval_s: seconds per slot.
@@ -161,7 +161,7 @@ def wait_s(interval_s: float, num_selected: float) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leftovers:
-    """Detections of the recent past that no track explains: half of a person to come.
+    """Recent detections that no track explains: candidates for new tracks.
 
     Attributes:
         times_s: `(num_leftovers,)` when they were seen.
@@ -194,7 +194,7 @@ class Leftovers:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Belief:
-    """Everybody, as far as the estimator can tell; a value, never changed in place.
+    """The belief about all people; a value, never changed in place.
 
     Attributes:
         time_s: of the newest slot; NaN before the first.
@@ -271,7 +271,7 @@ class Belief:
 
     @classmethod
     def empty(cls, model: Model) -> Belief:
-        """Return the belief before the first slot: nobody."""
+        """Return the belief before the first slot."""
         joints, bones = len(model.skeleton), len(model.bones)
         return cls(
             time_s=np.nan,
@@ -307,7 +307,7 @@ class Belief:
         )
 
     def without_people(self) -> Belief:
-        """Return the belief of the same site with nobody in it."""
+        """Return the belief of the same site without people."""
         nobody = {name: array[:0] for name, array in self.columns().items()}
         leftovers = self.leftovers.take(np.zeros(0, dtype=np.int64))
         return replace(self, leftovers=leftovers, **nobody)  # type: ignore[arg-type]

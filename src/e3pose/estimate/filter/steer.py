@@ -31,7 +31,7 @@ def steer(
     ahead_s: float,
     drift_share: Floats | float = 1.0,
 ) -> Belief:
-    """Return the belief whose prediction is half way to another one, and surer.
+    """Return the belief steered half way to a prediction, with less process noise.
 
     Positions and covariances stay: they say what views told. The velocity carries the difference
     on into later slots, and views correct it as they correct any velocity.
@@ -72,7 +72,7 @@ def steer(
 def foreseen(
     model: Model, history_m: Floats, prediction: Prediction, interval_s: float
 ) -> tuple[Floats, Floats]:
-    """Return what `steer` needs of a prediction: where joints go, and what is not foreseen.
+    """Return what `steer` needs of a prediction: positions and remaining variances.
 
     A predictor that says how fast its error grows says what it does not foresee: its share of what
     the filter's own motion leaves open between the first slot to come and the second.

@@ -25,7 +25,7 @@ Ints = NDArray[np.int64]
 
 
 class Habit(NamedTuple):
-    """How a kind of joint moves beside its parent; a root: in the world.
+    """Motion of a kind of joint relative to its parent; of a root: in the world.
 
     Attributes:
         acceleration_mps2: how strongly it accelerates, as white noise drawn anew every 1/25 s.
@@ -90,7 +90,7 @@ class Tree:
 
 
 def grow(skeleton: Skeleton) -> Tree:
-    """Return the tree of a skeleton; joints without a parent in it hang on the first such one."""
+    """Return the tree of a skeleton; orphans become children of the first root."""
     names = skeleton.joints
     own = {name: PARENTS.get(name, ((), OTHER)) for name in names}
     above = {name: next((p for p in own[name][0] if p in names), "") for name in names}

@@ -135,7 +135,7 @@ def _cost(
 
 @kernel
 def _line_distance(fundamental: Floats, point: Floats, other: Floats) -> float:
-    """Return how far `other` is from the epipolar line of `point`, in pixels."""
+    """Return the distance of `other` from the epipolar line of `point`, in pixels."""
     u, v = point[0], point[1]
     a = fundamental[0, 0] * u + fundamental[0, 1] * v + fundamental[0, 2]
     b = fundamental[1, 0] * u + fundamental[1, 1] * v + fundamental[1, 2]

@@ -131,7 +131,7 @@ class Fuser:
 
 
 def _trusted(joints_m: Floats, scores: Floats) -> Poses3D:
-    """Make poses without checking them, which would take a fifth of the time of a small slot."""
+    """Create poses without validation, which would take a fifth of the time of a small slot."""
     poses = object.__new__(Poses3D)
     object.__setattr__(poses, "joints_m", joints_m)
     object.__setattr__(poses, "scores", scores)

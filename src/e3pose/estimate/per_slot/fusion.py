@@ -25,7 +25,7 @@ OUTLIER_STEPS = 4  # reweighting converges more slowly than plain least squares
 
 @dataclass(frozen=True, slots=True)
 class FusionSettings:
-    """What counts as the same person, and how joints are placed.
+    """Matching and triangulation settings.
 
     Attributes:
         max_distance_m: mean distance between rays up to which poses are one person. Detector noise
@@ -85,7 +85,7 @@ class FusionSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fusion:
-    """The people of one slot and where they come from, the best supported person first.
+    """The people of one slot and their detections, the best supported person first.
 
     Attributes:
         poses: joints in metres. The score of a joint is the mean score of the keypoints that saw

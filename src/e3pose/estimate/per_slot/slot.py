@@ -275,7 +275,7 @@ def _match_rays(num_poses: int, max_distance_m: float, cap_m: float, memory: Mem
 
 @kernel
 def _take_strongest(num_poses: int, memory: Memory) -> Integers:
-    """Return the poses of the strongest group that is left, by camera; empty if none is."""
+    """Return the poses of the strongest remaining group, by camera; empty if there is none."""
     labels, sizes = memory.integers[LABEL], memory.integers[SIZE]
     strongest = -1
     for pose in range(num_poses):

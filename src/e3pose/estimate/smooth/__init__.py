@@ -52,7 +52,7 @@ def check_smoothing(settings: SmoothSettings) -> None:
 
 
 def smoothed(take: Take, settings: SmoothSettings) -> Take:
-    """Return the take with short gaps filled and then smoothed, everybody by themselves.
+    """Return the take with short gaps filled, then smoothed person by person.
 
     Raises:
         InputError: for settings that cannot be had.

@@ -27,7 +27,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Smoothed:
-    """Everybody followed in one slot, once later slots are known.
+    """All tracks of one slot, smoothed by later slots.
 
     Attributes:
         posterior: what the filter knew in the slot.
@@ -53,7 +53,7 @@ class Smoothed:
         return np.asarray(own[..., :3, :3])
 
     def of(self, track_ids: Ints, poses: Poses3D, covariance_m2: Floats) -> tuple[Floats, Floats]:
-        """Return where people are who were shown in the slot, and how sure that is.
+        """Return the published people of the slot, and their covariances.
 
         A joint that was missing stays missing, and the covariance keeps the factor of what is
         stated (`covariance_inflation`).
@@ -76,7 +76,7 @@ class Smoothed:
 
 
 def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]:
-    """Return every slot as all slots together tell it: the fixed-interval smoother.
+    """Return every slot smoothed by all slots: the fixed-interval smoother.
 
     Args:
         tree: of the skeleton.
@@ -93,7 +93,7 @@ def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]
 
 @dataclass
 class FixedLag:
-    """Smooth as slots come in: each is given back `lag_slots` slots later.
+    """Fixed-lag smoother: each slot is returned `lag_slots` slots later.
 
     Attributes:
         tree: of the skeleton.
@@ -105,7 +105,7 @@ class FixedLag:
     _links: deque[_Link] = field(default_factory=deque)
 
     def push(self, posterior: Posterior) -> Smoothed | None:
-        """Take in a slot; return the one `lag_slots` before it, None while there is none."""
+        """Add a slot; return the one `lag_slots` before it, None while there is none."""
         if self._links:
             self._links[-1] = _linked(self.tree, self._links[-1].posterior, posterior)
         self._links.append(_linked(self.tree, posterior, None))
@@ -178,7 +178,7 @@ def body_transition(tree: Tree, dt: float, drift_share: Floats) -> tuple[Floats,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Link:
-    """A slot and what it makes one expect of the next, of those who are in both.
+    """A slot and its prediction of the next one, for tracks in both.
 
     Attributes:
         posterior: of the slot.

@@ -19,7 +19,7 @@ MARGIN = 9  # slots that are mirrored at the ends of a stretch
 
 
 def butterworth(motion: Motion, interval_s: float, cutoff_hz: float) -> Motion:
-    """Return the motion without what is faster than `cutoff_hz`; gaps divide it.
+    """Return the motion without frequencies above `cutoff_hz`; gaps split it.
 
     Args:
         motion: of one person.

@@ -14,7 +14,7 @@ Flags = NDArray[np.bool_]
 
 
 def stretches(known: Flags, longest_gap: int) -> Iterator[tuple[int, int]]:
-    """Yield where a path goes on: first row and the one after the last, of every stretch.
+    """Yield the first row and the one after the last of every stretch without gaps.
 
     Args:
         known: `(num_slots,)` whether the joint has a place.

@@ -19,7 +19,7 @@ SPEED_CUTOFF_HZ = 1.0  # of the speed itself, as published
 
 
 def one_euro(motion: Motion, interval_s: float, cutoff_hz: float) -> Motion:
-    """Return the motion filtered; a joint that was missing begins anew.
+    """Return the motion filtered; a joint that was missing starts again.
 
     Args:
         motion: of one person.

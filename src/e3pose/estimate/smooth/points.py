@@ -34,7 +34,7 @@ LEAST_NEWS = 1e-3  # of a slot, as a share of the variance expected
 
 
 def smooth_points(motion: Motion, skeleton: Skeleton, interval_s: float) -> Motion:
-    """Return the motion as all of its slots together tell it.
+    """Return the motion smoothed by all of its slots.
 
     Filled joints are no evidence: they are placed by those before and after, and stay marked.
 

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:
-    """What a slot makes one expect of the next, `num` values at a time.
+    """The prediction of a slot for the next one, `num` values at a time.
 
     Attributes:
         mean: `(*batch, num, num_axes)` of the slot after; axes share their covariance.
@@ -34,7 +34,7 @@ class Expected:
 
 
 def expect(mean: Floats, covariance: Floats, across: Floats) -> Expected:
-    """Return what is expected of a slot with its K.
+    """Return the prediction for the next slot, with its gain K.
 
     Args:
         mean: `(*batch, num, num_axes)`.
@@ -52,7 +52,7 @@ def step_back(
     later: Floats,
     later_covariance: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return mean and covariance of a slot once all after it is known.
+    """Return mean and covariance of a slot given all later ones.
 
     Args:
         mean: `(*batch, num, num_axes)` from views up to the slot.

@@ -18,7 +18,7 @@ BOX_EXPANSION = 0.10  # paper section 3.2.1: a body is a little larger than its 
 
 @kernel
 def box_people(keypoints_px: Floats, sizes: Floats, boxes: Floats, shares: Floats) -> None:
-    """Box everybody.
+    """Compute the boxes of all people.
 
     Args:
         keypoints_px: `(num_people, num_joints, 2)` pixels; NaN where missing.
@@ -47,7 +47,7 @@ def box_people(keypoints_px: Floats, sizes: Floats, boxes: Floats, shares: Float
 
 @kernel
 def expect_boxes(rig: Held[Optics], joints_m: Floats, occlusion: Floats, shares: Floats) -> None:
-    """Fill what every camera would see of people, see `occlusion.expected_views`.
+    """Fill the expected views of every camera, see `occlusion.expected_views`.
 
     Args:
         rig: the cameras.

@@ -1,4 +1,4 @@
-"""What cameras would add to what is known, and what sets of them leave: loops over arrays.
+"""Information that cameras would add, and the errors after sets of them: loops over arrays.
 
 Symmetric 3 x 3 matrices are their six upper entries, xx, xy, xz, yy, yz and zz.
 """
@@ -175,7 +175,7 @@ def _look(
 
 @kernel
 def _in_front(pixel: Floats, depth: float, boxes: Floats, depths: Floats) -> float:
-    """Return 1, or `BEHIND_SHARE` for a joint that lies behind the box of somebody nearer."""
+    """Return 1, or `BEHIND_SHARE` for a joint behind the box of a nearer person."""
     for other in range(len(depths)):
         if 0 < depths[other] < depth - BEHIND_M:
             box = boxes[other]
@@ -247,7 +247,7 @@ def gains(
 
 @kernel
 def _add_all(known: Floats, added: Floats, subset: Flags, after: Floats) -> None:
-    """Fill `after` `(6, num_joints)`: what is known with what a set of cameras adds."""
+    """Fill `after` `(6, num_joints)`: prior information plus that of a set of cameras."""
     for entry in range(6):
         for joint in range(known.shape[1]):
             after[entry, joint] = known[entry, joint]

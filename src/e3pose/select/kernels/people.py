@@ -1,4 +1,4 @@
-"""People who are not tracked yet, and people who are hidden: what sets of cameras would show."""
+"""Newcomers and hidden people: which of them sets of cameras would show."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def pair_looks(
     wait_s: float,
     others: Floats,
 ) -> float:
-    """Return how likely two of the `seen` looks start a person; fill `others`.
+    """Return the probability that two of the `seen` views start a track; fill `others`.
 
     Args:
         seen: `(num_looks, num_cameras)` how likely each camera sees the person at each time.
@@ -69,7 +69,7 @@ def started(
 
 @kernel
 def miss(shown: Floats, subset: Flags, track: int) -> float:
-    """Return how likely all cameras of a set miss somebody who is there.
+    """Return the probability that all cameras of a set miss a person.
 
     Args:
         shown: `(num_cameras, num_tracks)` how likely each camera shows each person.
@@ -85,7 +85,7 @@ def miss(shown: Floats, subset: Flags, track: int) -> float:
 
 @kernel
 def hide(shown: Floats, needed: Flags, ordered: Flags, hidden: Floats) -> None:
-    """Work out who is hidden in the slot after those that are ordered, see `hidden_people`.
+    """Compute the people hidden in the slot after those ordered, see `hidden_people`.
 
     Args:
         shown: `(num_cameras, num_tracks)` in [0, 1]: how likely each camera shows somebody there;

@@ -23,7 +23,7 @@ INFORMATION_WEIGHT = 10.0  # simulated: docs/explanation/camera-selection.md
 
 @dataclass(frozen=True, slots=True)
 class PolicySettings:
-    """What a user may say about a policy.
+    """User settings of a policy.
 
     Attributes:
         num_selected: the paper's C, cameras per slot; a mean if it is no whole number.
@@ -89,7 +89,7 @@ class PolicyRow:
 
     @classmethod
     def of(cls, policy: Policy) -> PolicyRow:
-        """Return the row of one's own policy, of which nothing more is known."""
+        """Return the row of a user-defined policy."""
         return cls(
             lambda settings: policy, counts=False, asks_count=False, budgeted=False, own_boxes=True
         )

@@ -20,7 +20,7 @@ class All:
 
 @dataclass(frozen=True, slots=True)
 class Random:
-    """Wake `num_selected` cameras drawn anew in every slot: the paper's Random Selection (RS).
+    """Wake `num_selected` random cameras per slot: the paper's Random Selection (RS).
 
     The draw depends on the seed and the slot alone, so that a restart repeats it.
     """
@@ -40,7 +40,7 @@ class Random:
 
 @dataclass(frozen=True, slots=True)
 class RoundRobin:
-    """Wake `num_selected` online cameras after one another.
+    """Wake `num_selected` online cameras in turn.
 
     Attributes:
         num_selected: cameras per slot; a mean if it is no whole number.

@@ -15,7 +15,7 @@ DEFICIT_LIMIT = (
 
 @dataclass(frozen=True, slots=True)
 class Independent:
-    """Wake every camera that foresees little occlusion in its own view and is within its budget.
+    """Wake every camera that predicts little occlusion in its own view and is within its budget.
 
     Nobody counts the cameras, so that a slot may have none. A camera that has not looked for
     `refresh_s` seconds looks again, since the boxes it carries on have become meaningless.

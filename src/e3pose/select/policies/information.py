@@ -86,7 +86,7 @@ class Information:
         return selection
 
     def _rounded(self, value: Floats) -> Floats:
-        """Return values of which nearly equal ones are equal, so that the phase decides."""
+        """Return rounded values, so that the phase decides between nearly equal ones."""
         step = max(NEAR_NATS * self.quality_weight, 1e-9)
         return np.asarray(np.round(value / step))
 
@@ -118,13 +118,13 @@ class Information:
 
 
 def worth_nats(foresight: Foresight, subsets: Flags) -> Floats:
-    """Return `(num_subsets,)`: what sets tell of those known, and whom they start and show."""
+    """Return `(num_subsets,)` value of sets: information, tracks started, hidden people shown."""
     worth = foresight.information(subsets) + ENTRANT_NATS * foresight.entrants.starts(subsets)
     return np.asarray(worth + SHOWN_NATS * foresight.hidden.shows(subsets))
 
 
 def watch_nats(situation: Situation) -> Floats:
-    """Return `(num_cameras,)` what each camera may show of people whom nobody has seen yet."""
+    """Return `(num_cameras,)` value of each camera for people not seen yet."""
     unseen_s = np.minimum(situation.unseen_slots * situation.interval_s, WATCH_LIMIT_S)
     return np.asarray(WATCH_NATS_PER_S * unseen_s)
 

@@ -49,7 +49,7 @@ Kind = Literal["camera", "viewer", "operator", "router"]
 
 @dataclass(frozen=True, slots=True)
 class Roll:
-    """Who may take part.
+    """The holders of certificates.
 
     Attributes:
         site: name of the site.
@@ -183,7 +183,7 @@ def _add(
 
 
 def revoke_keys(folder: Path, name: str) -> Roll:
-    """Make the certificate of a camera, viewer, operator or router worthless.
+    """Revoke the certificate of a camera, viewer, operator or router.
 
     Raises:
         InputError: when there is none of that name.
@@ -265,7 +265,7 @@ def _people(group: str, found: object) -> dict[str, str]:
 
 
 def _number(common_name: object) -> int:
-    """Return the number in a common name, which makes it somebody's and nobody else's."""
+    """Return the number in a common name, which makes it unique."""
     match = COMMON_NAME.fullmatch(common_name) if isinstance(common_name, str) else None
     if match is None:
         raise InputError(f"found {str(common_name)[:80]!r}, expected a common name such as cam1#2")
@@ -281,7 +281,7 @@ def certificates_in(folder: Path, role: Literal["edge"] | Kind) -> Certificates:
 
 
 def check_certificates(files: Certificates, now: datetime.datetime) -> None:
-    """Raise `InputError` saying what is wrong with certificates before a network hides it."""
+    """Raise `InputError` for invalid certificates, before the network error hides the reason."""
     from e3pose.wire.keys.authority import problem_with
 
     certificate, key, authority = (

@@ -1,4 +1,4 @@
-"""Whose detection is it? Tracks and the detections of one view, by projected distance."""
+"""Data association: tracks and the detections of one view, by projected distance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""New people: two detections that nobody explains and that meet as one body in space."""
+"""New tracks: pairs of unexplained detections that triangulate to one body."""
 
 from __future__ import annotations
 

@@ -55,13 +55,13 @@ def share_at(
 
 @kernel
 def chance(detection_map: Floats, place_m: Floats, corner_m: Floats) -> float:
-    """Return how likely a look of one camera shows somebody at a place, in (0, 1)."""
+    """Return the probability that a camera detects a person at a place, in (0, 1)."""
     return share_at(detection_map, place_m, corner_m, PRIOR_LOOKS, PLAIN)
 
 
 @kernel
 def proof(detection_map: Floats, place_m: Floats, corner_m: Floats) -> float:
-    """Return what a miss of one camera at a place proves, as a share of one in plain sight."""
+    """Return the evidence of a miss at a place, as a share of a miss without obstacles."""
     missing = 1.0 - chance(detection_map, place_m, corner_m)
     if missing <= 1.0 - PLAIN:
         return 1.0
@@ -78,7 +78,7 @@ def learn_detection_map(
     detection_map: Floats,
     tracks: Tracks,
 ) -> None:
-    """Count the looks at everybody who was proved to be there, and keep other misses waiting."""
+    """Count detections and misses of confirmed people; other misses wait."""
     share = dt / FASTEST_S if dt < FASTEST_S else 1.0
     num_cameras = len(arrived)
     for track in range(num_tracks):

@@ -1,4 +1,4 @@
-"""Carry what is known about people through the slots whose cameras are already ordered."""
+"""Propagate people through the slots whose cameras are already ordered."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How wrong predictions are: the loops of `filter.covariance_inflation`."""
+"""Innovation statistics: the loops of `filter.covariance_inflation`."""
 
 from __future__ import annotations
 
@@ -115,21 +115,21 @@ def person_factor(innovations: Floats, last_seen_s: Floats) -> float:
 
 @kernel
 def learned_factor(innovations: Floats) -> float:
-    """Return the factor that a person's row of `Belief.innovations` asks for."""
+    """Return the factor given by a person's row of `Belief.innovations`."""
     factor = (innovations[ACTUAL] / USUAL + PRIOR_M) / (innovations[EXPECTED] + PRIOR_M)
     return float(min(max(factor, 1 / MOST), MOST))
 
 
 @kernel
 def lone_factor(last_seen_s: Floats) -> float:
-    """Return the factor for a person whom a single camera may have seen of late."""
+    """Return the factor for a person recently seen by one camera only."""
     _, second_s = follower(last_seen_s)
     return float(min(max(second_s / LONE_S, 1.0), MOST_LONE))
 
 
 @kernel
 def spread_factor(drift_share: float, of_person: float) -> float:
-    """Return the factor that makes a joint's standard deviations honest.
+    """Return the factor that makes a joint's standard deviations consistent with its errors.
 
     Args:
         drift_share: of `Belief`; a joint that was not steered has all of its process noise.

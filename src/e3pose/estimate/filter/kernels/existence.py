@@ -1,4 +1,4 @@
-"""Who exists: people are confirmed, coasted and ended by the views that should show them."""
+"""Track management: tracks are confirmed, coasted and ended by the views that should show them."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def _alone(
 
 @kernel
 def end(num_tracks: int, girdles: Integers, tracks: Tracks, ended: Flags) -> int:
-    """Drop tracks that are over; return how many are left, in the first rows."""
+    """Delete ended tracks; return how many remain, in the first rows."""
     for track in range(num_tracks):
         ended[track] = _is_over(
             tracks.existence[track], tracks.covariance[track], tracks.unmeasured_s[track]
@@ -198,7 +198,7 @@ def _is_over(existence: float, covariance: Floats, unmeasured_s: Floats) -> bool
 
 @kernel
 def is_wide(joints_m: Floats, girdles: Integers) -> bool:
-    """Return whether shoulders and hips are wider than anybody's; not where one is NaN."""
+    """Return whether shoulders and hips are wider than plausible; False where one is NaN."""
     total = 0.0
     for girdle in range(len(girdles)):
         squares = 0.0

@@ -1,4 +1,4 @@
-"""Where people come and go (`filter.exits`): the loops."""
+"""Entries and exits (`filter.exits`): the loops."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TRUNK_LASTS_S = TRUNK.lasts_s
 
 @kernel
 def place_back(root: Floats, unseen_s: float, place_m: Floats) -> None:
-    """Fill `place_m` `(2,)`: where on the floor somebody was when last shown.
+    """Fill `place_m` `(2,)`: floor position of a person when last published.
 
     The way on since then, with a velocity that fades, is taken back.
 
@@ -51,7 +51,7 @@ def count_slot(
     seen_s: Floats,
     exits: Floats,
 ) -> None:
-    """Add a slot to `exits`: who was followed, who came and who left.
+    """Add a slot to `exits`: tracks followed, started and ended.
 
     Args:
         dt: seconds since the slot before.
@@ -94,7 +94,7 @@ def count_slot(
 
 @kernel
 def _has(track_id: int, ids: Integers, counted: Flags) -> bool:
-    """Tell whether an id is among those that count."""
+    """Return whether an id is in the list."""
     found = False
     for row in range(len(ids)):
         found = found or (counted[row] and ids[row] == track_id)
@@ -103,7 +103,7 @@ def _has(track_id: int, ids: Integers, counted: Flags) -> bool:
 
 @kernel
 def _is_alone(place_m: Floats, roots: Floats, confirmed: Flags) -> bool:
-    """Tell whether nobody is at a place, who would be the same person followed by another track."""
+    """Return whether no other track of the same person is at a place."""
     for track in range(len(roots)):
         x, y = roots[track, 0] - place_m[0], roots[track, 1] - place_m[1]
         if confirmed[track] and math.sqrt(x * x + y * y) < APART_M:

@@ -1,4 +1,4 @@
-"""The noise that is learned: the loops of `filter.learned_noise`."""
+"""Learned noise: the loops of `filter.learned_noise`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ ROBUST = 1.0 / OUTLIER_SIGMAS**2
 
 @kernel
 def recall_noise(noise: Floats, site: Site, detectors: Detectors) -> None:
-    """Begin a slot: work out the factors and the scales of all cameras; nothing is learned yet."""
+    """Start a slot: compute the factors and scales of all cameras."""
     num_cameras = len(noise) - 1
     find_logs(noise, site.noise_weight, detectors.logs)
     for camera in range(num_cameras):
@@ -127,7 +127,7 @@ def _leaning(score: float) -> float:
 
 @kernel
 def proved(track: int, dt: float, views: Views, matches: Matches, tracks: Tracks) -> bool:
-    """Return whether several cameras showed a track of late, so that it is nobody's ghost."""
+    """Return whether several cameras recently detected a track, so that it is no ghost."""
     recent = 0
     for camera in range(len(views.counts)):
         shown = views.arrived[camera] and matches.assigned[camera, track] >= 0
@@ -145,7 +145,7 @@ def compare_noise(
     tracks: Tracks,
     detectors: Detectors,
 ) -> None:
-    """Compare the keypoints of a track that was just updated with what the others say."""
+    """Compare the keypoints of a track just updated with the other cameras."""
     if not proved(track, dt, views, matches, tracks):
         return
     for camera in range(len(views.counts)):
@@ -221,7 +221,7 @@ def _compare(
 
 @kernel
 def learn_noise(noise: Floats, detectors: Detectors) -> None:
-    """Add what was found in a slot to `noise`, which is `Belief.noise`."""
+    """Add the evidence of a slot to `noise`, which is `Belief.noise`."""
     for camera in range(len(noise)):  # and the tilt, which comes last
         fresh = detectors.fresh[camera]
         if not fresh > 0.0:

@@ -1,4 +1,4 @@
-"""Constant shifts of cameras, learned: the loops of `filter.learned_shift`."""
+"""Learned shifts of cameras: the loops of `filter.learned_shift`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 @kernel
 def recall_shifts(shifts: Floats, sizes: Floats, detectors: Detectors) -> None:
-    """Begin a slot: work out what is taken off all keypoints; nothing is learned yet."""
+    """Start a slot: compute the shift subtracted from all keypoints."""
     find_shifts(shifts, sizes, 0.0, detectors.shifts_px)
     for camera in range(len(shifts)):
         for column in range(3):
@@ -65,7 +65,7 @@ def compare_shift(
 
 @kernel
 def learn_shifts(shifts: Floats, sizes: Floats, detectors: Detectors) -> None:
-    """Add what was found in a slot to `shifts`, which is `Belief.shifts`."""
+    """Add the evidence of a slot to `shifts`, which is `Belief.shifts`."""
     for camera in range(len(shifts)):
         fresh, count = detectors.residuals[camera, COUNT], shifts[camera, COUNT]
         if not fresh > 0.0:

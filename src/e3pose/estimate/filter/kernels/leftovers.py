@@ -1,4 +1,4 @@
-"""Leftovers: which detections that nobody explains wait, and in what order (`filter.births`)."""
+"""Leftovers: unexplained detections that wait for a partner, in order (`filter.births`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where bodies move while nobody looks (`filter.motion`), and how a predictor steers them."""
+"""Motion of bodies between views (`filter.motion`), and steering by a predictor."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def move_all(
     state: Floats,
     moved: Floats,
 ) -> None:
-    """Fill `moved` `(num_tracks, num_joints, 6)` with `move` of everybody."""
+    """Fill `moved` `(num_tracks, num_joints, 6)` with `move` of all tracks."""
     for track in range(len(state)):
         move(dt, order, parents, lasts_s, swing_per_s2, state[track], moved[track])
 
@@ -91,7 +91,7 @@ def steer_all(
     state: Floats,
     shares: Floats,
 ) -> None:
-    """Turn velocities so that joints go a part of the way to where they are foreseen.
+    """Change velocities so that joints move part of the way to their predicted positions.
 
     A joint that is not foreseen keeps its own place beside the others.
 
@@ -171,7 +171,7 @@ def foresee_joints(
 
 @kernel
 def _shows_anything(joints_m: Floats) -> bool:
-    """Tell whether any joint `(num_joints, 3)` is known."""
+    """Return whether any joint `(num_joints, 3)` is known."""
     for joint in range(len(joints_m)):
         known = True
         for axis in range(3):

@@ -1,4 +1,4 @@
-"""What is expected of a slot to come (`filter.outlook`): the loops over people."""
+"""Predictions for a future slot (`filter.outlook`): the loops over people."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def expect(
     needed: Flags,
     sigma_px: Floats,
 ) -> None:
-    """Fill what an `Outlook` says of people and of each camera's keypoints.
+    """Fill the people and keypoint noise of an `Outlook`.
 
     Args:
         constants: of the rig, the skeleton and the detector.
@@ -94,7 +94,7 @@ def expect(
 def mean_factor(
     drift_share: Floats, innovations: Floats, last_seen_s: Floats, confirmed: Flags
 ) -> float:
-    """Return the mean factor on the standard deviations of those confirmed; 1 of nobody.
+    """Return the mean factor on the standard deviations of confirmed tracks; 1 without any.
 
     Arguments are of `Belief`.
     """

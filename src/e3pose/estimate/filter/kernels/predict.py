@@ -1,4 +1,4 @@
-"""Predict: the loops of `filter.motion` and `filter.update.predict`."""
+"""The prediction step: the loops of `filter.motion`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a view shows a point, and how that moves with the point."""
+"""Projection of a point into a view, and its derivatives."""
 
 from __future__ import annotations
 

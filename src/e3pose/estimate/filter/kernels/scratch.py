@@ -1,4 +1,4 @@
-"""What the compiled filter works on: the constants of a model, and its working memory.
+"""Data of the compiled filter: constants of a model, and working memory.
 
 Everything is a structure of arrays: one array per quantity, a row per track, detection or leftover.
 """
@@ -146,7 +146,7 @@ class Waiting(NamedTuple):
 
 
 class Matches(NamedTuple):
-    """Which detection of which view is whose."""
+    """The detection of each track in each view."""
 
     assigned: Integers  # (num_cameras, num_tracks) row within the view, -1 for none
     fits: Floats  # (num_cameras, num_tracks)
@@ -157,7 +157,7 @@ class Matches(NamedTuple):
 
 
 class Detectors(NamedTuple):
-    """How noisy the cameras' keypoints are, and what a slot adds to that."""
+    """Keypoint noise of the cameras, and the evidence of a slot."""
 
     noise_px: Floats  # (num_knots,) of the noise file, with the tilt by score
     logs: Floats  # (num_cameras + 1,) logarithm of the factor on the noise file; the tilt

@@ -1,4 +1,4 @@
-"""Who is shown, and who is needed for that (`filter.shown`): the loops."""
+"""Which tracks are published, and which cameras confirm them (`filter.shown`): the loops."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def who_is_shown(
 
 @kernel
 def led_alone(state: Floats, last_seen_s: Floats, ahead_s: float) -> bool:
-    """Tell who walks and will by then have long been seen by one camera alone, or by none.
+    """Return which moving people will by then long have been seen by at most one camera.
 
     Args:
         state: `(num_joints, 6)`.
@@ -116,13 +116,13 @@ def left_odds(
 
 @kernel
 def hazard_hz(exits: Floats, place_m: Floats, corner_m: Floats) -> float:
-    """Return how many of the people at a place `(2,)` leave in a second."""
+    """Return the rate per second at which people leave from a place `(2,)`."""
     return share_at(exits, place_m, corner_m, PRIOR_S, PRIOR_HZ)
 
 
 @kernel
 def likely_shown(detection_map: Floats, root_m: Floats, corner_m: Floats) -> float:
-    """Return how likely a camera's look shows somebody at a place, see `Outlook.shows`."""
+    """Return the probability that a camera detects a person at a place, see `Outlook.shows`."""
     return float(min(chance(detection_map, root_m, corner_m) / PLAIN, 1.0))
 
 
@@ -186,7 +186,7 @@ def grade(
     stated_m2: Floats,
     scores: Floats,
 ) -> None:
-    """Fill the covariances that are stated of people, and the scores of their joints.
+    """Fill the published covariances of people, and the scores of their joints.
 
     Args:
         rows: `(num_persons,)` of their tracks.

@@ -150,7 +150,7 @@ def turn_round(
 
 @kernel
 def _mirror(track: int, limb: int, opposites: Integers, limbs: Integers, tracks: Tracks) -> None:
-    """Exchange where the sides of a limb are; how well they are known is alike, and stays."""
+    """Exchange the positions of the sides of a limb; covariances are alike and stay."""
     for joint in range(len(opposites)):
         other = opposites[joint]
         if limbs[joint] != limb:

@@ -1,4 +1,4 @@
-"""One slot of the estimator: predict, associate, update, who exists, who is new."""
+"""One slot of the filter: predict, associate, update, end and start tracks."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ LEAST_PEOPLE = 16  # of one view, for whom there is always room
 
 
 class StepKernel:
-    """One slot of the filter: the belief before and the views in, the belief now and people out.
+    """One slot of the filter: belief and views in, new belief and people out.
 
     It keeps no history, but what is constant about the newest model, and its working memory; so it
     must not be shared between threads.
@@ -85,7 +85,7 @@ class StepKernel:
     def __call__(
         self, model: Model, belief: Belief, views: Mapping[int, Poses2D], time_s: float
     ) -> tuple[Belief, Estimate]:
-        """Return the belief now and the people who are believed to exist.
+        """Return the new belief and its people.
 
         Args:
             model: the rig, the skeleton, the noise.
@@ -263,7 +263,7 @@ def step_slot(
 
 @kernel
 def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memory) -> None:
-    """Update every track with the views that show it, and learn noise, biases and bones by it."""
+    """Update every track with its detections, and learn noise, biases and bone lengths."""
     views, tracks, passes = memory.views, memory.tracks, memory.passes
     for track in range(num_tracks):
         compare_predicted(track, dt, site, views, memory.matches, tracks)
@@ -298,7 +298,7 @@ def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memo
 
 @kernel
 def _prepare(site: Site, detectors: Detectors, views: Views) -> None:
-    """Take lenses and shifts out and look up the noise; nobody is explained yet."""
+    """Undistort and shift keypoints and look up their noise; no detection is explained yet."""
     undistort_slot(
         views.keypoints_px,
         views.scores,

@@ -82,7 +82,7 @@ def prepare(
 def eliminate(
     order: Integers, parents: Integers, own: Floats, across: Floats, pull: Floats, moved: Floats
 ) -> None:
-    """Write the place of all joints where the sum of squares is least to `moved`.
+    """Write the least-squares positions of all joints to `moved`.
 
     `own` becomes the factor L of each joint, `across` L^-1 times what it was; `pull` and `moved`
     are `(num_joints, 6)`.

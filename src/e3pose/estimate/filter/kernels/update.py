@@ -37,7 +37,7 @@ def update(
     tracks: Tracks,
     passes: Passes,
 ) -> None:
-    """Move a track to what the views of the slot and the learned bones say.
+    """Update a track with the views of the slot and the learned bone lengths.
 
     `assigned` is that of `Matches`, `dt` the seconds since the slot before.
     """
@@ -111,7 +111,7 @@ def _pull_views(
     tracks: Tracks,
     passes: Passes,
 ) -> None:
-    """Begin a pass: sum up in `passes.seen` what all views of the slot say about each joint."""
+    """Start a pass: sum up in `passes.seen` the information of all views about each joint."""
     state, covariance = tracks.state[track], tracks.covariance[track]
     places, moved, seen = passes.places, passes.moved, passes.seen
     for joint in range(len(state)):
@@ -154,7 +154,7 @@ def _pull_view(
     seen: Floats,
     measured: Flags,
 ) -> None:
-    """Add to `seen` what one detection says about each joint; note what it measures.
+    """Add the information of one detection about each joint to `seen`; note what it measures.
 
     `factor` is on its variances.
     """
@@ -210,7 +210,7 @@ def _pull_loose_bones(
     loose: Flags,
     seen: Floats,
 ) -> None:
-    """Add what bones that are not in the tree say to either end; each thinks the other fixed."""
+    """Add the information of bones outside the tree to either end, with the other end fixed."""
     for bone in range(len(bones_m)):
         if not (loose[bone] and counts[bone] > BONE_TEACHERS):
             continue
@@ -250,7 +250,7 @@ def _pull_loose_bones(
 
 @kernel
 def _sum_up(passes: Passes) -> None:
-    """Begin a pass with the prior and what was seen."""
+    """Start a pass with the prior and the views."""
     for joint in range(len(passes.moved)):
         for entry in range(36):
             passes.own[joint, entry] = passes.prior_own[joint, entry]
@@ -277,7 +277,7 @@ def _pull_links(
     across: Floats,
     pull: Floats,
 ) -> None:
-    """Add what the bones of the tree say to both of their ends together."""
+    """Add the information of the bones of the tree to both ends jointly."""
     for joint in range(len(links)):
         bone, parent = links[joint], parents[joint]
         if bone < 0 or not counts[bone] > BONE_TEACHERS:
@@ -313,7 +313,7 @@ def learn_bones(
     counts: Floats,
     known: Flags,
 ) -> None:
-    """Let joints that are well known and were just measured teach how far apart they are.
+    """Learn bone lengths from joints that are accurate and just measured.
 
     All of one track; `known` is scratch `(num_joints,)`.
     """
