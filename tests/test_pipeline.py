@@ -157,7 +157,7 @@ def test_cameras_selected_together_look_at_all_of_their_image_together() -> None
     for record in records[4:]:
         chosen = record.next_selection
         looks = np.where(chosen, 0 if record.expected is None else looks + 1, looks)
-        assert looks.max() < 4  # nobody goes on longer without a whole look
+        assert looks.max() < 4  # full-frame detection is never later
     shares = [record.expected is None for record in records[20:]]
     assert 1 / 4 <= np.mean(shares) <= 1 / 2
 

@@ -51,15 +51,15 @@ class Pipeline:
         lead_slots: the paper's tau, at least 1.
         warmup_slots: the paper's M, the slots at the start in which every camera detects.
         holds: show the poses of the slot before in slots for which no camera was selected.
-        foresees: work out what each camera is expected to tell.
+        foresees: compute the information expected of each camera.
         steering: the predictor that steers the estimator, as far as it states its errors; None
             leaves the estimator alone.
-        own_boxes: whether the policy asks what cameras foresee from the boxes of their own views.
+        own_boxes: whether the policy uses the cameras' own 2D predictions.
         as_published: charge the queue alone, eq. (9), whatever cameras cost, and decide first in
             slot M, for slot M + tau, as Algorithm 1 does.
         waking: makes the policy for another number of cameras a slot; None where it has none.
-        whole_every: cameras are told whom to expect where, and look at all of their image in one
-            of so many looks; 0 tells them nothing.
+        whole_every: cameras get expected views, except that one of so many detections uses the
+            full frame; 0 sends none.
         clock: seconds, for stage times only.
     """
 
@@ -256,9 +256,9 @@ def _feedback(
 ) -> tuple[NDArray[np.int64], tuple[ExpectedView, ...] | None]:
     """Return slots since each camera's last full-frame detection, and the expected views.
 
-    Once one of the cameras selected is due for a whole look, all of them get one: two must see a
-    newcomer at about the same time. People whom the estimator follows but does not show, as too few
-    cameras have seen them, are expected as well, or they would be seen in whole looks alone.
+    Once one selected camera is due for full-frame detection, all of them are: two must see a
+    newcomer at about the same time. Tracks that are not published yet, as too few cameras have seen
+    them, are expected as well; otherwise only full-frame detection would find them.
     """
     if not pipeline.whole_every:
         return state.focused, None

@@ -45,7 +45,7 @@ def test_tables_say_what_is_there_and_what_is_wrong(
                     "1.00", "1", "0.0%", "0.75", "-"]  # fmt: skip
     assert "2 problems:" in text
     assert "  right: 1 of 3 views are lost in 1 gap; the longest is slots 2 to 2" in lines
-    assert "  right: sees nobody in any of its views" in lines
+    assert "  right: detects nobody in any of its views" in lines
 
 
 def test_json_holds_the_same(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

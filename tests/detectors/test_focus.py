@@ -141,7 +141,7 @@ def test_detector_of_one_person_gets_a_box_of_each_who_is_expected_in_the_image(
     image, boxed = np.zeros((720, 1280, 3), dtype=np.uint8), Boxed()
     assert isinstance(boxed, InBoxes)
     detect_expected(boxed, image, expected(person(2000, 200, 300)))
-    assert not boxed.asked  # outside the image: a whole look
+    assert not boxed.asked  # outside the image: full-frame detection
     detect_expected(boxed, image, expected(person(300, 200, 300), person(-20, 100, 200)))
     margin = MARGIN * 300 + 10
     left, right = 300 - margin, 400 + margin

@@ -129,7 +129,7 @@ def floor_from_people(people: People3D, stature_m: float = ASSUMED_STATURE_M) ->
     if len(feet) < MIN_MOMENTS:
         raise InputError(
             f"people: found {len(feet)} moments with a foot at rest, expected at least "
-            f"{MIN_MOMENTS}; let somebody walk and stand in view of two cameras"
+            f"{MIN_MOMENTS}; record a person who walks and stands in view of two cameras"
         )
     normal, tilted = _plane(feet, up)
     heights = feet @ normal
@@ -156,8 +156,8 @@ def _vertical(people: People3D) -> tuple[Floats, int]:
     good = straight & np.isfinite(bodies).all(axis=-1) & np.isfinite(hips).all(axis=-1)
     if good.sum() < MIN_MOMENTS:
         raise InputError(
-            f"people: found {int(good.sum())} moments of somebody upright, expected at least "
-            f"{MIN_MOMENTS}; let somebody stand and walk upright in view of two cameras"
+            f"people: found {int(good.sum())} moments of an upright person, expected at least "
+            f"{MIN_MOMENTS}; record a person who stands and walks upright in view of two cameras"
         )
     directions = bodies[good] / np.linalg.norm(bodies[good], axis=-1, keepdims=True)
     up = np.median(directions, axis=0)

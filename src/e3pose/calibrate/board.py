@@ -54,7 +54,7 @@ class Board:
         if self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0:
             raise InputError(
                 f"board: chessboard of {self.columns}x{self.rows} squares: expected one odd and "
-                "one even side, as it looks the same upside down otherwise"
+                "one even side: other boards look the same upside down"
             )
 
     @classmethod

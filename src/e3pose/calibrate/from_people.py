@@ -99,8 +99,8 @@ def solve_people(
     missing = [name for i, name in enumerate(rig.camera_ids) if i not in cameras]
     if missing:
         raise InputError(
-            f"cameras: {', '.join(missing)}: nobody is followed for a moment there, expected "
-            "people who walk about in every view"
+            f"cameras: {', '.join(missing)}: found no track there, expected people "
+            "who walk about in every view"
         )
     focal = np.array([FOCAL_SIGMA if camera.lens_assumed else 0.0 for camera in rig.cameras])
     best: PeopleRig | None = None

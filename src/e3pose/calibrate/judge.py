@@ -119,7 +119,7 @@ def _resolve(recording: Recording, noise: Noise, progress: Progress) -> list[Rig
         except InputError:
             continue
         finally:
-            progress("solving anew from halves", number + 1, 2)
+            progress("solving again from halves", number + 1, 2)
         if found.inliers >= MIN_INLIERS and found.solved.placed.all():
             rigs.append(found.solved.adjusted.rig)
     return rigs
@@ -193,7 +193,7 @@ def poor_pairs(rig: Rig, judgement: Judgement) -> list[str]:
             names = f"{rig.camera_ids[a]} and {rig.camera_ids[b]}"
             angle, error = judgement.pair_angle[a, b], judgement.pair_errors_px[a, b]
             if np.isnan(angle):
-                words.append(f"{names}: see nobody together")
+                words.append(f"{names}: see no person in common")
             elif min(angle, np.pi - angle) < POOR_ANGLE:
                 words.append(f"{names}: rays meet at {np.degrees(angle):.0f} degrees")
             elif error > POOR_PAIR * middle and error > 3:
@@ -213,7 +213,7 @@ def _advice(
     for i, camera in enumerate(rig.cameras):
         if not seen[i].any():
             words.append(
-                f"{camera.camera_id} saw nobody whom others saw: record people in front of it"
+                f"{camera.camera_id} saw no person that others saw: record people in front of it"
             )
             continue
         if np.linalg.norm(shifts[i]) > SHIFT_SHARE * max(camera.image_size):

@@ -77,8 +77,8 @@ def place_one(recording: Recording, noise: Noise, rig: Rig, camera_id: str) -> O
         if len(used) < MIN_POINTS or others.sum() < MIN_OTHERS:
             raise InputError(
                 f"camera {camera_id}: shares {len(used)} joints with {others.sum()} cameras, "
-                f"expected at least {MIN_POINTS} with {MIN_OTHERS}: let somebody walk through "
-                "what it sees"
+                f"expected at least {MIN_POINTS} with {MIN_OTHERS}: record a person who "
+                "walks through its view"
             )
         used = subsampled(used, seen[:, used].sum(axis=0), FINAL_POINTS)
         adjusted = adjust_points(
@@ -96,8 +96,8 @@ def place_one(recording: Recording, noise: Noise, rig: Rig, camera_id: str) -> O
     if inliers < MIN_INLIERS:
         raise InputError(
             f"camera {camera_id}: only {100 * inliers:.0f} % of its keypoints agree with the other "
-            "cameras: it was moved too far for this, or another was moved too; solve all cameras "
-            "anew with `e3pose calibrate extrinsics RECORDING rig.toml`"
+            "cameras: it moved too far for this, or another camera moved too; recalibrate all "
+            "cameras with `e3pose calibrate extrinsics RECORDING rig.toml`"
         )
     before, after = rig.cameras[index], current.cameras[index]
     error_px = root_mean_square(np.where(size < 3.0, size * sigma[index, used], np.nan), 0)

@@ -193,7 +193,7 @@ def from_points_seen(
     """
     if known.distance is None:
         raise InputError(
-            "scale: points alone do not tell it, expected --distance CAM1,CAM2=METRES, as measured "
+            "scale: unknown from points alone, expected --distance CAM1,CAM2=METRES, as measured "
             "between two lenses, or a wand (--wand)"
         )
     adjusted = _by_points(lenses, keypoints_px, source).adjusted
@@ -273,9 +273,9 @@ def from_people(
         rest = ", ".join(name for name, done in every if done)
         raise InputError(
             f"cameras: {lost}: too little of what they see of people fits what {rest} see at the "
-            "same time, expected somebody walking for half a minute where two cameras see them; "
-            "in a live session few cameras look at once: e3pose record SITE DEST --for 60 lets all "
-            "of them"
+            "same time, expected a person who walks for half a minute where two cameras see them; "
+            "in a live session few cameras are active at once: `e3pose record SITE DEST --for 60` "
+            "uses all of them"
         )
     rig = found.solved.adjusted.rig
     notes: list[str] = []

@@ -87,7 +87,7 @@ def from_stature(people: People3D, metres: float | None) -> Scale:
     found = found[np.isfinite(found)]
     if not len(found):
         raise InputError(
-            "people: legs and trunk of nobody were placed, so that the scale is unknown; pass "
+            "people: no legs and trunk were located, so the scale is unknown; pass "
             "--distance or --limb"
         )
     tall = float(np.median(found))

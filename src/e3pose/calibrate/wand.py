@@ -184,8 +184,8 @@ def _check_seen(wand: Wand, points: Floats, shares: Floats) -> None:
     if number < MIN_TIMES:
         raise InputError(
             f"wand: two of its markers were placed at {number} times ({counts}), expected "
-            f"{MIN_TIMES} at least: turn it so that two cameras see both ends, for longer, or look "
-            "more often (--rate)"
+            f"{MIN_TIMES} at least: turn it longer so that two cameras see both ends, or sample "
+            "more frames (--rate)"
         )
     if min(alone) < MIN_TIMES // 3:
         least = MIN_TIMES // 3

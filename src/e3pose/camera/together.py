@@ -98,7 +98,7 @@ def detect_together(
         offsets_s: camera id to when its video's first frame was taken.
         room: where the loop runs.
         detectors: camera id to what finds the people.
-        whole_every: one of so many looks is at the whole image.
+        whole_every: one of so many detections uses the full frame.
         earlier: camera id to the lines that `work` has.
         report: called with a camera and the number of its slots that are done.
 

@@ -101,7 +101,7 @@ class Unfinished:
         if not restart:
             raise InputError(
                 f"{self.folder}: was begun with other settings ({'; '.join(differing)}); repeat "
-                "that command to continue, or pass --overwrite to begin anew"
+                "that command to continue, or pass --overwrite to start again"
             )
         shutil.rmtree(self.folder / "keypoints", ignore_errors=True)
         return None

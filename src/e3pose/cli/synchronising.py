@@ -161,7 +161,7 @@ def _by_people(
 def _doubt(used: Recording, found: Synchrony) -> str:
     """Return why offsets may be wrong, and what to record; empty if nothing says so."""
     seconds = used.num_slots / used.fps
-    record = "record somebody who walks through the room for half a minute"
+    record = "record a person who walks through the room for half a minute"
     if not used.rig.placed and seconds < ENOUGH_S:
         return (
             f"{seconds:.1f} s of people without a calibration are too little to trust these "

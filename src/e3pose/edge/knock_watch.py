@@ -69,14 +69,14 @@ class KnockWatch:
         self.knock = answers[-1]
         if (before and before.camera) == (self.knock and self.knock.camera):
             return []
-        told: list[tuple[str, str, str | None]] = []
+        events: list[tuple[str, str, str | None]] = []
         if before is not None:
             name = self.rig.camera_ids[before.camera]
-            told.append(("camera-in-place", f"{name} stands as calibrated again", name))
+            events.append(("camera-in-place", f"{name} stands as calibrated again", name))
         if self.knock is not None:
             name = self.rig.camera_ids[self.knock.camera]
-            told.append(("camera-moved", f"{name} {moved_words(self.knock.degrees, name)}", name))
-        return told
+            events.append(("camera-moved", f"{name} {moved_words(self.knock.degrees, name)}", name))
+        return events
 
 
 def moved_words(degrees: float, camera_id: str) -> str:

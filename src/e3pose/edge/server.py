@@ -351,7 +351,7 @@ class EdgeServer:
             )
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
-            for ahead in range(before, self.lead.slots):  # slots that nobody was told of yet
+            for ahead in range(before, self.lead.slots):  # slots without orders yet
                 decision = self.state.selections[ahead]
                 self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
 

@@ -105,9 +105,9 @@ class Outlook:
             metres and metres per second.
         drift_m2ps3: `(num_tracks, num_joints)` power density of the acceleration along an axis.
         velocity_lasts_s: `(num_joints,)` until a velocity is down to 1/e.
-        has_memory: whether views of slots in between tell about the slot to come.
-        delivered: `(num_tracks, num_cameras)` in [0, 1]: what a camera's views recently told about
-            the person, as a share of a view with every joint in plain sight.
+        has_memory: whether views of earlier slots add information about a later one.
+        delivered: `(num_tracks, num_cameras)` in [0, 1]: information of a camera's recent views
+            about the person, as a share of a view with every joint in plain sight.
         shows: `(num_tracks, num_cameras)` in [0, 1]: how likely a look of the camera shows somebody
             where the person will be, as a share of that in plain sight.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each camera showed the person; inf if

@@ -233,7 +233,7 @@ def _clock(
     first, last = int(slots.argmin()), int(slots.argmax())
     count = int(slots[last] - slots[first])
     if count == 0:
-        raise InputError(f"{path}: found one slot, expected two at least: they tell the frame rate")
+        raise InputError(f"{path}: found one slot, expected two at least, to find the frame rate")
     if "time_ns" in table:
         times_ns = table["time_ns"].astype(np.int64)
         interval_s = float(times_ns[last] - times_ns[first]) / NS / count

@@ -79,7 +79,7 @@ def _view_problems(camera: Camera, series: ViewSeries, recording: Recording) -> 
     where = camera.camera_id
     lost = recording.num_slots - len(series.slots)
     if len(series.slots) == 0:
-        return [Problem("no-views", where, "has no view at all")]
+        return [Problem("no-views", where, "has no views")]
     problems = []
     if lost:
         edges = np.concatenate([[-1], series.slots, [recording.num_slots]])
@@ -96,7 +96,7 @@ def _view_problems(camera: Camera, series: ViewSeries, recording: Recording) -> 
             )
         )
     if len(series.scores) == 0:
-        problems.append(Problem("sees-nobody", where, "sees nobody in any of its views"))
+        problems.append(Problem("sees-nobody", where, "detects nobody in any of its views"))
     return problems
 
 
@@ -147,7 +147,7 @@ def _keypoint_problems(camera: Camera, series: ViewSeries) -> list[Problem]:
         return problems
     scores = series.scores[seen]
     if scores.min() == scores.max() == 1 and scores.size > 100:
-        message = "all scores are 1, so that nothing tells good keypoints from bad ones"
+        message = "all scores are 1, so good and bad keypoints cannot be distinguished"
         problems.append(Problem("flat-scores", where, message))
     pixels = series.keypoints_px[seen]
     width, height = camera.image_size

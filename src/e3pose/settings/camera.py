@@ -32,7 +32,7 @@ class DetectSettings:
         overwrite: replace a recording at the destination, and unfinished work of other settings.
         feedback: look at the parts of images in which people are expected, by what all cameras
             found before; needs cameras whose places are known.
-        whole_every: with feedback, one of so many looks is at the whole image.
+        whole_every: with feedback, one of so many detections uses the full frame.
     """
 
     fps: float | None = None

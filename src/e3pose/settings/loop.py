@@ -85,9 +85,9 @@ class LoopSettings:
         phase: offset of turns and ties.
         occlusion_limit: threshold of `independent`.
         round_trip_s: network and server delay that `central-2d` waits for.
-        foresees: work out what each camera is expected to tell even if the policy does not ask.
-        feedback: tell cameras whom to expect where, so that they look there and closer.
-        whole_every: with feedback, cameras look at all of their image once in so many looks.
+        foresees: compute the information expected of each camera even if the policy needs none.
+        feedback: send cameras the people to expect, so that they detect only there.
+        whole_every: with feedback, one of so many detections uses the full frame.
         cost_j: energy of an active slot beyond that of an idle one, of each camera; all alike by
             default, and only the proportions matter.
         noise: of the detector's keypoints, a name or file for `load_noise`; by default that of the
@@ -137,7 +137,7 @@ class LoopSettings:
             if not 0 <= number <= MAX_SEED:
                 raise InputError(thing, number, f"0 to {MAX_SEED}")
         if not 1 <= self.whole_every <= MAX_WHOLE_EVERY:
-            raise InputError("whole_every", self.whole_every, f"1 to {MAX_WHOLE_EVERY} looks")
+            raise InputError("whole_every", self.whole_every, f"1 to {MAX_WHOLE_EVERY}")
         target_m = self.target_error_m
         if target_m is not None and not 0 < target_m <= MAX_TARGET_M:
             raise InputError("target_error", f"{1000 * target_m:g} mm", "1 mm to 1 m")

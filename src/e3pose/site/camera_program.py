@@ -52,7 +52,7 @@ def open_charge_file(node: NodeTable, report: Callable[[str], None]) -> ChargeFi
     """Return what is left in a camera's battery; None on mains.
 
     Args:
-        node: its configuration; the charge is remembered beside its file unless it says where.
+        node: its configuration; the charge is saved beside its file, unless it names another.
         report: called with messages for operators.
     """
     if node.battery_wh is None:

@@ -139,7 +139,7 @@ def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Itera
             "problem" if asked > HOPELESS * reached else "warning",
             "fps",
             f"this machine manages {able}; the site asks for {asked:.3g} slots a second{slots}",
-            f"{slower}, fewer cameras per slot, a smaller network, or e3pose init to choose anew",
+            f"{slower}, fewer cameras per slot, a smaller network, or run `e3pose init` again",
         )
 
 

@@ -214,7 +214,7 @@ def _line(setting: str, comment: str) -> str:
 def _calibration(choice: Choice, folder: Path) -> list[str]:
     setting = f'calibration = "{RIG_FILE}"'
     if choice.rig is not None:
-        return [_line(setting, "names the cameras and says where they are")]
+        return [_line(setting, "names and locates the cameras")]
     return [
         _line(setting, "missing, to be made by"),
         f"#   e3pose record {folder} walk --for 60",

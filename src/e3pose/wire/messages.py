@@ -35,12 +35,12 @@ class Hello(msgspec.Struct, array_like=True, frozen=True, tag="hello"):
     Replaced by a newer one of the same camera.
 
     Attributes:
-        camera_id: who.
+        camera_id: of the camera.
         session: a number drawn when the program started; another one means that it was restarted.
         joints: names of the keypoints that its detector finds, in order.
         image_size: `(width, height)` in pixels of the images it looks at.
-        fps: frames a second that its source delivers.
-        wake_s: how long it takes from aggressive power-saving to its first frame.
+        fps: frames per second of its source.
+        wake_s: time from aggressive power-saving to its first frame.
         detector: name of the network.
         software: version of the program.
         battery_wh: capacity of the battery; None on mains.
@@ -63,7 +63,7 @@ class View(msgspec.Struct, array_like=True, frozen=True, tag="view"):
     Replaced by a newer one of the same camera and slot.
 
     Attributes:
-        camera_id: who saw it.
+        camera_id: of the camera.
         session: of the camera.
         slot: which slot the frame belongs to, by the camera's estimate of the edge's clock.
         captured_edge_ns: when the frame was taken, in that estimate.
@@ -91,34 +91,34 @@ class Heartbeat(msgspec.Struct, array_like=True, frozen=True, tag="heartbeat"):
     Replaced by a newer one of the same camera.
 
     Attributes:
-        camera_id: who.
+        camera_id: of the camera.
         session: of the camera.
         sent_edge_ns: when, by the camera's estimate of the edge's clock.
-        mode: what it does now.
+        mode: current mode.
         captured: frames taken since it started.
-        detected: frames looked at.
+        detected: frames on which the detector ran.
         sent: views sent.
         dropped: frames and views that a newer one replaced before they were dealt with.
-        late_orders: orders that came after the slot they were for.
-        orders: orders that came.
+        late_orders: orders that arrived after their slot.
+        orders: orders that arrived.
         order_margin_ns: the least time, since the heartbeat before, from an order to its slot.
         clock_offset_ns: edge time minus camera time.
-        clock_drift_ppm: how fast that grows, millionths.
-        clock_error_ns: how far it may be off.
-        power_w: what the device draws now; None where unknown.
-        energy_j: what it has drawn since it started; None where unknown.
-        measured: whether power and energy were measured; otherwise a model says them.
+        clock_drift_ppm: its drift, millionths.
+        clock_error_ns: bound of its error.
+        power_w: of the device now; None where unknown.
+        energy_j: since it started; None where unknown.
+        measured: whether power and energy were measured; otherwise a model estimates them.
         active_s: seconds it was active since it started.
         idle_s: seconds it was not.
-        battery_j: charge that is left; None on mains or where unknown.
-        charging_w: power that the battery is given.
-        problem: what keeps it from working, in words; empty if nothing.
+        battery_j: remaining charge; None on mains or where unknown.
+        charging_w: charging power of the battery.
+        problem: why it does not work, for operators; empty if it does.
         order_delay_ns: the longest, since then, from the slot of an order's making to its arrival.
-        gauge: whether a gauge says `battery_j`; otherwise a model says it.
-        ends: whether this is its last word, as its program was told to end.
+        gauge: whether a gauge measures `battery_j`; otherwise a model estimates it.
+        ends: whether this is its last heartbeat, as its program was stopped.
         temperature_c: of the device; None without a sensor.
         recording_j: part of `energy_j` that recording video has taken, by a model.
-        focused: of the detected frames, those in which it was told whom to expect where.
+        focused: of the detected frames, those with an expected view.
     """
 
     camera_id: str
@@ -157,15 +157,15 @@ class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
     Replaced by a newer one for the same camera and slot; a camera just started needs no other.
 
     Attributes:
-        camera_id: who is told.
-        slot: for which slot.
+        camera_id: the recipient.
+        slot: the slot of the order.
         active: whether to detect and send in it.
         idle_mode: what to do in slots without an active order.
         origin_edge_ns: when the middle of slot 0 is.
         interval_ns: length of a slot.
         sent_edge_ns: when the order left.
         session: of the edge; orders of an older session count no more.
-        lead: how many slots ahead orders are given at present.
+        lead: current lead in slots.
         expected_px: `(num_persons, num_joints, 2)` f4 pixels where people will be; None: anywhere.
         reach_px: `(num_persons,)` f4 how far off nine of ten of those are at most.
     """
@@ -187,7 +187,7 @@ class ClockQuestion(msgspec.Struct, array_like=True, frozen=True, tag="clock?"):
     """A camera asks the edge for the time.
 
     Attributes:
-        camera_id: who asks.
+        camera_id: the sender.
         sent_ns: when, by its own clock.
     """
 

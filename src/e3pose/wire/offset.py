@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 MAX_EXCHANGES = 128  # a bounded memory: two minutes at one a second
-BELIEVED_SHARE = 0.1  # the quickest exchanges of those remembered
+BELIEVED_SHARE = 0.1  # the quickest of the exchanges kept
 MIN_SPAN_S = 20.0  # over less time a drift drowns in the delays
 LINE_PPM = 30.0  # a drift is fitted where delays spoil it by no more than this
 LIKELY_DRIFT_PPM = 50.0  # of a clock that nothing is known of

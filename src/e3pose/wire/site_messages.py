@@ -22,9 +22,9 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
         track_ids: `(num_persons,)` i8.
         joints_m: `(num_persons, num_joints, 3)` f4 world metres; NaN where unknown.
         sigma_m: `(num_persons, num_joints)` f4 standard deviation along an axis; NaN where unknown.
-        measured: `(num_persons, num_joints)` b1; the others are carried on from earlier slots.
+        measured: `(num_persons, num_joints)` b1; the others are predicted from earlier slots.
         published_edge_ns: when the message left.
-        selected: cameras that were to look in the slot; empty of people who are told again.
+        selected: cameras selected for the slot; empty for delayed poses.
         arrived: those of them whose views are in the poses.
     """
 
@@ -44,31 +44,30 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     """The status of a camera.
 
     Attributes:
-        camera_id: who.
+        camera_id: of the camera.
         online: whether it can be selected.
-        why: if not, why; else what is odd about it.
-        mode: what it said last.
+        why: why it is not; else its impairment.
+        mode: of its last heartbeat.
         last_seen_s: seconds since its last message; None if never.
         duty: share of the last minute's slots in which it was selected.
-        power_w: what it says it draws.
+        power_w: reported power.
         measured: whether that was measured.
-        battery: share of the battery that is left; None on mains or where unknown.
+        battery: state of charge in [0, 1]; None on mains or where unknown.
         deficit: its energy deficit queue.
-        late: views that came after their slot was closed, since the start.
-        lost: views that were ordered and never came.
+        late: views that arrived after their slot was closed, since the start.
+        lost: views that were ordered and never arrived.
         clock_offset_ms: edge time minus camera time.
-        gauge: whether the battery's gauge says what is left; otherwise a model does.
+        gauge: whether a gauge measures `battery`; otherwise a model estimates it.
         noise_factor: sigma of its keypoints over the noise file's, as learned; None if unknown.
-        shift_px: how far all of its keypoints are off, as learned and taken off; None if unknown.
+        shift_px: common offset of its keypoints, learned and subtracted; None if unknown.
         occlusion: of the people in its view, predicted for the slot decided last, [0, 1].
-        gain_nats: information a joint that it adds to the others; None if not worked out.
-        price: what its energy queue asks for it, on the same scale.
+        gain_nats: information per joint that it adds to the others; None if not computed.
+        price: of its energy queue, on the same scale.
         temperature_c: of the device, by its own sensor; None where there is none.
-        paused: whether an operator had it left out.
+        paused: whether an operator paused it.
         budget: share of the slots in which it may be active, as a mean.
-        turned_deg: by how much, at least, it was turned since it was calibrated; None if it
-            stands as calibrated as far as can be seen.
-        focused: frames in which it was told whom to expect where, since it started.
+        turned_deg: lower bound of its rotation since calibration; None if none is detected.
+        focused: frames with an expected view, since it started.
     """
 
     camera_id: str
@@ -135,7 +134,7 @@ class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
     """A camera's current image, for an operator.
 
     Attributes:
-        camera_id: who.
+        camera_id: of the camera.
         slot: in which it detected in that image.
         image_size: `(width, height)` in pixels of the image it looked at.
         jpeg: of the image, made small.

@@ -25,7 +25,7 @@ CELL_M = 0.75  # people's own size, and the reach of a door
 NUM_CELLS = 40  # along each side of the square around the cameras
 PLAIN = 0.9  # detections of a look in plain sight: what is thought of places nobody was seen at
 PRIOR_LOOKS = 2.0  # that this counts for
-MOST_LOOKS = 60.0  # per place that are remembered, a few seconds of somebody: things get moved
+MOST_LOOKS = 60.0  # kept per place, a few seconds of one person: things get moved
 LOOKS, SHOWN = 0, 1  # of the last axis
 # So many cameras must have shown a person of late to prove that one is there: what lives on the
 # detections of one camera alone may be a ghost, whose misses would say that all others are blind.

@@ -21,7 +21,7 @@ from e3pose.estimate.filter.state import Belief, Model
 FOLLOWED, PASSED = 0, 1  # of the last axis: seconds, and people who came or left
 PRIOR_S, PRIOR_HZ = 1.0, 0.03  # what is thought of a place, and the seconds that this counts for
 MOST_UNSEEN_S = 1.0  # how far back the way of somebody unseen is taken
-MOST_S = 30.0  # per place that are remembered: doors get locked
+MOST_S = 30.0  # kept per place: doors get locked
 MOST_LEFT_ODDS = 1.0  # who has more likely left than not is followed, but not shown
 SETTLED_S = 4.0  # of people followed before who appears has come: at first everybody appears
 

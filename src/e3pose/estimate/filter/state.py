@@ -213,7 +213,7 @@ class Belief:
             one showed both; 0 for those who overlap nobody.
         seen_by: `(num_tracks, num_cameras)` cameras that have shown the person.
         last_seen_s: `(num_tracks, num_cameras)` seconds since each did; inf if never.
-        delivered: `(num_tracks, num_cameras)` in [0, 1]: what the views of a camera recently told
+        delivered: `(num_tracks, num_cameras)` in [0, 1]: what the recent views of a camera added
             about the person, as a share of what a view with every joint in plain sight would
             (`existence.DELIVERED_PRIOR` before it looked, and again long after).
         missed: `(num_tracks, num_cameras)` looks that missed the person since one did not.

@@ -33,7 +33,7 @@ def steer(
 ) -> Belief:
     """Return the belief steered half way to a prediction, with less process noise.
 
-    Positions and covariances stay: they say what views told. The velocity carries the difference
+    Positions and covariances stay: they come from views. The velocity carries the difference
     on into later slots, and views correct it as they correct any velocity.
 
     Args:

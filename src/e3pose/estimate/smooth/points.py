@@ -106,7 +106,7 @@ def _taken_in(expected: Expected, place_m: Floats, sigma_m: Floats) -> tuple[Flo
     stated = np.isfinite(sigma_m)
     measurement = before * UNKNOWN_SIGMA_M**2 / (before + UNKNOWN_SIGMA_M**2)
     after = np.where(stated, np.where(stated, sigma_m, 1.0) ** 2, measurement)
-    share = 1 - np.clip(after / before, 0.0, 1 - LEAST_NEWS)  # what the slot told: k above
+    share = 1 - np.clip(after / before, 0.0, 1 - LEAST_NEWS)  # information of the slot: k above
     share = np.where(measured, share, 0.0)
     column = expected.covariance[:, :, 0] / before[:, None]  # (1, c- / p-)
     gone = np.where(measured[:, None], place_m - expected.mean[:, 0], 0.0)

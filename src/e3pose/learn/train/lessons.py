@@ -62,7 +62,7 @@ def lessons(
     if not stretches:
         raise InputError(
             f"recording {recording.name}: found no slot that is not scored, expected some; "
-            "--include-scored learns from them all the same, and the model card says so"
+            "--include-scored learns from scored slots, and the model card says so"
         )
     if true:
         clips = clips_of(recording, shortest, stretches)

@@ -84,7 +84,7 @@ def load_noise_file(name_or_path: str | Path) -> NoiseFile:
 def _assumed(detector: str) -> NoiseFile:
     """Return the noise of a detector that was not measured."""
     measured = load_noise_file(MODEL_OF_ASSUMED)
-    why = "nothing says which detector it is" if detector == DEFAULT else "not measured"
+    why = "the detector is unknown" if detector == DEFAULT else "not measured"
     return NoiseFile(
         format=FORMAT,
         version=VERSION,

@@ -132,7 +132,7 @@ def section(scale: Scale, made: Made) -> Section:
         how=f"Simulated scenes (people, cameras, detections), {scale.repeats(*SEEDS)} from 1000, "
         f"on which nothing was chosen, {_seconds(scale):.0f} s at {FPS:g} slots per second. Every "
         "table and figure states its lead, in slots; to policies that do not look ahead, a lead is "
-        f"a longer warm-up, so they have lead {SHOWN_LEAD} alone. Error with misses: whoever is "
+        f"a longer warm-up, so they have lead {SHOWN_LEAD} alone. Error with misses: a person "
         "not found counts as 500 mm off. Over scenes: the geometric mean; standard deviations are "
         "over seeds. All and independent take no C. Energy is modelled from the shares of slots. "
         "IDF1 and HOTA with matches up to 0.5 m of mean joint distance; HOTA is the mean over "

@@ -146,7 +146,7 @@ POLICIES: dict[str, PolicyRow] = {
         lambda s: Information(
             s.num_selected, s.weight(INFORMATION_WEIGHT), s.target_error_m, s.phase
         ),
-        "the cameras that are expected to tell most about everybody",
+        "the cameras with the most expected information about all people",
         foresees=True,
         aims=True,
     ),

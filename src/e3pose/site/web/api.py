@@ -38,8 +38,8 @@ TIME = (
     "such as `-10s`, `14:00`, `2026-11-21T14:00`, seconds of the newest run such as `12.5`, or "
     "nanoseconds since 1970"
 )
-Start = Annotated[str | None, Query(max_length=64, description=f"from when, {TIME}")]
-End = Annotated[str | None, Query(max_length=64, description="until when, included; likewise")]
+Start = Annotated[str | None, Query(max_length=64, description=f"first time, {TIME}")]
+End = Annotated[str | None, Query(max_length=64, description="last time, included")]
 Run = Annotated[int | None, Query(ge=0, le=LARGEST, description="one run of the store only")]
 Cursor = Annotated[str | None, Query(max_length=48, pattern=r"^[0-9]{1,18}(\.[0-9]{1,18})?$")]
 T = TypeVar("T")

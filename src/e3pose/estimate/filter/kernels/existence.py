@@ -23,9 +23,9 @@ END_UNSEEN_S = 1.0  # out of every camera's sight for this long, as in `track`
 END_SPREAD_M = 1.0  # nobody is known who could be anywhere
 CONFIRM_CAMERAS, CONFIRM_HITS = 3, 10
 INSIDE_JOINTS = 6  # joints inside an image for which it should show the person
-DELIVERED_PRIOR = 0.5  # what a camera is thought to tell before it looked
+DELIVERED_PRIOR = 0.5  # assumed value of a camera before its first view
 DELIVERED_RATE = 0.3  # of a view: people move behind each other within a second
-DELIVERED_LASTS_S = 3.0  # what a camera that does not look is remembered for
+DELIVERED_LASTS_S = 3.0  # how long the value of an idle camera is kept
 SAME_M = 0.15  # median distance of joints at which two tracks are one person
 # Detectors that take a front for a back make a mirrored body in the same place, cameras that do not
 # agree one beside it. Middles of two people are farther apart, a chest is as deep as this; of two
