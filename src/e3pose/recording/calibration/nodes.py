@@ -2,7 +2,7 @@
 
 Every scalar stays text and every tag is ignored, so nothing in a file can name a Python object and
 a camera called `01` does not become the number 1. Aliases, which can make a small file expand to a
-huge one, are refused.
+huge one, are refused, and so are values nested deeper than any calibration is.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import yaml
 
 MAX_NODES = 200_000
+MAX_DEPTH = 32  # OpenCV and EasyMocap write at most four
 
 
 def load_nodes(path: Path) -> dict[str, Any]:
@@ -35,6 +36,18 @@ def parse(path: Path, text: str) -> dict[str, Any]:
 
     class Loader(yaml.BaseLoader):
         nodes = 0
+
+        # PyYAML reads ahead a thousand characters before it parses, and looks at every open bracket
+        # for each token, so the depth is limited where tokens are read.
+        def fetch_more_tokens(self) -> None:
+            if self.flow_level + len(self.indents) > MAX_DEPTH:
+                raise InputError(
+                    f"line {self.line + 1}",
+                    "values nested too deep",
+                    f"at most {MAX_DEPTH} levels",
+                    place=str(path),
+                )
+            super().fetch_more_tokens()
 
         def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
             self.nodes += 1
