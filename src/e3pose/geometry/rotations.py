@@ -16,6 +16,18 @@ def cross_matrices(vectors: Floats) -> Floats:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def rotation_of(vector: Floats) -> Floats:
+    """Return the rotation `(3, 3)` of a Rodrigues vector `(3,)`: its axis times its angle.
+
+    Rodrigues' formula. SciPy has it too, but takes longer to import than all that reads a rig.
+    """
+    angle = float(np.linalg.norm(vector))
+    cross = cross_matrices(vector)
+    # np.sinc(x) is sin(pi x) / (pi x), which is 1 for no rotation
+    turn, tilt = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2
+    return np.asarray(np.eye(3) + turn * cross + tilt * cross @ cross)
+
+
 def angles_between(first: Floats, second: Floats) -> Floats:
     """Return the angles in radians between two stacks of rotations, `(n, 3, 3)` each."""
     from scipy.spatial.transform import Rotation  # slow to import

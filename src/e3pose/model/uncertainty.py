@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import fdtri, poch
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +39,8 @@ def distance_within_m(covariance_m2: Floats, share: float) -> Floats:
     have the tails of a t-distribution. This one has the mean of `expected_distance_m`; 0.9 is the
     band that reports show.
     """
+    from scipy.special import fdtri, poch
+
     total = np.trace(covariance_m2, axis1=-2, axis2=-1)
     squared = (covariance_m2 * np.swapaxes(covariance_m2, -1, -2)).sum(axis=(-1, -2))
     degrees = total**2 / squared
@@ -55,4 +56,6 @@ def mean_distance(total: Floats, degrees: Floats) -> Floats:
         total: `(*batch)` mean of the square, square metres.
         degrees: `(*batch)` degrees of freedom.
     """
+    from scipy.special import poch  # takes longer to import than all else here
+
     return np.asarray(np.sqrt(2 * total / degrees) * poch(degrees / 2, 0.5))

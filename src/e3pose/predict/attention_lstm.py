@@ -16,8 +16,10 @@ from e3pose.predict.normalise import COMMON_JOINTS, LEFT_RIGHT, common_columns
 
 if TYPE_CHECKING:
     from e3pose.predict.kernels.network import Weights
+    from e3pose.predict.kernels.prediction import Parts
     from e3pose.predict.kernels.tracks import Curves
     from e3pose.predict.weights_file import WeightsFile
+    from e3pose.runtime.held import Held
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +44,6 @@ class AttentionLstm:
     def __init__(self, skeleton: Skeleton, weights: Path = SHIPPED) -> None:
         from e3pose.predict.kernels.prediction import Parts, predict_tracks
         from e3pose.predict.kernels.tracks import Joints
-        from e3pose.runtime.held import hold
 
         self.weights, self.curves, self.history_slots = _load(weights)
         self.states_error = len(self.weights.couple) > 0  # the paper's own network does not
@@ -62,7 +63,8 @@ class AttentionLstm:
             carried,
             np.array(LEFT_RIGHT, dtype=np.int64),
         )
-        self._parts = hold(Parts(self.weights, self.joints, self.curves))
+        self._parts = Parts(self.weights, self.joints, self.curves)
+        self._held: Held[Parts] | None = None  # made with the first prediction: it loads kernels
         self._run = predict_tracks
 
     def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
@@ -82,10 +84,14 @@ class AttentionLstm:
 
     def _predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """Return the prediction of some tracks."""
+        if self._held is None:
+            from e3pose.runtime.held import hold
+
+            self._held = hold(self._parts)
         shape = lead_slots, history_m.shape[1], self.num_joints
         joints_m, error_m = np.empty((*shape, 3)), np.empty(shape)
         self._run(
-            self._parts,
+            self._held,
             self.history_slots,
             float(interval_s),
             MAX_LEADS,

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from e3pose import __version__
 from e3pose.edge.consumers import Consumers
@@ -39,12 +39,14 @@ from e3pose.site.run import run_until_stopped
 from e3pose.site.zone_sink import ZoneSink
 from e3pose.site.zones import Zones
 from e3pose.store.rows import Event, Run
-from e3pose.store.writer import StoreWriter
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates, read_roll
 from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
+
+if TYPE_CHECKING:
+    from e3pose.store.writer import StoreWriter
 
 
 class Edge:
@@ -150,7 +152,6 @@ def check_edge(site: SiteTable) -> LiveSite:
 def check_places(live: LiveSite) -> None:
     """Raise `InputError` where what the edge writes would be where something else stands."""
     from e3pose.learn.online.versions import check_learning_folder
-    from e3pose.store.database import check_place, database_url
 
     site = live.site
     live.budgets([1.0] * len(live.rig), datetime.datetime.now().astimezone())
@@ -158,6 +159,8 @@ def check_places(live: LiveSite) -> None:
         if site.state:
             check_file_free(site.near(site.state))
         if site.store_place is not None:
+            from e3pose.store.database import check_place, database_url
+
             check_place(database_url(site.store_place))
         if site.learn is not None:
             check_learning_folder(site.near(site.learn))
@@ -299,7 +302,7 @@ def open_store(
     site, place = live.site, live.site.store_place
     if site.store is None or place is None:
         return None
-    from e3pose.store import Retention, WriterSettings
+    from e3pose.store import Retention, StoreWriter, WriterSettings
     from e3pose.store.database import database_path, database_url
 
     run = Run(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 from e3pose.pipeline import SlotRecord
 from e3pose.site.zones import Seen, Zones, advance
 from e3pose.store.rows import Event
-from e3pose.store.writer import StoreWriter, WriterStatus
+
+if TYPE_CHECKING:
+    from e3pose.store.writer import StoreWriter, WriterStatus
 
 
 @dataclass(eq=False)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from e3pose.errors import InputError
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.geometry.rotations import rotation_of
 
 Floats = NDArray[np.float64]
 
@@ -120,18 +121,16 @@ def units_of(value: object, where: str) -> float:
 
 def rotation_matrix(rotation: Floats) -> Floats:
     """Return `(3, 3)` from a rotation matrix or a `(3,)` Rodrigues vector (axis times angle)."""
-    from scipy.spatial.transform import Rotation  # takes longer to import than all else here
-
     if rotation.shape == (3, 3):
         return rotation
     if np.abs(rotation).max() > MAX_ANGLE:
         return np.zeros((3, 3))  # refused as not orthonormal
-    return np.asarray(Rotation.from_rotvec(rotation).as_matrix(), dtype=np.float64)
+    return rotation_of(rotation)
 
 
 def rotation_vector(rotation: Floats) -> Floats:
     """Return the `(3,)` Rodrigues vector of a `(3, 3)` rotation, angle in [0, pi]."""
-    from scipy.spatial.transform import Rotation
+    from scipy.spatial.transform import Rotation  # takes longer to import than all else here
 
     return np.asarray(Rotation.from_matrix(rotation).as_rotvec(), dtype=np.float64)
 
