@@ -31,7 +31,8 @@ COMMAND_S = 300.0
 CENTRE_M, LIVE_M = 0.25, 0.1  # in a room of eight metres, on a machine that does other things
 UP = "e3pose up room"
 CHECK = "e3pose check room"
-COMPUTING = ("simulate", "calibrate", "query", "report")  # in this process: they start no other
+# Commands that start no other processes run in this one.
+COMPUTING = ("simulate", "calibrate", "top", "query", "report")
 TRIES = 8  # it measures how quick the machine is, which may be busy
 
 

@@ -8,11 +8,13 @@ import signal
 import socket
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import psutil
 import pytest
+from tests.cli import commands
 from tests.live.processes import COMPILE_S, LiveSite, e3pose, run
 from tests.ports import free_port
 from tests.waiting import eventually
@@ -58,17 +60,16 @@ def write_site(
     return path
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_up_runs_a_site_and_ends_all_of_it(
-    tmp_path: Path, recording: Path, number: signal.Signals
-) -> None:
-    path = write_site(tmp_path, recording)
+@contextmanager
+def up(path: Path, number: signal.Signals) -> Iterator[None]:
+    """Run a site with `up` until slots flow, and end it with a signal: nothing of it may stay."""
     program = subprocess.Popen(
         e3pose("up", str(path)),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
         start_new_session=True,
+        umask=0o022,
     )
     follower, transport = Follower("lab"), open_network(viewer_link(load_site(path), None))
     try:
@@ -76,6 +77,7 @@ def test_up_runs_a_site_and_ends_all_of_it(
         assert eventually(lambda: follower.status and follower.status.slot > 10, COMPILE_S)
         children = psutil.Process(program.pid).children(recursive=True)
         assert len(children) == 4
+        yield
         begun_s = time.monotonic()
         program.send_signal(number)
         said, _ = program.communicate(timeout=60)
@@ -83,15 +85,23 @@ def test_up_runs_a_site_and_ends_all_of_it(
     finally:
         transport.close()
         program.kill()
+        program.wait()
     assert program.returncode == (0 if number == signal.SIGINT else 128 + number)
     assert "Traceback" not in said
     assert not any(child.is_running() for child in children)
-    logs = sorted(log.name for log in (tmp_path / "logs").iterdir())
-    assert logs == ["cam0.log", "cam1.log", "cam2.log", "edge.log"]
-    for log in (tmp_path / "logs").iterdir():
+    logs = path.parent / "logs"
+    assert sorted(p.name for p in logs.iterdir()) == [
+        "cam0.log", "cam1.log", "cam2.log", "edge.log"
+    ]  # fmt: skip
+    for log in logs.iterdir():
         assert "Traceback" not in log.read_text(), log.read_text()
-    said = (tmp_path / "logs" / "edge.log").read_text()
+    said = (logs / "edge.log").read_text()
     assert "cam0: stopped; active in" in said and "not connected" not in said, said
+
+
+def test_terminated_site_ends_all_of_it(tmp_path: Path, recording: Path) -> None:
+    with up(write_site(tmp_path, recording), signal.SIGTERM):
+        pass
 
 
 def test_up_says_which_camera_cannot_start(tmp_path: Path, recording: Path) -> None:
@@ -112,8 +122,8 @@ def test_port_that_is_taken_is_one_line(tmp_path: Path, recording: Path) -> None
     assert err.splitlines()[-1].startswith("e3pose: ") and "Traceback" not in err, err
 
 
-def test_second_edge_of_a_site_is_reported_the_first(tmp_path: Path, recording: Path) -> None:
-    """Also that nobody but the owner may read what they write."""
+def test_second_edge_of_a_site_names_the_first(tmp_path: Path, recording: Path) -> None:
+    """Also that nobody but the owner may read what they write, and that Ctrl-C ends all of it."""
     path = write_site(tmp_path, recording)
     store = '\n[store]\npath = "live.db"\n'
     path.write_text(path.read_text() + store)
@@ -121,14 +131,7 @@ def test_second_edge_of_a_site_is_reported_the_first(tmp_path: Path, recording: 
     other.write_text(path.read_text().replace(str(load_port(path)), str(free_port())))
     alone = tmp_path / "alone.toml"
     alone.write_text(other.read_text().replace("fps", 'state = ""\nfps'))
-    old = os.umask(0o022)
-    try:
-        program = subprocess.Popen(
-            e3pose("up", str(path), "--quiet"), stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-        )
-    finally:
-        os.umask(old)
-    try:
+    with up(path, signal.SIGINT):
         written = [tmp_path / name for name in ("state.npz", "live.db", "live.db-wal")]
         assert eventually(lambda: all(file.exists() for file in written), COMPILE_S)
         for file in (*written, tmp_path / "live.db-shm", *(tmp_path / "logs").glob("*")):
@@ -139,11 +142,6 @@ def test_second_edge_of_a_site_is_reported_the_first(tmp_path: Path, recording: 
             assert code == 2
             assert f"{what}: process " in error and "(e3pose edge" in error
             assert "writes there already" in error
-        program.send_signal(signal.SIGINT)
-        program.communicate(timeout=60)
-    finally:
-        program.kill()
-        program.wait()
     assert not list(tmp_path.glob(".*.lock"))
 
 
@@ -151,9 +149,12 @@ def load_port(path: Path) -> str:
     return load_site(path).link.endpoint.rpartition(":")[2]
 
 
-def test_top_of_a_site_that_does_not_run(tmp_path: Path, recording: Path) -> None:
+def test_top_of_a_site_that_does_not_run(
+    tmp_path: Path, recording: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = write_site(tmp_path, recording)
-    code, _, err = run("top", str(path), "--once", "--timeout", "0.5")
+    code = commands.run("top", path, "--once", "--timeout", "0.5")
+    err = capsys.readouterr().err
     assert code == 2 and err.count("\n") == 1 and "the edge of site lab does not answer" in err
 
 
