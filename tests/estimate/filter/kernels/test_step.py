@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
-import io
 import os
-import threading
-import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields, replace
-from functools import cache
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from tests.reference.belief_arrays import belief_from_arrays, belief_to_arrays
+from tests.estimate.filter.kernels.agreement import (
+    KERNEL,
+    SIMULATED,
+    Slot,
+    Slots,
+    assert_agree,
+    follow,
+    model,
+    ring,
+    scene,
+    seen,
+)
 from tests.reference.filter_step import step
 
-from e3pose.errors import InputError
-from e3pose.estimate.filter import Belief, Estimate, Model
-from e3pose.estimate.filter.kernels.step import StepKernel, step_slot
-from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS
+from e3pose.estimate.filter import Belief, Model
 from e3pose.geometry.camera import Camera, Rig
-from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import COCO17, Skeleton
 from e3pose.recording import Recording
-from e3pose.runtime import kernel as compiling
-from e3pose.simulate import SceneSettings, simulate
-
-SIMULATED = load_noise("simulated")
 
 pytestmark = pytest.mark.slow
 
-Floats = NDArray[np.float64]
-Slot = tuple[Mapping[int, Poses2D], float]
-Slots = list[Slot]
-AGREE = 1e-6  # metres, seconds and all else; both do the same sums in another order
-
 SHARED = os.environ.get("E3POSE_SHARED")
+REAL_SLOTS = slice(100, 200)  # with two people and more
 # OpenCV's coefficients, and whether of its fisheye model.
 LENSES = (
     ((), False),
@@ -46,65 +40,6 @@ LENSES = (
     ((0.4, 0.06, 0.0012, -0.0008, 0.003, 0.62, 0.11, 0.005), False),
     ((0.02, -0.008, 0.003, -0.0006), True),
 )
-KERNEL = StepKernel()
-
-
-def assert_agree(first: Belief, second: Belief) -> None:
-    """Integers, flags and what is missing are equal, numbers within `AGREE`."""
-    expected = belief_to_arrays(second)
-    for name, found in belief_to_arrays(first).items():
-        assert found.shape == expected[name].shape, name
-        assert found.dtype == expected[name].dtype, name
-        if found.dtype.kind == "f":
-            assert np.allclose(found, expected[name], AGREE, AGREE, equal_nan=True), name
-        else:
-            np.testing.assert_array_equal(found, expected[name], err_msg=name)
-
-
-def follow(model: Model, slots: Sequence[Slot]) -> tuple[int, int]:
-    """Run both over all slots, comparing everything; return how many people and births there were.
-
-    Each has its own belief, so that differences may add up.
-    """
-    plain = fast = Belief.empty(model)
-    people = 0
-    for views, time_s in slots:
-        plain, expected = step(model, plain, views, time_s)
-        fast, found = KERNEL(model, fast, views, time_s)
-        assert_agree(fast, plain)
-        for item in fields(Estimate):
-            a, b = getattr(found, item.name), getattr(expected, item.name)
-            np.testing.assert_allclose(a, b, rtol=AGREE, atol=AGREE, err_msg=item.name)
-        people += len(found)
-    return people, fast.next_id
-
-
-def seen(recording: Recording, cameras: int, seed: int = 0) -> Slots:
-    """Return the slots of a recording as so many cameras, drawn anew every time, see them."""
-    rng = np.random.default_rng(seed)
-    slots: Slots = []
-    for slot in range(recording.num_slots):
-        chosen = rng.permutation(len(recording.rig))[:cameras].tolist()
-        views = {camera: recording.view(slot, camera) for camera in chosen}
-        present = {camera: view for camera, view in views.items() if view is not None}
-        slots.append((present, slot * recording.interval_s))
-    return slots
-
-
-def scene(name: str, people: int = 4, cameras: int = 5, seconds: float = 2) -> Recording:
-    return simulate(
-        SceneSettings(scene=name, people=people, seconds=seconds, cameras=cameras), seed=5
-    )
-
-
-@cache
-def ring() -> Recording:
-    return scene("ring")
-
-
-@cache
-def model() -> Model:
-    return Model(ring().rig, ring().skeleton, SIMULATED)
 
 
 def through_lenses(recording: Recording, slots: Slots) -> tuple[Model, Slots]:
@@ -188,10 +123,9 @@ def test_equals_the_reference_on_a_real_recording(cameras: int) -> None:
     from e3pose.recording.datasets.shelf import import_shelf
 
     recording = import_shelf(Path(SHARED or "") / "data" / "shelf" / "shelf.npz")
-    people, _ = follow(
-        Model(recording.rig, recording.skeleton, SIMULATED), seen(recording, cameras)
-    )
-    assert people > 2 * recording.num_slots
+    slots = seen(recording, cameras)[REAL_SLOTS]
+    people, _ = follow(Model(recording.rig, recording.skeleton, SIMULATED), slots)
+    assert people > 2 * len(slots)
 
 
 def test_backends_may_take_turns() -> None:
@@ -205,180 +139,10 @@ def test_backends_may_take_turns() -> None:
     assert len(turns) >= 3
 
 
-def test_saved_and_restored_goes_on_exactly() -> None:
-    slots = seen(ring(), 2)
-    straight = resumed = Belief.empty(model())
-    for views, time_s in slots:
-        straight, _ = KERNEL(model(), straight, views, time_s)
-        file = io.BytesIO()
-        np.savez(file, **belief_to_arrays(resumed))  # type: ignore[arg-type]
-        file.seek(0)
-        with np.load(file, allow_pickle=False) as arrays:
-            restored = belief_from_arrays(arrays, model())
-        resumed, _ = StepKernel()(model(), restored, views, time_s)
-    for name, array in belief_to_arrays(straight).items():
-        np.testing.assert_array_equal(belief_to_arrays(resumed)[name], array)
-
-
-def test_results_are_not_overwritten_and_arguments_not_changed() -> None:
-    slots = seen(ring(), 3)
-    belief = Belief.empty(model())
-    kept, before = [], []
-    for views, time_s in slots[:30]:
-        belief, estimate = KERNEL(model(), belief, views, time_s)
-        kept.append((belief, estimate))
-        before.append([np.array(a) for a in belief_to_arrays(belief).values()])
-        before[-1] += [np.array(getattr(estimate, item.name)) for item in fields(Estimate)]
-    for (belief, estimate), arrays in zip(kept, before, strict=True):
-        now = [*belief_to_arrays(belief).values()]
-        now += [getattr(estimate, item.name) for item in fields(Estimate)]
-        for found, expected in zip(now, arrays, strict=True):
-            np.testing.assert_array_equal(found, expected)
-
-
-def test_views_of_read_only_and_strided_arrays_compile_nothing_new() -> None:
-    views, time_s = seen(ring(), 5)[10]
-    belief, _ = KERNEL(model(), Belief.empty(model()), views, 0.0)
-    expected, _ = KERNEL(model(), belief, views, time_s)
-    versions = len(step_slot.signatures)  # type: ignore[attr-defined]
-    strided = {}
-    for camera, view in views.items():
-        keypoints = np.asfortranarray(view.keypoints_px)
-        keypoints.flags.writeable = False
-        strided[camera] = Poses2D(keypoints, np.asfortranarray(view.scores))
-    frozen = replace(belief, state=np.asfortranarray(belief.state))
-    frozen.covariance.flags.writeable = False
-    found, _ = KERNEL(model(), frozen, strided, time_s)
-    assert_agree(found, expected)
-    assert len(step_slot.signatures) == versions  # type: ignore[attr-defined]
-
-
-def test_one_kernel_serves_several_models() -> None:
-    other = scene("crossing", cameras=3)
-    models = (model(), Model(other.rig, other.skeleton, SIMULATED))
-    slots = (seen(ring(), 2), seen(other, 2))
-    beliefs = [Belief.empty(each) for each in models]
-    for number in range(40):
-        for index, each in enumerate(models):
-            beliefs[index], _ = KERNEL(each, beliefs[index], *slots[index][number])
-    for index, each in enumerate(models):
-        alone, kernel = Belief.empty(each), StepKernel()
-        for slot in slots[index][:40]:
-            alone, _ = kernel(each, alone, *slot)
-        assert_agree(beliefs[index], alone)
-
-
-def test_kernels_of_several_threads_do_not_disturb_each_other() -> None:
-    slots = seen(ring(), 3)
-    results: list[Belief] = []
-
-    def work() -> None:
-        belief, kernel = Belief.empty(model()), StepKernel()
-        for views, time_s in slots:
-            belief, _ = kernel(model(), belief, views, time_s)
-        results.append(belief)
-
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(results) == 4
-    for result in results[1:]:
-        for name, array in belief_to_arrays(results[0]).items():
-            np.testing.assert_array_equal(belief_to_arrays(result)[name], array)
-
-
-@pytest.mark.parametrize(
-    ("views", "time_s", "message"),
-    [
-        ({9: Poses2D.empty(17)}, 0.0, "camera 9"),
-        ({0: Poses2D.empty(14)}, 0.0, "found 14 joints, expected 17"),
-        ({}, np.nan, "time: found nan"),
-    ],
-)
-def test_wrong_input_is_the_same_clear_line(
-    views: Mapping[int, Poses2D], time_s: float, message: str
-) -> None:
-    for advance in (step, KERNEL):
-        with pytest.raises(InputError, match=message):
-            advance(model(), Belief.empty(model()), views, time_s)
-
-
-def noise(people: int, rng: np.random.Generator) -> Poses2D:
-    """Return a view full of detections, each an upright body somewhere in the image."""
-    body = rng.uniform((-20, -60), (20, 60), (people, 17, 2))
-    spots = rng.uniform((30, 70), (1000, 700), (people, 1, 2))
-    return Poses2D(body + spots, rng.uniform(0.2, 1.0, (people, 17)))
-
-
-def test_views_full_of_noise_are_bounded_and_equal() -> None:
-    rng = np.random.default_rng(1)
-    plain = fast = Belief.empty(model())
-    for slot in range(4):
-        views = {camera: noise(3000, rng) for camera in range(5)}
-        plain, _ = step(model(), plain, views, slot / 25)
-        start = time.thread_time()
-        fast, _ = KERNEL(model(), fast, views, slot / 25)
-        # Tens of milliseconds; without bounds the pairs alone would take minutes.
-        assert time.thread_time() - start < 1.0
-        assert_agree(fast, plain)
-    assert len(fast) <= MAX_TRACKS
-    assert len(fast.leftovers) <= MAX_LEFTOVERS
-
-
-def test_one_noisy_view_keeps_nobody_from_being_born() -> None:
-    rng = np.random.default_rng(2)
-    plain = fast = Belief.empty(model())
-    for views, time_s in seen(ring(), 5)[:20]:
-        crowded = {**views, 0: noise(80, rng)}
-        plain, _ = step(model(), plain, crowded, time_s)
-        fast, found = KERNEL(model(), fast, crowded, time_s)
-        assert_agree(fast, plain)
-    assert len(found) >= 3
-
-
-def test_more_tracks_than_anybody_starts_are_still_stepped() -> None:
-    views, _ = seen(ring(), 5)[0]
-    belief, _ = step(model(), Belief.empty(model()), views, 0.0)
-    copies = 200
-    columns = {
-        name: np.repeat(column[:1], copies, axis=0) for name, column in belief.columns().items()
-    }
-    columns["track_ids"] = np.arange(copies)
-    state = np.array(columns["state"], dtype=np.float64)
-    state[..., 0] += 0.5 * np.arange(copies)[:, None]
-    columns["state"] = state
-    many = replace(belief, next_id=copies, **columns)  # type: ignore[arg-type]
-    expected, _ = step(model(), many, views, 0.04)
-    found, _ = KERNEL(model(), many, views, 0.04)
-    assert_agree(found, expected)
-    assert len(found) > MAX_TRACKS
-
-
 def test_noise_of_a_detector_is_that_of_the_model() -> None:
     sharp = replace(model(), noise=replace(model().noise, sigma_px=model().noise.sigma_px / 3))
     people, _ = follow(sharp, seen(ring(), 2)[:50])
     assert people > 0
-
-
-def test_kernel_on_disk_is_stamped_with_sources_and_constants() -> None:
-    names = {path.name for path in compiling.FILTER_SOURCES}
-    assert {"step.py", "update.py", "undistort.py", "triangulate.py"} <= names
-    assert {"bias.py", "motion.py", "state.py"} <= names  # constants
-    stamp = compiling.sources_stamp(compiling.FILTER_SOURCES)
-    assert step_slot._cache._cache_file._source_stamp == stamp  # type: ignore[attr-defined]
-    assert compiling.sources_stamp(compiling.FILTER_SOURCES[:-1]) != stamp
-
-
-def test_index_on_disk_of_another_version_is_stale_and_no_error(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def broken() -> dict[object, str]:
-        raise AttributeError("Can't get attribute 'Scratch'")
-
-    assert compiling._or_nothing(broken)() == {}
-    assert compiling._or_nothing(lambda: {1: "file"})() == {1: "file"}
 
 
 @pytest.mark.parametrize("kind", ["body without a head", "joints of unknown names"])
