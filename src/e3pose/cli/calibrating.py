@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import App
 
-from e3pose.cli.options import check_outputs
+from e3pose.cli.options import Flag, check_outputs
 from e3pose.cli.output import wrote
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
@@ -28,7 +27,7 @@ def noise(
     out: Path | None = None,
     plot: Path | None = None,
     seconds: float = 120.0,
-    other_rigs: Annotated[bool, Parameter(negative="")] = False,
+    other_rigs: Flag = False,
     detector: str | None = None,
 ) -> None:
     """Measure keypoint noise against detection score, without labels.

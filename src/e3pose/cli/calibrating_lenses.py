@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
-
-from cyclopts import Parameter
+from typing import Literal
 
 from e3pose.cli.options import Whole
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
-Flag = Annotated[bool, Parameter(negative="")]
 DEFAULT_BOARD = "charuco-5x7-36mm"  # what `calibrate board` makes for A4
 
 

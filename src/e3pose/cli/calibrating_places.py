@@ -10,7 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
-from e3pose.cli.options import as_typed
+from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
@@ -38,7 +38,7 @@ def extrinsics(
     rate: float = 5.0,
     seconds: float = 120.0,
     noise: str | None = None,
-    update: Annotated[bool, Parameter(negative="")] = False,
+    update: Flag = False,
     only: str | None = None,
     json_output: JsonFile = None,
 ) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
-from e3pose.cli.options import as_typed
+from e3pose.cli.options import Flag, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from e3pose.calibrate.judge import Judgement
     from e3pose.geometry.camera import Rig
 
-Flag = Annotated[bool, Parameter(negative="")]
 Words = Annotated[list[str] | None, Parameter(negative="")]
 
 

@@ -6,11 +6,9 @@ import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
-from cyclopts import Parameter
-
-from e3pose.cli.options import warn
+from e3pose.cli.options import Flag, warn
 from e3pose.errors import InputError
 from e3pose.quantities import check_seconds, plural
 
@@ -29,7 +27,7 @@ def check(
     *,
     keys: Path | None = None,
     timeout: float = 2.0,
-    quick: Annotated[bool, Parameter(negative="")] = False,
+    quick: Flag = False,
 ) -> None:
     """Check a site, or the machine of one camera, before it runs.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole, as_typed
+from e3pose.cli.options import Flag, Whole, as_typed
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 from e3pose.settings.limits import Rotation
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 EXIT_INTERRUPTED = 130
 
-Flag = Annotated[bool, Parameter(negative="")]
 # What errors call a setting, and the option that sets it.
 OPTIONS = {"feedback": "--feedback", "offset": "--offset", "rotation": "--rotation"}
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole, as_typed
+from e3pose.cli.options import Flag, Whole, as_typed
 from e3pose.cli.output import wrote
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.errors import InputError
@@ -42,7 +42,7 @@ def export(
     fill: str | None = None,
     fps: float | None = None,
     units: Literal["mm", "m"] | None = None,
-    angles: Annotated[bool, Parameter(negative="")] = False,
+    angles: Flag = False,
     calibration: Path | None = None,
 ) -> None:
     """Export poses to OpenSim, Blender, pandas, rerun and other tools.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import App, Parameter
 
+from e3pose.cli.options import Flag
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
@@ -178,7 +179,7 @@ def panoptic(
     calibration: Path | None = None,
     detections: Path | None = None,
     folder: Folders = None,
-    project_truth: Annotated[bool, Parameter(negative="")] = False,
+    project_truth: Flag = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Import a CMU Panoptic sequence: HD cameras, 3D truth, your own 2D detections.

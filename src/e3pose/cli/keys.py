@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
+from e3pose.cli.options import Flag
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,11 +53,11 @@ def add(
     /,
     *,
     keys: Path = DEFAULT,
-    viewer: Annotated[bool, Parameter(negative="")] = False,
-    operator: Annotated[bool, Parameter(negative="")] = False,
-    router: Annotated[bool, Parameter(negative="")] = False,
+    viewer: Flag = False,
+    operator: Flag = False,
+    router: Flag = False,
     host: Annotated[list[str] | None, Parameter(negative="")] = None,
-    again: Annotated[bool, Parameter(negative="")] = False,
+    again: Flag = False,
 ) -> None:
     """Create the certificate of a camera, viewer, operator or router; print its folder.
 

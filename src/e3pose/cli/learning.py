@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from e3pose.cli.options import Whole
+from e3pose.cli.options import Flag, Whole
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
@@ -35,7 +35,7 @@ def learn_replay(
     pipeline: str | None = None,
     cameras: Annotated[Whole | None, Parameter(alias="-C")] = None,
     lead: Whole = 1,
-    paced: Annotated[bool, Parameter(negative="")] = False,
+    paced: Flag = False,
     held_back: float = 60.0,
     least: float = 120.0,
     every: float = 0.0,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from e3pose.cli.options import Flag
 from e3pose.cli.output import JsonFile, is_stdout, write_json
 from e3pose.errors import InputError
 
@@ -23,7 +24,7 @@ LEAST_S, MOST_S = 0.1, 60.0
 
 def power(
     *,
-    watch: Annotated[bool, Parameter(negative="")] = False,
+    watch: Flag = False,
     seconds: float = 1.0,
     profile: str = "generic",
     json_file: JsonFile = None,

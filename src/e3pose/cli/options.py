@@ -37,6 +37,7 @@ def whole_number(_: Any, tokens: Sequence[Token]) -> int:
 
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
+Flag = Annotated[bool, Parameter(negative="")]  # an option without a --no- form
 
 
 @contextmanager

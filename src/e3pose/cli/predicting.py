@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole, check_outputs
+from e3pose.cli.options import Flag, Whole, check_outputs
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.errors import InputError
 
@@ -31,7 +31,7 @@ def evaluate_predictor(
     seed: Whole = 0,
     every: Whole = 1,
     slots: str | None = None,
-    each: Annotated[bool, Parameter(negative="")] = False,
+    each: Flag = False,
     json_file: JsonFile = None,
     plot: Path | None = None,
     pictures: Path | None = None,

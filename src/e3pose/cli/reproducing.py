@@ -8,9 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole, as_typed
-
-Flag = Annotated[bool, Parameter(negative="")]
+from e3pose.cli.options import Flag, Whole, as_typed
 
 EXIT_MARGIN = 1
 

@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.cli.options import Flag
 from e3pose.quantities import check_seconds
 
 
@@ -17,7 +18,7 @@ def router(
     *,
     edge: str,
     endpoint: str = "tls/0.0.0.0:7447",
-    json_logs: Annotated[bool, Parameter(negative="")] = False,
+    json_logs: Flag = False,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
 ) -> None:
     """Run a router that connects the cameras of another network to the edge.

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import closing, nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from e3pose.cli.options import Whole, as_typed, warn
-from e3pose.errors import MISSING, InputError
+from e3pose.cli.camera_options import CameraOptions
+from e3pose.cli.options import Flag, as_typed, warn
+from e3pose.errors import InputError
 from e3pose.quantities import check_seconds, duration_s
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from e3pose.settings.live import LiveSite
     from e3pose.settings.site_file import SiteTable
+    from e3pose.site.follow import Follower
+    from e3pose.site.up import Program
+    from e3pose.wire.site_messages import Status
 
+CAMERA = CameraOptions()
 # For programs that start others: `site.up`.
 Child = Annotated[bool, Parameter(negative="", show=False)]
 
@@ -27,7 +34,7 @@ def edge(
     /,
     *,
     delay: str | None = None,
-    json_logs: Annotated[bool, Parameter(negative="")] = False,
+    json_logs: Flag = False,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
     end_with_parent: Child = False,
 ) -> None:
@@ -71,31 +78,8 @@ def camera(
     config: Path | None = None,
     /,
     *,
-    site: str | None = None,
-    name: str | None = None,
-    source: str | None = None,
-    endpoint: str | None = None,
-    keys: str | None = None,
-    detector: str | None = None,
-    model: str | None = None,
-    provider: str | None = None,
-    threads: Whole | None = None,
-    rotation: Whole | None = None,
-    fps: float | None = None,
-    pace: float | None = None,
-    begin_s: float | None = None,
-    wake_s: float | None = None,
-    delay_ms: float | None = None,
-    battery_wh: float | None = None,
-    meter: str | None = None,
-    profile: str | None = None,
-    state: str | None = None,
-    insecure: Annotated[bool | None, Parameter(negative="")] = None,
-    pictures: Annotated[bool | None, Parameter(negative="")] = None,
-    videos: str | None = None,
-    videos_max_size: str | None = None,
-    videos_part: str | None = None,
-    json_logs: Annotated[bool, Parameter(negative="")] = False,
+    options: CameraOptions = CAMERA,
+    json_logs: Flag = False,
     end_with_parent: Child = False,
 ) -> None:
     """Run one camera: capture, detect in selected slots, send keypoints.
@@ -112,57 +96,6 @@ def camera(
     ----------
     config
         Camera file; the options below take precedence.
-    site
-        Site name.
-    name
-        Camera id in the site's calibration.
-    source
-        usb:0, rtsp://..., gstreamer:PIPELINE, a video, a folder of images, recorded:RECORDING.
-    endpoint
-        Endpoint of the edge: tls/HOST:PORT, or tcp/HOST:PORT on the same machine.
-    keys
-        Folder from `e3pose keys add`.
-    detector
-        2D pose network; see `e3pose models list`.
-    model
-        Network file.
-    provider
-        Execution provider: auto, tensorrt, cuda, openvino, coreml, cpu.
-    threads
-        CPU threads of the network. Default: all cores.
-    rotation
-        0, 90, 180 or 270: degrees clockwise that make people in the images upright, for a camera
-        mounted on its side. Only the detector sees turned images.
-    fps
-        Frame rate to request from the source.
-    pace
-        Playback speed of a file or recording; must equal the site's `pace`. Default: 1.
-    begin_s
-        Start time of playback in seconds since 1970. Default: playback loops are aligned to 1970,
-        so that all cameras show the same moment.
-    wake_s
-        Seconds from aggressive power-saving to the first frame.
-    delay_ms
-        Milliseconds from the moment that a frame shows to its arrival; `e3pose sync` finds them.
-    battery_wh
-        Battery capacity. Default: mains power.
-    meter
-        Power measurement: auto, or model for the profile's figures.
-    profile
-        Power profile for whatever cannot be measured.
-    state
-        File that stores the modelled charge of a battery without a gauge. Default:
-        NAME.battery.json beside the camera file. Delete it after charging the battery.
-    insecure
-        Allow unencrypted tcp beyond this machine.
-    pictures
-        Let operators of the site see small pictures of what the camera looks at.
-    videos
-        Folder for videos of what the camera sees, one frame per slot. Default: none are recorded.
-    videos_max_size
-        Maximum size of its videos, such as 10GB; the oldest are deleted. Default: 10GB.
-    videos_part
-        Length of one video, such as 10min, best that of the site's recordings. Default: 10min.
     json_logs
         Log as JSON, one object per line.
     end_with_parent
@@ -174,26 +107,9 @@ def camera(
     from e3pose.site.logs import open_log
     from e3pose.site.summary import camera_summary
 
-    given = {
-        "site": site, "camera": name, "source": source, "endpoint": endpoint, "keys": keys,
-        "detector": detector, "model": model, "provider": provider, "threads": threads,
-        "rotation": rotation, "fps": fps, "pace": pace, "begin_s": begin_s,
-        "wake_s": wake_s, "delay_ms": delay_ms,
-        "battery_wh": battery_wh, "meter": meter, "profile": profile, "state": state,
-        "insecure": insecure, "pictures": pictures, "videos": videos,
-        "videos_max_size": videos_max_size, "videos_part": videos_part,
-    }  # fmt: skip
-    options = {key: value for key, value in given.items() if value is not None}
-    if config is None:
-        for option, key in (("--site", "site"), ("--name", "camera"), ("--source", "source")):
-            if key not in options:
-                raise InputError("", MISSING, f"{option}, or a camera file")
-    names = {} if config is None else {key: f"{config}: {key}" for key in given}
-    names |= {key: f"--{key.replace('_', '-')}" for key in options}
-    if "camera" in options:
-        names["camera"] = "--name"
+    given, names = options.given(config)
     with as_typed(names):
-        node = load_node(config, options)
+        node = load_node(config, given)
         log = open_log("camera", json_logs, site=node.site, camera=node.camera)
         opened = open_camera(node, log)
     opened.run()
@@ -209,12 +125,12 @@ def up(
     site: Path,
     /,
     *,
-    example: Annotated[bool, Parameter(negative="")] = False,
-    view: Annotated[bool, Parameter(negative="")] = False,
+    example: Flag = False,
+    view: Flag = False,
     delay: str | None = None,
     logs: Path | None = None,
     for_s: Annotated[float | None, Parameter(name="--for")] = None,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Flag = False,
 ) -> None:
     """Run a complete site on this machine: the edge and one process per camera.
 
@@ -242,19 +158,15 @@ def up(
     quiet
         Print nothing but the addresses of `--view`.
     """
-    import time
-
     check_seconds("--for", for_s)
     from rich.console import Console
-    from rich.live import Live
 
     from e3pose.files.private import make_folder
     from e3pose.settings.site_file import load_site
     from e3pose.site.edge_program import check_edge, edge_link
     from e3pose.site.example import make_example
     from e3pose.site.follow import Follower, viewer_link
-    from e3pose.site.screen import screen
-    from e3pose.site.up import Program, camera_command, edge_command, run_site, view_command
+    from e3pose.site.up import Program, camera_command, edge_command, view_command
     from e3pose.wire.network import check_port, open_network
 
     if example:
@@ -278,36 +190,47 @@ def up(
 
         programs.append(Program("view", view_command(table.path), folder / "view.log"))
         print("\n".join(page_links(table, address_of(table))), flush=True)
-    transport = open_network(viewer_link(table, None))
     make_folder(folder)
-    follower = Follower(table.name)
-    follower.listen(transport)
+    with closing(open_network(viewer_link(table, None))) as transport:
+        follower = Follower(table.name)
+        follower.listen(transport)
+        _run_shown(programs, follower, console, for_s, show=console.is_terminal and not quiet)
+    console.print(f"Stopped. Logs: {folder}", highlight=False)
+
+
+def _run_shown(
+    programs: Sequence[Program],
+    follower: Follower,
+    console: Console,
+    for_s: float | None,
+    show: bool,
+) -> None:
+    """Run the programs until stopped, and show the site: all the time, or once at the end."""
+    import time
+
+    from rich.live import Live
+
+    from e3pose.site.screen import screen
+    from e3pose.site.up import run_site
+
     begun_s = came_s = time.monotonic()
     end_s = None if for_s is None else begun_s + for_s
-    shown: list[Any] = [None]
-    showing = console.is_terminal and not quiet
-    with Live(console=console, auto_refresh=False) if showing else _nothing() as live:
+    newest: Status | None = None
+    with Live(console=console, auto_refresh=False) if show else nullcontext() as live:
 
         def stopped() -> bool:
-            nonlocal came_s
+            nonlocal came_s, newest
             if follower.fresh.is_set():
                 follower.fresh.clear()
-                came_s = time.monotonic()
-                shown.append(follower.status)
-                del shown[:-1]  # the last of a site at work, not of one that is ending
+                came_s, newest = time.monotonic(), follower.status
             if live is not None:
                 live.update(screen(follower.status, time.monotonic() - came_s), refresh=True)
             return end_s is not None and time.monotonic() >= end_s
 
-        try:
+        with suppress(KeyboardInterrupt):
             run_site(programs, stopped, console.print)
-        except KeyboardInterrupt:
-            pass
-        finally:
-            transport.close()
-    if shown[-1] is not None and not showing:
-        console.print(screen(shown[-1], 0.0))
-    console.print(f"Stopped. Logs: {folder}", highlight=False)
+    if newest is not None and not show:  # of a site at work, not of one that is ending
+        console.print(screen(newest, 0.0))
 
 
 def _check_looks(site: SiteTable, live: LiveSite) -> None:
@@ -343,8 +266,3 @@ def _look_after_parent(asked: bool) -> None:
         from e3pose.site.run import end_with_parent
 
         end_with_parent()
-
-
-@contextmanager
-def _nothing() -> Iterator[None]:
-    yield None

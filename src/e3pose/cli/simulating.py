@@ -6,11 +6,9 @@ import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
-from cyclopts import Parameter
-
-from e3pose.cli.options import Whole
+from e3pose.cli.options import Flag, Whole
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
@@ -36,7 +34,7 @@ def simulate(
     seed: Whole = 0,
     exact: bool = False,
     skeleton: Literal["coco17", "body25", "halpe26"] = "coco17",
-    videos: Annotated[bool, Parameter(negative="")] = False,
+    videos: Flag = False,
     overwrite: bool = False,
 ) -> None:
     """Simulate a recording: walking people, calibrated cameras, realistic detections, exact truth.

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
-from cyclopts import Parameter
 from numpy.typing import NDArray
 
-from e3pose.cli.options import warn
+from e3pose.cli.options import Flag, warn
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.cli.progress import stage_progress
 from e3pose.errors import InputError
@@ -31,7 +30,7 @@ def sync(
     max_shift: float = 10.0,
     seconds: float = 60.0,
     noise: str | None = None,
-    overwrite: Annotated[bool, Parameter(negative="")] = False,
+    overwrite: Flag = False,
     json_output: JsonFile = None,
 ) -> None:
     """Synchronise videos by their sound, or a recording by the motion of the people in it.

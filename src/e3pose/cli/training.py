@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
-from e3pose.cli.options import Whole
+from e3pose.cli.options import Flag, Whole
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,29 +25,80 @@ if TYPE_CHECKING:
 SHIPPED_NAME = "shipped"
 
 
+@Parameter(name="*", group=Group("Training data", sort_key=1))
+@dataclass(frozen=True, kw_only=True)
+class DataOptions:
+    """What to learn from recordings."""
+
+    validate: Annotated[list[Path] | None, Parameter(consume_multiple=True, negative="")] = None
+    """Validation recordings, never trained on; repeatable."""
+    hold_out: float = 0.2
+    """Share of the end of every continuous minute or more to hold out for validation."""
+    target: Literal["auto", "truth", "estimates"] = "auto"
+    """Training target: truth, estimates, or auto (truth where available)."""
+    include_scored: Flag = False
+    """Also train on slots declared for evaluation; the model card says so."""
+    combinations: Whole = 32
+    """Maximum camera combinations per slot, sampled at random."""
+    replays: Whole = 0
+    """Also learn from so many replays of each recording with truth, as half of the windows:
+    simulated detectors of some of its cameras detect its people at 11 to 31 slots per second, and
+    the inputs are what the filter publishes with 1 or more cameras selected per slot. --start
+    corrects its velocities."""
+    jobs: Whole = 1
+    """Worker processes for data preparation; -1 uses all cores. Does not change the weights."""
+    dask: str | None = None
+    """Dask scheduler for data preparation, such as tcp://host:8786, or local. Use only a cluster
+    you trust."""
+
+
+@Parameter(name="*", group=Group("Network", sort_key=2))
+@dataclass(frozen=True, kw_only=True)
+class NetworkOptions:
+    """The network to train."""
+
+    start: Path | None = None
+    """Start from these weights (.onnx) at half the learning rate; `shipped` names those of the
+    package. Default: random weights."""
+    history: Whole = 10
+    """History length M in slots."""
+    leads: Whole = 15
+    """Longest lead to train for, in slots."""
+    hidden: Whole = 96
+    """Hidden size of the network."""
+    dropout: float | None = None
+    """Dropout rate. Default: 0.2, or that of --start."""
+    published: Flag = False
+    """Train the paper's network with its loss, eq. (6), on estimates from combinations of cameras
+    unless --target says otherwise. It states no errors, so it corrects no velocities."""
+
+
+@Parameter(name="*", group=Group("Optimisation", sort_key=3))
+@dataclass(frozen=True, kw_only=True)
+class StepOptions:
+    """How long and how to train."""
+
+    steps: Whole = 12_000
+    """Maximum number of batches."""
+    minutes: float | None = None
+    """Time limit."""
+    batch: Whole = 128
+    """Batch size."""
+    seed: Whole = 0
+    """Random seed."""
+
+
+DATA, NETWORK, STEPS = DataOptions(), NetworkOptions(), StepOptions()
+
+
 def train(
     recordings: Annotated[list[Path], Parameter(name="RECORDING", negative="")],
     /,
     *,
     out: Path = Path("predictor"),
-    start: Path | None = None,
-    validate: Annotated[list[Path] | None, Parameter(consume_multiple=True)] = None,
-    hold_out: float = 0.2,
-    target: Literal["auto", "truth", "estimates"] = "auto",
-    include_scored: Annotated[bool, Parameter(negative="")] = False,
-    combinations: Whole = 32,
-    replays: Whole = 0,
-    history: Whole = 10,
-    leads: Whole = 15,
-    hidden: Whole = 96,
-    dropout: float | None = None,
-    published: Annotated[bool, Parameter(negative="")] = False,
-    steps: Whole = 12_000,
-    minutes: float | None = None,
-    batch: Whole = 128,
-    seed: Whole = 0,
-    jobs: Whole = 1,
-    dask: str | None = None,
+    data: DataOptions = DATA,
+    network: NetworkOptions = NETWORK,
+    optimisation: StepOptions = STEPS,
 ) -> None:
     """Train the attention-LSTM predictor on recordings.
 
@@ -65,110 +116,27 @@ def train(
         Training recordings, with truth or with detections of several cameras.
     out
         Output folder.
-    start
-        Start from these weights (.onnx) at half the learning rate; `shipped` names those of the
-        package. Default: random weights.
-    validate
-        Validation recordings, never trained on; repeatable.
-    hold_out
-        Share of the end of every continuous minute or more to hold out for validation.
-    target
-        Training target: truth, estimates, or auto (truth where available).
-    include_scored
-        Also train on slots declared for evaluation; the model card says so.
-    combinations
-        Maximum camera combinations per slot, sampled at random.
-    replays
-        Also learn from so many replays of each recording with truth, as half of the windows:
-        simulated detectors of some of its cameras look at its people at 11 to 31 slots per second,
-        and the inputs are what the filter shows with 1 or more cameras selected per slot. --start
-        corrects its velocities.
-    history
-        History length M in slots.
-    leads
-        Longest lead to train for, in slots.
-    hidden
-        Hidden size of the network.
-    dropout
-        Dropout rate. Default: 0.2, or that of --start.
-    published
-        Train the paper's network with its loss, eq. (6), on estimates from combinations of cameras
-        unless --target says otherwise. It states no errors, so it corrects no velocities.
-    steps
-        Maximum number of batches.
-    minutes
-        Time limit.
-    batch
-        Batch size.
-    seed
-        Random seed.
-    jobs
-        Worker processes for data preparation; -1 uses all cores. Does not change the weights.
-    dask
-        Dask scheduler for data preparation, such as tcp://host:8786, or local. Use only a cluster
-        you trust.
     """
-    import math
-
     from e3pose.runtime.workers import Workers
 
-    _check(
-        ("hold-out", hold_out, 0.0, 0.9),
-        ("history", history, 4, 100),
-        ("leads", leads, 1, 60),
-        ("hidden", hidden, 8, 1024),
-        ("dropout", 0.0 if dropout is None else dropout, 0.0, 0.9),
-        ("steps", steps, 1, 10_000_000),
-        ("minutes", math.inf if minutes is None else minutes, 0.01, math.inf),
-        ("batch", batch, 2, 4096),
-        ("seed", seed, 0, 2**31 - 1),
-        ("combinations", combinations, 1, 1000),
-        ("replays", replays, 0, 1000),
-    )
-    workers = Workers(jobs, dask)
+    _check(data, network, optimisation)
+    workers = Workers(data.jobs, data.dask)
     import torch
 
     from e3pose.cli.placed import load_placed
-    from e3pose.learn.train.attention_lstm import TrainSettings as Settings
     from e3pose.learn.train.attention_lstm import train as run
     from e3pose.learn.train.clips import gather
-    from e3pose.learn.train.estimates import EstimateSettings
-    from e3pose.learn.train.lessons import LessonSettings
-    from e3pose.learn.train.network import NetworkSettings
-    from e3pose.learn.train.replayed import ReplayedSettings
 
     # More threads are no faster with a network so small, and a hundred times slower where other
-    # programs run: they wait for each other by counting.
+    # programs run: they wait for each other in busy loops.
     torch.set_num_threads(1)
-    network = NetworkSettings(history_slots=history, hidden=hidden)
-    settings = Settings(
-        network=network.as_published() if published else network,
-        loss="squared" if published else "relative",
-        num_leads=leads,
-        steps=steps,
-        minutes=math.inf if minutes is None else minutes,
-        batch=batch,
-        seed=seed,
-    )
-    before: AttentionLstm | None = None
-    if start is not None and published:
-        raise InputError("--published", "with --start", "one of them")
-    if start is not None:
-        before, settings = _gone_on_from(start, settings)
-    if dropout is not None:
-        settings = replace(settings, network=replace(settings.network, dropout=dropout))
-    wanted = LessonSettings(
-        target="estimates" if published and target == "auto" else target,
-        include_scored=include_scored,
-        estimates=EstimateSettings(combinations=combinations, seed=seed),
-        replayed=ReplayedSettings(replays, _file(start) if start else None, seed),
-    )
+    settings, before = _settings(network, optimisation)
     learned, held_out = gather(
         [load_placed(path) for path in recordings],
-        [load_placed(path) for path in validate or []],
-        hold_out,
-        history + leads,
-        _with_progress(wanted, workers),
+        [load_placed(path) for path in data.validate or []],
+        data.hold_out,
+        network.history + network.leads,
+        _with_progress(_lessons(data, network, optimisation.seed), workers),
     )
     with _progress() as bar:
         task = bar.add_task("train", total=1.0)
@@ -182,6 +150,50 @@ def train(
             before,
         )
     print(f"Wrote {weights}; validation figures: {out / 'model-card.md'}")
+
+
+def _settings(
+    network: NetworkOptions, optimisation: StepOptions
+) -> tuple[TrainSettings, AttentionLstm | None]:
+    """Return the settings, and the network to start from."""
+    import math
+
+    from e3pose.learn.train.attention_lstm import TrainSettings as Settings
+    from e3pose.learn.train.network import NetworkSettings
+
+    shape = NetworkSettings(history_slots=network.history, hidden=network.hidden)
+    settings = Settings(
+        network=shape.as_published() if network.published else shape,
+        loss="squared" if network.published else "relative",
+        num_leads=network.leads,
+        steps=optimisation.steps,
+        minutes=math.inf if optimisation.minutes is None else optimisation.minutes,
+        batch=optimisation.batch,
+        seed=optimisation.seed,
+    )
+    before: AttentionLstm | None = None
+    if network.start is not None:
+        if network.published:
+            raise InputError("--published", "with --start", "one of them")
+        before, settings = _gone_on_from(network.start, settings)
+    if network.dropout is not None:
+        settings = replace(settings, network=replace(settings.network, dropout=network.dropout))
+    return settings, before
+
+
+def _lessons(data: DataOptions, network: NetworkOptions, seed: int) -> LessonSettings:
+    """Return what to learn from each recording."""
+    from e3pose.learn.train.estimates import EstimateSettings
+    from e3pose.learn.train.lessons import LessonSettings as Settings
+    from e3pose.learn.train.replayed import ReplayedSettings
+
+    start = None if network.start is None else _file(network.start)
+    return Settings(
+        target="estimates" if network.published and data.target == "auto" else data.target,
+        include_scored=data.include_scored,
+        estimates=EstimateSettings(combinations=data.combinations, seed=seed),
+        replayed=ReplayedSettings(data.replays, start, seed),
+    )
 
 
 def _progress() -> Progress:
@@ -245,7 +257,24 @@ def _gone_on_from(start: Path, settings: TrainSettings) -> tuple[AttentionLstm, 
     )
 
 
-def _check(*numbers: tuple[str, float, float, float]) -> None:
-    for name, value, low, high in numbers:
-        if not low <= value <= high:
-            raise InputError(f"--{name}: found {value:g}, expected {low:g} to {high:g}")
+def _check(data: DataOptions, network: NetworkOptions, optimisation: StepOptions) -> None:
+    """Raise `InputError` naming an option that is out of its range."""
+    limits = {
+        "hold_out": (0.0, 0.9),
+        "history": (4, 100),
+        "leads": (1, 60),
+        "hidden": (8, 1024),
+        "dropout": (0.0, 0.9),
+        "steps": (1, 10_000_000),
+        "minutes": (0.01, float("inf")),
+        "batch": (2, 4096),
+        "seed": (0, 2**31 - 1),
+        "combinations": (1, 1000),
+        "replays": (0, 1000),
+    }
+    given = {**asdict(data), **asdict(network), **asdict(optimisation)}
+    for name, (low, high) in limits.items():
+        value = given[name]
+        if value is not None and not low <= value <= high:
+            option = name.replace("_", "-")
+            raise InputError(f"--{option}: found {value:g}, expected {low:g} to {high:g}")

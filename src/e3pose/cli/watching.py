@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
+from e3pose.cli.options import Flag
 from e3pose.errors import InputError
 from e3pose.quantities import check_seconds
 
@@ -17,7 +15,7 @@ def top(
     /,
     *,
     keys: Path | None = None,
-    once: Annotated[bool, Parameter(negative="")] = False,
+    once: Flag = False,
     timeout: float = 5.0,
 ) -> None:
     """Show the live status of a running site: cameras, power, batteries, delays.
