@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from e3pose.cli.options import Flag
+
 if TYPE_CHECKING:
     from e3pose.detectors.weights import Progress
     from e3pose.site.demo.live import Show
     from e3pose.wire.site_messages import Status
-
-Flag = Annotated[bool, Parameter(negative="")]
 
 
 def demo(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +15,7 @@ from e3pose.cli.options import (
     OUTPUT,
     EnergyOptions,
     LoopOptions,
+    Redetect,
     Whole,
     as_typed,
     check_outputs,
@@ -23,9 +24,13 @@ from e3pose.cli.options import (
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
+from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from e3pose.select.policies import PolicyRow
+    from e3pose.settings.energy import EnergyPlan
+    from e3pose.settings.faults import Faults
+    from e3pose.settings.loop import ReplaySettings
 
 LOOP, ENERGY, FAULTS = LoopOptions(), EnergyOptions(), FaultOptions()
 
@@ -34,21 +39,65 @@ MAX_SEEDS = 10_000
 MAX_JOBS = 1000
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class GridOptions:
+    """What to compare: every combination is a row."""
+
+    policies: str | None = None
+    """Comma-separated: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
+    information; each also with feedback, such as all+feedback. Default: all, round-robin, e3pose,
+    information; with --pipeline paper the paper's rows; with --target-error, information only."""
+    cameras: Annotated[str | None, Parameter(alias="-C", group=GOAL)] = None
+    """Cameras per slot C, comma-separated; a mean such as 1.15 is allowed. Default: 2, and 3 with
+    --pipeline paper."""
+    leads: str | None = None
+    """Comma-separated values of --lead. -V and -E also take several values each, of which every
+    combination is compared."""
+    seeds: Whole = 5
+    """Repetitions per policy."""
+
+    def settings(self, loop: LoopOptions, plan: EnergyPlan, faults: Faults) -> list[ReplaySettings]:
+        """Return the settings of every run: repetitions of a row follow each other."""
+        from e3pose.evaluate.compare import tasks
+        from e3pose.select.policies import policy_row
+        from e3pose.settings.loop import FEEDBACK
+
+        names = _names(_usual(loop) if self.policies is None else self.policies)
+        given = self.cameras
+        counts = [None] if given is None else [*numbers_of("--cameras", given, "1.15,2")]
+        loops = _balances(loop)
+        ahead = [] if self.leads is None else _counts("--leads", self.leads)
+        return [
+            each
+            for name in names
+            for row in [policy_row(name.removesuffix(FEEDBACK))]
+            for count in (counts if row.asks_count else counts[:1])
+            for one in _that_matter(loops, row)
+            for each in tasks(
+                replace(one.settings(name, count).for_rig(len(plan.profiles), plan), faults=faults),
+                [name.removesuffix(FEEDBACK)],
+                self.seeds,
+                ahead,
+            )
+        ]
+
+
+GRID = GridOptions()
+
+
 def evaluate(
     recording: Path,
     /,
     *,
-    policies: str | None = None,
-    cameras: Annotated[str | None, Parameter(alias="-C", group=GOAL)] = None,
-    leads: str | None = None,
-    seeds: Whole = 5,
+    grid: GridOptions = GRID,
     loop: LoopOptions = LOOP,
     energy: EnergyOptions = ENERGY,
     faults: FaultOptions = FAULTS,
     jobs: Whole = -1,
-    detector: str | None = None,
+    detector: Redetect = None,
     json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
-    plot: Path | None = None,
+    plot: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
 ) -> None:
     """Compare policies on a recording: accuracy, active cameras, energy saved.
 
@@ -64,22 +113,6 @@ def evaluate(
     ----------
     recording
         Recording folder.
-    policies
-        Comma-separated: all, random, round-robin, independent, central-2d, e3pose-mv, e3pose,
-        information; each also with feedback, such as all+feedback. Default: all, round-robin,
-        e3pose, information; with --pipeline paper the paper's rows; with --target-error,
-        information only.
-    cameras
-        Cameras per slot C, comma-separated; a mean such as 1.15 is allowed. Default: 2, and 3 with
-        --pipeline paper.
-    leads
-        Comma-separated values of --lead. -V and -E also take several values each, of which every
-        combination is compared.
-    seeds
-        Repetitions per policy.
-    detector
-        Detect anew in the recording's videos with this one: a name from `e3pose models list`, or
-        the path of a network. Default: the recording's keypoints; with feedback, its detector.
     jobs
         Parallel processes. Default: one per processor core.
     json_file
@@ -90,49 +123,21 @@ def evaluate(
     """
     from e3pose.cli.placed import load_placed
     from e3pose.cli.progress import track_progress
-    from e3pose.errors import InputError
-    from e3pose.evaluate.compare import compare, rows, tasks
+    from e3pose.evaluate.compare import compare, rows
     from e3pose.evaluate.detect_again import open_pixels, replay_stored
-    from e3pose.evaluate.drawing import check_svg
     from e3pose.evaluate.lead_picture import draw_leads
     from e3pose.evaluate.tables import print_comparison
-    from e3pose.select.policies import policy_row
-    from e3pose.settings.loop import FEEDBACK
     from e3pose.settings.parts import make_pipeline, noise_warning
 
-    if not 1 <= seeds <= MAX_SEEDS:
-        raise InputError(f"--seeds: found {seeds}, expected 1 to {MAX_SEEDS}")
-    if jobs != -1 and not 1 <= jobs <= MAX_JOBS:
-        raise InputError(f"--jobs: found {jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores")
-    if plot is not None:
-        check_svg("--plot", plot)
-        if leads is None:
-            raise InputError("--plot: found no --leads, expected --leads for its axis")
+    _check(grid, jobs, plot)
     check_outputs(recording, {"--json": json_file, "--plot": plot})
     source = faults.downsampled(load_placed(recording))
-    names = _names(_usual(loop) if policies is None else policies)
-    counts = [None] if cameras is None else [*numbers_of("--cameras", cameras, "1.15,2")]
-    loops = _balances(loop)
-    ahead = [] if leads is None else _counts("--leads", leads)
     with as_typed(
         {**options_of(LoopOptions, EnergyOptions, more=("cameras", "detector")), **POLICIES}
     ):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
-        day = faults.day(source, plan.watts)
-        settings = [
-            each
-            for name in names
-            for row in [policy_row(name.removesuffix(FEEDBACK))]
-            for count in (counts if row.asks_count else counts[:1])
-            for one in _that_matter(loops, row)
-            for each in tasks(
-                replace(one.settings(name, count).for_rig(len(source.rig), plan), faults=day),
-                [name.removesuffix(FEEDBACK)],
-                seeds,
-                ahead,
-            )
-        ]
-        for each in settings[::seeds]:  # a wrong option fails before hours of work, not after
+        settings = grid.settings(loop, plan, faults.day(source, plan.watts))
+        for each in settings[:: grid.seeds]:  # a wrong option fails before hours of work, not after
             make_pipeline(source, each)
         feedback = any(each.feedback for each in settings)
         if detector is not None or feedback:
@@ -150,12 +155,23 @@ def evaluate(
     figures = rows(list(track_progress(summaries, len(settings), "evaluate")))
     if plot is not None:
         draw_leads(plot, figures)
-    if is_stdout(json_file):
-        write_json(json_file, {"rows": figures})
-        return
-    print_comparison(figures)
+    if not is_stdout(json_file):
+        print_comparison(figures)
+        wrote(plot)
     write_json(json_file, {"rows": figures})
-    wrote(plot)
+
+
+def _check(grid: GridOptions, jobs: int, plot: Path | None) -> None:
+    from e3pose.evaluate.drawing import check_svg
+
+    if not 1 <= grid.seeds <= MAX_SEEDS:
+        raise InputError(f"--seeds: found {grid.seeds}, expected 1 to {MAX_SEEDS}")
+    if jobs != -1 and not 1 <= jobs <= MAX_JOBS:
+        raise InputError(f"--jobs: found {jobs}, expected 1 to {MAX_JOBS}, or -1 for all cores")
+    if plot is not None:
+        check_svg("--plot", plot)
+        if grid.leads is None:
+            raise InputError("--plot: found no --leads, expected --leads for its axis")
 
 
 def _names(text: str) -> list[str]:

@@ -38,6 +38,14 @@ def whole_number(_: Any, tokens: Sequence[Token]) -> int:
 
 Whole = Annotated[int, Parameter(converter=whole_number)]
 Flag = Annotated[bool, Parameter(negative="")]  # an option without a --no- form
+Redetect = Annotated[
+    str | None,
+    Parameter(
+        help="Detect again in the recording's videos with this one: a name from "
+        "`e3pose models list`, or the path of a network. Default: the recording's keypoints; with "
+        "feedback, its detector."
+    ),
+]
 
 
 @contextmanager

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,21 +15,89 @@ from e3pose.cli.options import (
     OUTPUT,
     EnergyOptions,
     LoopOptions,
+    Redetect,
     as_typed,
     check_outputs,
     options_of,
     warn,
 )
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
+from e3pose.cli.progress import track_progress
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.cli.storing import StoreOptions
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
     from e3pose.estimate.base import People, Posterior
+    from e3pose.estimate.smooth import SmoothSettings
+    from e3pose.evaluate.figures import Summary
+    from e3pose.model.slot_record import SlotRecord
+    from e3pose.recording import Recording
 
 LOOP, ENERGY, FAULTS, STORE = LoopOptions(), EnergyOptions(), FaultOptions(), StoreOptions()
 SMOOTH = SmoothOptions()
+
+
+@Parameter(name="*", group=OUTPUT)
+@dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """What to write."""
+
+    poses: Path | None = None
+    """Write the 3D poses here (.parquet or .csv)."""
+    report: Path | None = None
+    """Write a report page here (.html): 3D player, camera selection, energy."""
+    json_file: JsonFile = None
+    """Write the figures here as JSON; - is standard output."""
+
+    def check(self, recording: Path, store: StoreOptions, smoothed: bool) -> None:
+        """Raise `InputError` before the replay for files that could not be written."""
+        from e3pose.evaluate.poses_table import check_poses_path
+
+        if self.poses is not None:
+            check_poses_path(self.poses)
+        if self.report is not None and self.report.suffix.lower() not in (".html", ".htm"):
+            found = repr(str(self.report))
+            raise InputError(f"--report: found {found}, expected a name ending in .html")
+        if store.store is not None or store.keep or store.max_size:
+            store.retention()
+        if store.store is not None and smoothed:
+            raise InputError(
+                "--store: found with --smooth, expected one of them; smooth later with "
+                "e3pose export"
+            )
+        files = {"--poses": self.poses, "--json": self.json_file, "--report": self.report}
+        check_outputs(recording, {"--store": store.file(), **files})
+
+    def write(
+        self,
+        source: Recording,
+        records: Sequence[SlotRecord],
+        summary: Summary,
+        notes: Sequence[str],
+        store: Path | None,
+    ) -> None:
+        """Write the files and print the figures, unless JSON goes to standard output."""
+        from e3pose.evaluate.figures import as_json
+        from e3pose.evaluate.poses_table import write_poses
+        from e3pose.evaluate.tables import print_summary
+
+        if self.poses is not None:
+            write_poses(records, source.skeleton, self.poses)
+        if self.report is not None:
+            from e3pose.report import write_report
+
+            write_report(source, records, summary, self.report)
+        if not is_stdout(self.json_file):
+            print_summary(summary)
+            for note in notes:
+                print(note)
+            for path in (self.poses, self.report, store):
+                wrote(path)
+        write_json(self.json_file, as_json(summary))
+
+
+OUTPUTS = OutputOptions()
 
 
 def replay(
@@ -42,10 +111,8 @@ def replay(
     faults: FaultOptions = FAULTS,
     store: StoreOptions = STORE,
     smooth: SmoothOptions = SMOOTH,
-    detector: str | None = None,
-    poses: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
-    report: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
-    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
+    detector: Redetect = None,
+    outputs: OutputOptions = OUTPUTS,
 ) -> None:
     """Replay a recording through the live pipeline, which sees only the views it selects.
 
@@ -67,77 +134,35 @@ def replay(
         information. Default: set by --pipeline.
     cameras
         Cameras per slot C; a mean such as 1.5 is allowed. Default: 2, and 3 with --pipeline paper.
-    detector
-        Detect anew in the recording's videos with this one: a name from `e3pose models list`, or
-        the path of a network. Default: the recording's keypoints; with feedback, its detector.
-    poses
-        Write the 3D poses here (.parquet or .csv).
-    report
-        Write a report page here (.html): 3D player, camera selection, energy.
-    json_file
-        Write the figures here as JSON; - is standard output.
     """
     from e3pose.cli.placed import load_placed
-    from e3pose.cli.progress import track_progress
     from e3pose.cli.storing import stored
     from e3pose.evaluate.detect_again import open_pixels
-    from e3pose.evaluate.figures import as_json
-    from e3pose.evaluate.poses_table import check_poses_path, write_poses
     from e3pose.evaluate.replay import replay as run_replay
     from e3pose.evaluate.summary import summarise
-    from e3pose.evaluate.tables import print_summary
     from e3pose.settings.parts import noise_warning
 
-    if poses is not None:
-        check_poses_path(poses)
-    if report is not None and report.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--report: found {str(report)!r}, expected a name ending in .html")
-    if store.store is not None or store.keep or store.max_size:
-        store.retention()
     smoothing = smooth.settings()
-    if store.store is not None and smoothing.method is not None:
-        raise InputError(
-            "--store: found with --smooth, expected one of them; smooth later with e3pose export"
-        )
-    outputs = {"--poses": poses, "--json": json_file, "--report": report}
-    check_outputs(recording, {"--store": store.file(), **outputs})
+    outputs.check(recording, store, smoothing.method is not None)
     source = faults.downsampled(load_placed(recording))
-    posteriors: list[Posterior] = []
-
-    def keep_posterior(people: People) -> None:
-        if smoothing.method == "rts" and people.posterior is not None:
-            posteriors.append(people.posterior)
-
+    smoother = Smoother(source, smoothing)
     asked = loop.settings(policy, cameras)
     with as_typed(options_of(LoopOptions, EnergyOptions, more=("cameras", "policy", "detector"))):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
         settings = replace(
             asked.for_rig(len(source.rig), plan),
-            foresees=report is not None and loop.pipeline != "paper",
+            foresees=outputs.report is not None and loop.pipeline != "paper",
             faults=faults.day(source, plan.watts),
         )
-        anew = settings.feedback or detector is not None
-        feedback = settings.feedback
-        look = open_pixels(source, recording, detector, feedback=feedback) if anew else None
-        replayed = run_replay(source, settings, publish=keep_posterior, look=look)
-    slots = stored(
-        replayed,
-        store,
-        source,
-        f"replay {settings.row_name}",
-        plan.profiles,
-        plan.idle_mode,
-    )
-    records = list(track_progress(slots, source.num_slots, "replay"))
-    if smoothing.method is not None:
-        from e3pose.evaluate.smoothed import smooth_poses, smooth_records
-
-        if posteriors:
-            records = smooth_records(records, posteriors, source.skeleton)
-        else:
-            records = smooth_poses(records, source.skeleton, source.interval_s, smoothing)
+        feedback, look = settings.feedback, None
+        if feedback or detector is not None:
+            look = open_pixels(source, recording, detector, feedback=feedback)
+        replayed = run_replay(source, settings, publish=smoother.keep, look=look)
+    run = f"replay {settings.row_name}"
+    slots = stored(replayed, store, source, run, plan.profiles, plan.idle_mode)
+    records = smoother.smoothed(list(track_progress(slots, source.num_slots, "replay")))
     warn(noise_warning(source, settings))  # beside the figures; an error before them is one line
-    summary = summarise(
+    figures = summarise(
         source,
         settings,
         records,
@@ -146,19 +171,30 @@ def replay(
         battery_wh=plan.battery_wh,
     )
     notes = () if look is None else (look.words(),)
-    summary = replace(summary, smooth=smoothing.method, notes=(*summary.notes, *notes))
-    if poses is not None:
-        write_poses(records, source.skeleton, poses)
-    if report is not None:
-        from e3pose.report import write_report
+    summary = replace(figures, smooth=smoothing.method, notes=(*figures.notes, *notes))
+    outputs.write(source, records, summary, notes, store.file())
 
-        write_report(source, records, summary, report)
-    if is_stdout(json_file):
-        write_json(json_file, as_json(summary))
-        return
-    print_summary(summary)
-    for note in notes:
-        print(note)
-    for path in (poses, report, store.file()):
-        wrote(path)
-    write_json(json_file, as_json(summary))
+
+class Smoother:
+    """Smooths the poses of a replay, if that is asked for."""
+
+    def __init__(self, source: Recording, settings: SmoothSettings) -> None:
+        """Start without slots."""
+        self._source, self._settings = source, settings
+        self._posteriors: list[Posterior] = []
+
+    def keep(self, people: People) -> None:
+        """Keep what smoothing with the filter's motion model needs of a slot."""
+        if self._settings.method == "rts" and people.posterior is not None:
+            self._posteriors.append(people.posterior)
+
+    def smoothed(self, records: list[SlotRecord]) -> list[SlotRecord]:
+        """Return the records with smoothed poses."""
+        if self._settings.method is None:
+            return records
+        from e3pose.evaluate.smoothed import smooth_poses, smooth_records
+
+        skeleton, interval_s = self._source.skeleton, self._source.interval_s
+        if self._posteriors:
+            return smooth_records(records, self._posteriors, skeleton)
+        return smooth_poses(records, skeleton, interval_s, self._settings)
