@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.cli.learning import learn_replay, list_versions, rollback
+from e3pose.cli.learning import TrainingOptions, learn_replay, list_versions, rollback
 from e3pose.errors import InputError
 from e3pose.learn.online.versions import Version, VersionStore
 from e3pose.recording import save_recording
@@ -60,7 +60,9 @@ def test_without_torch_the_system_runs_and_says_so(
     recording = simulate(SceneSettings(people=2, seconds=6.0, fps=10.0, cameras=3), seed=4)
     save_recording(recording, tmp_path / "recording")
     learn_replay(
-        [tmp_path / "recording"], out=tmp_path / "out", held_back=1.0, least=2.0, minutes=0.1
+        [tmp_path / "recording"],
+        out=tmp_path / "out",
+        training=TrainingOptions(held_back=1.0, least=2.0, minutes=0.1),
     )
     said = capsys.readouterr().out
     assert "60 slots with version 0" in said

@@ -4,8 +4,8 @@
                  ^---------- schedule <- receive <~~~ orders
 
 The network stays loaded in every mode, so that a camera changes its mode within a slot. Between
-the threads is room for one frame and one view: a slow detector looks at fewer frames, never at
-old ones.
+the threads is room for one frame and one view: a slow detector skips frames, and never falls
+behind.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from e3pose import __version__
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
+from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message
 from e3pose.camera.video_recorder import VideoRecorder
 from e3pose.detectors.focus import detect_expected, uses_feedback
 from e3pose.errors import InputError
@@ -29,13 +29,12 @@ from e3pose.model.expected import ExpectedView
 from e3pose.runtime.clock import Clock
 from e3pose.wire import topics
 from e3pose.wire.arrays import pack_poses
-from e3pose.wire.codec import decode, encode, one_line
+from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import (
     CameraMode,
     ClockAnswer,
     ClockQuestion,
     Heartbeat,
-    Hello,
     Order,
     View,
 )
@@ -47,20 +46,6 @@ HELLO_EVERY = 4  # heartbeats
 CLOCK_TIMEOUT_S = 0.5
 REOPEN_S = 1.0  # after a source failed
 SOURCE_WAIT_NS = 100_000_000
-
-
-@dataclass(slots=True)
-class CameraCounts:
-    """What a camera counts."""
-
-    captured: int = 0
-    detected: int = 0
-    sent: int = 0
-    focused: int = 0
-    active_ns: int = 0
-    idle_ns: int = 0
-    margin_ns: int | None = None
-    delay_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,18 +71,18 @@ class CameraNode:
         pictures: Pictures | None = None,
         recorder: VideoRecorder | None = None,
     ) -> None:
-        """Make a camera; the detector must be loaded already.
+        """Create a camera with a loaded detector.
 
         Args:
-            settings: what it is.
+            settings: of the camera.
             source: its frames; the node opens and closes it.
             detector: its network.
             transport: how to reach the edge; the node closes it.
-            clock: its own.
+            clock: of this machine.
             meter: the power fields of a heartbeat (`power_w`, `energy_j`, `measured`, ...).
             report: called with messages for operators.
-            pictures: shows operators what it looks at; None allows nobody to see it.
-            recorder: keeps what it sees; the node closes it.
+            pictures: sends operators small pictures; None refuses them.
+            recorder: writes videos; the node closes it.
         """
         self.pictures, self.recorder = pictures, recorder
         self.settings, self.source, self.detector = settings, source, detector
@@ -112,7 +97,7 @@ class CameraNode:
         self._frames: Box[_Seen] = Box()
         self._views: Box[View] = Box()
         self._stop = threading.Event()
-        self._order = threading.Event()  # set when one came: a sleeping source may have to wake
+        self._order = threading.Event()  # set by each order: a sleeping source may have to wake
         self._lock = threading.Lock()
         self._image_size: tuple[int, int] | None = None  # until the first frame
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
@@ -127,7 +112,7 @@ class CameraNode:
         self.stop()
 
     def start(self) -> None:
-        """Begin; the edge need not be there yet."""
+        """Start; the edge need not be running yet."""
         site, camera_id = self.settings.site, self.settings.camera_id
         self.transport.subscribe(topics.of_order(site, camera_id), self._receive)
         self.transport.watch(topics.of_site(site, "alive"), self._see_edge)
@@ -146,25 +131,25 @@ class CameraNode:
             thread.start()
 
     def stop(self) -> None:
-        """End, and let go of the device."""
+        """Stop, and release the device."""
         self._stop.set()
         self._order.set()
         self._frames.close()
         self._views.close()
         for thread in self._threads:
             thread.join(timeout=5.0)
-        self._beat(ends=True)  # so that nobody looks for it
+        self._beat(ends=True)  # so that it is not reported as lost
         self.source.close()
         if self.recorder is not None:
             self.recorder.close()
         self.transport.close()
 
     def running(self) -> bool:
-        """Return whether all threads still work."""
+        """Return whether all threads are running."""
         return self.failure is None and not self._stop.is_set()
 
     def edge_ns(self) -> int:
-        """Return the edge's time, as far as the camera knows it."""
+        """Return the estimated time of the edge."""
         return self.offset.offset.edge_ns(self.clock.now_ns())
 
     # Receiving, on a thread of the transport.
@@ -190,7 +175,7 @@ class CameraNode:
         self._order.set()
 
     def _see_edge(self, topic: str, there: bool) -> None:
-        """Take orders of whatever edge comes next, also if its clock was set back."""
+        """Accept orders of the next edge, even if its clock was set back."""
         self.edge_there = there
         if not there:
             with self._lock:
@@ -229,13 +214,13 @@ class CameraNode:
         return True
 
     def _find(self, problem: str) -> None:
-        """Tell of a problem with the source when it comes and when it goes, not every second."""
+        """Report a problem with the source when it begins and when it ends, not every second."""
         if problem != self.problem:
             self.problem = problem
             self._report(problem or "frames from the source again")
 
     def _may_sleep(self) -> bool:
-        """Return whether nothing is to be captured for longer than waking takes."""
+        """Return whether the next active slot is farther away than the wake-up time."""
         schedule = self.schedule
         if schedule.idle_mode != "aggressive-power-saving" or schedule.times is None:
             return False
@@ -244,7 +229,7 @@ class CameraNode:
         return due_ns is None or due_ns - now_ns > self.settings.wake_s * 1e9
 
     def _take(self, frame: LiveFrame) -> None:
-        """Hand a frame on if it stands for a slot in which to look."""
+        """Pass on a frame if it belongs to an active slot."""
         self.counts.captured += 1
         self._image_size = frame.image_size
         schedule = self.schedule
@@ -309,14 +294,16 @@ class CameraNode:
         count, mode_since_ns = 0, self.clock.now_ns()
         while not self._stop.is_set():
             if self._image_size is not None and count % HELLO_EVERY == 0:
-                hello = encode(self._hello(self._image_size))
-                self.transport.publish(topics.of_camera(site, camera_id, "hello"), hello)
+                hello = hello_message(
+                    self.settings, self.session, self.source.fps, self._image_size
+                )
+                self.transport.publish(topics.of_camera(site, camera_id, "hello"), encode(hello))
             self._exchange()
             now_ns = self.clock.now_ns()
             self._account(now_ns - mode_since_ns)
             mode_since_ns = now_ns
             self._beat()
-            count += self._image_size is not None  # who it is, once it knows
+            count += self._image_size is not None  # the hello needs the image size
             self.clock.wait(self._stop, self.clock.now_ns() + BEAT_NS)
 
     def _beat(self, ends: bool = False) -> None:
@@ -351,47 +338,22 @@ class CameraNode:
         )
         self.offset = take_in(self.offset, exchange)
 
-    def _hello(self, image_size: tuple[int, int]) -> Hello:
-        settings = self.settings
-        return Hello(
-            camera_id=settings.camera_id,
-            session=self.session,
-            joints=settings.joints,
-            image_size=image_size,
-            fps=self.source.fps,
-            wake_s=settings.wake_s,
-            detector=settings.detector,
-            software=__version__,
-            battery_wh=settings.battery_wh,
-        )
-
     def _heartbeat(self, ends: bool) -> Heartbeat:
-        counts, offset, schedule = self.counts, self.offset.offset, self.schedule
         with self._lock:
-            margin_ns, counts.margin_ns = counts.margin_ns, None
-            delay_ns, counts.delay_ns = counts.delay_ns, 0
-        return Heartbeat(
-            camera_id=self.settings.camera_id,
-            session=self.session,
-            sent_edge_ns=max(self.edge_ns(), 0),
-            mode=self.mode,
-            captured=counts.captured,
-            detected=counts.detected,
-            sent=counts.sent,
+            counts = replace(self.counts)
+            self.counts.margin_ns, self.counts.delay_ns = None, 0
+        return heartbeat_message(
+            self.settings.camera_id,
+            self.session,
+            self.mode,
+            counts,
+            self.schedule,
+            self.offset.offset,
+            self.clock.now_ns(),
+            self._meter(self.mode),
             dropped=self._frames.dropped + self._views.dropped,
-            late_orders=schedule.late,
-            orders=schedule.orders,
-            order_margin_ns=margin_ns or 0,
-            clock_offset_ns=self.edge_ns() - self.clock.now_ns(),
-            clock_drift_ppm=offset.drift_ppm,
-            clock_error_ns=offset.error_ns or 0,
-            active_s=counts.active_ns / 1e9,
-            idle_s=counts.idle_ns / 1e9,
-            problem=one_line(self.problem),
-            order_delay_ns=max(delay_ns, 0),
+            problem=self.problem,
             ends=ends,
-            focused=counts.focused,
-            **self._meter(self.mode),
         )
 
     def _guarded(self, body: Callable[[], None]) -> None:

@@ -64,10 +64,7 @@ def noise(
     from e3pose.files.atomic import atomic_file
     from e3pose.model.noises import detector_of, encode_noise, load_noise_file
 
-    if not 0 < seconds <= MAX_SECONDS:
-        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
-    if detector is not None and not (0 < len(detector) <= 200 and detector.isprintable()):
-        raise InputError(f"--detector: found {detector[:40]!r}, expected 1 to 200 characters")
+    _check(seconds, detector)
     if plot is not None:
         check_svg("--plot", plot)
     check_outputs(recording, {"--out": out, "--plot": plot})
@@ -101,3 +98,10 @@ def noise(
     found = zip(calibrated.learned.tolist(), lengths_px.tolist(), strict=True)
     learned = dict(zip(source.rig.camera_ids, found, strict=True))
     print_noise(file, correlations, console, learned, shipped.detector)
+
+
+def _check(seconds: float, detector: str | None) -> None:
+    if not 0 < seconds <= MAX_SECONDS:
+        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
+    if detector is not None and not (0 < len(detector) <= 200 and detector.isprintable()):
+        raise InputError(f"--detector: found {detector[:40]!r}, expected 1 to 200 characters")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, camera_bar, cameras_of, toml_path
 from e3pose.cli.options import Flag, as_typed
@@ -24,22 +25,96 @@ if TYPE_CHECKING:
 MOST_SECONDS = 3600.0
 
 
+@Parameter(name="*", group=Group("Videos and points", sort_key=1))
+@dataclass(frozen=True, kw_only=True)
+class FilmOptions:
+    """What videos or points show."""
+
+    board: str = DEFAULT_BOARD
+    """Board name, as printed on it, with the measured side of a square."""
+    ball: str | None = None
+    """Follow a ball of this colour instead: red, orange, yellow, green, blue, pink, or bright (a
+    light in the dark)."""
+    wand: str | None = None
+    """Follow balls on a stick instead: their colours, and distances from the first ball, such as
+    green,red=500mm or green,blue,red=200mm,500mm. With points: the names of points."""
+    offset: Annotated[list[str] | None, Parameter(negative="")] = None
+    """CAMERA=SECONDS: start time of that video, if they did not start together; repeatable.
+    `e3pose sync` finds it."""
+    rate: float = 5.0
+    """Images per second to use of the videos."""
+
+    def carried(self, known: KnownLength) -> str | Wand | None:
+        """Return the ball's colour or the wand; None for neither."""
+        from e3pose.calibrate.wand import Wand
+
+        if self.wand is None:
+            return self.ball
+        if self.ball is not None:
+            raise InputError("--ball: found it beside --wand, which names its balls, expected one")
+        if known.height_m is not None or known.distance is not None or known.limb is not None:
+            raise InputError(
+                "--height, --distance, --limb: the wand states the scale, expected none"
+            )
+        return Wand.parse(self.wand)
+
+
+@Parameter(name="*", group=Group("Scale", sort_key=2))
+@dataclass(frozen=True, kw_only=True)
+class ScaleOptions:
+    """A known length."""
+
+    height: str | None = None
+    """Body height of the people, on average, such as 178cm."""
+    distance: str | None = None
+    """CAM1,CAM2=LENGTH, the distance between two lenses."""
+    limb: str | None = None
+    """JOINT1,JOINT2=LENGTH, the distance between two joints of the person, such as
+    left_knee,left_ankle=43cm."""
+
+    def known(self) -> KnownLength:
+        """Return the length; raise `InputError` for several."""
+        from e3pose.calibrate.places import KnownLength
+
+        if sum(value is not None for value in (self.height, self.distance, self.limb)) > 1:
+            raise InputError("--height, --distance, --limb: found several, expected at most one")
+        with as_typed({"": "--height"}):
+            height_m = None if self.height is None else length_m(self.height)
+        return KnownLength(
+            height_m,
+            None if self.distance is None else _pair("--distance", self.distance),
+            None if self.limb is None else _pair("--limb", self.limb),
+        )
+
+
+@Parameter(name="*", group=Group("Recordings of people", sort_key=3))
+@dataclass(frozen=True, kw_only=True)
+class PeopleOptions:
+    """What to use of a recording."""
+
+    start: Path | None = None
+    """Refine this calibration, which may be off by about 5 degrees and 20 cm. Its world and scale
+    are kept."""
+    seconds: float = 120.0
+    """Use this many seconds from the start of the recording; with --only, from its end."""
+    noise: str | None = None
+    """Keypoint noise model, as in `e3pose replay`."""
+    update: Flag = False
+    """Also write the calibration into the recording, so that it can be replayed."""
+    only: str | None = None
+    """Calibrate only this camera, from people whom other cameras see too: in a recording, or in
+    what the site records with `record = "keypoints"`."""
+
+
+FILM, SCALE, PEOPLE = FilmOptions(), ScaleOptions(), PeopleOptions()
+
+
 def extrinsics(
     *paths: str,
     intrinsics: Path | None = None,
-    board: str = DEFAULT_BOARD,
-    ball: str | None = None,
-    wand: str | None = None,
-    start: Path | None = None,
-    height: str | None = None,
-    distance: str | None = None,
-    limb: str | None = None,
-    offset: Annotated[list[str] | None, Parameter(negative="")] = None,
-    rate: float = 5.0,
-    seconds: float = 120.0,
-    noise: str | None = None,
-    update: Flag = False,
-    only: str | None = None,
+    film: FilmOptions = FILM,
+    scale: ScaleOptions = SCALE,
+    people: PeopleOptions = PEOPLE,
     json_output: JsonFile = None,
 ) -> None:
     """Calibrate camera positions and orientations from a board, a ball, a wand or people.
@@ -63,132 +138,89 @@ def extrinsics(
     intrinsics
         Lenses: the file of `e3pose calibrate intrinsics`, or any calibration file. Needed for
         videos and points. Default for a recording: its own, or found from the people.
-    board
-        Board name, as printed on it, with the measured side of a square.
-    ball
-        Follow a ball of this colour instead: red, orange, yellow, green, blue, pink, or bright (a
-        light in the dark).
-    wand
-        Follow balls on a stick instead: their colours, and distances from the first ball, such as
-        green,red=500mm or green,blue,red=200mm,500mm. With points: the names of points.
-    start
-        With a recording: refine this calibration, which may be off by about 5 degrees and 20 cm.
-        Its world and scale are kept.
-    height
-        Scale: body height of the people, on average, such as 178cm.
-    distance
-        Scale: CAM1,CAM2=LENGTH, the distance between two lenses.
-    limb
-        Scale: JOINT1,JOINT2=LENGTH, the distance between two joints of the person, such as
-        left_knee,left_ankle=43cm.
-    offset
-        CAMERA=SECONDS: start time of that video, if they did not start together; repeatable.
-        `e3pose sync` finds it.
-    rate
-        Images per second to use of the videos.
-    seconds
-        With a recording: use this many seconds from its start; with --only, from its end.
-    noise
-        With a recording: keypoint noise model, as in `e3pose replay`.
-    update
-        With a recording: also write the calibration into it, so that it can be replayed.
-    only
-        Calibrate only this camera, from people whom other cameras see too: in a recording, or in
-        what the site records with `record = "keypoints"`.
     json_output
         Write the result here as JSON; - is standard output, which then contains nothing else.
     """
     from e3pose.calibrate.recordings import known_lenses
     from e3pose.recording.calibration import load_rig, save_rig
 
-    if only is not None:
+    if people.only is not None:
         from e3pose.cli.calibrating_one import place_again
 
-        if any((intrinsics, ball, wand, start, height, distance, limb, offset, update)):
+        given = replace(people, only=None, seconds=PEOPLE.seconds, noise=None)
+        if intrinsics is not None or (film, scale, given) != (FILM, SCALE, PEOPLE):
             raise InputError("--only: expected with --seconds, --noise and --json at most")
-        place_again(paths, only, seconds, noise, json_output)
+        place_again(paths, people.only, people.seconds, people.noise, json_output)
         return
     if len(paths) < 2:
-        given = plural(len(paths), "path")
+        found = plural(len(paths), "path")
         raise InputError(
-            f"VIDEO... DEST: found {given}, expected videos or a recording, then the file"
+            f"VIDEO... DEST: found {found}, expected videos or a recording, then the file"
         )
     *sources, last = paths
     dest = toml_path(last)
-    known = _known(height, distance, limb)
-    carried = _carried(ball, wand, known)
     lenses = None if intrinsics is None else load_rig(intrinsics)
-    first = Path(sources[0])
-    is_recording = len(sources) == 1 and (first / "recording.toml").is_file()
-    if update and not is_recording:
-        raise InputError("--update: expected only with a recording")
-    if is_recording:
-        places = _people(first, lenses, start, known, seconds, noise)
-    elif start is not None:
-        raise InputError("--start: expected only with a recording")
-    elif lenses is None and len(sources) == 1 and not first.exists():
-        raise InputError(f"{first}: file not found, expected a recording, or videos of two cameras")
-    elif lenses is None:
-        raise InputError(
-            "--intrinsics: found none, expected the file of e3pose calibrate intrinsics"
-        )
-    elif len(sources) == 1 and first.suffix.lower() in (".csv", ".npz"):
-        places = _points(first, lenses, carried, known)
-    else:
-        places = _films(sources, lenses, board, carried, known, offset or [], rate)
+    places = _places(sources, lenses, film, scale.known(), people)
     save_rig(known_lenses(places.rig), dest)
-    if update:
-        save_rig(known_lenses(places.rig), first / "calibration.toml")
+    if people.update:
+        save_rig(known_lenses(places.rig), Path(sources[0]) / "calibration.toml")
     write_json(json_output, _values(places))
     if not is_stdout(json_output):
         print("\n".join(_lines(places)))
         wrote(dest, f"{len(places.rig)} cameras, metres, z up")
 
 
-def _people(
-    path: Path,
+def _places(
+    sources: Sequence[str],
     lenses: Rig | None,
-    start: Path | None,
+    film: FilmOptions,
     known: KnownLength,
-    seconds: float,
-    noise: str | None,
+    people: PeopleOptions,
 ) -> Places:
-    from dataclasses import replace
+    """Calibrate from a recording, from points or from videos, whichever the sources are."""
+    first = Path(sources[0])
+    carried = film.carried(known)
+    if len(sources) == 1 and (first / "recording.toml").is_file():
+        return _people(first, lenses, known, people)
+    if people.update:
+        raise InputError("--update: expected only with a recording")
+    if people.start is not None:
+        raise InputError("--start: expected only with a recording")
+    if lenses is None and len(sources) == 1 and not first.exists():
+        raise InputError(f"{first}: file not found, expected a recording, or videos of two cameras")
+    if lenses is None:
+        raise InputError(
+            "--intrinsics: found none, expected the file of e3pose calibrate intrinsics"
+        )
+    if len(sources) == 1 and first.suffix.lower() in (".csv", ".npz"):
+        return _points(first, lenses, carried, known)
+    return _films(sources, lenses, film, carried, known)
 
+
+def _people(path: Path, lenses: Rig | None, known: KnownLength, people: PeopleOptions) -> Places:
     from e3pose.calibrate.places import from_people
     from e3pose.calibrate.recordings import first_seconds, with_lenses
     from e3pose.model.noises import detector_of, load_noise
     from e3pose.recording import load_recording
     from e3pose.recording.calibration import load_rig
 
-    if not 0 < seconds <= MOST_SECONDS:
-        raise InputError(f"--seconds: found {seconds:g}, expected more than 0, at most 3600")
-    recording = first_seconds(load_recording(path), seconds)
+    if not 0 < people.seconds <= MOST_SECONDS:
+        raise InputError(f"--seconds: found {people.seconds:g}, expected more than 0, at most 3600")
+    recording = first_seconds(load_recording(path), people.seconds)
     if lenses is not None:
         recording = replace(recording, rig=with_lenses(recording.rig, lenses))
     rough = None
-    if start is not None:
-        rough = load_rig(start)
+    if people.start is not None:
+        rough = load_rig(people.start)
         if not rough.placed:
-            raise InputError(f"{start}: holds lenses without places, expected a rough calibration")
+            raise InputError(
+                f"{people.start}: holds lenses without places, expected a rough calibration"
+            )
         rough = rough.subset([rough.index(name) for name in recording.rig.camera_ids])
     with stage_progress() as (_, progress):
         return from_people(
-            recording, load_noise(noise or detector_of(recording)), rough, known, progress
+            recording, load_noise(people.noise or detector_of(recording)), rough, known, progress
         )
-
-
-def _carried(ball: str | None, wand: str | None, known: KnownLength) -> str | Wand | None:
-    """Return the ball's colour or the wand; None for neither."""
-    from e3pose.calibrate.wand import Wand
-
-    if wand is None:
-        return ball
-    if ball is not None:
-        raise InputError("--ball: found it beside --wand, which names its balls, expected one")
-    if known.height_m is not None or known.distance is not None or known.limb is not None:
-        raise InputError("--height, --distance, --limb: the wand states the scale, expected none")
-    return Wand.parse(wand)
 
 
 def _points(path: Path, lenses: Rig, carried: str | Wand | None, known: KnownLength) -> Places:
@@ -205,22 +237,21 @@ def _points(path: Path, lenses: Rig, carried: str | Wand | None, known: KnownLen
 def _films(
     sources: Sequence[str],
     lenses: Rig,
-    board: str,
+    film: FilmOptions,
     carried: str | Wand | None,
     known: KnownLength,
-    offset: list[str],
-    rate: float,
 ) -> Places:
     from e3pose.calibrate.ball import check_colours
     from e3pose.calibrate.board import Board
     from e3pose.calibrate.places import from_ball_films, from_board_films
     from e3pose.cli.detecting import camera_seconds
 
+    rate = film.rate
     if not 0.1 <= rate <= 240:
         raise InputError(f"--rate: found {rate:g}, expected 0.1 to 240 a second")
     named = cameras_of(sources)
     used = lenses.subset([lenses.index(name) for name in named])
-    offsets = camera_seconds("--offset", offset)
+    offsets = camera_seconds("--offset", film.offset or [])
     for name in offsets:
         used.index(name)
     if len(used) < 2:
@@ -234,21 +265,7 @@ def _films(
     if known.height_m is not None or known.distance is not None or known.limb is not None:
         raise InputError("--height, --distance, --limb: the board states the scale, expected none")
     with camera_bar("looking for the board") as bar:
-        return from_board_films(named, used, Board.parse(board), offsets, rate, bar)
-
-
-def _known(height: str | None, distance: str | None, limb: str | None) -> KnownLength:
-    from e3pose.calibrate.places import KnownLength
-
-    if sum(value is not None for value in (height, distance, limb)) > 1:
-        raise InputError("--height, --distance, --limb: found several, expected at most one")
-    with as_typed({"": "--height"}):
-        height_m = None if height is None else length_m(height)
-    return KnownLength(
-        height_m,
-        None if distance is None else _pair("--distance", distance),
-        None if limb is None else _pair("--limb", limb),
-    )
+        return from_board_films(named, used, Board.parse(film.board), offsets, rate, bar)
 
 
 def _pair(option: str, word: str) -> tuple[str, str, float]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from e3pose.cli.calibrating_lenses import DEFAULT_BOARD, cameras_of, check_picture, toml_path
 from e3pose.cli.options import Flag, as_typed
@@ -23,19 +24,56 @@ if TYPE_CHECKING:
 Words = Annotated[list[str] | None, Parameter(negative="")]
 
 
+@Parameter(name="*", group=Group("Floor", sort_key=1))
+@dataclass(frozen=True, kw_only=True)
+class FloorOptions:
+    """Where the vertical and the floor come from."""
+
+    up: str | None = None
+    """Axis that points up in SOURCE: x, y, z, -x, -y or -z."""
+    floor: Words = None
+    """CAMERA=IMAGE: an image of the board lying on the floor; repeatable."""
+    board: str = DEFAULT_BOARD
+    """Board name, as printed on it."""
+    points: Words = None
+    """x,y,z in metres in the world of SOURCE; give it three times: the origin, a point on the x
+    axis, and another point of the floor to the left of it."""
+    height: str = "170cm"
+    """Body height of the people, from which the height of their ankles follows."""
+    seconds: float = 120.0
+    """With a recording: use this many seconds from its start."""
+
+    def move(self, rig: Rig, source: Path, is_recording: bool) -> tuple[Move, str] | None:
+        """Return how the world moves, and why in words; None where nothing says it."""
+        from e3pose.calibrate.align import from_axis
+
+        if sum(value is not None for value in (self.up, self.floor, self.points)) > 1:
+            raise InputError("--up, --floor, --points: found several, expected at most one")
+        if self.up is not None:
+            return from_axis(self.up), f"{self.up} became z"
+        if self.floor is not None:
+            found = _board_floor(rig, self.floor, self.board)
+            return found, "floor of the board that lies on it"
+        if self.points is not None:
+            return _three_points(self.points), "floor of the three points"
+        if is_recording:
+            with as_typed({"": "--height"}):
+                height_m = length_m(self.height)
+            return _people_floor(source, height_m, self.seconds)
+        return None
+
+
+FLOOR = FloorOptions()
+
+
 def align(
     source: Path,
     dest: str,
     /,
     *,
-    up: str | None = None,
-    floor: Words = None,
-    board: str = DEFAULT_BOARD,
-    points: Words = None,
-    height: str = "170cm",
+    floor: FloorOptions = FLOOR,
     origin: str = "keep",
     x_axis: str = "keep",
-    seconds: float = 120.0,
     update: Flag = False,
 ) -> None:
     """Align the world of a calibration: z up, floor at zero, origin and axes of your choice.
@@ -52,27 +90,14 @@ def align(
         A recording with its calibration, or a calibration file for --up, --floor and --points.
     dest
         The calibration file (.toml) to write.
-    up
-        Axis that points up in SOURCE: x, y, z, -x, -y or -z.
-    floor
-        CAMERA=IMAGE: an image of the board lying on the floor; repeatable.
-    board
-        Board name, as printed on it.
-    points
-        x,y,z in metres in the world of SOURCE; give it three times: the origin, a point on the x
-        axis, and another point of the floor to the left of it.
-    height
-        Body height of the people, from which the height of their ankles follows.
     origin
         New origin: `keep`, x,y in metres, or a camera (the floor below it).
     x_axis
         `keep`, or the camera to which the x axis points.
-    seconds
-        With a recording: use this many seconds from its start.
     update
         With a recording: also replace its calibration.
     """
-    from e3pose.calibrate.align import STAY, from_axis, with_origin
+    from e3pose.calibrate.align import STAY, with_origin
     from e3pose.recording.calibration import load_rig, save_rig
     from e3pose.recording.calibration.world import require_placed, world_problem
 
@@ -80,28 +105,16 @@ def align(
     is_recording = (source / "recording.toml").is_file()
     if update and not is_recording:
         raise InputError("--update: expected only with a recording")
-    ways = sum(value is not None for value in (up, floor, points))
-    if ways > 1:
-        raise InputError("--up, --floor, --points: found several, expected at most one")
     chosen = (origin, x_axis) != ("keep", "keep")
     rig = load_rig(source / "calibration.toml" if is_recording else source)
     require_placed(rig, source)
-    move, words = STAY, "the vertical and the floor are kept"
-    if up is not None:
-        move, words = from_axis(up), f"{up} became z"
-    elif floor is not None:
-        move, words = _board_floor(rig, floor, board), "floor of the board that lies on it"
-    elif points is not None:
-        move, words = _three_points(points), "floor of the three points"
-    elif is_recording:
-        with as_typed({"": "--height"}):
-            height_m = length_m(height)
-        move, words = _people_floor(source, height_m, seconds)
-    elif not chosen:
+    found = floor.move(rig, source, is_recording)
+    if found is None and not chosen:
         raise InputError(
             f"{source}: found a calibration, expected --up, --floor or --points with it, or a "
             "recording of people"
         )
+    move, words = found or (STAY, "the vertical and the floor are kept")
     moved = move.rig(rig)
     if chosen:
         moved = with_origin(moved, origin, x_axis).rig(moved)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
-from e3pose.cli.options import Flag, Whole, as_typed
+from e3pose.cli.options import OUTPUT, Flag, Whole, as_typed
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 from e3pose.settings.limits import Rotation
@@ -26,24 +27,85 @@ EXIT_INTERRUPTED = 130
 OPTIONS = {"feedback": "--feedback", "offset": "--offset", "rotation": "--rotation"}
 
 
+@Parameter(name="*", group=Group("Network", sort_key=1))
+@dataclass(frozen=True, kw_only=True)
+class NetworkOptions:
+    """The network to run."""
+
+    model: str = "openpose-thin"
+    """A name from `e3pose models list`, the path of an .onnx or .pb file, a folder with the two
+    files of a top-down detector, or your own detector as module:Name."""
+    family: str | None = None
+    """With a model path: the detector that runs it. Default: from the model's inputs and
+    outputs."""
+    provider: Literal["auto", "tensorrt", "cuda", "openvino", "coreml", "cpu"] = "auto"
+    """Execution provider of the network. `auto` takes the fastest available."""
+    threads: Whole | None = None
+    """CPU threads of the network. Default: all cores."""
+    feedback: Flag = False
+    """Detect where people are expected, by what all cameras found before, and enlarge or shrink
+    that part of the image to the size the network finds people best at. Needs --calibration."""
+    whole_every: Whole = WHOLE_EVERY
+    """With --feedback, detect in the whole image once in this many frames."""
+
+
+@Parameter(name="*", group=Group("Frames", sort_key=2))
+@dataclass(frozen=True, kw_only=True)
+class FrameOptions:
+    """Which frames of the videos to use."""
+
+    fps: float | None = None
+    """Slots per second. Default: the common frame rate of the videos; image folders need it."""
+    every: Whole = 1
+    """Keep every N-th slot only."""
+    start: float = 0.0
+    """Skip this many seconds at the start."""
+    max_slots: Whole | None = None
+    """Stop after this many slots."""
+    offset: Annotated[list[str] | None, Parameter(negative="")] = None
+    """CAMERA=SECONDS: capture time of that camera's first frame, for cameras that did not start
+    together; repeatable."""
+    rotation: Annotated[list[str] | None, Parameter(negative="")] = None
+    """CAMERA=DEGREES: 0, 90, 180 or 270 clockwise, by which that camera's images are turned for
+    the detector so that people are upright; repeatable. Keypoints stay in pixels of the video.
+    Default: what a Caliscope calibration says, else 0."""
+
+    def rotations(self, calibration: Path | None) -> dict[str, int]:
+        """Return the rotations of these options and of a calibration file."""
+        from e3pose.recording.calibration import load_rotations
+
+        given = camera_rotations("--rotation", self.rotation or [])
+        if calibration is None:
+            return given
+        known = load_rotations(calibration)
+        if used := {name: known[name] for name in known if name not in given}:
+            listed = ", ".join(f"{name} {degrees} degrees" for name, degrees in used.items())
+            print(f"images are turned for the detector, as {calibration} says: {listed}")
+        return {**known, **given}
+
+
+@Parameter(name="*", group=OUTPUT)
+@dataclass(frozen=True, kw_only=True)
+class CopyOptions:
+    """What to do with the videos and with an earlier recording."""
+
+    link_videos: Flag = False
+    """Link the videos into the recording. Default: store their paths."""
+    copy_videos: Flag = False
+    """Copy the videos into the recording."""
+    overwrite: Flag = False
+    """Replace the recording at DEST, and partial work with other settings."""
+
+
+NETWORK, FRAMES, COPY = NetworkOptions(), FrameOptions(), CopyOptions()
+
+
 def detect(
     *paths: Annotated[str, Parameter(name="VIDEO... DEST")],
     calibration: Path | None = None,
-    model: str = "openpose-thin",
-    family: str | None = None,
-    provider: Literal["auto", "tensorrt", "cuda", "openvino", "coreml", "cpu"] = "auto",
-    fps: float | None = None,
-    every: Whole = 1,
-    start: float = 0.0,
-    max_slots: Whole | None = None,
-    offset: Annotated[list[str] | None, Parameter(negative="")] = None,
-    rotation: Annotated[list[str] | None, Parameter(negative="")] = None,
-    threads: Whole | None = None,
-    feedback: Flag = False,
-    whole_every: Whole = WHOLE_EVERY,
-    link_videos: Flag = False,
-    copy_videos: Flag = False,
-    overwrite: Flag = False,
+    network: NetworkOptions = NETWORK,
+    frames: FrameOptions = FRAMES,
+    output: CopyOptions = COPY,
 ) -> None:
     """Detect people in videos and write a recording.
 
@@ -63,80 +125,37 @@ def detect(
         Calibration file of the rig, in any supported format, or lenses only, from
         `e3pose calibrate intrinsics`. Without it, cameras are named after their videos, and
         `e3pose calibrate extrinsics` finds lenses and positions from the people.
-    model
-        A name from `e3pose models list`, the path of an .onnx or .pb file, a folder with the two
-        files of a top-down detector, or your own detector as module:Name.
-    family
-        With a model path: the detector that runs it. Default: from the model's inputs and outputs.
-    provider
-        Execution provider of the network. `auto` takes the fastest available.
-    fps
-        Slots per second. Default: the common frame rate of the videos; image folders need it.
-    every
-        Keep every N-th slot only.
-    start
-        Skip this many seconds at the start.
-    max_slots
-        Stop after this many slots.
-    offset
-        CAMERA=SECONDS: capture time of that camera's first frame, for cameras that did not start
-        together; repeatable.
-    rotation
-        CAMERA=DEGREES: 0, 90, 180 or 270 clockwise, by which that camera's images are turned for
-        the detector so that people are upright; repeatable. Keypoints stay in pixels of the video.
-        Default: what a Caliscope calibration says, else 0.
-    threads
-        CPU threads of the network. Default: all cores.
-    feedback
-        Detect where people are expected, by what all cameras found before, and enlarge or shrink
-        that part of the image to the size the network finds people best at. Needs --calibration.
-    whole_every
-        With --feedback, detect in the whole image once in this many frames.
-    link_videos
-        Link the videos into the recording. Default: store their paths.
-    copy_videos
-        Copy the videos into the recording.
-    overwrite
-        Replace the recording at DEST, and partial work with other settings.
     """
     from e3pose.camera.detect import DetectSettings, detect_videos
     from e3pose.cli.placed import check_world
     from e3pose.files.atomic import check_free
-    from e3pose.recording.calibration import load_rig, load_rotations
+    from e3pose.recording.calibration import load_rig
 
     if len(paths) < 2:
         given = plural(len(paths), "path")
         raise InputError(f"VIDEO... DEST: found {given}, expected videos, then the folder to write")
-    if link_videos and copy_videos:
+    if output.link_videos and output.copy_videos:
         raise InputError("--link-videos and --copy-videos: found both, expected at most one")
     *videos, last = paths
     dest = Path(last)
     if dest.is_file():
         raise InputError("DEST", f"the file {dest}", "a folder to create, after the videos")
-    rotations = camera_rotations("--rotation", rotation or [])
-    if calibration is not None:
-        known = load_rotations(calibration)
-        if used := {name: known[name] for name in known if name not in rotations}:
-            listed = ", ".join(f"{name} {degrees} degrees" for name, degrees in used.items())
-            print(f"images are turned for the detector, as {calibration} says: {listed}")
-        rotations = {**known, **rotations}
+    rotations = frames.rotations(calibration)
     settings = DetectSettings(
-        fps=fps,
-        every=every,
-        start_s=start,
-        max_slots=max_slots,
+        fps=frames.fps,
+        every=frames.every,
+        start_s=frames.start,
+        max_slots=frames.max_slots,
         rotations=rotations,
-        offsets_s=camera_seconds("--offset", offset or []),
-        keep_videos="link" if link_videos else "copy" if copy_videos else "refer",
-        overwrite=overwrite,
-        feedback=feedback,
-        whole_every=whole_every,
+        offsets_s=camera_seconds("--offset", frames.offset or []),
+        keep_videos="link" if output.link_videos else "copy" if output.copy_videos else "refer",
+        overwrite=output.overwrite,
+        feedback=network.feedback,
+        whole_every=network.whole_every,
     )
-    check_free(dest, overwrite)
-    rig = None
-    if calibration is not None:
-        rig = load_rig(calibration)
-    detector, name = _detector(model, family, provider, threads)
+    check_free(dest, output.overwrite)
+    rig = None if calibration is None else load_rig(calibration)
+    detector, name = _detector(network.model, network.family, network.provider, network.threads)
     with _resumable(dest), as_typed(OPTIONS), frame_bar() as progress:
         report = detect_videos(videos, rig, detector, dest, settings, name, progress)
     _print(dest, report)

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from e3pose.cli.options import Flag, Whole, as_typed
 from e3pose.cli.output import wrote
+from e3pose.cli.querying import PERIOD, ROWS, PeriodOptions, check_numbers
 from e3pose.cli.smoothing import SmoothOptions
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
+    from e3pose.exports import ExportSettings
+    from e3pose.exports.base import Progress
     from e3pose.exports.source import Asked
     from e3pose.model.take import Motion, Take
 
@@ -23,27 +26,60 @@ SMOOTH = SmoothOptions()
 OPTIONS = {"site": "--site", "run": "--run", "time": "--from, --to", "track": "--track"}
 
 
+@Parameter(name="*", group=Group("Format", sort_key=2))
+@dataclass(frozen=True, kw_only=True)
+class FormatOptions:
+    """What to write, and how."""
+
+    format_name: Annotated[
+        Literal["trc", "c3d", "csv", "parquet", "bvh", "gltf", "openpose", "coco", "rerun"] | None,
+        Parameter(name="--format"),
+    ] = None
+    """Output format, if the suffix of DEST does not determine it."""
+    fill: str | None = None
+    """Fill gaps of a joint up to this length, such as 200ms, and mark them. Default: none."""
+    fps: float | None = None
+    """Frame rate, by linear interpolation. Default: the slot rate."""
+    units: Literal["mm", "m"] | None = None
+    """Length unit of TRC, C3D (default mm) and BVH (default m)."""
+    angles: Flag = False
+    """Add joint angles as columns of CSV and Parquet."""
+    calibration: Path | None = None
+    """Calibration file, for 2D keypoints: required for COCO, optional for OpenPose JSON."""
+
+    def settings(self, dest: Path, progress: Progress) -> tuple[str, ExportSettings]:
+        """Return the format and its settings; raise `InputError` for options that it lacks."""
+        from e3pose.exports import ExportSettings, format_of
+        from e3pose.recording.calibration import load_rig
+
+        form = format_of(dest, self.format_name)
+        for option, value, forms in (
+            ("--angles", self.angles or None, ("csv", "parquet")),
+            ("--units", self.units, ("trc", "c3d", "bvh")),
+            ("--calibration", self.calibration, ("coco", "openpose")),
+        ):
+            if value is not None and form not in forms:
+                listed = f"{', '.join(forms[:-1])} or {forms[-1]}"
+                raise InputError(f"{option}: found with {form}, expected {listed}")
+        rig = None if self.calibration is None else load_rig(self.calibration)
+        return form, ExportSettings(self.units, self.angles, rig, progress)
+
+
+FORMAT = FormatOptions()
+
+
 def export(
     source: str,
     dest: Path,
     /,
     *,
-    format_name: Annotated[
-        Literal["trc", "c3d", "csv", "parquet", "bvh", "gltf", "openpose", "coco", "rerun"] | None,
-        Parameter(name="--format"),
+    period: PeriodOptions = PERIOD,
+    track: Annotated[
+        list[Whole] | None, Parameter(consume_multiple=True, negative="", group=ROWS)
     ] = None,
-    from_: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
-    to: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
-    track: Annotated[list[Whole] | None, Parameter(consume_multiple=True, negative="")] = None,
-    region: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
-    site: str | None = None,
-    run: Whole | None = None,
+    region: Annotated[str | None, Parameter(allow_leading_hyphen=True, group=ROWS)] = None,
     smooth: SmoothOptions = SMOOTH,
-    fill: str | None = None,
-    fps: float | None = None,
-    units: Literal["mm", "m"] | None = None,
-    angles: Flag = False,
-    calibration: Path | None = None,
+    form: FormatOptions = FORMAT,
 ) -> None:
     """Export poses to OpenSim, Blender, pandas, rerun and other tools.
 
@@ -61,76 +97,41 @@ def export(
         `e3pose replay --poses` or `e3pose query`.
     dest
         Output file, replaced if it exists; for OpenPose a new folder.
-    format_name
-        Output format, if the suffix of DEST does not determine it.
-    from_
-        Start, as in `e3pose query`: `2026-11-21T14:00`, `-10min`, seconds such as `12.5`.
-    to
-        End, in the same formats.
     track
         Only these track ids.
     region
         Only people whose centre is in this rectangle of the floor: x,y,x,y in metres.
-    site
-        Only runs of this site.
-    run
-        Only this run.
-    fill
-        Fill gaps of a joint up to this length, such as 200ms, and mark them. Default: none.
-    fps
-        Frame rate, by linear interpolation. Default: the slot rate.
-    units
-        Length unit of TRC, C3D (default mm) and BVH (default m).
-    angles
-        Add joint angles as columns of CSV and Parquet.
-    calibration
-        Calibration file, for 2D keypoints: required for COCO, optional for OpenPose JSON.
     """
     from e3pose.cli.progress import track_progress
     from e3pose.estimate.smooth import SmoothSettings, smoothed
-    from e3pose.exports import ExportSettings, format_of
     from e3pose.exports import export as write
     from e3pose.exports.resample import resampled
     from e3pose.exports.source import Asked
     from e3pose.quantities import duration_s
 
-    form = format_of(dest, format_name)
-    if angles and form not in ("csv", "parquet"):
-        raise InputError(f"--angles: found with {form}, expected csv or parquet")
-    if units is not None and form not in ("trc", "c3d", "bvh"):
-        raise InputError(f"--units: found with {form}, expected trc, c3d or bvh")
-    asked_smoothing = smooth.settings()
-    with as_typed({"": "--fill"}):
-        fill_s = 0.0 if fill is None else duration_s(fill)
-    settings = SmoothSettings(asked_smoothing.method, asked_smoothing.cutoff_hz, fill_s)
-    rig = None
-    if calibration is not None:
-        from e3pose.recording.calibration import load_rig
-
-        if form not in ("coco", "openpose"):
-            raise InputError(f"--calibration: found with {form}, expected coco or openpose")
-        rig = load_rig(calibration)
-    for number in [*(track or ()), *([] if run is None else [run])]:
-        if not 0 <= number < 2**63:
-            raise InputError(f"--track, --run: found {number}, expected a number of 0 or more")
-    corners = None if region is None else _corners(region)
-    asked = Asked(from_, to, tuple(track or ()), site, run, corners)
-    with as_typed(OPTIONS, source):
-        take = _take(source, dest, asked)
-
     def progress(items: Iterable[Any], total: int, label: str) -> Iterable[Any]:
         return track_progress(items, total, label)
 
-    if settings.method is not None or settings.fill_s > 0:
+    name, settings = form.settings(dest, progress)
+    smoothing = smooth.settings()
+    with as_typed({"": "--fill"}):
+        fill_s = 0.0 if form.fill is None else duration_s(form.fill)
+    smoothing = SmoothSettings(smoothing.method, smoothing.cutoff_hz, fill_s)
+    check_numbers({"--track, --run": (*(track or ()), period.run)})
+    corners = None if region is None else _corners(region)
+    asked = Asked(period.from_, period.to, tuple(track or ()), period.site, period.run, corners)
+    with as_typed(OPTIONS, source):
+        take = _take(source, dest, asked)
+    if smoothing.method is not None or smoothing.fill_s > 0:
         motions: list[Motion] = []
         for motion in progress(take.motions, len(take.motions), "smooth"):
-            motions += smoothed(replace(take, motions=(motion,)), settings).motions
+            motions += smoothed(replace(take, motions=(motion,)), smoothing).motions
         take = replace(take, motions=tuple(motions))
-    if fps is not None:
-        before, take = take, resampled(take, fps)
+    if form.fps is not None:
+        before, take = take, resampled(take, form.fps)
         if take is not before:
             print(f"resampled from {before.fps:g} to {take.fps:g} frames per second, linearly")
-    for path, note in write(take, dest, form, ExportSettings(units, angles, rig, progress)):
+    for path, note in write(take, dest, name, settings):
         wrote(path, note)
     _print_filled(take)
 

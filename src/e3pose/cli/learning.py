@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import App, Group, Parameter
 
 from e3pose.cli.options import Flag, Whole
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
 if TYPE_CHECKING:
-    from e3pose.learn.online import OnlineTrainer
+    from e3pose.learn.online import LearningSettings, OnlineTrainer
     from e3pose.learn.online.rehearse import Rehearsed
     from e3pose.predict.base import Predictor
     from e3pose.recording import Recording
@@ -23,6 +24,40 @@ learn_app = App(
 )
 PAUSE_S = 0.2
 WARM_UP_SLOTS = 10  # in which code is loaded
+
+
+@Parameter(name="*", group=Group("Training", sort_key=1))
+@dataclass(frozen=True, kw_only=True)
+class TrainingOptions:
+    """When to train, how long, and what counts as better."""
+
+    held_back: float = 60.0
+    """Hold out this many of the newest seconds with people, for validation."""
+    least: float = 120.0
+    """Seconds with people before the first training."""
+    every: float = 0.0
+    """Seconds between trainings."""
+    minutes: float = 2.0
+    """Time limit of one training."""
+    margin: float = 0.02
+    """Required relative improvement at every lead."""
+
+    def settings(self, interval_s: float) -> LearningSettings:
+        """Return the settings that these options mean."""
+        from e3pose.learn.online import LearningSettings
+
+        return LearningSettings(
+            interval_s=interval_s,
+            held_back_s=self.held_back,
+            least_s=self.least,
+            every_s=self.every,
+            train_s=60 * self.minutes,
+            margin=self.margin,
+            chunk_s=max(1.0, min(30.0, self.held_back / 4)),
+        )
+
+
+TRAINING = TrainingOptions()
 
 
 @learn_app.command(name="replay")
@@ -36,11 +71,7 @@ def learn_replay(
     cameras: Annotated[Whole | None, Parameter(alias="-C")] = None,
     lead: Whole = 1,
     paced: Flag = False,
-    held_back: float = 60.0,
-    least: float = 120.0,
-    every: float = 0.0,
-    minutes: float = 2.0,
-    margin: float = 0.02,
+    training: TrainingOptions = TRAINING,
 ) -> None:
     """Replay recordings in order, as if live, and train the predictor on the estimated poses.
 
@@ -67,20 +98,10 @@ def learn_replay(
     paced
         Replay in real time with training in parallel, as live. Default: replay at full speed and
         train between recordings.
-    held_back
-        Hold out this many of the newest seconds with people, for validation.
-    least
-        Seconds with people before the first training.
-    every
-        Seconds between trainings.
-    minutes
-        Time limit of one training.
-    margin
-        Required relative improvement at every lead.
     """
     from e3pose.cli.placed import load_placed
     from e3pose.evaluate.replay import ReplaySettings, make_pipeline
-    from e3pose.learn.online import LearningSettings, OnlineTrainer
+    from e3pose.learn.online import OnlineTrainer
     from e3pose.learn.online.versions import check_learning_folder
     from e3pose.runtime.clock import WallClock
 
@@ -94,15 +115,7 @@ def learn_replay(
     rates = {source.fps for source in sources}
     if len(skeletons) > 1 or len(rates) > 1:
         raise InputError("learn: found recordings of several skeletons or rates, expected one")
-    settings = LearningSettings(
-        interval_s=sources[0].interval_s,
-        held_back_s=held_back,
-        least_s=least,
-        every_s=every,
-        train_s=60 * minutes,
-        margin=margin,
-        chunk_s=max(1.0, min(30.0, held_back / 4)),
-    )
+    settings = training.settings(sources[0].interval_s)
     options = {
         "policy": policy,
         "pipeline": pipeline,

@@ -2,21 +2,60 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
-from e3pose.cli.options import Flag, Whole, check_outputs
+from e3pose.cli.options import OUTPUT, Flag, Whole, check_outputs
 from e3pose.cli.output import JsonFile, is_stdout, write_json, wrote
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
+    from e3pose.evaluate.prediction.scores import PredictionSettings
     from e3pose.evaluate.prediction.windows import Window
 
 OURS = ("error-by-lead.svg",)  # marks a folder of pictures as one that may be replaced
+
+
+@Parameter(name="*", group=Group("Histories", sort_key=1))
+@dataclass(frozen=True, kw_only=True)
+class HistoryOptions:
+    """What to predict, and from what."""
+
+    leads: str = "1,2,3,5,8,10,15"
+    """Comma-separated numbers of slots ahead."""
+    history: Whole = 10
+    """History length M in slots."""
+    noise_mm: float = 20.0
+    """Standard deviation of the noise per coordinate of noisy histories."""
+    missing: float = 0.2
+    """Share of joints missing from noisy histories."""
+    seed: Whole = 0
+    """Random seed."""
+    every: Whole = 1
+    """Predict in every N-th slot only."""
+    slots: str | None = None
+    """Evaluate only these slots, FIRST:END, comma-separated; for example the slots held out of
+    training."""
+
+    def settings(self) -> PredictionSettings:
+        """Return the settings that these options mean."""
+        from e3pose.evaluate.prediction.scores import PredictionSettings
+
+        return PredictionSettings(
+            leads=_leads(self.leads),
+            history_slots=self.history,
+            noise_m=self.noise_mm / 1000,
+            missing=self.missing,
+            seed=self.seed,
+            every=self.every,
+        )
+
+
+HISTORY = HistoryOptions()
 
 
 def evaluate_predictor(
@@ -24,18 +63,12 @@ def evaluate_predictor(
     /,
     *,
     predictors: str | None = None,
-    leads: str = "1,2,3,5,8,10,15",
-    history: Whole = 10,
-    noise_mm: float = 20.0,
-    missing: float = 0.2,
-    seed: Whole = 0,
-    every: Whole = 1,
-    slots: str | None = None,
-    each: Flag = False,
-    json_file: JsonFile = None,
-    plot: Path | None = None,
-    pictures: Path | None = None,
-    overwrite: bool = False,
+    history: HistoryOptions = HISTORY,
+    each: Annotated[Flag, Parameter(group=OUTPUT)] = False,
+    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
+    plot: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    pictures: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    overwrite: Annotated[Flag, Parameter(group=OUTPUT)] = False,
 ) -> None:
     """Evaluate motion predictors: error by lead, box overlap, calibration, latency.
 
@@ -50,21 +83,6 @@ def evaluate_predictor(
         Recording folders.
     predictors
         Comma-separated names. Default: all.
-    leads
-        Comma-separated numbers of slots ahead.
-    history
-        History length M in slots.
-    noise_mm
-        Standard deviation of the noise per coordinate of noisy histories.
-    missing
-        Share of joints missing from noisy histories.
-    seed
-        Random seed.
-    every
-        Predict in every N-th slot only.
-    slots
-        Evaluate only these slots, FIRST:END, comma-separated; for example the slots held out of
-        training.
     each
         Also print the tables of each recording.
     json_file
@@ -79,7 +97,6 @@ def evaluate_predictor(
     """
     from e3pose.evaluate.columns import table_console
     from e3pose.evaluate.prediction.plot import check_plot, write_plot
-    from e3pose.evaluate.prediction.scores import PredictionSettings
     from e3pose.evaluate.prediction.tables import print_calibration, print_figures, print_latency
     from e3pose.files.atomic import check_free
 
@@ -89,16 +106,9 @@ def evaluate_predictor(
         check_free(pictures, overwrite, OURS)
     for recording in recordings:
         check_outputs(recording, {"--json": json_file, "--plot": plot})
-    settings = PredictionSettings(
-        leads=_leads(leads),
-        history_slots=history,
-        noise_m=noise_mm / 1000,
-        missing=missing,
-        seed=seed,
-        every=every,
-    )
-    names = _names(predictors)
-    report, windows = _measure(recordings, names, settings, _slots(slots), pictures is not None)
+    settings, names = history.settings(), _names(predictors)
+    wanted = _slots(history.slots)
+    report, windows = _measure(recordings, names, settings, wanted, pictures is not None)
     if plot is not None:
         write_plot(plot, report["pooled"], report["calibration"])
     if pictures is not None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
-from e3pose.cli.options import Whole, as_typed
+from e3pose.cli.options import OUTPUT, Whole, as_typed
 from e3pose.cli.output import JsonFile, is_stdout, wrote
 from e3pose.errors import MISSING, InputError
 from e3pose.quantities import plural
@@ -24,20 +25,40 @@ FIRST = ("message",)  # of the other columns
 TEXTS = ("time", "joint", "message", "kind", "camera_id", "source")
 
 
+ROWS = Group("Rows", sort_key=1)
+
+
+@Parameter(name="*", group=ROWS)
+@dataclass(frozen=True, kw_only=True)
+class PeriodOptions:
+    """Which runs and times of a store, for every verb that reads one."""
+
+    from_: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None
+    """Start: `2026-11-21T14:00` (local time; `Z` or `+01:00` for another zone), `14:00` (today),
+    `-10min` (ago; s, min, h, d), or seconds since the start of the run, such as `12.5`."""
+    to: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    """End, in the same formats. Default: now."""
+    site: str | None = None
+    """Only runs of this site."""
+    run: Whole | None = None
+    """Only this run, by its number in `e3pose query --what runs`. Default for times in seconds:
+    the newest."""
+
+
+PERIOD = PeriodOptions()
+
+
 def query(
     store: str,
     /,
     *,
-    from_: Annotated[str | None, Parameter(name="--from", allow_leading_hyphen=True)] = None,
-    to: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
-    track: Whole | None = None,
-    joint: str | None = None,
     what: Literal["poses", "slots", "tracks", "energy", "events", "zones", "runs"] = "poses",
-    site: str | None = None,
-    run: Whole | None = None,
-    csv: Path | None = None,
-    parquet: Path | None = None,
-    json_file: JsonFile = None,
+    period: PeriodOptions = PERIOD,
+    track: Annotated[Whole | None, Parameter(group=ROWS)] = None,
+    joint: Annotated[str | None, Parameter(group=ROWS)] = None,
+    csv: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    parquet: Annotated[Path | None, Parameter(group=OUTPUT)] = None,
+    json_file: Annotated[JsonFile, Parameter(group=OUTPUT)] = None,
 ) -> None:
     """Query a store: 3D poses, selections, energy, events, zones.
 
@@ -50,23 +71,14 @@ def query(
     store
         Database path or URL, as given to `e3pose replay --store`; or a site: site.toml or its
         folder.
-    from_
-        Start: `2026-11-21T14:00` (local time; `Z` or `+01:00` for another zone), `14:00` (today),
-        `-10min` (ago; s, min, h, d), or seconds since the start of the run, such as `12.5`.
-    to
-        End, in the same formats. Default: now.
-    track
-        Only this track id.
-    joint
-        Only this joint, such as `left_wrist`.
     what
         `poses`; `slots` (selection, arrivals and energy per slot); `tracks` (first and last slot
         of each person); `energy` (meter readings); `events`; `zones` (who entered, stayed in or
         left which zone); `runs` (contents of the store).
-    site
-        Only runs of this site.
-    run
-        Only this run, by its number in `--what runs`. Default for times in seconds: the newest.
+    track
+        Only this track id.
+    joint
+        Only this joint, such as `left_wrist`.
     csv
         Write the rows here as CSV.
     parquet
@@ -74,36 +86,20 @@ def query(
     json_file
         Write the rows here as a JSON list; - is standard output.
     """
-    from e3pose.files.atomic import check_output
     from e3pose.store import Store
-    from e3pose.store.database import database_path, database_url
 
-    store, site = store_of(store, site)
+    store, site = store_of(store, period.site)
     files = {"csv": csv, "parquet": parquet, "json": json_file}
     outputs = {form: path for form, path in files.items() if path is not None}
-    database = database_path(database_url(store))
-    for form, path in outputs.items():
-        if is_stdout(path):
-            continue
-        check_output(path)
-        if database is not None and path.resolve() in files_of(database.resolve()):
-            raise InputError(f"--{form}: found the store itself, expected another file: {path}")
-    if len({path.resolve() for path in outputs.values()}) < len(outputs):
-        raise InputError("--csv, --parquet, --json: found the same file twice, expected different")
-    if what != "poses":
-        for option, value in (("--joint", joint), ("--track", track)):
-            if value is not None:
-                raise InputError(f"{option}: found {value} with --what {what}, expected poses")
-    if what == "runs":
-        for option, value in (("--from", from_), ("--to", to)):
-            if value is not None:
-                raise InputError(f"{option}: found with --what runs, which lists whole runs")
-    for option, value in (("--track", track), ("--run", run)):
-        if value is not None and not 0 <= value < 2**63:
-            raise InputError(f"{option}: found {str(value)[:40]}, expected a number of 0 or more")
-
+    _check_files(store, outputs)
+    _check_rows(what, period, track, joint)
     asked = Store(store)
-    bounds: dict[str, Any] = {"start": from_, "end": to, "site": site, "run": run}
+    bounds: dict[str, Any] = {
+        "start": period.from_,
+        "end": period.to,
+        "site": site,
+        "run": period.run,
+    }
     with as_typed(OPTIONS, asked.where):
         if not outputs:
             _show(asked, what, bounds, track, joint)
@@ -115,6 +111,44 @@ def query(
             count = write_tables(_chunks(asked, what, bounds, track, joint), place, form)
             if not is_stdout(json_file):
                 wrote(path, plural(count, "row"))
+
+
+def _check_files(store: str, outputs: Mapping[str, Path]) -> None:
+    """Raise `InputError` for files that cannot be written, or that belong to the store."""
+    from e3pose.files.atomic import check_output
+    from e3pose.store.database import database_path, database_url
+
+    database = database_path(database_url(store))
+    for form, path in outputs.items():
+        if is_stdout(path):
+            continue
+        check_output(path)
+        if database is not None and path.resolve() in files_of(database.resolve()):
+            raise InputError(f"--{form}: found the store itself, expected another file: {path}")
+    if len({path.resolve() for path in outputs.values()}) < len(outputs):
+        raise InputError("--csv, --parquet, --json: found the same file twice, expected different")
+
+
+def _check_rows(what: str, period: PeriodOptions, track: int | None, joint: str | None) -> None:
+    """Raise `InputError` for options that a table does not have."""
+    if what != "poses":
+        for option, value in (("--joint", joint), ("--track", track)):
+            if value is not None:
+                raise InputError(f"{option}: found {value} with --what {what}, expected poses")
+    if what == "runs":
+        for option, text in (("--from", period.from_), ("--to", period.to)):
+            if text is not None:
+                raise InputError(f"{option}: found with --what runs, which lists whole runs")
+    check_numbers({"--track": (track,), "--run": (period.run,)})
+
+
+def check_numbers(numbers: Mapping[str, Sequence[int | None]]) -> None:
+    """Raise `InputError` naming the option of a number that no track or run has."""
+    for option, values in numbers.items():
+        for value in values:
+            if value is not None and not 0 <= value < 2**63:
+                found = str(value)[:40]
+                raise InputError(f"{option}: found {found}, expected a number of 0 or more")
 
 
 def store_of(named: str, site: str | None) -> tuple[str, str | None]:

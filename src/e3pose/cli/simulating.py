@@ -5,17 +5,60 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+from cyclopts import Group, Parameter
 
 from e3pose.cli.options import Flag, Whole
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 
 if TYPE_CHECKING:
+    from e3pose.geometry.camera import Rig
     from e3pose.recording import Recording
 
 RESOLUTION = re.compile(r"(\d{1,6})[xX](\d{1,6})")
+
+
+@Parameter(name="*", group=Group("Cameras", sort_key=1))
+@dataclass(frozen=True, kw_only=True)
+class RingOptions:
+    """The cameras of the scene."""
+
+    cameras: Whole | None = None
+    """Number of cameras. Default: set by the scene; 5 in a ring."""
+    radius: float | None = None
+    """Distance of the cameras from the centre, metres."""
+    height: float | None = None
+    """Height of the cameras, metres."""
+    resolution: str | None = None
+    """Image size. Default: 1032x776."""
+    calibration: Path | None = None
+    """Use the cameras of this calibration file (z up, floor at z = 0)."""
+
+    def rig(self) -> Rig | None:
+        """Return the cameras of the calibration file; None without one."""
+        if self.calibration is None:
+            return None
+        from e3pose.recording.calibration import load_rig
+
+        for name in ("cameras", "radius", "height", "resolution"):
+            if (value := getattr(self, name)) is not None:
+                raise InputError(
+                    f"simulate: --{name}: found {value} beside --calibration, expected one of them"
+                )
+        return load_rig(self.calibration)
+
+    def image_size(self) -> tuple[int, int]:
+        """Return width and height in pixels."""
+        if self.resolution is None:
+            return (1032, 776)
+        return size_of("simulate: resolution", self.resolution)
+
+
+RING = RingOptions()
 
 
 def simulate(
@@ -26,11 +69,7 @@ def simulate(
     people: Whole | None = None,
     seconds: float = 60.0,
     fps: float | None = None,
-    cameras: Whole | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    resolution: str | None = None,
-    calibration: Path | None = None,
+    ring: RingOptions = RING,
     seed: Whole = 0,
     exact: bool = False,
     skeleton: Literal["coco17", "body25", "halpe26"] = "coco17",
@@ -58,16 +97,6 @@ def simulate(
         Length of the recording.
     fps
         Frames per second. Default: 25; scene `slow`: 10.
-    cameras
-        Number of cameras. Default: set by the scene; 5 in a ring.
-    radius
-        Distance of the cameras from the centre, metres.
-    height
-        Height of the cameras, metres.
-    resolution
-        Image size. Default: 1032x776.
-    calibration
-        Use the cameras of this calibration file (z up, floor at z = 0).
     seed
         Random seed.
     exact
@@ -93,24 +122,16 @@ def simulate(
         if skeleton != "coco17":
             raise InputError("--skeleton", f"{skeleton} with --videos", "coco17, which films show")
         check_people(people)
-    rig = None
-    if calibration is not None:
-        from e3pose.recording.calibration import load_rig
-
-        _refuse_ring_options(cameras=cameras, radius=radius, height=height, resolution=resolution)
-        rig = load_rig(calibration)
     settings = SceneSettings(
         scene=scene,
         people=people,
         seconds=seconds,
         fps=fps,
-        cameras=cameras,
-        radius_m=radius,
-        height_m=height,
-        image_size=(1032, 776)
-        if resolution is None
-        else size_of("simulate: resolution", resolution),
-        rig=rig,
+        cameras=ring.cameras,
+        radius_m=ring.radius,
+        height_m=ring.height,
+        image_size=ring.image_size(),
+        rig=ring.rig(),
         detector=DetectorSettings(perfect=exact),
     )
     with _bar("simulate") as progress:
@@ -118,6 +139,10 @@ def simulate(
     save_recording(recording, dest, overwrite)
     if videos:
         _write_films(recording, dest)
+    _print(recording, dest)
+
+
+def _print(recording: Recording, dest: Path) -> None:
     poses = sum(len(series.scores) for series in recording.views)
     print(
         f"Wrote {dest}: {recording.name}: {plural(len(recording.rig), 'camera')}, "
@@ -150,14 +175,6 @@ def size_of(thing: str, resolution: str) -> tuple[int, int]:
             f"{thing}: found {resolution[:40]!r}, expected WIDTHxHEIGHT such as 1032x776"
         )
     return int(match[1]), int(match[2])
-
-
-def _refuse_ring_options(**options: object) -> None:
-    for name, value in options.items():
-        if value is not None:
-            raise InputError(
-                f"simulate: --{name}: found {value} beside --calibration, expected one of them"
-            )
 
 
 @contextmanager

@@ -104,25 +104,12 @@ def deplete(
                 supplies = [
                     Supply(b, s / interval_s) for b, s in zip(battery_j, sun_j, strict=True)
                 ]
-                allowed = allowance_j(
-                    [Budget("together")] * count, supplies, active_j, idle_j, interval_s,
-                    slot * interval_s, num_selected,
-                )  # fmt: skip
-                shares = slot_shares(allowed, active_j, idle_j)
+                shares = _shares(supplies, active_j, idle_j, interval_s, slot, num_selected)
         occlusion = np.clip(occlusion + 0.05 * rng.normal(size=count), 0.0, 1.0)
-        situation = Situation(
-            slot=slot,
-            interval_s=interval_s,
-            online=online,
-            occlusion=occlusion,
-            own_occlusion=occlusion,
-            unseen_slots=np.zeros(count, dtype=np.int64),
-            visibility=np.ones((count, 1)),
-            deficit=deficit,
-            budget=shares,
-            price=price(deficit, cost_j),
+        prices = price(deficit, cost_j)
+        selected = policy.select(
+            _situation(slot, interval_s, online, occlusion, deficit, shares, prices)
         )
-        selected = policy.select(situation)
         deficit = advance_deficit(deficit, shares, selected)
         if selected.sum() == num_selected and not np.isfinite(empty_h).any():
             full_slots += 1
@@ -142,4 +129,45 @@ def deplete(
         full_h=full_slots * interval_s / 3600,
         occlusion=seen / max(full_slots, 1),
         charge=np.array(charge),
+    )
+
+
+def _shares(
+    supplies: Sequence[Supply],
+    active_j: Floats,
+    idle_j: Floats,
+    interval_s: float,
+    slot: int,
+    num_selected: int,
+) -> Floats:
+    """Return the shares of slots `(num_cameras,)` with which all batteries last equally long."""
+    budgets = [Budget("together")] * len(supplies)
+    allowed = allowance_j(
+        budgets, supplies, active_j, idle_j, interval_s, slot * interval_s, num_selected
+    )
+    return slot_shares(allowed, active_j, idle_j)
+
+
+def _situation(
+    slot: int,
+    interval_s: float,
+    online: NDArray[np.bool_],
+    occlusion: Floats,
+    deficit: Floats,
+    shares: Floats,
+    prices: Floats,
+) -> Situation:
+    """Return the situation of a slot in which only occlusion and queues differ by camera."""
+    count = len(online)
+    return Situation(
+        slot=slot,
+        interval_s=interval_s,
+        online=online,
+        occlusion=occlusion,
+        own_occlusion=occlusion,
+        unseen_slots=np.zeros(count, dtype=np.int64),
+        visibility=np.ones((count, 1)),
+        deficit=deficit,
+        budget=shares,
+        price=prices,
     )

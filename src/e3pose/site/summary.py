@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from e3pose.camera.live import CameraCounts
+from e3pose.camera.status import CameraCounts
 from e3pose.quantities import plural
 from e3pose.wire.site_messages import CameraStatus, Status
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.cli.training import train
+from e3pose.cli.training import NetworkOptions, train
 from e3pose.errors import InputError
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
@@ -56,10 +56,12 @@ def test_weights_of_other_sizes_are_not_gone_on_from(
 ) -> None:
     out = room.parent / "out"
     with pytest.raises(InputError, match=message):
-        train([room], out=out, start=Path("shipped"), **options)  # type: ignore[arg-type]
+        train([room], out=out, network=NetworkOptions(start=Path("shipped"), **options))  # type: ignore[arg-type]
     assert not out.exists()
 
 
 def test_a_missing_file_of_weights_is_named(room: Path) -> None:
     with pytest.raises(InputError, match=r"none\.onnx"):
-        train([room], out=room.parent / "out", start=room.parent / "none.onnx")
+        train(
+            [room], out=room.parent / "out", network=NetworkOptions(start=room.parent / "none.onnx")
+        )

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera, Rig
@@ -72,36 +73,53 @@ def import_shelf(source: Path, skeleton: Literal["coco17", "body25"] = "coco17")
     num_slots = len(joints_m)
     camera_of = integers(source, "det_view", arrays["det_view"], below=len(K))
     slot_of = integers(source, "det_frame", arrays["det_frame"], below=num_slots)
-    image_size = (int(size[0]), int(size[1]))
     try:
-        rig = Rig(
-            tuple(
-                Camera.from_world_to_camera(f"cam{n}", image_size, K[n], R[n], t[n])
-                for n in range(len(K))
-            )
-        )
+        rig = _rig((int(size[0]), int(size[1])), K, R, t)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
-    views = []
-    order = np.argsort(camera_of * num_slots + slot_of, kind="stable")
-    counts = np.bincount(camera_of * num_slots + slot_of, minlength=len(rig) * num_slots)
-    people = iter(np.split(triples[order], np.cumsum(counts)[:-1]))
-    for _ in range(len(rig)):
-        frames = [
-            poses_from_triples(next(people), f"{source}: {detections}") for _ in range(num_slots)
-        ]
-        times_s = [slot / FPS for slot in range(num_slots)]
-        views.append(ViewSeries.from_views(frames, range(num_slots), times_s, len(convention)))
+    people = [
+        poses_from_triples(each, f"{source}: {detections}")
+        for each in _by_frame(triples, camera_of * num_slots + slot_of, len(rig) * num_slots)
+    ]
+    times_s = [slot / FPS for slot in range(num_slots)]
+    views = tuple(
+        ViewSeries.from_views(
+            people[n * num_slots : (n + 1) * num_slots], range(num_slots), times_s, len(convention)
+        )
+        for n in range(len(rig))
+    )
     return Recording(
         name=f"Shelf, OpenPose {skeleton}",
         rig=rig,
         fps=FPS,
         num_slots=num_slots,
         skeleton=convention,
-        views=tuple(views),
+        views=views,
         truth=Truth(SHELF14, tuple(f"actor{n + 1}" for n in range(joints_m.shape[1])), joints_m),
         truth_complete=False,
         scored_slots=(0, num_slots),  # what everybody reports: never to be learned from
         detector="openpose",
         source=SOURCE,
     )
+
+
+def _rig(
+    image_size: tuple[int, int],
+    K: NDArray[np.float64],
+    R: NDArray[np.float64],
+    t: NDArray[np.float64],
+) -> Rig:
+    return Rig(
+        tuple(
+            Camera.from_world_to_camera(f"cam{n}", image_size, K[n], R[n], t[n])
+            for n in range(len(K))
+        )
+    )
+
+
+def _by_frame(
+    triples: NDArray[np.float64], frame_of: NDArray[np.int64], num_frames: int
+) -> list[NDArray[np.float64]]:
+    """Return the rows of every frame, in the order in which they stand."""
+    counts = np.bincount(frame_of, minlength=num_frames)
+    return np.split(triples[np.argsort(frame_of, kind="stable")], np.cumsum(counts)[:-1])

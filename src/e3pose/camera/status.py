@@ -1,0 +1,118 @@
+"""What a camera reports of itself: hello and heartbeat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from e3pose import __version__
+from e3pose.camera.base import NodeSettings
+from e3pose.camera.schedule import Schedule
+from e3pose.wire.codec import one_line
+from e3pose.wire.messages import CameraMode, Heartbeat, Hello
+from e3pose.wire.offset import Offset
+
+
+@dataclass(slots=True)
+class CameraCounts:
+    """Counters of a camera.
+
+    Attributes:
+        captured: frames taken.
+        detected: frames on which the detector ran.
+        sent: views sent.
+        focused: detected frames with an expected view.
+        active_ns: time in the mode `active`.
+        idle_ns: time in other modes.
+        margin_ns: least time from an order to its slot since the last heartbeat; None without one.
+        delay_ns: longest time from the slot in which an order was made to its arrival, likewise.
+    """
+
+    captured: int = 0
+    detected: int = 0
+    sent: int = 0
+    focused: int = 0
+    active_ns: int = 0
+    idle_ns: int = 0
+    margin_ns: int | None = None
+    delay_ns: int = 0
+
+
+def hello_message(
+    settings: NodeSettings, session: int, fps: float, image_size: tuple[int, int]
+) -> Hello:
+    """Return the hello of a camera.
+
+    Args:
+        settings: of the camera.
+        session: of its program.
+        fps: of its source.
+        image_size: `(width, height)` in pixels of its frames.
+    """
+    return Hello(
+        camera_id=settings.camera_id,
+        session=session,
+        joints=settings.joints,
+        image_size=image_size,
+        fps=fps,
+        wake_s=settings.wake_s,
+        detector=settings.detector,
+        software=__version__,
+        battery_wh=settings.battery_wh,
+    )
+
+
+def heartbeat_message(
+    camera_id: str,
+    session: int,
+    mode: CameraMode,
+    counts: CameraCounts,
+    schedule: Schedule,
+    offset: Offset,
+    now_ns: int,
+    power: Mapping[str, Any],
+    *,
+    dropped: int,
+    problem: str,
+    ends: bool,
+) -> Heartbeat:
+    """Return a heartbeat of a camera.
+
+    Args:
+        camera_id: of the camera.
+        session: of its program.
+        mode: its mode.
+        counts: its counters.
+        schedule: its orders.
+        offset: of its clock.
+        now_ns: the time, by its own clock.
+        power: the power fields of the heartbeat.
+        dropped: frames and views that a newer one replaced.
+        problem: why it does not work; empty if it does.
+        ends: whether its program is stopped.
+    """
+    edge_ns = offset.edge_ns(now_ns)
+    return Heartbeat(
+        camera_id=camera_id,
+        session=session,
+        sent_edge_ns=max(edge_ns, 0),
+        mode=mode,
+        captured=counts.captured,
+        detected=counts.detected,
+        sent=counts.sent,
+        dropped=dropped,
+        late_orders=schedule.late,
+        orders=schedule.orders,
+        order_margin_ns=counts.margin_ns or 0,
+        clock_offset_ns=edge_ns - now_ns,
+        clock_drift_ppm=offset.drift_ppm,
+        clock_error_ns=offset.error_ns or 0,
+        active_s=counts.active_ns / 1e9,
+        idle_s=counts.idle_ns / 1e9,
+        problem=one_line(problem),
+        order_delay_ns=max(counts.delay_ns, 0),
+        ends=ends,
+        focused=counts.focused,
+        **power,
+    )
