@@ -25,6 +25,11 @@ MOST = 1e9  # of whatever unit: beyond it nothing is meant
 LEAST_SIZE_BYTES = 10**6
 
 
+def three_digits(value: float) -> str:
+    """Write a number with three significant digits, without an exponent: 7610, 12.5, 0.00123."""
+    return f"{float(f'{value:.3g}'):.12g}"
+
+
 def length_m(text: str) -> float:
     """Read a length with its unit, such as 40mm, 4cm or 0.04m, in metres."""
     return quantity(text, LENGTHS_M, "40mm")

@@ -143,7 +143,7 @@ def test_sync_says_what_to_record_where_little_is_seen(
     run("sync", tmp_path / "short", "--max-shift", "1")
     output = capsys.readouterr().err
     assert (
-        "record somebody who walks" in output or "expected people seen by both who move" in output
+        "record a person who walks" in output or "expected people seen by both who move" in output
     )
     save_recording(first_seconds(recording, 3.0), tmp_path / "known")
     assert run("sync", tmp_path / "known", "--max-shift", "1") == 0

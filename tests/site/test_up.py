@@ -113,7 +113,9 @@ def test_camera_is_turned_as_its_table_says_or_else_the_calibration(
     command = camera(tmp_path, f'source = "usb:0"\n{keys}')
     assert options(command).get("--rotation") == degrees
     _, bound, unused, _ = app.parse_known_args(command[3:])
-    assert not unused and bound.arguments.get("rotation") == (degrees and int(degrees))
+    assert not unused and getattr(bound.arguments.get("options"), "rotation", None) == (
+        degrees and int(degrees)
+    )
 
 
 @pytest.mark.parametrize("value", ["45", "-90", "90.0", '"90"', "true"])

@@ -226,9 +226,9 @@ def _advice(
     ):
         name = rig.camera_ids[int(np.nanargmax(moved_deg / MOVED_DEG + moved_mm / MOVED_MM))]
         words.append(
-            f"{name} would fit these people better elsewhere; to refine the calibration, if they "
-            "walk through the whole room: e3pose calibrate extrinsics RECORDING NEW.toml --start "
-            "THIS.toml"
+            f"{name} would fit these people better at another position; if they walk through the "
+            "whole room, refine the calibration with them: e3pose calibrate extrinsics RECORDING "
+            "NEW.toml --start THIS.toml"
         )
     total = room.total_mm
     known = np.isfinite(total)

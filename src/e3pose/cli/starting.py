@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.options import Whole, warn
 from e3pose.errors import InputError
-from e3pose.quantities import plural
+from e3pose.quantities import plural, three_digits
 
 if TYPE_CHECKING:
     from e3pose.camera.probe import Probe
@@ -218,7 +218,8 @@ def _measured(
     alone_ms, all_ms = 1000 * times.alone_s.max(), 1000 * times.together_s.max()
     print(
         f"{network}, {plural(threads, 'thread')} each: {alone_ms:.3g} ms per detection, "
-        f"{all_ms:.3g} ms while all {len(lookers)} cameras detect, {times.rate:.3g} per second"
+        f"{all_ms:.3g} ms while all {len(lookers)} cameras detect, "
+        f"{three_digits(times.rate)} per second"
     )
     return times
 

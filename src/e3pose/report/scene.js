@@ -19,8 +19,23 @@ function makeScene(canvas, room, what) {
   const centre = [0, 1, 2].map((axis) => (room.low[axis] + room.high[axis]) / 2);
   const size = Math.max(...[0, 1, 2].map((axis) => room.high[axis] - room.low[axis]));
   const eyeLevel = Math.max(room.low[2], Math.min(room.high[2], room.floor + 900));
-  const home = () => ({ yaw: -0.9, pitch: 0.42, distance: 1.1 * size, target: [centre[0], centre[1], eyeLevel] });
-  let view = home(), stale = true, project = null;
+  let view = null, stale = true, project = null;
+  let fitted = null; // width and height that the view was fitted to; null once people turned it
+
+  // The view at first: as near as all cameras with their names fit into the canvas.
+  function home() {
+    fitted = [canvas.clientWidth, canvas.clientHeight];
+    view = { yaw: -0.9, pitch: 0.42, distance: 0, target: [centre[0], centre[1], eyeLevel] };
+    const { back, right, up } = basis(), focal = focalLength();
+    const name = 3.6 * Math.max(0, ...room.cameras.map((text) => text.length)); // half of its pixels
+    const across = Math.max(fitted[0] / 2 - name - 10, 60), above = Math.max(fitted[1] / 2 - 30, 60);
+    view.distance = room.frustums.length ? 0.6 * size : 1.1 * size;
+    for (const points of room.frustums) for (let i = 0; i < points.length; i += 3) {
+      const from = [0, 1, 2].map((axis) => points[i + axis] - view.target[axis]);
+      const wide = Math.max(Math.abs(dot(from, right)) / across, Math.abs(dot(from, up)) / above);
+      view.distance = Math.max(view.distance, dot(from, back) + focal * wide);
+    }
+  }
 
   function basis() {
     const [cy, sy, cp, sp] = [Math.cos(view.yaw), Math.sin(view.yaw), Math.cos(view.pitch), Math.sin(view.pitch)];
@@ -46,6 +61,7 @@ function makeScene(canvas, room, what) {
     stale = false;
     const ratio = window.devicePixelRatio || 1;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+    if (!view || (fitted && (fitted[0] !== width || fitted[1] !== height))) home();
     if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
     if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -213,11 +229,13 @@ function makeScene(canvas, room, what) {
   const fingers = new Map(); // pointers that are down, by their ids
   const touch = () => (stale = true);
   const zoom = (factor) => {
+    fitted = null;
     view.distance = Math.max(0.1 * size, Math.min(5 * size, view.distance * factor));
     touch();
   };
 
   function pan(dx, dy) {
+    fitted = null;
     const { right, up } = basis(), scale = view.distance / canvas.clientHeight;
     view.target = view.target.map((t, axis) => t + scale * (dy * up[axis] - dx * right[axis]));
   }
@@ -235,6 +253,7 @@ function makeScene(canvas, room, what) {
     } else if (event.shiftKey || event.buttons === 2) {
       pan(dx, dy);
     } else {
+      fitted = null;
       view.yaw -= dx * 0.008;
       view.pitch = Math.max(-0.2, Math.min(1.55, view.pitch + dy * 0.008));
     }
@@ -248,11 +267,12 @@ function makeScene(canvas, room, what) {
   canvas.addEventListener("pointermove", move);
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-  canvas.addEventListener("dblclick", () => ((view = home()), touch()));
+  canvas.addEventListener("dblclick", () => (home(), touch()));
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
     zoom(Math.exp(event.deltaY * 0.001));
   }, { passive: false });
   window.addEventListener("resize", touch);
+  home();
   return { draw, touch, place: (x, y, z) => projector()(x, y, z) };
 }

@@ -12,6 +12,7 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.rigs import ring_rig, spot_rig, watched_area
 from e3pose.model.skeleton import COCO17
+from e3pose.quantities import plural
 from e3pose.recording import Recording, Truth
 from e3pose.simulate.activities import Play
 from e3pose.simulate.body import draw_body
@@ -82,7 +83,7 @@ def simulate(
         report(LIVES_SHARE + (1 - LIVES_SHARE) * len(views) / len(stage.rig))
     exact = ", exact detections" if settings.detector.perfect else ""
     return Recording(
-        name=f"simulated {settings.scene}, {number} people, seed {seed}",
+        name=f"simulated {settings.scene}, {plural(number, 'person', 'people')}, seed {seed}",
         rig=stage.rig,
         fps=fps,
         num_slots=num_slots,

@@ -12,6 +12,7 @@ from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import probe
 from e3pose.detectors.timing import DEFAULT_SIZE, Looker, time_looks
 from e3pose.errors import InputError
+from e3pose.quantities import three_digits
 from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import is_recorded, located
@@ -82,7 +83,8 @@ def _network(node: NodeTable, size: tuple[int, int] | None) -> Iterator[Finding]
     except InputError as error:
         yield Finding("problem", "network", str(error))
         return
-    found = f"{node.detector}: {1000 * look_s:.0f} ms per detection, {1 / look_s:.3g} per second"
+    rate = three_digits(1 / look_s)
+    found = f"{node.detector}: {1000 * look_s:.0f} ms per detection, {rate} per second"
     yield Finding("ok", "network", f"{found}; the site's fps and deadline_ms must allow for it")
 
 

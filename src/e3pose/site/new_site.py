@@ -18,7 +18,7 @@ from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder, check_free
 from e3pose.geometry.camera import Rig
 from e3pose.geometry.camera_fields import check_camera_id
-from e3pose.quantities import plural
+from e3pose.quantities import plural, three_digits
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.settings.sources import place_of
@@ -238,7 +238,8 @@ def _timing(choice: Choice) -> list[str]:
     return [
         _line(
             f"fps = {fps:g}",
-            f"slots; this machine: {times.rate:.3g} detections per second, {cameras} per slot",
+            f"slots; this machine: {three_digits(times.rate)} detections per second, "
+            f"{cameras} per slot",
         ),
         *([slower] if pace != 1 else []),
         _line(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
-from e3pose.cli.training import NetworkOptions, train
+from e3pose.cli.training import DataOptions, NetworkOptions, StepOptions, train
 from e3pose.errors import InputError
 from e3pose.recording import save_recording
 from e3pose.simulate import SceneSettings, simulate
@@ -31,7 +32,13 @@ from e3pose.simulate import SceneSettings, simulate
 )
 def test_an_impossible_option_is_named(tmp_path: Path, option: str, value: float) -> None:
     with pytest.raises(InputError, match=f"--{option.replace('_', '-')}: found"):
-        train([tmp_path], out=tmp_path / "out", **{option: value})  # type: ignore[arg-type]
+        kinds = {"data": DataOptions, "network": NetworkOptions, "optimisation": StepOptions}
+        given = {
+            name: kind(**{option: value})
+            for name, kind in kinds.items()
+            if option in {field.name for field in fields(kind)}
+        }
+        train([tmp_path], out=tmp_path / "out", **given)
     assert not (tmp_path / "out").exists()
 
 

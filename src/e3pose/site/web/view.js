@@ -165,7 +165,11 @@ function showStatus(status) {
   byId("power").textContent = watts.length ? `${modelled}${watts.reduce((sum, camera) => sum + camera.power_w, 0).toFixed(1)} W` : "–";
   const rows = status.cameras.map((camera) => {
     const row = document.createElement("tr");
-    for (const [, text] of COLUMNS) row.insertCell().append(text(camera));
+    for (const [head, text] of COLUMNS) {
+      const cell = row.insertCell();
+      cell.dataset.head = head; // on a narrow page each row is a card, whose cells name themselves
+      cell.append(text(camera));
+    }
     controlCells(row, camera);
     if (camera.why) {
       const why = row.insertCell();
