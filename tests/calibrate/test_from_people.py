@@ -79,7 +79,7 @@ def test_good_rig_is_found_good_and_a_moved_camera_is_named(two: Recording) -> N
 def test_nobody_is_an_error(two: Recording) -> None:
     empty = replace(two.views[1], scores=np.zeros_like(two.views[1].scores))
     views = (two.views[0], empty, *two.views[2:])
-    with pytest.raises(InputError, match="cameras: cam1: nobody is followed"):
+    with pytest.raises(InputError, match="cameras: cam1: found no track"):
         from_people(replace(two, views=views), NOISE, None, KnownLength(), quiet)
 
 

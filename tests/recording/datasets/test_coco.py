@@ -69,6 +69,20 @@ def test_a_whole_dataset_needs_no_second_file(tmp_path: Path, calibration: Path)
     assert _counts(import_coco(source, calibration, 30)) == [[0, None, 1], [None, 0, None]]
 
 
+@pytest.mark.parametrize(
+    ("more", "score"), [({}, 1.0), ({"scores": [0.25] * 17}, 0.25)], ids=["flags", "scores"]
+)
+def test_flags_of_annotations_are_no_scores(
+    more: dict[str, Any], score: float, tmp_path: Path, calibration: Path
+) -> None:
+    annotation = _result(8, 10.0, **more)
+    annotation["keypoints"][2::3] = [2, 1, 0] + [2] * 14
+    source = _write(tmp_path / "r.json", {**IMAGES, "annotations": [annotation]})
+    view = import_coco(source, calibration, 30).view(2, 0)
+    assert view is not None
+    assert view.scores[0].tolist() == pytest.approx([score, score, 0.0] + [score] * 14)
+
+
 def test_names_as_image_ids_need_no_table(tmp_path: Path, calibration: Path) -> None:
     results = [_result("left/3.jpg", 10.0), _result("right\\5.png", 10.0)]
     recording = import_coco(_write(tmp_path / "r.json", results), calibration, 30)

@@ -32,7 +32,7 @@ def test_usual_names_find_their_camera(
     tmp_path: Path, folders: list[str], camera_ids: list[str], expected: Mapping[str, str]
 ) -> None:
     if "int_cam1_img" in camera_ids:
-        with pytest.raises(InputError, match="without a partner"):
+        with pytest.raises(InputError, match="folders without a camera: "):
             match_folders(_source(tmp_path, *folders), camera_ids, {})
         return
     matched = match_folders(_source(tmp_path, *folders), camera_ids, {})
@@ -43,15 +43,13 @@ def test_usual_names_find_their_camera(
 
 
 def test_cam1_never_claims_cam10(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="folders cam10 and cameras cam1"):
+    with pytest.raises(InputError, match="without a folder: cam1; folders without a camera: cam10"):
         match_folders(_source(tmp_path, "cam10"), ["cam1"], {})
 
 
 def test_what_is_left_over_is_listed_on_both_sides(tmp_path: Path) -> None:
     source = _source(tmp_path, "a", "x", "y")
-    with pytest.raises(
-        InputError, match=r"found a, x, y for cameras a, b; .* folders x, y and cam"
-    ):
+    with pytest.raises(InputError, match="folder: b; folders without a camera: x, y;"):
         match_folders(source, ["a", "b"], {})
 
 

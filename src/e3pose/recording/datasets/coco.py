@@ -1,4 +1,4 @@
-"""COCO keypoint results: one JSON list over all cameras and frames."""
+"""COCO keypoint results or annotations: one JSON file over all cameras and frames."""
 
 from __future__ import annotations
 
@@ -28,6 +28,23 @@ class _Result(msgspec.Struct):
     image_id: int | str | None = None
     file_name: str | None = None
     category_id: int = PERSON
+    scores: list[float] | None = None  # as `e3pose export` writes them
+
+    def triples(self) -> list[list[float]]:
+        """Return x, y and score of the keypoints; without scores, a labelled keypoint has 1.
+
+        The third number of a result is a score; of an annotation, a flag: 0 not labelled, 1
+        labelled, 2 visible.
+        """
+        triples = [self.keypoints[i : i + 3] for i in range(0, len(self.keypoints), 3)]
+        flags = [triple[2] for triple in triples]
+        if not {*flags} <= {0, 1, 2} or (self.scores is None and 2 not in flags):
+            return triples
+        scores = self.scores if len(self.scores or ()) == len(flags) else None
+        return [
+            [x, y, (1.0 if scores is None else scores[i]) if flag else 0.0]
+            for i, (x, y, flag) in enumerate(triples)
+        ]
 
 
 class _Image(msgspec.Struct):
@@ -51,7 +68,7 @@ def import_coco(
     images: Path | None = None,
     detector: str = "",
 ) -> Recording:
-    """Read COCO keypoint results.
+    """Read COCO keypoint results or annotations.
 
     Args:
         source: a list of results `{"image_id", "category_id", "keypoints": [51 numbers]}`, or a
@@ -76,7 +93,7 @@ def import_coco(
     results, table = _read_results(source)
     if images is not None:
         table = _decode(images, _Dataset).images
-    found: dict[_Frame, list[list[float]]] = {}
+    found: dict[_Frame, list[list[list[float]]]] = {}
     by_id: dict[int | str, _Frame] = {}
     for index, image in enumerate(table or ()):
         where = f"{images or source}: images[{index}]"
@@ -93,7 +110,7 @@ def import_coco(
             raise InputError(
                 f"{where}.keypoints: found {len(result.keypoints)} numbers, expected 51 (COCO-17)"
             )
-        found.setdefault(_frame_of(rig, result, by_id, where), []).append(result.keypoints)
+        found.setdefault(_frame_of(rig, result, by_id, where), []).append(result.triples())
     if table is None:
         numbers = [number for _, number in found]
         seen = range(min(numbers), max(numbers) + 1) if numbers else range(0)

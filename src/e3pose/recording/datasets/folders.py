@@ -47,9 +47,8 @@ def match_folders(
     lonely = [camera_id for camera_id in camera_ids if camera_id not in matched]
     if left or lonely:
         raise InputError(
-            f"{source}: folders: found {_list(names)} for cameras {_list(camera_ids)}; "
-            f"without a partner are folders {_list(left)} and cameras {_list(lonely)}; "
-            "expected one folder per camera, or --folder CAMERA=FOLDER"
+            f"{source}: cameras without a folder: {_list(lonely)}; folders without a camera: "
+            f"{_list(left)}; expected one folder per camera, or --folder CAMERA=FOLDER"
         )
     return {camera_id: source / matched[camera_id] for camera_id in camera_ids}
 
