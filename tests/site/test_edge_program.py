@@ -19,7 +19,8 @@ from e3pose.model.noises import DEFAULT
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.site_file import SiteTable
-from e3pose.site.edge_program import Admission, edge_link, make_edge
+from e3pose.site.admission import Admission, edge_link
+from e3pose.site.edge_program import make_edge
 from e3pose.store.rows import Event
 from e3pose.wire.access import Link
 from e3pose.wire.keys.folder import Roll, add_keys, init_keys, revoke_keys

@@ -58,9 +58,9 @@ def record(
     from e3pose.runtime.clock import WallClock
     from e3pose.settings.live import known_rig
     from e3pose.settings.site_file import load_site
+    from e3pose.site.admission import edge_link, join_as_edge
     from e3pose.site.check_sources import require_sources
     from e3pose.site.detector_speed import measure_looks, with_time_for_all
-    from e3pose.site.edge_program import edge_link, join_as_edge
     from e3pose.site.up import Program, camera_command, last_line, run_site
 
     check_free(dest, None)

@@ -163,7 +163,8 @@ def up(
 
     from e3pose.files.private import make_folder
     from e3pose.settings.site_file import load_site
-    from e3pose.site.edge_program import check_edge, edge_link
+    from e3pose.site.admission import edge_link
+    from e3pose.site.edge_program import check_edge
     from e3pose.site.example import make_example
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.site.up import Program, camera_command, edge_command, view_command

@@ -22,7 +22,7 @@ from e3pose.quantities import plural
 from e3pose.select.policies.base import Floats
 from e3pose.settings.live import calibrate_advice
 from e3pose.settings.site_file import SiteTable
-from e3pose.site.edge_program import edge_link
+from e3pose.site.admission import edge_link
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.keys.folder import Kind, Roll, certificates_in, check_certificates
 from e3pose.wire.site_messages import Status

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,6 +32,7 @@ from e3pose.settings.live import LiveSite, live_site, noise_of, rotations_of
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import noise_warning
 from e3pose.settings.site_file import SiteTable, load_site
+from e3pose.site.admission import Admission, edge_link, join_as_edge
 from e3pose.site.control import SiteControls
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
@@ -39,9 +40,6 @@ from e3pose.site.run import run_until_stopped
 from e3pose.site.zone_sink import ZoneSink
 from e3pose.site.zones import Zones
 from e3pose.store.rows import Event, Run
-from e3pose.wire.access import Link, check_link, split_endpoint
-from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates, read_roll
-from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
 
@@ -168,28 +166,6 @@ def check_places(live: LiveSite) -> None:
         raise error.at(site.path) from None
 
 
-def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
-    """Return how the edge of a site joins, and who may join it.
-
-    Raises:
-        InputError: for an endpoint that is not safe, or certificates that cannot be used.
-    """
-    table, roll, certificates = site.link, None, None
-    if split_endpoint(table.endpoint)[0] == "tls" and table.keys is not None:
-        folder = site.near(table.keys)
-        roll = read_roll(folder)
-        certificates = certificates_in(folder, "edge")
-        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
-    link = Link(
-        "edge", site.name, table.endpoint, certificates, table.upstream, insecure=table.insecure
-    )
-    try:
-        check_link(link)
-    except InputError as error:
-        raise error.under("link").at(site.path) from None
-    return link, roll
-
-
 def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
     site = live.site
     link, roll = edge_link(site)
@@ -214,13 +190,6 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
         log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(live.rig))
         return Edge(server, Admission(site, server, join_as_edge, log.info), stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
-
-
-def join_as_edge(link: Link, roll: Roll | None) -> Transport:
-    """Open the network of a site for the program that routes for it."""
-    if roll is None:
-        return open_network(link)
-    return open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators)
 
 
 def make_edge(
@@ -353,50 +322,3 @@ def open_recorder(live: LiveSite, event_log: EventLog, stack: ExitStack) -> Reco
     recorder = Recorder(settings, live.rig, event_log.report)
     stack.callback(recorder.close)
     return recorder
-
-
-@dataclass(slots=True, eq=False)
-class Admission:
-    """Lets in who was added and shuts out who was revoked, while the edge runs.
-
-    Attributes:
-        site: its file.
-        server: of the edge.
-        join: opens the network by the rules of a list.
-        report: called with messages for operators.
-    """
-
-    site: SiteTable
-    server: EdgeServer
-    join: Callable[[Link, Roll | None], Transport]
-    report: Callable[[str], Any]
-    _seen: tuple[int, int] = (0, 0)
-    _refused: str = ""
-
-    def __post_init__(self) -> None:
-        self._seen = self._look()
-
-    def look(self) -> None:
-        """Join anew if the list of certificates is another one than at the last look."""
-        seen = self._look()
-        if seen == self._seen:
-            return
-        try:
-            link, roll = edge_link(self.site)
-            self.server.rejoin(lambda: self.join(link, roll))
-        except InputError as error:  # tried again: the edge goes on by the rules it has
-            if str(error) != self._refused:
-                self.report(f"cannot reload the certificates: {error}")
-            self._refused = str(error)
-            return
-        self._seen, self._refused = seen, ""
-        self.report("certificates reloaded")
-
-    def _look(self) -> tuple[int, int]:
-        if self.site.link.keys is None:
-            return 0, 0
-        try:
-            status = (self.site.near(self.site.link.keys) / "keys.toml").stat()
-        except OSError:
-            return self._seen  # being replaced
-        return status.st_mtime_ns, status.st_ino

@@ -1,0 +1,92 @@
+"""How an edge joins the network of its site, and whom it lets in while it runs."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from e3pose.edge.server import EdgeServer
+from e3pose.errors import InputError
+from e3pose.settings.site_file import SiteTable
+from e3pose.wire.access import Link, check_link, split_endpoint
+from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates, read_roll
+from e3pose.wire.network import open_network
+from e3pose.wire.transport import Transport
+
+
+def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
+    """Return how the edge of a site joins, and who may join it.
+
+    Raises:
+        InputError: for an endpoint that is not safe, or certificates that cannot be used.
+    """
+    table, roll, certificates = site.link, None, None
+    if split_endpoint(table.endpoint)[0] == "tls" and table.keys is not None:
+        folder = site.near(table.keys)
+        roll = read_roll(folder)
+        certificates = certificates_in(folder, "edge")
+        check_certificates(certificates, datetime.datetime.now(datetime.timezone.utc))
+    link = Link(
+        "edge", site.name, table.endpoint, certificates, table.upstream, insecure=table.insecure
+    )
+    try:
+        check_link(link)
+    except InputError as error:
+        raise error.under("link").at(site.path) from None
+    return link, roll
+
+
+def join_as_edge(link: Link, roll: Roll | None) -> Transport:
+    """Open the network of a site for the program that routes for it."""
+    if roll is None:
+        return open_network(link)
+    return open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators)
+
+
+@dataclass(slots=True, eq=False)
+class Admission:
+    """Lets in who was added and shuts out who was revoked, while the edge runs.
+
+    Attributes:
+        site: its file.
+        server: of the edge.
+        join: opens the network by the rules of a list.
+        report: called with messages for operators.
+    """
+
+    site: SiteTable
+    server: EdgeServer
+    join: Callable[[Link, Roll | None], Transport]
+    report: Callable[[str], Any]
+    _seen: tuple[int, int] = (0, 0)
+    _refused: str = ""
+
+    def __post_init__(self) -> None:
+        self._seen = self._look()
+
+    def look(self) -> None:
+        """Join anew if the list of certificates is another one than at the last look."""
+        seen = self._look()
+        if seen == self._seen:
+            return
+        try:
+            link, roll = edge_link(self.site)
+            self.server.rejoin(lambda: self.join(link, roll))
+        except InputError as error:  # tried again: the edge goes on by the rules it has
+            if str(error) != self._refused:
+                self.report(f"cannot reload the certificates: {error}")
+            self._refused = str(error)
+            return
+        self._seen, self._refused = seen, ""
+        self.report("certificates reloaded")
+
+    def _look(self) -> tuple[int, int]:
+        if self.site.link.keys is None:
+            return 0, 0
+        try:
+            status = (self.site.near(self.site.link.keys) / "keys.toml").stat()
+        except OSError:
+            return self._seen  # being replaced
+        return status.st_mtime_ns, status.st_ino
