@@ -52,7 +52,12 @@ def close_gaps(history_m: Floats, filled_m: Floats, measured: Flags) -> None:
     num_slots, num_tracks, num_joints = measured.shape
     path = np.zeros((num_slots, 3))
     for track in range(num_tracks):
-        _find_measured(history_m[:, track], measured[:, track])
+        if _find_measured(history_m, track, measured):
+            for slot in range(num_slots):
+                for joint in range(num_joints):
+                    for axis in range(3):
+                        filled_m[slot, track, joint, axis] = history_m[slot, track, joint, axis]
+            continue
         _walk(history_m[:, track], measured[:, track], path)
         for joint in range(num_joints):
             before = -1
@@ -73,14 +78,17 @@ def close_gaps(history_m: Floats, filled_m: Floats, measured: Flags) -> None:
 
 
 @kernel
-def _find_measured(history_m: Floats, measured: Flags) -> None:
-    """Mark the joints `(num_slots, num_joints)` of a person that are no mistakes."""
+def _find_measured(history_m: Floats, track: int, measured: Flags) -> bool:
+    """Mark the joints of a person that are no mistakes; return whether that is all of them."""
+    everything = True
     for slot in range(measured.shape[0]):
-        for joint in range(measured.shape[1]):
-            measured[slot, joint] = True
+        for joint in range(measured.shape[2]):
+            known = True
             for axis in range(3):
-                if not abs(history_m[slot, joint, axis]) < FAR_M:
-                    measured[slot, joint] = False
+                known &= abs(history_m[slot, track, joint, axis]) < FAR_M
+            measured[slot, track, joint] = known
+            everything &= known
+    return everything
 
 
 @kernel

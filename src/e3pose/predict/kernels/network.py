@@ -128,15 +128,16 @@ def _encode(
     """Read the slots one after another, each joint as the input attention weighs it."""
     num_slots, num_tracks, num_features = features.shape
     num_joints, num_context, size = len(weights.weigh_bias), context.shape[1], hidden.shape[1]
-    width = len(weights.look_bias)
+    width, known = len(weights.look_bias), num_features + num_context
     looks = np.empty((num_slots * num_tracks, width), np.float32)
     linear(features.reshape(-1, num_features), weights.look, weights.look_bias, looks)
     shares = np.empty((num_tracks, num_joints), np.float32)
-    entry = np.empty((num_tracks, num_features + num_context + size), np.float32)
+    entry = np.empty((num_tracks, known + size), np.float32)
     gates = np.empty((num_tracks, 4 * size), np.float32)
     for slot in range(num_slots):
         look = looks[slot * num_tracks : (slot + 1) * num_tracks]
-        add_product(hidden, weights.look_hidden, look)
+        if slot:  # nothing is remembered before the first
+            add_product(hidden, weights.look_hidden, look)
         for track in range(num_tracks):
             row = look[track]
             for j in range(width):
@@ -144,12 +145,14 @@ def _encode(
         linear(look, weights.weigh, weights.weigh_bias, shares)
         for track in range(num_tracks):
             soften(shares[track])
-            for j in range(num_features):
-                share = np.float32(num_joints) * shares[track, j % num_joints]
-                entry[track, j] = features[slot, track, j] * share
+            for first in range(0, num_features, num_joints):
+                for joint in range(num_joints):
+                    share = np.float32(num_joints) * shares[track, joint]
+                    entry[track, first + joint] = features[slot, track, first + joint] * share
         place_beside(context, num_features, entry)
-        place_beside(hidden, num_features + num_context, entry)
-        linear(entry, weights.encoder, weights.encoder_bias, gates)
+        place_beside(hidden, known, entry)
+        fed = known + size if slot else known
+        linear(entry[:, :fed], weights.encoder[:fed], weights.encoder_bias, gates)
         lstm_cell(gates, hidden, cell)
         for track in range(num_tracks):
             for j in range(size):
@@ -185,21 +188,20 @@ def _start(
         speed = HUNDREDTH * np.float32(math.exp(context[track, 0]))
         soften(shares[track])
         for j in range(axes):
-            place, motion = features[-1, track, j], features[-1, track, axes + j]
-            change, offset = np.float32(0), np.float32(0)
-            for slot in range(1, num_slots):
-                at, paced = (
-                    (slot - 1) * num_joints + j % num_joints,
-                    features[slot, track, axes + j],
-                )
-                change += kernels[track, at] * paced
-                offset += kernels[track, half + at] * paced
-            fix, push = np.float32(0), np.float32(0)
-            for expert in range(experts):
-                fix += shares[track, expert] * found[track, 2 * axes * expert + j]
-                push += shares[track, expert] * found[track, 2 * axes * expert + axes + j]
-            moving[track, j] = place + speed * offset + fix
-            moving[track, axes + j] = motion + change + push / speed
+            moving[track, j] = features[-1, track, j]
+            moving[track, axes + j] = features[-1, track, axes + j]
+        for slot in range(1, num_slots):
+            for axis in range(3):
+                for joint in range(num_joints):
+                    at, j = (slot - 1) * num_joints + joint, axis * num_joints + joint
+                    paced = features[slot, track, axes + j]
+                    moving[track, j] += speed * kernels[track, half + at] * paced
+                    moving[track, axes + j] += kernels[track, at] * paced
+        for expert in range(experts):
+            share, first = shares[track, expert], 2 * axes * expert
+            for j in range(axes):
+                moving[track, j] += share * found[track, first + j]
+                moving[track, axes + j] += share * found[track, first + axes + j] / speed
 
 
 @kernel
@@ -283,8 +285,11 @@ def _decode(
     add_product(moving, weights.couple, coupled)
     for track in range(num_tracks):
         speed = HUNDREDTH * np.float32(math.exp(context[track, 0]))
-        for j in range(axes):
-            kept = sigmoid(result[track, axes + j % num_joints])
-            motion = moving[track, axes + j] * kept + result[track, j] + coupled[track, j]
-            moving[track, axes + j] = motion
-            moving[track, j] += speed * motion
+        for joint in range(num_joints):
+            result[track, axes + joint] = sigmoid(result[track, axes + joint])
+        for first in range(0, axes, num_joints):
+            for joint in range(num_joints):
+                j, kept = first + joint, result[track, axes + joint]
+                motion = moving[track, axes + j] * kept + result[track, j] + coupled[track, j]
+                moving[track, axes + j] = motion
+                moving[track, j] += speed * motion
