@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.predict.base import Prediction
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.predict.kernels import velocity as kernels
+else:
+    kernels = Deferred("e3pose.predict.kernels.velocity")
 
 Floats = NDArray[np.float64]
 
@@ -22,8 +29,6 @@ class ConstantVelocity:
 
     def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
         """See `Predictor.predict`."""
-        from e3pose.predict.kernels.velocity import go_on
-
         joints_m = np.empty((lead_slots, *history_m.shape[1:]))
-        go_on(np.ascontiguousarray(history_m, dtype=np.float64), joints_m)
+        kernels.go_on(np.ascontiguousarray(history_m, dtype=np.float64), joints_m)
         return Prediction.of_unknown_error(joints_m)

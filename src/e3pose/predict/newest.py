@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
+
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.predict.kernels import velocity as kernels
+else:
+    kernels = Deferred("e3pose.predict.kernels.velocity")
 
 Floats = NDArray[np.float64]
 
@@ -18,8 +27,6 @@ def newest_known(history_m: Floats) -> tuple[Floats, Floats]:
         `(num_tracks, num_joints, 3)` metres, NaN where the history never shows the joint, and
         `(num_tracks, num_joints)` slots since, 0 in the newest slot and where never shown.
     """
-    from e3pose.predict.kernels.velocity import find_newest
-
     position, age = np.empty(history_m.shape[1:]), np.empty(history_m.shape[1:3])
-    find_newest(np.ascontiguousarray(history_m, dtype=np.float64), position, age)
+    kernels.find_newest(np.ascontiguousarray(history_m, dtype=np.float64), position, age)
     return position, age

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,14 @@ from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import ErrorMemory
+from e3pose.runtime.deferred import Deferred
 from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.newcomers import Entrants, expected_entrants
+
+if TYPE_CHECKING:
+    from e3pose.select.kernels import foresight as kernels
+else:
+    kernels = Deferred("e3pose.select.kernels.foresight")
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -66,11 +73,9 @@ class Foresight:
         Args:
             subsets: `(num_subsets, num_cameras)`.
         """
-        from e3pose.select.kernels.foresight import information
-
         nats = np.zeros(len(subsets))
         if self.prior.size:
-            information(self.prior, self.views, self.counted, self.weights, subsets, nats)
+            kernels.information(self.prior, self.views, self.counted, self.weights, subsets, nats)
         return nats
 
     def gains_nats(self, chosen: Flags) -> Floats:
@@ -79,11 +84,9 @@ class Foresight:
         Args:
             chosen: `(num_cameras,)`.
         """
-        from e3pose.select.kernels.foresight import gains
-
         nats = np.zeros(len(chosen))
         if self.prior.size:
-            gains(self.prior, self.views, self.counted, self.weights, chosen, nats)
+            kernels.gains(self.prior, self.views, self.counted, self.weights, chosen, nats)
         return nats
 
     def expected_error_m(self, subsets: Flags) -> Floats:
@@ -91,10 +94,8 @@ class Foresight:
 
         It is what the estimator will state after the views, and NaN when nobody is shown.
         """
-        from e3pose.select.kernels.foresight import errors
-
         error_m = np.empty(len(subsets))
-        errors(self.prior, self.views, self.counted, self.confirmed, subsets, error_m)
+        kernels.errors(self.prior, self.views, self.counted, self.confirmed, subsets, error_m)
         return error_m
 
 
@@ -113,8 +114,6 @@ def foresee(
         ordered: `(num_ordered, num_cameras)` from the next slot to the one before that which is
             decided: the cameras that are already ordered; None where it is the next one.
     """
-    from e3pose.select.kernels.foresight import foresee_views
-
     if ordered is None:
         ordered = np.zeros((0, len(rig)), dtype=bool)
     num_tracks, num_joints, _ = outlook.joints_m.shape
@@ -122,7 +121,7 @@ def foresee(
     views = np.empty((len(rig), *prior.shape))
     shown, counted = np.empty((2, len(rig), num_tracks))
     weights, hidden = np.empty((2, num_tracks))
-    foresee_views(
+    kernels.foresee_views(
         np.ascontiguousarray(outlook.joints_m),
         rig.projections,
         rig.image_sizes,

@@ -13,9 +13,17 @@ a coverage, which grows with diminishing returns.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.select.kernels import people as kernels
+else:
+    kernels = Deferred("e3pose.select.kernels.people")
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -46,8 +54,6 @@ class HiddenPeople:
         Args:
             subsets: `(num_subsets, num_cameras)`.
         """
-        from e3pose.select.kernels.people import revealed
-
         people = np.empty(len(subsets))
-        revealed(self.hidden, self.shown, subsets, people)
+        kernels.revealed(self.hidden, self.shown, subsets, people)
         return people

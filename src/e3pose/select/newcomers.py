@@ -8,11 +8,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Rig
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.select.kernels import people as kernels
+else:
+    kernels = Deferred("e3pose.select.kernels.people")
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -48,10 +55,8 @@ class Entrants:
         Args:
             subsets: `(num_subsets, num_cameras)`.
         """
-        from e3pose.select.kernels.people import started
-
         people = np.empty(len(subsets))
-        started(self.shares, self.others, self.weights, subsets, people)
+        kernels.started(self.shares, self.others, self.weights, subsets, people)
         return people
 
 
@@ -74,10 +79,8 @@ def expected_entrants(
         interval_s: seconds per slot.
         ordered: `(num_ordered, num_cameras)` cameras of the next slots.
     """
-    from e3pose.select.kernels.people import pair_looks
-
-    sources = np.flatnonzero(unexplained)
-    if len(sources) == 0:
+    sources = [camera for camera, waiting in enumerate(unexplained.tolist()) if waiting]
+    if not sources:
         return Entrants.nobody(len(rig))
     shares = reach(rig)[sources]
     others, weights = np.zeros_like(shares), unexplained[sources].astype(np.float64)
@@ -88,7 +91,7 @@ def expected_entrants(
         ages_s[0] = age_s[source]
         seen[0], seen[1:] = 0.0, shares[row] * ordered
         seen[0, source] = 1.0
-        weights[row] *= 1 - pair_looks(seen, ages_s, wait_s, others[row])
+        weights[row] *= 1 - kernels.pair_looks(seen, ages_s, wait_s, others[row])
     return Entrants(shares, others, weights)
 
 

@@ -9,9 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.select.kernels import foresight as kernels
+else:
+    kernels = Deferred("e3pose.select.kernels.foresight")
 
 Floats = NDArray[np.float64]
 
@@ -39,9 +47,7 @@ class StatedError:
             covariance_m2: `(num_persons, num_joints, 3, 3)` of the people shown; NaN where unknown.
             interval_s: seconds per slot.
         """
-        from e3pose.select.kernels.foresight import stated_error
-
-        newest_m = stated_error(np.ascontiguousarray(covariance_m2, dtype=np.float64))
+        newest_m = kernels.stated_error(np.ascontiguousarray(covariance_m2, dtype=np.float64))
         if math.isnan(newest_m):
             return self
         share = 1 - math.exp(-interval_s / MEMORY_S)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,12 @@ from e3pose.estimate.filter.reidentification import Identities, identify
 from e3pose.estimate.filter.steer import foreseen, steer
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import shown as kernels
+else:
+    kernels = Deferred("e3pose.estimate.filter.kernels.shown")
 
 FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]]
 
@@ -78,7 +85,7 @@ class Filtered:
             memory.identities, memory.belief, belief, estimate.track_ids, self.model
         )
         everybody = identities.of(belief.track_ids)
-        rows = np.searchsorted(belief.track_ids, estimate.track_ids)
+        rows = belief.track_ids.searchsorted(estimate.track_ids)
         track_ids = everybody[rows]
         stated_m2, scores = _graded(belief, rows, estimate)
         history = _prolonged(memory, estimate)
@@ -101,7 +108,7 @@ class Filtered:
     ) -> FilterMemory:
         """See `Estimator.steer`; of a predictor that states its errors, which is a learned one."""
         joints_m, shares = foreseen(self.model, memory.history_m, prediction, interval_s)
-        rows = np.searchsorted(memory.belief.track_ids, memory.track_ids)
+        rows = memory.belief.track_ids.searchsorted(memory.track_ids)
         ahead_s = STEER_SLOTS * interval_s
         belief = steer(self.model.tree, memory.belief, rows, joints_m, ahead_s, shares)
         return replace(memory, belief=belief)
@@ -124,7 +131,7 @@ class Filtered:
 
 def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
     """Return `Remembered.history_m` of the people of a slot."""
-    if np.array_equal(estimate.track_ids, memory.track_ids):
+    if estimate.track_ids.tolist() == memory.track_ids.tolist():
         return np.concatenate([memory.history_m[1:], estimate.joints_m[None]])
     history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)
     _, new, old = np.intersect1d(
@@ -139,11 +146,9 @@ def _graded(
     belief: Belief, rows: NDArray[np.int64], estimate: Estimate
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return `People.covariance_m2` and the scores of the joints of the tracks at `rows`."""
-    from e3pose.estimate.filter.kernels.shown import grade
-
     stated_m2 = np.empty_like(estimate.covariance_m2)
     scores = np.empty(estimate.measured.shape)
-    grade(
+    kernels.grade(
         rows,
         belief.drift_share,
         belief.innovations,

@@ -15,8 +15,15 @@ then that show people there with probabilities p, the odds that this person has 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from e3pose.estimate.filter.state import Belief, Model
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import exits as kernels
+else:
+    kernels = Deferred("e3pose.estimate.filter.kernels.exits")
 
 FOLLOWED, PASSED = 0, 1  # of the last axis: seconds, and people who came or left
 PRIOR_S, PRIOR_HZ = 1.0, 0.03  # what is thought of a place, and the seconds that this counts for
@@ -34,10 +41,8 @@ def count_slot(before: Belief, belief: Belief, model: Model) -> None:
         belief: of this slot, with a copy of the counts of the slot before.
         model: the rig.
     """
-    from e3pose.estimate.filter.kernels.exits import count_slot as count
-
     first = math.isnan(before.time_s)
-    count(
+    kernels.count_slot(
         0.0 if first else belief.time_s - before.time_s,
         int(model.tree.order[0]),
         model.corner_m,

@@ -14,9 +14,17 @@ the file states, or the other way round.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from e3pose.estimate.filter.state import Floats
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import learned_noise as kernels
+else:
+    kernels = Deferred("e3pose.estimate.filter.kernels.learned_noise")
 
 LOG, COUNT = 0, 1  # of the last axis of `Belief.noise`
 ALIKE = 60.0  # keypoints that the other cameras' mean counts for
@@ -47,10 +55,8 @@ def factors(noise: Floats, weight: float) -> Floats:
         noise: `Belief.noise`.
         weight: keypoints that the file counts for.
     """
-    from e3pose.estimate.filter.kernels.learned_noise import find_logs
-
     logs = np.empty(len(noise))
-    find_logs(noise, weight, logs)
+    kernels.find_logs(noise, weight, logs)
     return np.asarray(np.exp(logs[:-1]))
 
 
@@ -59,8 +65,6 @@ def found(noise: Floats, weight: float) -> Floats:
 
     Arguments are those of `factors`.
     """
-    from e3pose.estimate.filter.kernels.learned_noise import stated_factors
-
     factor = np.empty(len(noise) - 1)
-    stated_factors(noise, weight, factor)
+    kernels.stated_factors(noise, weight, factor)
     return factor

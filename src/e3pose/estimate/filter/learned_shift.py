@@ -12,9 +12,17 @@ all cameras agree about leaves no residual.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from e3pose.estimate.filter.state import Floats, Model
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import learned_shift as kernels
+else:
+    kernels = Deferred("e3pose.estimate.filter.kernels.learned_shift")
 
 COUNT = 2  # of the last axis of `Belief.shifts`; before it right and down
 # Keypoints that no shift at all counts for. Keypoints of one body are off together: on real
@@ -49,8 +57,6 @@ def found_px(shifts: Floats, model: Model) -> Floats:
 
 
 def _found(shifts: Floats, model: Model, least_known: float) -> Floats:
-    from e3pose.estimate.filter.kernels.learned_shift import find_shifts
-
     taken_px = np.empty((len(shifts), 2))
-    find_shifts(shifts, model.rig.image_sizes, least_known, taken_px)
+    kernels.find_shifts(shifts, model.rig.image_sizes, least_known, taken_px)
     return taken_px

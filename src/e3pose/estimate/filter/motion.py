@@ -11,10 +11,18 @@ pendulums; what that adds moves the mean alone.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.tree import Tree
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import motion as kernels
+else:
+    kernels = Deferred("e3pose.estimate.filter.kernels.motion")
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,10 +40,8 @@ def places(tree: Tree, state: Floats, dt: float) -> Floats:
         state: `(num_tracks, num_joints, 6)` metres, metres a second.
         dt: seconds, 0 or more.
     """
-    from e3pose.estimate.filter.kernels.motion import move_all
-
     moved = np.empty_like(state, order="C")
-    move_all(
+    kernels.move_all(
         float(dt),
         tree.order,
         tree.parents,

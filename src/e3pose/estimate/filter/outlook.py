@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.state import Belief, Ints, Model
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import outlook as kernels
+    from e3pose.estimate.filter.kernels import scratch
+else:
+    kernels = Deferred("e3pose.estimate.filter.kernels.outlook")
+    scratch = Deferred("e3pose.estimate.filter.kernels.scratch")
 
 Floats = NDArray[np.float64]
 
@@ -27,17 +37,14 @@ def outlook(
         track_ids: `(num_tracks,)` identities; the belief's own ids by default.
         factor: on standard deviations (`stated_factor`).
     """
-    from e3pose.estimate.filter.kernels.outlook import count_newest, expect
-    from e3pose.estimate.filter.kernels.scratch import held_site
-
     drift, lasts_s = model.alone
     num_cameras, leftovers = len(model.rig), belief.leftovers
     people, looks = belief.drift_share.shape, belief.last_seen_s.shape
     joints_m, covariance = np.empty((*people, 3)), np.empty((*people, 6, 6))
     drift_m2ps3, shows = np.empty(people), np.empty(looks)
     needed, sigma_px = np.empty(looks, dtype=bool), np.empty(num_cameras)
-    expect(
-        held_site(model),
+    kernels.expect(
+        scratch.held_site(model),
         ahead_s,
         factor,
         drift,
@@ -57,7 +64,7 @@ def outlook(
         sigma_px,
     )
     unexplained, times_s = np.empty(num_cameras, dtype=np.int64), np.empty(num_cameras)
-    count_newest(leftovers.cameras, leftovers.times_s, unexplained, times_s)
+    kernels.count_newest(leftovers.cameras, leftovers.times_s, unexplained, times_s)
     return Outlook(
         track_ids=belief.track_ids if track_ids is None else track_ids,
         confirmed=belief.confirmed,
@@ -83,6 +90,6 @@ def stated_factor(belief: Belief) -> float:
 
     One factor for everybody changes what is expected, but not which cameras tell most.
     """
-    from e3pose.estimate.filter.kernels.outlook import mean_factor
-
-    return mean_factor(belief.drift_share, belief.innovations, belief.last_seen_s, belief.confirmed)
+    return kernels.mean_factor(
+        belief.drift_share, belief.innovations, belief.last_seen_s, belief.confirmed
+    )

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import shown as kernels
+else:
+    kernels = Deferred("e3pose.estimate.filter.kernels.shown")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,10 +39,8 @@ class Estimate:
 
 def shown(belief: Belief, model: Model) -> Flags:
     """Return `(num_tracks,)`: published tracks; the others are kept for re-association."""
-    from e3pose.estimate.filter.kernels.shown import who_is_shown
-
     flags = np.empty(len(belief), dtype=bool)
-    who_is_shown(
+    kernels.who_is_shown(
         int(model.tree.order[0]),
         model.corner_m,
         belief.state,
@@ -52,13 +57,11 @@ def shown(belief: Belief, model: Model) -> Flags:
 
 def estimate_of(belief: Belief, model: Model) -> Estimate:
     """Return the published people and their positions."""
-    from e3pose.estimate.filter.kernels.shown import show
-
     rows = np.flatnonzero(shown(belief, model))
     shape = len(rows), len(model.skeleton)
     joints_m, covariance_m2 = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
     measured = np.empty(shape, dtype=bool)
-    show(
+    kernels.show(
         rows,
         belief.unmeasured_s,
         belief.state,

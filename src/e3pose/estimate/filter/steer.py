@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,12 @@ from e3pose.estimate.filter.motion import fading
 from e3pose.estimate.filter.state import Belief, Floats, Ints, Model
 from e3pose.estimate.filter.tree import Tree
 from e3pose.predict.base import Prediction
+from e3pose.runtime.deferred import Deferred
+
+if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import motion as kernels
+else:
+    kernels = Deferred("e3pose.estimate.filter.kernels.motion")
 
 # Of the way from the filter's own prediction to the other one. The errors of the two hang together,
 # and far from what was learned the filter's is the safer one; 0.5 to 0.7 are alike
@@ -48,12 +55,10 @@ def steer(
     shares = np.ones_like(belief.drift_share)
     if ahead_s <= 0:
         return replace(belief, drift_share=shares)
-    from e3pose.estimate.filter.kernels.motion import steer_all
-
     state = belief.state.copy()
     left = np.empty(joints_m.shape[:2])
     left[:] = drift_share
-    steer_all(
+    kernels.steer_all(
         float(ahead_s),
         GAIN,
         tree.order,
@@ -88,11 +93,9 @@ def foreseen(
         of people with a short history; `(num_steered, num_joints)` the share of the process noise
         that is left, in `[LEAST_SHARE, MOST_SHARE]` of `kernels.motion`.
     """
-    from e3pose.estimate.filter.kernels.motion import foresee_joints
-
     shape = prediction.joints_m.shape[1:]
     joints_m, shares = np.empty(shape), np.empty(shape[:2])
-    foresee_joints(
+    kernels.foresee_joints(
         history_m,
         prediction.joints_m[STEER_SLOTS - 1],
         prediction.error_m,
