@@ -8,8 +8,9 @@ replayed. Only the estimator and the deficit queues remember.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -167,7 +168,8 @@ def step(
     times.append(clock())
 
     arrived = np.zeros(len(online), dtype=bool)
-    arrived[list(views)] = True
+    for camera in views:
+        arrived[camera] = True
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     spread = state.spread.after(occlusion, pipeline.interval_s)
@@ -175,12 +177,12 @@ def step(
     state = replace(state, memory=memory, silence=silence, spread=spread, stated=stated)
     last_views = _look(pipeline, state.last_views, views, slot)
     ordered = _in_flight(pipeline, state, online)
-    situation = _situation(pipeline, state, (occlusion, visibility), last_views, online, ordered)
     times.append(clock())
 
-    if pipeline.foresees:
-        foresight = _foresight(pipeline, state, ordered)
-        situation = replace(situation, foresight=foresight)
+    foresight = _foresight(pipeline, state, ordered)
+    situation = _situation(
+        pipeline, state, (occlusion, visibility), last_views, online, ordered, foresight
+    )
     deciding = slot if pipeline.as_published else situation.slot
     if deciding < pipeline.warmup_slots:
         decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
@@ -191,7 +193,6 @@ def step(
     focused, expected = _feedback(pipeline, state, soon, decision, surest, people.history_ids)
     times.append(clock())
 
-    stages = ("predict", "occlusion", "select")
     record = SlotRecord(
         slot=slot,
         time_s=slot * pipeline.interval_s,
@@ -205,7 +206,7 @@ def step(
         covariance_m2=shown.covariance_m2,
         measured=shown.measured,
         reasons=_reasons(situation, decision),
-        stage_s={**people.stage_s, **dict(zip(stages, np.diff(times).tolist(), strict=True))},
+        stage_s={**people.stage_s, **_spent_s(times)},
         noise_factors=people.noise_factors,
         shifts_px=people.shifts_px,
         expected=expected,
@@ -223,6 +224,12 @@ def step(
         focused=focused,
     )
     return after, record
+
+
+def _spent_s(times: Sequence[float]) -> dict[str, float]:
+    """Return the seconds of each stage by the times at which the first began and each ended."""
+    ends = zip(("predict", "occlusion", "select"), pairwise(times), strict=True)
+    return {stage: end - begin for stage, (begin, end) in ends}
 
 
 def _look_ahead(
@@ -291,6 +298,7 @@ def _situation(
     last_views: tuple[LastView, ...],
     online: Selection,
     ordered: NDArray[np.bool_],
+    foresight: Foresight | None,
 ) -> Situation:
     """Collect the input of the policy for the slot that is decided now."""
     target = state.slot + pipeline.lead_slots
@@ -310,6 +318,7 @@ def _situation(
         deficit=state.deficit,
         budget=pipeline.budget,
         price=state.deficit if cost_j is None else price(state.deficit, cost_j),
+        foresight=foresight,
         stated=state.stated,
     )
 
@@ -328,13 +337,18 @@ def _last_looks(
     last_views: tuple[LastView, ...], ordered: NDArray[np.bool_], next_slot: int
 ) -> NDArray[np.int64]:
     """Return `(num_cameras,)`: the slot of each camera's last detection, ordered ones included."""
-    looked = np.array([last.slot for last in last_views], dtype=np.int64)
-    slots = np.arange(next_slot, next_slot + len(ordered))[:, None]
-    return np.asarray(np.maximum(looked, np.where(ordered, slots, -1).max(axis=0, initial=-1)))
+    looked = [last.slot for last in last_views]
+    for slot, cameras in enumerate(ordered.tolist(), start=next_slot):
+        looked = [slot if looks else last for looks, last in zip(cameras, looked, strict=True)]
+    return np.array(looked, dtype=np.int64)
 
 
-def _foresight(pipeline: Pipeline, state: SlotState, ordered: NDArray[np.bool_]) -> Foresight:
-    """Compute the information of each camera in the slot that is decided now."""
+def _foresight(
+    pipeline: Pipeline, state: SlotState, ordered: NDArray[np.bool_]
+) -> Foresight | None:
+    """Compute the information of each camera in the slot that is decided now, if it is used."""
+    if not pipeline.foresees:
+        return None
     ahead_s = pipeline.lead_slots * pipeline.interval_s
     outlook = pipeline.estimator.outlook(state.memory, ahead_s)
     return foresee(pipeline.rig, outlook, pipeline.interval_s, ordered)

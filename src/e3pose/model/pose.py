@@ -88,8 +88,13 @@ def _checked(name: str, positions: Any, scores: Any, components: int) -> tuple[F
         raise InputError(
             f"{name}: scores have shape {scores.shape}, expected {positions.shape[:2]}"
         )
-    if not (scores.min(initial=0.0) >= 0 and scores.max(initial=0.0) <= 1):  # NaN fails too
+    if not scores.size:
+        return positions, scores
+    least = scores.min()
+    if not (least >= 0 and scores.max() <= 1):  # NaN fails too
         raise InputError(f"{name}: a score lies outside [0, 1] or is NaN")
+    if least > 0 and np.isfinite(positions).all():  # nothing is missing
+        return positions, scores
     present = (scores > 0) & np.isfinite(positions).all(axis=-1)
     if present.all():
         return positions, scores

@@ -129,17 +129,16 @@ def identify(
         that were recognised in this slot, within `DECIDE_S` of being shown first.
     """
     present, departed = identities.present, identities.departed
-    gone = ~_among(present.tracks, belief.track_ids)
-    if gone.any():
-        departed = _join(departed, _left(_take(present, gone), before, belief, model))
-        present = _take(present, ~gone)
-    new = shown[~_among(shown, present.tracks)]
-    if len(new):
-        present = _join(present, _shown(new, belief, model))
+    if gone := _not_among(belief.track_ids, present.tracks):
+        departed = _join(departed, _left(_take(present, np.array(gone)), before, belief, model))
+        present = _take(present, np.delete(np.arange(len(present.tracks)), gone))
+    if new := _not_among(present.tracks, shown):
+        present = _join(present, _shown(shown[new], belief, model))
         present = _take(present, np.argsort(present.tracks))
-    fresh = departed.seen_s > belief.time_s - DEPARTED_S
-    if len(fresh) > MAX_DEPARTED or not fresh.all():
-        departed = _take(departed, np.flatnonzero(fresh)[-MAX_DEPARTED:])
+    if len(departed.track_ids):
+        fresh = departed.seen_s > belief.time_s - DEPARTED_S
+        if len(fresh) > MAX_DEPARTED or not fresh.all():
+            departed = _take(departed, np.flatnonzero(fresh)[-MAX_DEPARTED:])
     if len(departed.track_ids):
         undecided = present.since_s > belief.time_s - DECIDE_S
         rows = np.flatnonzero(undecided & (present.tracks == present.track_ids))
@@ -268,10 +267,10 @@ def _kinds(model: Model) -> list[list[int]]:
     return list(kinds.values()) or [[]]
 
 
-def _among(tracks: Ints, others: Ints) -> Flags:
-    """Return which of the ids `(num_tracks,)` are among other ids."""
-    known = set(others.tolist())
-    return np.array([track in known for track in tracks.tolist()], dtype=bool)
+def _not_among(known: Ints, tracks: Ints) -> list[int]:
+    """Return the rows of the ids `(num_tracks,)` that are not among those known."""
+    ids = set(known.tolist())
+    return [row for row, track in enumerate(tracks.tolist()) if track not in ids]
 
 
 def _take(columns: Rows, rows: Ints | Flags) -> Rows:

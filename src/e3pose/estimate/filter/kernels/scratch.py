@@ -111,7 +111,7 @@ class Views(NamedTuple):
 
 
 class Tracks(NamedTuple):
-    """The columns of `filter.Belief`, with room for more tracks."""
+    """The columns of `filter.Belief`, in its order, with room for more tracks."""
 
     track_ids: Integers
     state: Floats

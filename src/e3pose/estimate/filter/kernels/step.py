@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from e3pose.estimate.filter.kernels.scratch import (
     Detectors,
     Memory,
     Site,
+    Tracks,
     Views,
     held_site,
     make_memory,
@@ -43,7 +45,7 @@ MAX_PEOPLE = 64  # in one view; more are noise, and must not cost the slot
 
 def check_slot(model: Model, views: Mapping[int, Poses2D], time_s: float) -> None:
     """Raise `InputError` for views or a time that `step` cannot take."""
-    if not np.isfinite(time_s):
+    if not math.isfinite(time_s):
         raise InputError(f"time: found {time_s}, expected seconds")
     for camera, view in views.items():
         if not 0 <= camera < len(model.rig):
@@ -65,18 +67,20 @@ def bounded(view: Poses2D) -> tuple[Floats, Floats]:
 
 
 LEAST_PEOPLE = 16  # of one view, for whom there is always room
+_columns = attrgetter(*Tracks._fields)  # of a belief, as its constructor takes them
 
 
 class StepKernel:
     """One slot of the filter: belief and views in, new belief and people out.
 
-    It keeps no history, but what is constant about the newest model, and its working memory; so it
-    must not be shared between threads.
+    It keeps no history, but what is constant about the newest model, and its working memory with
+    the newest belief in it; so it must not be shared between threads.
     """
 
     def __init__(self) -> None:
         self._model: Model | None = None
         self._call: Any = step_slot
+        self._newest: tuple[Any, ...] = ()  # columns of the newest belief, as memory has them
 
     def warm_up(self, model: Model) -> None:
         """Compile, or load from the cache, all that a slot needs; takes seconds the first time."""
@@ -106,18 +110,19 @@ class StepKernel:
         memory = self._room_for(model, num_tracks + MAX_LEFTOVERS // 2, most, num_old)
         _pack(memory.views, views)
         if num_tracks:
-            for name, column in zip(self._columns, memory.tracks, strict=True):
-                column[:num_tracks] = getattr(before, name)
+            given_rows = zip(memory.tracks, _columns(before), self._newest, strict=True)
+            for column, given, newest in given_rows:
+                if given is not newest:  # beliefs never change: memory still has what it made
+                    column[:num_tracks] = given
         if num_old:
             memory.waiting.times_s[:num_old] = waiting.times_s
             memory.waiting.cameras[:num_old] = waiting.cameras
             memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
             memory.waiting.scores[:num_old] = waiting.scores
-        detection_map, noise = (
-            np.array(belief.detection_map, order="C"),
-            np.array(belief.noise, order="C"),
+        detection_map, noise, shifts = (
+            np.array(of_site, order="C")
+            for of_site in (belief.detection_map, belief.noise, belief.shifts)
         )
-        shifts = np.array(belief.shifts, order="C")
         num_tracks, num_waiting, next_id = self._call(
             num_tracks,
             num_old,
@@ -137,20 +142,10 @@ class StepKernel:
             memory.waiting.keypoints_px[rows],
             memory.waiting.scores[rows],
         )
-        columns: dict[str, Any] = {
-            name: column[:num_tracks].copy()
-            for name, column in zip(self._columns, memory.tracks, strict=True)
-        }
-        belief = Belief(
-            time_s=now,
-            leftovers=leftovers,
-            detection_map=detection_map,
-            exits=before.exits.copy(),
-            noise=noise,
-            shifts=shifts,
-            next_id=next_id,
-            **columns,
-        )
+        self._newest = tuple(column[:num_tracks].copy() for column in memory.tracks)
+        site = leftovers, detection_map, before.exits.copy(), noise, shifts, next_id
+        columns: tuple[Any, ...] = (*self._newest, *site)
+        belief = Belief(now, *columns)
         exits.count_slot(before, belief, model)
         return belief, estimate_of(belief, model)
 
@@ -159,7 +154,6 @@ class StepKernel:
         if model is not self._model:
             self._model = model
             self._constants = held_site(model)
-            self._columns = tuple(Belief.empty(model).columns())
             self._room = (0, 0, 0)
         room = self._room
         if tracks > room[0] or people > room[1] or old > room[2]:
@@ -170,6 +164,7 @@ class StepKernel:
             )
             self._memory = make_memory(model, *self._room)
             self._held_memory = hold(self._memory)
+            self._newest = (None,) * len(self._memory.tracks)
         return self._memory
 
 
