@@ -108,3 +108,23 @@ def test_kernels_of_several_threads_do_not_disturb_each_other() -> None:
     for result in results[1:]:
         for name, array in belief_to_arrays(results[0]).items():
             np.testing.assert_array_equal(belief_to_arrays(result)[name], array)
+
+
+def test_a_slot_that_fails_half_way_can_be_computed_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    slots, kernel = seen(ring(), 3), StepKernel()
+    belief, _ = kernel(model(), Belief.empty(model()), *slots[0])
+    belief, _ = kernel(model(), belief, *slots[1])
+    expected, _ = StepKernel()(model(), belief, *slots[2])
+
+    def fail(*_: object) -> None:
+        for column in kernel._memory.tracks:
+            column[:] = 0
+        raise MemoryError
+
+    with monkeypatch.context() as patched:
+        patched.setattr(kernel, "_call", fail)
+        with pytest.raises(MemoryError):
+            kernel(model(), belief, *slots[2])
+    assert_agree(kernel(model(), belief, *slots[2])[0], expected)

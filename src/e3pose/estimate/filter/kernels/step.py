@@ -119,6 +119,7 @@ class StepKernel:
             memory.waiting.cameras[:num_old] = waiting.cameras
             memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
             memory.waiting.scores[:num_old] = waiting.scores
+        self._newest = (None,) * len(memory.tracks)  # until the kernel returns
         detection_map, noise, shifts = (
             np.array(of_site, order="C")
             for of_site in (belief.detection_map, belief.noise, belief.shifts)
