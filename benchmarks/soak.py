@@ -35,6 +35,7 @@ def main() -> None:
     parser.add_argument("--cameras", type=int, default=5)
     parser.add_argument("--people", type=int, default=4)
     parser.add_argument("--every", type=float, default=5.0, help="seconds between samples")
+    parser.add_argument("--growth", type=float, default=GROWTH_MB, help="megabytes that are a leak")
     options = parser.parse_args()
     with live_site(options.cameras, options.people) as site:
         lost = 0
@@ -59,7 +60,7 @@ def main() -> None:
         f"{lost} slots lost"
     )
     threads = late.edge_threads > early.edge_threads or late.camera_threads > early.camera_threads
-    if growth > GROWTH_MB or cameras > GROWTH_MB or threads:
+    if growth > options.growth or cameras > options.growth or threads:
         sys.exit("something grows")
 
 

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.live.processes import CAMERAS, LiveSite, e3pose, run
+from tests.cli import commands
+from tests.live.processes import CAMERAS, LiveSite, e3pose
 from tests.waiting import eventually
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]
@@ -37,11 +38,11 @@ class Filmed(LiveSite):
 @pytest.fixture(scope="module")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Filmed]:
     folder = tmp_path_factory.mktemp("filmed")
-    code, _, said = run(
-        "simulate", str(folder / "recording"), "--people", "2", "--cameras", "3", "--seconds", "6",
-        "--fps", "5", "--resolution", "640x480", "--seed", "702", "--videos", seconds=240,
+    code = commands.run(
+        "simulate", folder / "recording", "--people", "2", "--cameras", "3", "--seconds", "6",
+        "--fps", "5", "--resolution", "640x480", "--seed", "702", "--videos",
     )  # fmt: skip
-    assert code == 0, said
+    assert code == 0
     made = Filmed(folder, tables=("feedback = true", "whole_every = 3"))
     with made.at_work():
         yield made
