@@ -108,7 +108,7 @@ def test_balls_that_are_not_there_are_reported(
     films: Path, options: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     sources = [films / f"cam{number}.mkv" for number in range(4)]
-    lenses = ("--intrinsics", films / "lenses.toml")
+    lenses = ("--intrinsics", films / "lenses.toml", "--rate", FPS / 4)
     assert run("calibrate", "extrinsics", *sources, films / "none.toml", *lenses, *options) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and message in error

@@ -16,6 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 from tests.ports import free_port
 from tests.waiting import WAIT_S, eventually
@@ -292,6 +293,44 @@ class LiveSite:
 def e3pose(*words: str) -> list[str]:
     """Return the command line of a verb."""
     return [sys.executable, "-m", "e3pose", *words]
+
+
+@contextmanager
+def up(path: Path, number: signal.Signals, *options: str) -> Iterator[None]:
+    """Run a site with `up` until slots flow, and end it with a signal: nothing of it may stay."""
+    site = load_site(path)
+    program = subprocess.Popen(
+        e3pose("up", str(path), *options),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        umask=0o022,
+    )
+    follower, transport = Follower(site.name), open_network(viewer_link(site, None))
+    try:
+        follower.listen(transport)
+        assert eventually(lambda: follower.status and follower.status.slot > 10, COMPILE_S)
+        children = psutil.Process(program.pid).children(recursive=True)
+        assert len(children) == 1 + len(site.camera)
+        yield
+        begun_s = time.monotonic()
+        program.send_signal(number)
+        said, _ = program.communicate(timeout=60)
+        assert time.monotonic() - begun_s < 10.0  # one or two, on a machine that does nothing else
+    finally:
+        transport.close()
+        program.kill()
+        program.wait()
+    assert program.returncode == (0 if number == signal.SIGINT else 128 + number)
+    assert "Traceback" not in said
+    assert not any(child.is_running() for child in children)
+    logs = path.parent / "logs"
+    assert {log.stem for log in logs.iterdir()} == {"edge", *(c.id for c in site.camera)}
+    for log in logs.iterdir():
+        assert "Traceback" not in log.read_text(), log.read_text()
+    said = (logs / "edge.log").read_text()
+    assert "cam0: stopped; active in" in said and "not connected" not in said, said
 
 
 def run(*words: str, seconds: float = 30.0) -> tuple[int, str, str]:

@@ -1,17 +1,20 @@
-"""Skeletons with feet, live from end to end: edge, store, report and exports."""
+"""Skeletons with feet, live from end to end: edge, store, report and exports.
+
+Their sites are ended with SIGTERM; one of `test_programs.py` with Ctrl-C.
+"""
 
 from __future__ import annotations
 
 import json
+import signal
 import struct
-import subprocess
 from pathlib import Path
 
 import ezc3d
 import numpy as np
 import pytest
 from tests.cli import commands
-from tests.live.processes import COMPILE_S, e3pose
+from tests.live.processes import up
 from tests.ports import free_port
 from tests.waiting import eventually
 
@@ -70,13 +73,8 @@ def test_feet_are_followed_stored_and_exported(
         said = " ".join(out.split())
         assert f"camera {fewer}" in said and "coco17, converted, without" in said, out
         assert code == 0, out
-    with subprocess.Popen(e3pose("up", str(site), "--quiet"), start_new_session=True) as program:
-        try:
-            assert eventually(lambda: program.poll() is not None or stored(store) > 100, COMPILE_S)
-            assert program.poll() is None
-        finally:
-            program.terminate()
-            program.wait(60)
+    with up(site, signal.SIGTERM, "--quiet"):
+        assert eventually(lambda: stored(store) > 100), stored(store)
     assert error_m(tmp_path, name) < NEAR_M
     feet = skeleton_by_name(name)
     heels = {feet.index(f"{side}_heel") for side in ("left", "right")}

@@ -6,16 +6,12 @@ import os
 import shutil
 import signal
 import socket
-import subprocess
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
-import psutil
 import pytest
 from tests.cli import commands
-from tests.live.processes import COMPILE_S, LiveSite, e3pose, run
+from tests.live.processes import COMPILE_S, LiveSite, e3pose, run, up
 from tests.ports import free_port
 from tests.waiting import eventually
 
@@ -58,50 +54,6 @@ def write_site(
         content += CAMERA.format(id=camera_id, source=source)
     path.write_text(content)
     return path
-
-
-@contextmanager
-def up(path: Path, number: signal.Signals) -> Iterator[None]:
-    """Run a site with `up` until slots flow, and end it with a signal: nothing of it may stay."""
-    program = subprocess.Popen(
-        e3pose("up", str(path)),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-        umask=0o022,
-    )
-    follower, transport = Follower("lab"), open_network(viewer_link(load_site(path), None))
-    try:
-        follower.listen(transport)
-        assert eventually(lambda: follower.status and follower.status.slot > 10, COMPILE_S)
-        children = psutil.Process(program.pid).children(recursive=True)
-        assert len(children) == 4
-        yield
-        begun_s = time.monotonic()
-        program.send_signal(number)
-        said, _ = program.communicate(timeout=60)
-        assert time.monotonic() - begun_s < 10.0  # one or two, on a machine that does nothing else
-    finally:
-        transport.close()
-        program.kill()
-        program.wait()
-    assert program.returncode == (0 if number == signal.SIGINT else 128 + number)
-    assert "Traceback" not in said
-    assert not any(child.is_running() for child in children)
-    logs = path.parent / "logs"
-    assert sorted(p.name for p in logs.iterdir()) == [
-        "cam0.log", "cam1.log", "cam2.log", "edge.log"
-    ]  # fmt: skip
-    for log in logs.iterdir():
-        assert "Traceback" not in log.read_text(), log.read_text()
-    said = (logs / "edge.log").read_text()
-    assert "cam0: stopped; active in" in said and "not connected" not in said, said
-
-
-def test_terminated_site_ends_all_of_it(tmp_path: Path, recording: Path) -> None:
-    with up(write_site(tmp_path, recording), signal.SIGTERM):
-        pass
 
 
 def test_up_says_which_camera_cannot_start(tmp_path: Path, recording: Path) -> None:

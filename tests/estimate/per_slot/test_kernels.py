@@ -28,7 +28,7 @@ pytestmark = pytest.mark.slow
 Floats = NDArray[np.float64]
 Slot = tuple[Floats, Floats, NDArray[np.int64]]
 
-NUM_RIGS = {"without distortion": 120, "with any lenses": 240}
+NUM_RIGS = {"without distortion": 60, "with any lenses": 120}
 AGREE_M = 1e-6
 REACH_M = 100.0  # a joint further away than this is an accident of nearly parallel rays
 
