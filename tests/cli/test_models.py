@@ -66,7 +66,7 @@ def test_path_prints_only_the_file(cache: Path, capsys: pytest.CaptureFixture[st
     [
         (("path", "movenet-multipose"), "run `e3pose models pull movenet-multipose`"),
         (("pull", "movenet-multipose"), "http://127.0.0.1:9/model.onnx: could not be reached"),
-        (("pull", "trt-pose"), "model trt-pose: bring your own network"),
+        (("pull", "trt-pose"), "model trt-pose: has no published weights"),
         (("pull", "nope"), "model 'nope' is unknown"),
     ],
 )

@@ -69,7 +69,7 @@ def test_people_of_a_truth_have_names(
     [
         ({"times_s": np.zeros(3)}, "different lengths"),
         ({"times_s": np.full(40, np.nan)}, "time is not a number"),
-        ({"slots": np.zeros(40, dtype=np.int64)}, "slots do not rise"),
+        ({"slots": np.zeros(40, dtype=np.int64)}, "slots are not increasing"),
         ({"starts": np.zeros(41, dtype=np.int64)}, "do not fit together"),
         ({"keypoints_px": np.zeros((80, 5, 2)), "scores": np.zeros((80, 5))}, "of 5 joints"),
     ],

@@ -106,7 +106,7 @@ def board_on_floor(rig: Rig, corners_m: Floats, corners_px: Floats) -> Floats:
     best = int(np.argmax(counts))
     start, _ = resect(rig.cameras[best], corners_m, corners_px[best : best + 1])
     if not np.isfinite(start).all():
-        raise InputError("--floor: found no board in the pictures; is --board the one there?")
+        raise InputError("--floor: found no board in the pictures; does --board match it?")
     held = np.zeros(len(rig), dtype=bool)
     adjusted = adjust_boards(
         rig,

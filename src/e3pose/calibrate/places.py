@@ -272,7 +272,7 @@ def from_people(
         lost = ", ".join(name for name, done in every if not done)
         rest = ", ".join(name for name, done in every if done)
         raise InputError(
-            f"cameras: {lost}: too little of what they see of people fits what {rest} see at the "
+            f"cameras: {lost}: too few people match those that {rest} see at the "
             "same time, expected a person who walks for half a minute where two cameras see them; "
             "in a live session few cameras are active at once: `e3pose record SITE DEST --for 60` "
             "uses all of them"

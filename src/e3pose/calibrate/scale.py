@@ -49,7 +49,9 @@ def from_distance(rig: Rig, first: str, second: str, metres: float) -> Scale:
         rig.cameras[rig.index(first)].center_m - rig.cameras[rig.index(second)].center_m
     )
     if apart == 0 or first == second:
-        raise InputError(f"--distance: found {first},{second}, expected two cameras apart")
+        raise InputError(
+            f"--distance: found {first},{second}, expected two cameras at different positions"
+        )
     return Scale(
         metres / float(apart), f"{metres:g} m from {first} to {second}", min(0.01 / metres, 1.0)
     )
@@ -69,7 +71,7 @@ def from_limb(people: People3D, first: str, second: str, metres: float) -> Scale
     """
     length = limb_length(people, first, second)
     if not length > 0:
-        raise InputError(f"--limb: {first} and {second} were not placed together often enough")
+        raise InputError(f"--limb: {first} and {second} were rarely triangulated together")
     return Scale(metres / length, f"{metres:g} m from {first} to {second}", 0.03)
 
 

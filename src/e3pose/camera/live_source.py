@@ -55,7 +55,7 @@ def make_source(
     """
     kind, _, rest = name.partition(":")
     if pace != 1 and kind in ("usb", "gstreamer", *STREAMS):
-        raise InputError("pace", f"{pace:g}", "1: a camera that films cannot go slower")
+        raise InputError("pace", f"{pace:g}", "1: live cameras cannot play slower")
     if kind == "usb":
         if not (rest.isascii() and rest.isdigit() and len(rest) < 4):
             raise InputError("source", repr(name[:80]), "usb:NUMBER, such as usb:0")
@@ -160,7 +160,7 @@ class PacedSource:
                 return found
             self._round_ns += round(self.loop.length_s * 1e9)
             self._playing = self.loop.frames(0.0)
-        raise InputError("source: found no frame in it, expected some")
+        raise InputError("source: found no frames")
 
 
 @dataclass(slots=True, eq=False)

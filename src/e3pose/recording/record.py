@@ -238,7 +238,7 @@ class Recording:
         ):
             raise InputError(f"{where}: starts, keypoints and scores do not fit together")
         if (np.diff(series.slots) <= 0).any():
-            raise InputError(f"{where}: slots do not rise")
+            raise InputError(f"{where}: slots are not increasing")
         if frames and not 0 <= series.slots[0] <= series.slots[-1] < self.num_slots:
             raise InputError(
                 f"{where}: slots {series.slots[0]}..{series.slots[-1]} lie outside "

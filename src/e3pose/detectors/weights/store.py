@@ -104,7 +104,10 @@ def _fetchable(name: str) -> Model:
     if model is None:
         raise InputError(f"model {name[:80]!r} is unknown, expected one of {', '.join(MODELS)}")
     if model.source is None:
-        raise InputError(f"model {name}: bring your own network and pass it with --model PATH")
+        raise InputError(
+            f"model {name}: has no published weights, expected your own file: --model FILE.onnx, "
+            "or `model` in a site or camera file"
+        )
     return model
 
 
