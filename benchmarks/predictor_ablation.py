@@ -89,14 +89,14 @@ def recordings(out: Path, mocap: Path) -> tuple[list[Any], list[Any]]:
 
 def clips_of(recording: Any, target: str, shortest: int, place: Path) -> list[Any]:
     """Return the clips that a recording teaches; kept in `place`, for the fusing takes minutes."""
-    from e3pose.learn.train.lessons import LessonSettings, lessons
+    from e3pose.learn.train.training_clips import ClipSettings, training_clips
     from e3pose.learn.train.windows import Clip
     from e3pose.runtime.workers import Workers
 
     path = place / f"{recording.name.replace(' ', '-')}-{target}.npz"
     if not path.exists():
-        settings: Any = LessonSettings(target="truth" if target == "truth" else "estimates")
-        made = lessons(recording, shortest, settings, Workers())
+        settings: Any = ClipSettings(target="truth" if target == "truth" else "estimates")
+        made = training_clips(recording, shortest, settings, Workers())
         arrays: dict[str, Any] = {}
         for number, clip in enumerate(made):
             arrays[f"{number}.joints_m"] = clip.joints_m

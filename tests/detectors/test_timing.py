@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from e3pose.detectors.timing import Looker, time_looks
+from e3pose.detectors.timing import Workload, time_detections
 from e3pose.errors import InputError
 
 pytestmark = pytest.mark.slow
@@ -29,8 +29,8 @@ class Napper:
 
 def test_every_looker_is_measured_alone_and_with_the_others(tmp_path: Path) -> None:
     (tmp_path / "napper.py").write_text(NAPPER)
-    napper = Looker(f"{tmp_path}/napper.py:Napper", image_size=(64, 48))
-    times = time_looks([napper, napper], seconds=0.2)
+    napper = Workload(f"{tmp_path}/napper.py:Napper", image_size=(64, 48))
+    times = time_detections([napper, napper], seconds=0.2)
     assert times.alone_s.shape == times.together_s.shape == (2,)
     assert (times.alone_s >= NAP_S).all() and (times.together_s >= NAP_S).all()
     assert times.rate <= 2 / NAP_S and times.reach_fps(1) <= 1 / NAP_S
@@ -38,4 +38,4 @@ def test_every_looker_is_measured_alone_and_with_the_others(tmp_path: Path) -> N
 
 def test_network_that_is_not_there_is_reported() -> None:
     with pytest.raises(InputError, match=r"detector: .*no such file"):
-        time_looks([Looker("missing.onnx")])
+        time_detections([Workload("missing.onnx")])

@@ -11,7 +11,7 @@ import pytest
 from tests.rigs import looking
 from tests.site.tables import HEAD
 
-from e3pose.detectors.timing import LookTimes
+from e3pose.detectors.timing import DetectionTimes
 from e3pose.errors import InputError
 from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import LiveSite, live_site
@@ -20,7 +20,7 @@ from e3pose.site.check import Finding
 from e3pose.site.check_settings import check_budgets, check_feedback, check_skeletons
 from e3pose.site.detector_speed import (
     SPARE,
-    check_looks,
+    check_speed,
     hopeless,
     suggested_deadline_ms,
     suggested_fps,
@@ -119,7 +119,7 @@ def test_site_without_a_budget_has_none_to_check(tmp_path: Path) -> None:
 def looked(fps: float, deadline_ms: float, selected: float = 2) -> dict[str, Finding]:
     """Return what is found of a site on a machine with 100 ms a look, 200 ms with four at once."""
     return {
-        finding.what: finding for finding in check_looks(site(fps, deadline_ms), SLOW, selected)
+        finding.what: finding for finding in check_speed(site(fps, deadline_ms), SLOW, selected)
     }
 
 
@@ -129,7 +129,7 @@ def site(fps: float, deadline_ms: float) -> SiteTable:
     )
 
 
-SLOW = LookTimes(np.full(4, 0.1), np.full(4, 0.2))  # 20 looks a second: 10 slots with 2 cameras
+SLOW = DetectionTimes(np.full(4, 0.1), np.full(4, 0.2))  # 20 per second: 10 slots with 2 cameras
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_finding_says_what_the_machine_manages_and_what_to_write() -> None:
 
 def test_pace_makes_time_for_looks() -> None:
     slower = replace(site(25, 500), pace=0.3)
-    assert {f.what for f in check_looks(slower, SLOW, 2)} == {"network"}
+    assert {f.what for f in check_speed(slower, SLOW, 2)} == {"network"}
 
 
 def test_site_is_refused_only_where_it_could_not_work() -> None:
@@ -172,11 +172,11 @@ def test_site_is_refused_only_where_it_could_not_work() -> None:
 
 
 def test_one_camera_cannot_look_faster_than_alone() -> None:
-    many_cores = LookTimes(np.full(4, 0.1), np.full(4, 0.1))
+    many_cores = DetectionTimes(np.full(4, 0.1), np.full(4, 0.1))
     assert many_cores.rate == pytest.approx(40)
     assert many_cores.reach_fps(2) == pytest.approx(10)
     assert suggested_fps(many_cores, 2) == pytest.approx(10 * SPARE)
-    (fps,) = (f for f in check_looks(site(12.5, 500), many_cores, 2) if f.what == "fps")
+    (fps,) = (f for f in check_speed(site(12.5, 500), many_cores, 2) if f.what == "fps")
     assert "manages 10 slots a second, as a detection takes 100 ms; the site asks for 12.5" in (
         fps.found
     )

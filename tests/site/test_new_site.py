@@ -9,25 +9,25 @@ import pytest
 from tests.rigs import looking
 
 from e3pose.camera.probe import Probe, find_devices
-from e3pose.detectors.timing import LookTimes
+from e3pose.detectors.timing import DetectionTimes
 from e3pose.errors import InputError
 from e3pose.settings.live import known_rig
 from e3pose.settings.site_file import load_site
 from e3pose.site.detector_speed import (
     SPARE,
-    check_looks,
-    lookers_of,
-    measure_looks,
+    check_speed,
+    measure_detections,
     with_time_for_all,
+    workloads_of,
 )
 from e3pose.site.edge_program import check_edge
 from e3pose.site.new_site import Choice, name_sources, rates, site_name, threads_for, write_site
 
-SLOW = LookTimes(np.full(4, 0.1), np.full(4, 0.4))  # 10 looks a second: 5 slots with 2 cameras
-QUICK = LookTimes(np.full(4, 0.01), np.full(4, 0.01))
+SLOW = DetectionTimes(np.full(4, 0.1), np.full(4, 0.4))  # 10 looks a second: 5 slots with 2 cameras
+QUICK = DetectionTimes(np.full(4, 0.01), np.full(4, 0.01))
 
 
-def choice(source: str, times: LookTimes | None, **more: object) -> Choice:
+def choice(source: str, times: DetectionTimes | None, **more: object) -> Choice:
     """Return four cameras of 1000 x 800 and 30 frames per second."""
     probes = {f"c{i}": Probe(source.format(i), (1000, 800), 30.0, False) for i in range(4)}
     return Choice("lab", probes, "openpose-thin", "cpu", 1, 2, times, **more)  # type: ignore[arg-type]
@@ -44,21 +44,21 @@ def choice(source: str, times: LookTimes | None, **more: object) -> Choice:
     ],
 )
 def test_rate_is_what_the_machine_reaches(
-    source: str, times: LookTimes, fps: float, pace: float
+    source: str, times: DetectionTimes, fps: float, pace: float
 ) -> None:
     assert rates(choice(source, times)) == pytest.approx((fps, pace))
 
 
 @pytest.mark.parametrize("source", ["usb:{}", "cam{}.mp4"])
 @pytest.mark.parametrize("times", [SLOW, QUICK])
-def test_site_passes_its_own_check(tmp_path: Path, source: str, times: LookTimes) -> None:
+def test_site_passes_its_own_check(tmp_path: Path, source: str, times: DetectionTimes) -> None:
     rig = looking((4, 0), (0, 4), (-4, 0), (0, -4))
     path = write_site(tmp_path / "lab", choice(source, times, rig=rig))
     live = check_edge(load_site(path))
     assert live.skeleton.name == "coco18" and live.loop.num_selected == 2
-    found = list(check_looks(live.site, times, 2))
+    found = list(check_speed(live.site, times, 2))
     assert [finding.level for finding in found] == ["ok"], found
-    kept = measure_looks(live.site, live.rig, again=False)
+    kept = measure_detections(live.site, live.rig, again=False)
     assert kept is not None and (kept.together_s == times.together_s).all()
 
 
@@ -69,7 +69,7 @@ def test_turned_camera_stays_turned_though_the_new_calibration_does_not_say_so(
     made = choice("usb:{}", QUICK, rig=rig, rotations={"c1": 270})
     site = load_site(write_site(tmp_path / "lab", made))
     assert [camera.rotation for camera in site.camera] == [None, 270, None, None]
-    sizes = [looker.image_size for looker in lookers_of(site, rig).values()]
+    sizes = [workload.image_size for workload in workloads_of(site, rig).values()]
     assert sizes[1] == sizes[0][::-1]
 
 

@@ -80,8 +80,8 @@ class Unfinished:
     def _load(self, settings: Mapping[str, str], restart: bool) -> State | None:
         path = self.folder / STATE
         if not path.is_file():
-            strangers = {entry.name for entry in self.folder.iterdir()} - {LOCK, "keypoints"}
-            if any(not name.startswith(f".{STATE}.") for name in strangers):
+            others = {entry.name for entry in self.folder.iterdir()} - {LOCK, "keypoints"}
+            if any(not name.startswith(f".{STATE}.") for name in others):
                 raise InputError(
                     f"{self.folder}: found a folder without {STATE}, expected room for unfinished "
                     "work; move it away"

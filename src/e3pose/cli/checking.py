@@ -97,14 +97,14 @@ def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:
     from rich.console import Console
 
     from e3pose.site.check import Finding
-    from e3pose.site.detector_speed import check_looks, measure_looks
+    from e3pose.site.detector_speed import check_speed, measure_detections
 
     try:
         with Console(stderr=True).status("measuring the networks"):
-            times = measure_looks(table, rig)
+            times = measure_detections(table, rig)
     except InputError as error:
         return [Finding("problem", "network", str(error))]
-    return [] if times is None else list(check_looks(table, times, selected))
+    return [] if times is None else list(check_speed(table, times, selected))
 
 
 def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]:

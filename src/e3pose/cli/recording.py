@@ -60,14 +60,14 @@ def record(
     from e3pose.settings.site_file import load_site
     from e3pose.site.admission import edge_link, join_as_edge
     from e3pose.site.check_sources import require_sources
-    from e3pose.site.detector_speed import measure_looks, with_time_for_all
+    from e3pose.site.detector_speed import measure_detections, with_time_for_all
     from e3pose.site.up import Program, camera_command, last_line, run_site
 
     check_free(dest, None)
     table = load_site(site)
     rig = known_rig(table)
     require_sources(table, rig)
-    times = measure_looks(table, rig, again=False)
+    times = measure_detections(table, rig, again=False)
     if times is not None and (slower := with_time_for_all(table, times)) != table:
         rate, pace = f"{slower.fps:.3g} slots per second", f" at pace {slower.pace:g}"
         print(f"With all cameras active: {rate}{pace if slower.pace != 1 else ''}")

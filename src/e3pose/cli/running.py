@@ -177,7 +177,7 @@ def up(
     check_port(edge_link(table)[0].endpoint)
     warn(checked.world_warning())
     rig = checked.rig
-    _check_looks(table, checked)
+    _check_speed(table, checked)
     folder = logs or table.path.parent / "logs"
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--logs: found a file, expected a folder: {folder}")
@@ -234,22 +234,22 @@ def _run_shown(
         console.print(screen(newest, 0.0))
 
 
-def _check_looks(site: SiteTable, live: LiveSite) -> None:
+def _check_speed(site: SiteTable, live: LiveSite) -> None:
     """Refuse settings with which this machine cannot keep up; warn of those that are tight."""
     from rich.console import Console
 
     from e3pose.site.check_sources import require_sources
-    from e3pose.site.detector_speed import check_looks, hopeless, measure_looks
+    from e3pose.site.detector_speed import check_speed, hopeless, measure_detections
 
     require_sources(site, live.rig)  # an error is shown here, not in the log of a camera
     with Console(stderr=True).status("measuring the networks"):
-        times = measure_looks(site, live.rig, again=False)
+        times = measure_detections(site, live.rig, again=False)
     if times is None:
         return
     selected = live.loop.num_selected or len(live.rig)
     for finding in hopeless(site, times, selected):
         raise InputError(f"{site.path}: {finding.what}: {finding.found}: {finding.advice}")
-    for finding in check_looks(site, times, selected):
+    for finding in check_speed(site, times, selected):
         if finding.level != "ok":
             warn(f"{finding.what}: {finding.found}: {finding.advice}")
 

@@ -15,7 +15,7 @@ from e3pose.quantities import plural, three_digits
 
 if TYPE_CHECKING:
     from e3pose.camera.probe import Probe
-    from e3pose.detectors.timing import LookTimes
+    from e3pose.detectors.timing import DetectionTimes
     from e3pose.geometry.camera import Rig
     from e3pose.site.new_site import Choice
 
@@ -202,23 +202,23 @@ def _measured(
     threads: int,
     probes: dict[str, Probe],
     rotations: dict[str, int],
-) -> LookTimes:
+) -> DetectionTimes:
     from rich.console import Console
 
     from e3pose.camera.orientation import Orientation
-    from e3pose.detectors.timing import Looker, time_looks
+    from e3pose.detectors.timing import Workload, time_detections
 
     orientations = {name: Orientation.from_degrees(rotations.get(name, 0)) for name in probes}
-    lookers = [
-        Looker(network, None, provider, threads, orientations[name].size(*seen.image_size))
+    workloads = [
+        Workload(network, None, provider, threads, orientations[name].size(*seen.image_size))
         for name, seen in probes.items()
     ]
     with Console(stderr=True).status(f"measuring {network}"):
-        times = time_looks(lookers)
+        times = time_detections(workloads)
     alone_ms, all_ms = 1000 * times.alone_s.max(), 1000 * times.together_s.max()
     print(
         f"{network}, {plural(threads, 'thread')} each: {alone_ms:.3g} ms per detection, "
-        f"{all_ms:.3g} ms while all {len(lookers)} cameras detect, "
+        f"{all_ms:.3g} ms while all {len(workloads)} cameras detect, "
         f"{three_digits(times.rate)} per second"
     )
     return times
@@ -235,10 +235,10 @@ def _report(choice: Choice, folder: Path, path: Path) -> None:
     print(f"Wrote {path}: {slots}, {of}")
     if choice.fps or choice.pace:
         from e3pose.settings.site_file import load_site
-        from e3pose.site.detector_speed import check_looks
+        from e3pose.site.detector_speed import check_speed
 
         assert choice.times is not None
-        for finding in check_looks(load_site(path), choice.times, choice.num_selected):
+        for finding in check_speed(load_site(path), choice.times, choice.num_selected):
             if finding.level != "ok":
                 warn(f"{finding.what}: {finding.found}: {finding.advice}")
     if choice.rig is None:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from e3pose.learn.train.attention_lstm import TrainSettings
-    from e3pose.learn.train.lessons import LessonSettings
     from e3pose.learn.train.network import AttentionLstm
+    from e3pose.learn.train.training_clips import ClipSettings
     from e3pose.learn.train.windows import Clip
     from e3pose.recording import Recording
     from e3pose.runtime.workers import Workers
@@ -136,7 +136,7 @@ def train(
         [load_placed(path) for path in data.validate or []],
         data.hold_out,
         network.history + network.leads,
-        _with_progress(_lessons(data, network, optimisation.seed), workers),
+        _with_progress(_clip_settings(data, network, optimisation.seed), workers),
     )
     with _progress() as bar:
         task = bar.add_task("train", total=1.0)
@@ -181,11 +181,11 @@ def _settings(
     return settings, before
 
 
-def _lessons(data: DataOptions, network: NetworkOptions, seed: int) -> LessonSettings:
+def _clip_settings(data: DataOptions, network: NetworkOptions, seed: int) -> ClipSettings:
     """Return what to learn from each recording."""
     from e3pose.learn.train.estimates import EstimateSettings
-    from e3pose.learn.train.lessons import LessonSettings as Settings
     from e3pose.learn.train.replayed import ReplayedSettings
+    from e3pose.learn.train.training_clips import ClipSettings as Settings
 
     start = None if network.start is None else _file(network.start)
     return Settings(
@@ -205,15 +205,15 @@ def _progress() -> Progress:
 
 
 def _with_progress(
-    wanted: LessonSettings, workers: Workers
+    wanted: ClipSettings, workers: Workers
 ) -> Callable[[Recording, int], list[Clip]]:
-    """Return what makes the lessons of a recording, and shows how far it is."""
-    from e3pose.learn.train.lessons import lessons
+    """Return what makes the training_clips of a recording, and shows how far it is."""
+    from e3pose.learn.train.training_clips import training_clips
 
     def motion(recording: Recording, shortest: int) -> list[Clip]:
         with _progress() as bar:
             task = bar.add_task(f"fuse {recording.name}", total=1.0)
-            return lessons(
+            return training_clips(
                 recording,
                 shortest,
                 wanted,

@@ -16,22 +16,22 @@ from numpy.typing import NDArray
 from e3pose.detectors import make_detector
 from e3pose.errors import InputError
 
-MEASURE_S = 1.5  # of looking, each of the two times
-LEAST_LOOKS = 3
+MEASURE_S = 1.5  # of detecting, each of the two times
+LEAST_DETECTIONS = 3
 LOAD_S = 300.0  # TensorRT builds its engine the first time
 DEFAULT_SIZE = (1280, 720)
 
 
 @dataclass(frozen=True, slots=True)
-class Looker:
-    """A process that looks at images, as a camera does.
+class Workload:
+    """A process that detects people in images, as a camera does.
 
     Attributes:
         detector: its name, or a network file.
         model: a network file in place of the cached one.
         provider: where it runs.
         threads: of the processor; None for all cores.
-        image_size: `(width, height)` in pixels of what it looks at.
+        image_size: `(width, height)` in pixels of its images.
     """
 
     detector: str
@@ -42,12 +42,12 @@ class Looker:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LookTimes:
-    """How long looks take.
+class DetectionTimes:
+    """How long detections take.
 
     Attributes:
-        alone_s: `(num_lookers,)` seconds a look while no other looks, the median.
-        together_s: `(num_lookers,)` seconds a look while all look at once, the median.
+        alone_s: `(num_workloads,)` seconds per detection, one process at a time; the median.
+        together_s: `(num_workloads,)` seconds per detection, all processes at once; the median.
     """
 
     alone_s: NDArray[np.float64]
@@ -55,40 +55,39 @@ class LookTimes:
 
     @property
     def rate(self) -> float:
-        """Looks a second of all processes together."""
+        """Detections per second of all processes together."""
         return float((1 / self.together_s).sum())
 
     def reach_fps(self, num_selected: float) -> float:
-        """Return how many slots a second are possible in which so many cameras look.
+        """Return how many slots per second are possible with so many active cameras.
 
-        A camera that is selected slot after slot must be done before the next, and all that look
-        share the machine.
+        A camera that is selected slot after slot must finish before the next one, and all active
+        cameras share the machine.
         """
         selected = max(min(num_selected, len(self.together_s)), 1e-3)
         return float(min(self.rate / selected, (1 / self.alone_s).min()))
 
 
-def time_looks(lookers: Sequence[Looker], seconds: float = MEASURE_S) -> LookTimes:
-    """Measure how long looks take, each in a process of its own.
+def time_detections(workloads: Sequence[Workload], seconds: float = MEASURE_S) -> DetectionTimes:
+    """Measure how long detections take, each in its own process.
 
-    Images of nothing but grey noise stand in for frames: what a network computes does not depend
-    on what it sees.
+    Images of grey noise stand in for frames: the work of a network does not depend on its input.
 
     Args:
-        lookers: who looks.
-        seconds: for how long, each of the two times.
+        workloads: the processes.
+        seconds: duration of each of the two measurements.
 
     Raises:
         InputError: when a network cannot be loaded.
     """
-    with _at_work(lookers) as pipes:
-        alone: dict[Looker, float] = {}
-        for looker, pipe in zip(lookers, pipes, strict=True):
-            if looker not in alone:
-                alone[looker] = _measured([pipe], seconds)[0]
-        same = len(lookers) == 1
+    with _at_work(workloads) as pipes:
+        alone: dict[Workload, float] = {}
+        for workload, pipe in zip(workloads, pipes, strict=True):
+            if workload not in alone:
+                alone[workload] = _measured([pipe], seconds)[0]
+        same = len(workloads) == 1
         together = list(alone.values()) if same else _measured(pipes, seconds)
-    return LookTimes(np.array([alone[looker] for looker in lookers]), np.array(together))
+    return DetectionTimes(np.array([alone[workload] for workload in workloads]), np.array(together))
 
 
 def _measured(pipes: Sequence[Connection], seconds: float) -> list[float]:
@@ -98,14 +97,14 @@ def _measured(pipes: Sequence[Connection], seconds: float) -> list[float]:
 
 
 @contextmanager
-def _at_work(lookers: Sequence[Looker]) -> Iterator[list[Connection]]:
+def _at_work(workloads: Sequence[Workload]) -> Iterator[list[Connection]]:
     """Yield a pipe to each process, whose network is loaded and tried."""
     context = multiprocessing.get_context("spawn")  # threads of ours would not survive a fork
     processes, pipes = [], []
     try:
-        for looker in lookers:
+        for workload in workloads:
             ours, theirs = context.Pipe()
-            process = context.Process(target=_look, args=(theirs, looker), daemon=True)
+            process = context.Process(target=_detect, args=(theirs, workload), daemon=True)
             process.start()
             theirs.close()  # so that the end of the process ends the pipe
             processes.append(process)
@@ -131,15 +130,17 @@ def _answer(pipe: Connection, timeout_s: float) -> float:
     return float(answer)
 
 
-def _look(pipe: Connection, looker: Looker) -> None:
+def _detect(pipe: Connection, workload: Workload) -> None:
     """Load a network, then detect for the seconds received, until the pipe ends."""
-    width, height = looker.image_size
+    width, height = workload.image_size
     grey = np.random.default_rng(0).integers(0, 256, (height, width, 1), dtype=np.uint8)
     image = np.repeat(grey, 3, axis=2)
     try:
-        detector = make_detector(looker.detector, looker.model, looker.provider, looker.threads)
+        detector = make_detector(
+            workload.detector, workload.model, workload.provider, workload.threads
+        )
         begun_s = time.perf_counter()
-        detector.detect(image)  # the first look is slow
+        detector.detect(image)  # the first detection is slow
         pipe.send(time.perf_counter() - begun_s)
     except (InputError, ImportError) as error:
         pipe.send(str(error))
@@ -151,7 +152,7 @@ def _look(pipe: Connection, looker: Looker) -> None:
             return
         took_s: list[float] = []
         end_s = time.perf_counter() + seconds
-        while len(took_s) < LEAST_LOOKS or time.perf_counter() < end_s:
+        while len(took_s) < LEAST_DETECTIONS or time.perf_counter() < end_s:
             begun_s = time.perf_counter()
             detector.detect(image)
             took_s.append(time.perf_counter() - begun_s)

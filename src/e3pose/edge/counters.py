@@ -57,25 +57,25 @@ class Counts:
     latency: Durations = field(default_factory=Durations)
     stepping: Durations = field(default_factory=Durations)
     _selected: deque[NDArray[np.bool_]] = field(init=False)
-    _looked: NDArray[np.int64] = field(init=False)
+    _active: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
         self.ordered = np.zeros(self.num_cameras, dtype=np.int64)
         self.missed = np.zeros(self.num_cameras, dtype=np.int64)
         self._selected = deque()
-        self._looked = np.zeros(self.num_cameras, dtype=np.int64)
+        self._active = np.zeros(self.num_cameras, dtype=np.int64)
 
-    def looked(self, selected: NDArray[np.bool_]) -> None:
+    def add_selection(self, selected: NDArray[np.bool_]) -> None:
         """Add the selection of a slot."""
         self._selected.append(selected)
         change = selected.astype(np.int64)
         if len(self._selected) > max(1, round(MINUTE_S / self.interval_s)):
             change = change - self._selected.popleft()
-        self._looked = self._looked + change  # replaced whole: another thread reads it
+        self._active = self._active + change  # replaced whole: another thread reads it
 
     def duty(self) -> NDArray[np.float64]:
         """Return `(num_cameras,)`: share of the last minute's slots in which each was active."""
-        return np.asarray(self._looked / max(len(self._selected), 1))
+        return np.asarray(self._active / max(len(self._selected), 1))
 
     def fps(self, now_ns: int) -> float:
         """Return slots per second since the first."""

@@ -28,7 +28,7 @@ class KnockWatch:
         self.rig = rig
         self.knock: Knock | None = None
         self._watch = Watch.begin(len(rig))
-        self._looked_s = dict.fromkeys(range(len(rig)), -np.inf)
+        self._observed_s = dict.fromkeys(range(len(rig)), -np.inf)
         self._observations: dict[int, list[Observation]] = {}  # since the last check
         self._ask_s = -np.inf
         self._answers: list[Knock | None] = [None] * ASKED
@@ -42,8 +42,8 @@ class KnockWatch:
         """
         now_s = record.time_s
         for index, view in views.items():
-            if now_s - self._looked_s[index] >= LOOK_S:
-                self._looked_s[index] = now_s
+            if now_s - self._observed_s[index] >= LOOK_S:
+                self._observed_s[index] = now_s
                 observation = Observation(now_s, view, record.poses, record.covariance_m2)
                 self._observations.setdefault(index, []).append(observation)
         if now_s - self._ask_s >= ASK_S:

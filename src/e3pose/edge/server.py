@@ -318,7 +318,7 @@ class EdgeServer:
         self.counts.views += len(used)
         self.counts.ordered += wanted
         self.counts.missed += wanted & ~record.arrived
-        self.counts.looked(record.selected)
+        self.counts.add_selection(record.selected)
         self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
         took_ns += self.publisher.publish_delayed(busy=self.load.level > 0)

@@ -30,7 +30,7 @@ class StateFile:
     run_ns: int
     problem: str = ""
     _found: Checkpoint | None = None
-    _looked: bool = False
+    _loaded: bool = False
 
     def keep(self, made: Checkpoint, pipeline: Pipeline) -> None:
         """Save a state; a full disk is no reason to stop."""
@@ -49,9 +49,9 @@ class StateFile:
 
     def take_up(self, pipeline: Pipeline) -> Checkpoint | None:
         """Return the saved state; None if there is none or it is unusable and was moved aside."""
-        if self._looked or self.path is None or not self.path.exists():
+        if self._loaded or self.path is None or not self.path.exists():
             return self._found
-        self._looked = True
+        self._loaded = True
         try:
             found = load_checkpoint(self.path, pipeline)
             self._try(self.path, found, pipeline)

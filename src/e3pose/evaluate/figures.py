@@ -69,7 +69,7 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Selected:
-    """Who looked; shares of the slots by camera."""
+    """Selection; shares of the slots by camera."""
 
     mean_cameras: float
     mean_views: float
@@ -167,7 +167,7 @@ class Summary:
         identities: how many were given.
         metrics: against the truth; None of its figures without one.
         expected: what the estimator said of itself.
-        selection: who looked; None without a slot, and so on.
+        selection: shares by camera; None without a slot, and so on.
         deficits: the virtual queues.
         energy: spent and saved.
         stage_ms: by stage, and `slot` for all of them.

@@ -18,7 +18,7 @@ MIN_JOINTS = 5
 
 
 def epipolar_distances_px(recording: Recording) -> Floats:
-    """Measure how far people lie from the epipolar lines of their likeliest partners.
+    """Measure how far people lie from the epipolar lines of their likeliest candidates.
 
     Returns:
         `(num_cameras, num_cameras)` pixels in the image of the row's camera: the median, over
@@ -102,9 +102,9 @@ def _fundamentals(rig: Rig) -> Floats:
     return F
 
 
-def _line_distances(pixels: Floats, partners: Floats, F: Floats) -> Floats:
-    """Return `(num_persons, num_partners)` mean pixels from joints to partners' lines."""
-    homogeneous = np.concatenate([partners, np.ones_like(partners[..., :1])], axis=-1)
+def _line_distances(pixels: Floats, candidates: Floats, F: Floats) -> Floats:
+    """Return `(num_persons, num_candidates)` mean pixels from joints to candidates' lines."""
+    homogeneous = np.concatenate([candidates, np.ones_like(candidates[..., :1])], axis=-1)
     lines = homogeneous @ F.T
     length = np.hypot(lines[..., 0], lines[..., 1])
     lines = lines / np.where(length > 0, length, np.nan)[..., None]

@@ -24,7 +24,7 @@ class LastView:
     """The last view of a camera.
 
     Attributes:
-        slot: when it last looked; -1 if never.
+        slot: when it was last active; -1 if never.
         boxes: `(num_persons, 4)` what it saw then, left, top, right, bottom in pixels.
         motion: `(num_persons, 4)` pixels a slot, from its two newest views; 0 for newcomers.
     """

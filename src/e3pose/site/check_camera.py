@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from e3pose.camera.orientation import Orientation
 from e3pose.camera.probe import probe
-from e3pose.detectors.timing import DEFAULT_SIZE, Looker, time_looks
+from e3pose.detectors.timing import DEFAULT_SIZE, Workload, time_detections
 from e3pose.errors import InputError
 from e3pose.quantities import three_digits
 from e3pose.runtime.clock import WallClock
@@ -77,14 +77,14 @@ def _network(node: NodeTable, size: tuple[int, int] | None) -> Iterator[Finding]
         return
     model = None if node.model is None else node.near(node.model)
     seen_size = Orientation.from_degrees(node.rotation).size(*(size or DEFAULT_SIZE))
-    looker = Looker(node.detector, model, node.provider, node.threads, seen_size)
+    workload = Workload(node.detector, model, node.provider, node.threads, seen_size)
     try:
-        look_s = float(time_looks([looker]).alone_s[0])
+        detect_s = float(time_detections([workload]).alone_s[0])
     except InputError as error:
         yield Finding("problem", "network", str(error))
         return
-    rate = three_digits(1 / look_s)
-    found = f"{node.detector}: {1000 * look_s:.0f} ms per detection, {rate} per second"
+    rate = three_digits(1 / detect_s)
+    found = f"{node.detector}: {1000 * detect_s:.0f} ms per detection, {rate} per second"
     yield Finding("ok", "network", f"{found}; the site's fps and deadline_ms must allow for it")
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.camera.orientation import Orientation
-from e3pose.detectors.timing import DEFAULT_SIZE, Looker, LookTimes, time_looks
+from e3pose.detectors.timing import DEFAULT_SIZE, DetectionTimes, Workload, time_detections
 from e3pose.files.atomic import atomic_file
 from e3pose.files.bounded import read_bytes
 from e3pose.geometry.camera import Rig
@@ -31,7 +31,7 @@ WAIT_S = 0.04  # of a view for its frame and its way to the edge, beyond the loo
 HOPELESS = 1.5  # times what is reached: a busy moment's measurement errs by less
 
 
-def lookers_of(site: SiteTable, rig: Rig) -> dict[str, Looker]:
+def workloads_of(site: SiteTable, rig: Rig) -> dict[str, Workload]:
     """Return the cameras whose networks `e3pose up` runs on this machine, and how."""
     found = {}
     sizes = dict(zip(rig.camera_ids, (c.image_size for c in rig.cameras), strict=True))
@@ -41,7 +41,7 @@ def lookers_of(site: SiteTable, rig: Rig) -> dict[str, Looker]:
             continue
         detector = detector_of(camera) or ""
         own = site.near(detector)
-        found[name] = Looker(
+        found[name] = Workload(
             str(own) if own.is_file() else detector,
             None if camera.model is None else site.near(camera.model),
             camera.provider,
@@ -53,7 +53,7 @@ def lookers_of(site: SiteTable, rig: Rig) -> dict[str, Looker]:
     return found
 
 
-def measure_looks(site: SiteTable, rig: Rig, again: bool = True) -> LookTimes | None:
+def measure_detections(site: SiteTable, rig: Rig, again: bool = True) -> DetectionTimes | None:
     """Return how long looks take on this machine; None where it runs no network.
 
     Args:
@@ -64,21 +64,21 @@ def measure_looks(site: SiteTable, rig: Rig, again: bool = True) -> LookTimes | 
     Raises:
         InputError: when a network cannot be loaded.
     """
-    lookers = lookers_of(site, rig)
-    if not lookers:
+    workloads = workloads_of(site, rig)
+    if not workloads:
         return None
-    kept, asked = site.near(KEPT), _asked(lookers)
+    kept, asked = site.near(KEPT), _asked(workloads)
     if not again and (known := _read(kept, asked)) is not None:
         return known
-    times = time_looks(list(lookers.values()))
-    keep_looks(kept, lookers, times)
+    times = time_detections(list(workloads.values()))
+    save_times(kept, workloads, times)
     return times
 
 
-def keep_looks(path: Path, lookers: dict[str, Looker], times: LookTimes) -> None:
+def save_times(path: Path, workloads: dict[str, Workload], times: DetectionTimes) -> None:
     """Write what was measured beside a site file."""
     table = {
-        "of": _asked(lookers),
+        "of": _asked(workloads),
         "alone_s": times.alone_s.tolist(),
         "together_s": times.together_s.tolist(),
     }
@@ -86,12 +86,12 @@ def keep_looks(path: Path, lookers: dict[str, Looker], times: LookTimes) -> None
         temporary.write_text(json.dumps(table, indent=1) + "\n")
 
 
-def _asked(lookers: dict[str, Looker]) -> list[str]:
+def _asked(workloads: dict[str, Workload]) -> list[str]:
     machine = f"{platform.node()}, {plural(len(os.sched_getaffinity(0)), 'core')}"
-    return [machine, *(f"{name} {asdict(looker)}" for name, looker in lookers.items())]
+    return [machine, *(f"{name} {asdict(workload)}" for name, workload in workloads.items())]
 
 
-def _read(path: Path, asked: list[str]) -> LookTimes | None:
+def _read(path: Path, asked: list[str]) -> DetectionTimes | None:
     try:
         table = json.loads(read_bytes(path, MAX_BYTES))
         if table["of"] != asked:
@@ -101,11 +101,13 @@ def _read(path: Path, asked: list[str]) -> LookTimes | None:
         return None
     fits = alone.shape == together.shape == (len(asked) - 1,)
     return (
-        LookTimes(alone, together) if fits and (alone > 0).all() and (together > 0).all() else None
+        DetectionTimes(alone, together)
+        if fits and (alone > 0).all() and (together > 0).all()
+        else None
     )
 
 
-def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Iterator[Finding]:
+def check_speed(site: SiteTable, times: DetectionTimes, num_selected: float) -> Iterator[Finding]:
     """Compare the deadline and the slots a second of a site with how long looks take here.
 
     Args:
@@ -143,12 +145,12 @@ def check_looks(site: SiteTable, times: LookTimes, num_selected: float) -> Itera
         )
 
 
-def hopeless(site: SiteTable, times: LookTimes, num_selected: float) -> list[Finding]:
+def hopeless(site: SiteTable, times: DetectionTimes, num_selected: float) -> list[Finding]:
     """Return what keeps a site from working at all, rather than well."""
-    return [f for f in check_looks(site, times, num_selected) if f.level == "problem"]
+    return [f for f in check_speed(site, times, num_selected) if f.level == "problem"]
 
 
-def with_time_for_all(site: SiteTable, times: LookTimes) -> SiteTable:
+def with_time_for_all(site: SiteTable, times: DetectionTimes) -> SiteTable:
     """Return a site slowed down so far that all its cameras can look in every slot.
 
     Films are played slower; cameras that film get longer slots.
@@ -161,13 +163,13 @@ def with_time_for_all(site: SiteTable, times: LookTimes) -> SiteTable:
     return replace(site, fps=max(reach, 0.1))
 
 
-def suggested_fps(times: LookTimes, num_selected: float) -> float:
+def suggested_fps(times: DetectionTimes, num_selected: float) -> float:
     """Return slots a second that a machine keeps up with, two digits of them, rounded down."""
     reach = SPARE * times.reach_fps(num_selected)
     unit = 10.0 ** (np.floor(np.log10(reach)) - 1)
     return max(float(np.floor(reach / unit) * unit), 0.1)
 
 
-def suggested_deadline_ms(times: LookTimes) -> int:
+def suggested_deadline_ms(times: DetectionTimes) -> int:
     """Return how long to wait for views of a slot in which all cameras look, in tens."""
     return int(np.ceil((1250 * times.together_s.max() + 1000 * WAIT_S) / 10) * 10)

@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from e3pose.camera.probe import Probe
-from e3pose.detectors.timing import LookTimes
+from e3pose.detectors.timing import DetectionTimes
 from e3pose.energy.profiles import load_profile
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder, check_free
@@ -24,10 +24,10 @@ from e3pose.settings.site_file import SITE_FILE, load_site
 from e3pose.settings.sources import place_of
 from e3pose.site.detector_speed import (
     KEPT,
-    keep_looks,
-    lookers_of,
+    save_times,
     suggested_deadline_ms,
     suggested_fps,
+    workloads_of,
 )
 from e3pose.site.example import free_port
 from e3pose.wire.topics import check_site
@@ -64,7 +64,7 @@ class Choice:
     provider: str
     threads: int
     num_selected: int
-    times: LookTimes | None
+    times: DetectionTimes | None
     rig: Rig | None = None
     fps: float | None = None
     pace: float | None = None
@@ -151,7 +151,7 @@ def write_site(folder: Path, choice: Choice) -> Path:
         site = load_site(path)  # what was written can be read
         if choice.times is not None:
             rig = choice.rig or _named(choice)
-            keep_looks(made / KEPT, lookers_of(site, rig), choice.times)
+            save_times(made / KEPT, workloads_of(site, rig), choice.times)
     return folder / SITE_FILE
 
 

@@ -18,7 +18,7 @@ from e3pose.learn.train.estimates import (
     estimated_clips,
     follow,
 )
-from e3pose.learn.train.lessons import LessonSettings, Target, free_stretches, lessons
+from e3pose.learn.train.training_clips import ClipSettings, Target, free_stretches, training_clips
 from e3pose.learn.train.windows import Clip, Corruption, Sampler
 from e3pose.predict.normalise import NUM_COMMON, common_columns, to_common
 from e3pose.recording import Recording, ViewSeries
@@ -137,31 +137,31 @@ def test_scored_slots_are_left_out_unless_asked_for() -> None:
     assert free_stretches(scored, True) == [(0, 40)]
     targets: tuple[Target, ...] = ("truth", "estimates")
     for target in targets:
-        settings = LessonSettings(target=target, estimates=replace(REFERENCE, combinations=2))
-        kept = lessons(scored, 5, settings, ALONE)
+        settings = ClipSettings(target=target, estimates=replace(REFERENCE, combinations=2))
+        kept = training_clips(scored, 5, settings, ALONE)
         assert kept and max(len(clip.joints_m) for clip in kept) <= 15
         assert not any(clip.scored for clip in kept)
-        all_of_it = lessons(scored, 5, replace(settings, include_scored=True), ALONE)
+        all_of_it = training_clips(scored, 5, replace(settings, include_scored=True), ALONE)
         assert max(len(clip.joints_m) for clip in all_of_it) > 15
         assert all(clip.scored for clip in all_of_it)
 
 
 def test_a_recording_scored_from_end_to_end_teaches_nothing() -> None:
     with pytest.raises(InputError, match=r"not scored.*--include-scored"):
-        lessons(replace(noisy(), scored_slots=(0, 40)), 5, LessonSettings(), ALONE)
+        training_clips(replace(noisy(), scored_slots=(0, 40)), 5, ClipSettings(), ALONE)
 
 
 def test_auto_takes_truth_where_there_is_some_to_learn() -> None:
-    settings = LessonSettings(estimates=replace(REFERENCE, combinations=2))
-    assert lessons(noisy(), 5, settings, ALONE)[0].errors_m is None
-    assert lessons(replace(noisy(), truth=None), 5, settings, ALONE)[0].errors_m is not None
+    settings = ClipSettings(estimates=replace(REFERENCE, combinations=2))
+    assert training_clips(noisy(), 5, settings, ALONE)[0].errors_m is None
+    assert training_clips(replace(noisy(), truth=None), 5, settings, ALONE)[0].errors_m is not None
 
 
 def test_one_camera_cannot_teach() -> None:
     nothing = ViewSeries.from_views([], [], [], 17)
     single = replace(noisy(), truth=None, views=(noisy().views[0], nothing, nothing, nothing))
     with pytest.raises(InputError, match="found those of 1 cameras"):
-        lessons(single, 5, LessonSettings(estimates=REFERENCE), ALONE)
+        training_clips(single, 5, ClipSettings(estimates=REFERENCE), ALONE)
 
 
 def gliding(errors_m: NDArray[np.float16] | None, slots: int = 60) -> Clip:
@@ -208,13 +208,13 @@ def test_held_out_ends_keep_their_estimates() -> None:
 
 
 def test_recordings_without_truth_are_gathered() -> None:
-    settings = LessonSettings(target="estimates", estimates=replace(REFERENCE, combinations=2))
+    settings = ClipSettings(target="estimates", estimates=replace(REFERENCE, combinations=2))
     learned, groups = gather(
         [noisy()],
         [replace(noisy(), name="another", truth=None)],
         0.2,
         15,
-        lambda recording, shortest: lessons(recording, shortest, settings, ALONE),
+        lambda recording, shortest: training_clips(recording, shortest, settings, ALONE),
     )
     assert all(clip.errors_m is not None for clip in learned)
     assert [name for name, _ in groups] == ["another"]

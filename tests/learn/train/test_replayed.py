@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.learn.train.clips import gather
-from e3pose.learn.train.lessons import LessonSettings, lessons
 from e3pose.learn.train.replayed import ReplayedSettings
+from e3pose.learn.train.training_clips import ClipSettings, training_clips
 from e3pose.learn.train.windows import Clip, Corruption, Sampler, between_frames
 from e3pose.predict.normalise import NUM_COMMON
 from e3pose.recording import Recording
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.slow
 
 Floats = NDArray[np.float64]
 SPAN = 20
-TWICE = LessonSettings(target="truth", replayed=ReplayedSettings(replays=2))
+TWICE = ClipSettings(target="truth", replayed=ReplayedSettings(replays=2))
 
 
 @pytest.fixture(scope="module")
@@ -35,13 +35,13 @@ def room() -> Recording:
 
 @pytest.fixture(scope="module")
 def replayed(room: Recording) -> list[Clip]:
-    return [clip for clip in lessons(room, SPAN, TWICE, Workers()) if clip.replayed]
+    return [clip for clip in training_clips(room, SPAN, TWICE, Workers()) if clip.replayed]
 
 
 def test_replays_come_beside_the_truth_and_are_off_as_a_filter_is(
     room: Recording, replayed: list[Clip]
 ) -> None:
-    everything = lessons(room, SPAN, TWICE, Workers())
+    everything = training_clips(room, SPAN, TWICE, Workers())
     assert 2 <= len(replayed) < len(everything)
     assert len({clip.fps for clip in replayed}) == 2  # every replay has its own rate
     for clip in replayed:
@@ -51,7 +51,7 @@ def test_replays_come_beside_the_truth_and_are_off_as_a_filter_is(
 
 
 def test_a_replay_is_the_same_whoever_makes_it(room: Recording, replayed: list[Clip]) -> None:
-    again = [clip for clip in lessons(room, SPAN, TWICE, Workers()) if clip.replayed]
+    again = [clip for clip in training_clips(room, SPAN, TWICE, Workers()) if clip.replayed]
     for one, other in zip(replayed, again, strict=True):
         np.testing.assert_array_equal(one.joints_m, other.joints_m)
         np.testing.assert_array_equal(one.errors_m, other.errors_m)
@@ -59,7 +59,7 @@ def test_a_replay_is_the_same_whoever_makes_it(room: Recording, replayed: list[C
 
 def test_scored_slots_are_not_learned_from(room: Recording) -> None:
     half = replace(room, scored_slots=(room.num_slots // 2, room.num_slots))
-    clips = [clip for clip in lessons(half, SPAN, TWICE, Workers()) if clip.replayed]
+    clips = [clip for clip in training_clips(half, SPAN, TWICE, Workers()) if clip.replayed]
     assert clips
     for clip in clips:
         assert len(clip.joints_m) / clip.fps < 0.5 * 4.0 * np.exp(0.2) + 0.1
@@ -68,13 +68,13 @@ def test_scored_slots_are_not_learned_from(room: Recording) -> None:
 def test_one_camera_is_too_few(room: Recording) -> None:
     alone = replace(room, rig=Rig(room.rig.cameras[:1]), views=room.views[:1])
     with pytest.raises(InputError, match="cameras: found 1, expected 2 or more"):
-        lessons(alone, SPAN, TWICE, Workers())
+        training_clips(alone, SPAN, TWICE, Workers())
 
 
 def test_half_of_the_windows_are_replayed(room: Recording) -> None:
     held_out = replace(room, name="held out")
     clips, groups = gather(
-        [room], [held_out], 0.0, SPAN, lambda r, n: lessons(r, n, TWICE, Workers())
+        [room], [held_out], 0.0, SPAN, lambda r, n: training_clips(r, n, TWICE, Workers())
     )
     drawn = [clip.weight * len(clip.joints_m) for clip in clips]
     replays = [d for d, clip in zip(drawn, clips, strict=True) if clip.replayed]

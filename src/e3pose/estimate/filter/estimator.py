@@ -130,7 +130,7 @@ class Filtered:
 
 
 def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
-    """Return `Remembered.history_m` of the people of a slot."""
+    """Return `FilterMemory.history_m` of the people of a slot."""
     if estimate.track_ids.tolist() == memory.track_ids.tolist():
         return np.concatenate([memory.history_m[1:], estimate.joints_m[None]])
     history = np.full((len(memory.history_m), *estimate.joints_m.shape), np.nan)

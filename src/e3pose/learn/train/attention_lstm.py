@@ -250,9 +250,9 @@ def train(
     return _finish(run, exams, training_clips, spared, out)
 
 
-def _draw(lesson: tuple[Sampler, TrainSettings], step: int) -> Windows:
+def _draw(source: tuple[Sampler, TrainSettings], step: int) -> Windows:
     """Return the windows of a step, whoever draws them."""
-    sampler, settings = lesson
+    sampler, settings = source
     rng = np.random.default_rng([settings.seed, step])
     return sampler.draw(rng, settings.batch, Corruption())
 

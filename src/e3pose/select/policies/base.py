@@ -27,7 +27,7 @@ class Situation:
         occlusion: `(num_cameras,)` paper eq. (4) of the people predicted in 3D for `slot`.
         own_occlusion: `(num_cameras,)` the same from each camera's own 2D motion vectors; NaN where
             it never looked, and for policies that do not ask (`PolicyRow.own_boxes`).
-        unseen_slots: `(num_cameras,)` slots since each camera last looked.
+        unseen_slots: `(num_cameras,)` slots since each camera was last active.
         visibility: `(num_cameras, num_tracks)` share of the predicted joints inside the image.
         deficit: `(num_cameras,)` the virtual queue: activity beyond the budget so far, in slots.
         budget: `(num_cameras,)` the paper's E_n: the share of slots a camera may be active.

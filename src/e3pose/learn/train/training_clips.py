@@ -1,4 +1,4 @@
-"""What a recording teaches: its truth or its estimates, without the slots that judge systems."""
+"""Motion to train on in a recording: its truth or its estimates, without evaluation slots."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ Stretch = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
-class LessonSettings:
-    """What to learn from recordings.
+class ClipSettings:
+    """Which motion of recordings to train on.
 
     Attributes:
         target: `truth`, `estimates` (what all cameras together see), or `auto`: the truth of
@@ -38,14 +38,14 @@ class LessonSettings:
     replayed: ReplayedSettings = field(default_factory=ReplayedSettings)
 
 
-def lessons(
+def training_clips(
     recording: Recording,
     shortest: int,
-    settings: LessonSettings,
+    settings: ClipSettings,
     workers: Workers,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[Clip]:
-    """Return the motion that a recording teaches.
+    """Return the motion of a recording to train on.
 
     Args:
         recording: with truth, or with detections of two cameras or more.
