@@ -46,7 +46,7 @@ def frequency_hz(text: str) -> float:
 
 
 def age_s(text: str) -> float:
-    """Read how long something is kept, such as 12h, 30d or 2w, in seconds."""
+    """Read a retention time such as 12h, 30d or 2w, in seconds."""
     return quantity(text, DURATIONS_S, "30d")
 
 

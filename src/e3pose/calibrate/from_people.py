@@ -269,7 +269,7 @@ def _finish(
     focal: Floats,
     progress: Progress,
 ) -> PeopleRig | None:
-    """Match people anew by the rig as it is, and adjust again."""
+    """Match people again with the current rig, and adjust again."""
     best: PeopleRig | None = None
     for number, tolerance in enumerate(FINE_SIGMAS):
         joints, people = _rematch(recording, noise, seen, rig, done, tolerance)

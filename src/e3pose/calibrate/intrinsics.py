@@ -30,7 +30,7 @@ CORNER_SIGMAS = 3.0  # of a corner's error, where its weight is halved
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Intrinsics:
-    """What the views of a board say of one camera.
+    """The lens of one camera, from views of a board.
 
     Attributes:
         camera: the camera, standing at the world's origin.

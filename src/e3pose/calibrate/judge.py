@@ -33,7 +33,7 @@ MOVED_DEG, MOVED_MM = 0.5, 50.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """What a recording says of a calibration.
+    """The judgement of a calibration by a recording.
 
     Attributes:
         errors_px: `(num_cameras,)` median reprojection error, each camera against the people that

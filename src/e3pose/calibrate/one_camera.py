@@ -31,7 +31,7 @@ MIN_INLIERS = 0.5  # of its keypoints, within three standard deviations
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OneCamera:
-    """A rig with one camera placed anew.
+    """A rig with one camera recalibrated.
 
     Attributes:
         rig: all cameras.

@@ -23,7 +23,7 @@ AGREE_SHARE = 0.2  # of the distance between the two cameras, likewise
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edge:
-    """What a pair of cameras says of itself.
+    """The relative pose of a pair of cameras.
 
     Attributes:
         T_first_second: `(4, 4)` second camera to first.

@@ -26,7 +26,7 @@ class LiveFrame:
     look: Callable[[], Any]
 
     def shared(self) -> LiveFrame:
-        """Return the same for several threads: it is converted once, for the first to look."""
+        """Return a frame for several threads, which converts its image once."""
         lock, seen = threading.Lock(), list[Any]()
 
         def look() -> Any:
@@ -39,7 +39,7 @@ class LiveFrame:
 
 
 class LiveSource(Protocol):
-    """Where frames come from, at their own pace."""
+    """A source of frames, at its own rate."""
 
     @property
     def fps(self) -> float:
@@ -51,16 +51,16 @@ class LiveSource(Protocol):
         ...
 
     def read(self) -> LiveFrame | None:
-        """Wait for the next frame, a second at most; None if none came, at the end for ever."""
+        """Return the next frame, waiting at most a second; None if there is none."""
         ...
 
     def close(self) -> None:
-        """Stop capturing and let go of the device; `open` may follow."""
+        """Stop capturing and release the device; `open` may follow."""
         ...
 
 
 class LiveDetector(Protocol):
-    """What finds people in what a frame shows; every `detectors.Detector` does."""
+    """Detects people in frames; every `detectors.Detector` does."""
 
     def detect(self, image: Any) -> Poses2D:
         """Return the people, pixels of that image."""

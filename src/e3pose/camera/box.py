@@ -9,7 +9,7 @@ Thing = TypeVar("Thing")
 
 
 class Box(Generic[Thing]):
-    """Hand things over; what is not taken in time is dropped and counted.
+    """A queue of one item: a newer one replaces it, and replaced ones are counted.
 
     Attributes:
         dropped: things that a newer one replaced.
@@ -22,7 +22,7 @@ class Box(Generic[Thing]):
         self._change = threading.Condition()
 
     def put(self, thing: Thing) -> None:
-        """Lay a thing in the box; one that lies there is dropped."""
+        """Put an item into the box, replacing one that was not taken."""
         with self._change:
             self.dropped += self._thing is not None
             self._thing = thing
@@ -37,7 +37,7 @@ class Box(Generic[Thing]):
             return None if self._closed else thing
 
     def close(self) -> None:
-        """Let whoever waits go."""
+        """Wake up all waiting threads."""
         with self._change:
             self._closed = True
             self._change.notify_all()

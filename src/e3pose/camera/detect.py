@@ -190,11 +190,11 @@ class _Run:
         self.before = self.done = self.resumed = 0
 
     def detect_each(self) -> dict[str, str]:
-        """Look at one video after the other; return what was damaged in each."""
+        """Detect in one video after the other; return the damage found in each."""
         return {camera_id: self._detect(camera_id) for camera_id in self.sources}
 
     def detect_together(self, rig: Rig) -> dict[str, str]:
-        """Go through all videos slot by slot, with feedback; return what was damaged in each."""
+        """Detect in all videos slot by slot, with feedback; return the damage found in each."""
         skeleton, reached = self.detector.skeleton, dict.fromkeys(self.sources, 0)
         room = Room(rig, skeleton, 1 / self.grid.fps, self.detector_name.partition(" ")[0])
 
@@ -217,7 +217,7 @@ class _Run:
         return {camera_id: self.work.damage(camera_id) or "" for camera_id in self.sources}
 
     def _detect(self, camera_id: str) -> str:
-        """Look at what is left of one video; return what was damaged in it."""
+        """Detect in the rest of one video; return the damage found in it."""
         source, offset_s = self.sources[camera_id], self.offsets_s.get(camera_id, 0.0)
         first = self.work.last_slot(camera_id, len(self.detector.skeleton)) + 1
         self.resumed += first
@@ -248,7 +248,7 @@ class _Run:
 
 
 def _expected(settings: DetectSettings, sources: Mapping[str, Source], grid: SlotGrid) -> list[int]:
-    """Return how many slots each camera's video reaches, as far as its header tells."""
+    """Return the number of slots of each camera's video, by its header."""
     return [
         grid.last_slot((source.num_frames - 1) / source.rate, settings.offsets_s.get(camera_id, 0))
         + 1

@@ -81,7 +81,7 @@ def make_source(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
-    """Frames that begin again after their end.
+    """Frames that repeat after their end.
 
     Attributes:
         fps: frames a second.

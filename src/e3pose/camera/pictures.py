@@ -23,7 +23,7 @@ ASKED_NS = 2_000_000_000  # images are held for so long after a question
 
 
 class Pictures:
-    """Holds the newest image while somebody asks for pictures; any thread may call.
+    """Holds the newest image while pictures are requested; thread-safe.
 
     Attributes:
         watts: what the device drew last, for the energy of making a picture.
@@ -46,7 +46,7 @@ class Pictures:
         self._lock = threading.Lock()
 
     def offer(self, image: Any, slot: int) -> None:
-        """Take the image of a slot, if somebody asked a moment ago; else let go of the last.
+        """Keep the image of a slot if pictures were requested recently; else drop the last one.
 
         Args:
             image: `(height, width, 3)` RGB; what a simulated source shows is no image.
@@ -58,7 +58,7 @@ class Pictures:
         self._image = (image, slot) if wanted and shown else None
 
     def answer(self, _topic: str, _payload: bytes) -> bytes | None:
-        """Answer a question for a picture; None while there is none."""
+        """Answer a request for a picture; None while there is none."""
         with self._lock:
             now_ns = self._asked_ns = self._clock.now_ns()
             newest = self._image

@@ -21,7 +21,7 @@ VIDEO4LINUX = Path("/sys/class/video4linux")
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """What one frame of a source tells.
+    """Properties of a source, from one frame.
 
     Attributes:
         source: its name.
@@ -39,7 +39,7 @@ class Probe:
 def probe(
     source: str, camera_id: str = "", fps: float | None = None, timeout_s: float = FRAME_S
 ) -> Probe:
-    """Open a source, look at its first frame and close it.
+    """Open a source, read its first frame and close it.
 
     Args:
         source: see `camera.live_source`.

@@ -60,7 +60,7 @@ def load_video_starts(folder: Path) -> dict[str, float]:
 
 
 def load_provenance(folder: Path) -> Provenance:
-    """Return how the recording in `folder` was detected; nothing where nothing says so.
+    """Return how the recording in `folder` was detected; empty if unknown.
 
     Raises:
         InputError: when the file is there but broken.

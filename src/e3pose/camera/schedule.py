@@ -39,11 +39,11 @@ class Schedule:
     late: int = 0
 
     def is_active(self, slot: int) -> bool:
-        """Return whether to look in a slot; without an order, not."""
+        """Return whether a slot is active; False without an order."""
         return self.active.get(slot, False)
 
     def next_active_ns(self, now_edge_ns: int) -> int | None:
-        """Return when the next slot in which to look begins, now at the earliest; None if unknown.
+        """Return the start of the next active slot, not before now; None if unknown.
 
         Args:
             now_edge_ns: the edge's time.
@@ -56,7 +56,7 @@ class Schedule:
 
 
 def take_order(schedule: Schedule, order: Order, now_edge_ns: int) -> Schedule:
-    """Return the schedule after an order came.
+    """Return the schedule after an order.
 
     An order of a newer edge forgets those of the one before. An order that comes after its slot
     began is counted and ignored: what the edge expects of that slot is decided already.

@@ -17,7 +17,7 @@ BEGAN, PACE = "began", "pace"  # of a session's recording, in its `detection.tom
 def note_session(
     recording: Path, began_ns: int, pace: float, rotations: Mapping[str, int] | None = None
 ) -> None:
-    """Write down when slot 0 of a recording was, so that videos can be put to it later.
+    """Save the time of slot 0 of a recording, so that videos can be attached later.
 
     Args:
         recording: its folder.

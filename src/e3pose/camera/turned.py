@@ -18,7 +18,7 @@ from e3pose.model.pose import Poses2D
 
 
 def turned(detector: Detector, degrees: int) -> Detector:
-    """Return a detector that looks at turned images, with the feedback that it can use.
+    """Return a detector for rotated images, with the feedback that it can use.
 
     Args:
         detector: finds people who are upright.
@@ -55,7 +55,7 @@ class Turned:
 
 
 class TurnedFocusing(Turned):
-    """The same of a detector that can look at a part of an image."""
+    """The same for a detector that can detect in a part of an image."""
 
     def __init__(self, detector: Focusing, orientation: Orientation) -> None:
         super().__init__(detector, orientation)  # type: ignore[arg-type]

@@ -22,7 +22,7 @@ TAIL_BYTES = 2**16
 
 
 class State(msgspec.Struct, forbid_unknown_fields=True):
-    """What an unfinished detection was asked for, and what was damaged in the finished videos."""
+    """Settings of an unfinished detection, and damage in its finished videos."""
 
     format: Literal["e3pose-unfinished-detection"]
     version: Literal[1]

@@ -101,7 +101,7 @@ class VideoRecorder:
     def offer(
         self, frame: LiveFrame, edge_ns: int, session: int, slot: int, times: SlotTimes
     ) -> None:
-        """Take the frame of a slot; it is lost where there is no room.
+        """Queue the frame of a slot; it is dropped if the queue is full.
 
         Args:
             frame: what was captured.
@@ -120,7 +120,7 @@ class VideoRecorder:
             self._change.notify()
 
     def close(self) -> None:
-        """Write what was taken and finish the video."""
+        """Write the queued frames and finish the video."""
         with self._change:
             self._closed = True
             self._change.notify()
@@ -141,7 +141,7 @@ class VideoRecorder:
             return self._frames.popleft() if self._frames else None
 
     def _write(self, taken: _Taken) -> bool:
-        """Write a frame; return whether that went well. Tells of trouble when it comes and goes."""
+        """Write a frame; return whether it succeeded. Reports when problems begin and end."""
         done = self._try(lambda: self._put(taken))
         if done and self._problem:
             self._report("recording video again")

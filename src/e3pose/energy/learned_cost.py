@@ -29,7 +29,7 @@ MIN_SPAN_S, MAX_SPAN_S = 0.05, 120.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LearnedCost:
-    """What is known of a camera's power.
+    """The learned power of a camera.
 
     Attributes:
         watts: `(2,)` when active and when idle.
@@ -75,7 +75,7 @@ def unlearned(profile: DeviceProfile, idle_mode: Mode = "power-saving") -> Learn
 
 
 def learn(cost: LearnedCost, energy_j: float, active_s: float, idle_s: float) -> LearnedCost:
-    """Take in one stretch of time, such as that between two heartbeats.
+    """Return the learned cost after one interval, such as between two heartbeats.
 
     Args:
         cost: what was known before.

@@ -71,7 +71,7 @@ class Beat(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraEnergy:
-    """What is known of one camera's energy.
+    """The energy of one camera.
 
     Attributes:
         cost: what was learned of its power.
@@ -124,7 +124,7 @@ def new_camera(profile: DeviceProfile, idle_mode: Mode = "power-saving") -> Came
 
 
 def observe(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
-    """Take in a heartbeat: what was measured since the one before, and the battery.
+    """Return a camera after a heartbeat: energy since the previous one, and the battery.
 
     A camera that was restarted counts from nothing again; its two first heartbeats say nothing of
     its power. Modelled energy teaches nothing: it is what the profile said in the first place.
@@ -171,7 +171,7 @@ def estimate_energy(
     now_s: float,
     num_selected: float,
 ) -> EnergyEstimate:
-    """Return budgets and costs for the slots to come; to be asked again every minute.
+    """Return budgets and costs for the next slots; call it every minute.
 
     Args:
         cameras: `(num_cameras,)` what is known of them.

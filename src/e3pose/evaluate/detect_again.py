@@ -1,4 +1,4 @@
-"""Detect anew in the videos of a recording, with semantic feedback."""
+"""Detect again in the videos of a recording, with semantic feedback."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def open_pixels(
     threads: int | None = None,
     feedback: bool = False,
 ) -> PixelViews:
-    """Return what looks at the videos of a stored recording.
+    """Return the detector of the videos of a stored recording.
 
     Args:
         recording: with videos.

@@ -74,7 +74,7 @@ def places_of(take: Take, dest: Path, format_name: str) -> list[tuple[Take, Path
 def export(
     take: Take, dest: Path, format_name: str, settings: ExportSettings | None = None
 ) -> Iterator[tuple[Path, str]]:
-    """Write a take and yield each file or folder with what a person should know of it.
+    """Write a take; yield each file or folder with a note about it.
 
     Args:
         take: of one person at least.

@@ -43,7 +43,7 @@ class Writer(Protocol):
     """Write a take."""
 
     def __call__(self, take: Take, dest: Path, settings: ExportSettings) -> str:
-        """Write to `dest` and return what a person should know of it, one line or nothing."""
+        """Write to `dest` and return a note about it, one line or empty."""
         ...
 
 

@@ -19,7 +19,7 @@ LEAST_RESIDUAL_M = 1e-5  # of a measured point: 0 would say that it was not
 
 
 def write_c3d(take: Take, dest: Path, settings: ExportSettings) -> str:
-    """Write everybody of a take; frame 1 is the first of the take."""
+    """Write all people of a take; frame 1 is the first of the take."""
     import ezc3d
 
     units = settings.units or "mm"

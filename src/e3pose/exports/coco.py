@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def write_coco(take: Take, dest: Path, settings: ExportSettings) -> str:
-    """Write everybody of a take as each camera would see them.
+    """Write all people of a take, projected into each camera.
 
     Raises:
         InputError: without cameras.

@@ -42,7 +42,7 @@ TRIANGLES = np.array(
 
 
 def write_gltf(take: Take, dest: Path, settings: ExportSettings) -> str:
-    """Write everybody of a take; time 0 is the first frame of the take."""
+    """Write all people of a take; time 0 is the first frame of the take."""
     scene = _Scene()
     people = []
     first = take.span[0]

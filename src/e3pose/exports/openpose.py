@@ -27,7 +27,7 @@ PARTS = ("pose", "face", "hand_left", "hand_right")
 
 
 def write_openpose(take: Take, dest: Path, settings: ExportSettings) -> str:
-    """Write everybody of a take into a new folder; file numbers are slots."""
+    """Write all people of a take into a new folder; file numbers are slots."""
     found = frames(take, BODY25)
     with atomic_folder(dest, private=True) as folder:
         cameras = () if settings.rig is None else settings.rig.cameras

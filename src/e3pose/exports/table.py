@@ -18,7 +18,7 @@ DECIMALS_M, DECIMALS_DEG = 5, 2
 
 
 def write_csv(take: Take, dest: Path, settings: ExportSettings) -> str:
-    """Write everybody of a take, person after person; missing is an empty cell."""
+    """Write all people of a take, person after person; missing is an empty cell."""
     rows = write_tables(_tables(take, settings), dest, "csv")
     return f"{rows} rows, metres, z up"
 

@@ -55,7 +55,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Take:
-    """Everybody over a stretch of time.
+    """The motion of all people over a range of slots.
 
     Attributes:
         name: what a person calls it.
@@ -84,7 +84,7 @@ class Take:
         return min(m.first for m in self.motions), max(m.first + len(m) for m in self.motions)
 
     def dense(self) -> tuple[Floats, tuple[int, ...], int]:
-        """Return everybody in one array.
+        """Return all people in one array.
 
         Returns:
             `(num_slots, num_tracks, num_joints, 3)` world metres, NaN where missing; the track ids

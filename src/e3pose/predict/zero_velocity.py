@@ -1,4 +1,4 @@
-"""The simplest baseline: everybody stays as they are."""
+"""The simplest baseline: all joints stay in place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How an edge joins the network of its site, and whom it lets in while it runs."""
+"""How an edge joins the network of its site, and which programs it admits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from e3pose.wire.transport import Transport
 
 
 def edge_link(site: SiteTable) -> tuple[Link, Roll | None]:
-    """Return how the edge of a site joins, and who may join it.
+    """Return the link of a site's edge, and the programs that may join.
 
     Raises:
         InputError: for an endpoint that is not safe, or certificates that cannot be used.
@@ -47,7 +47,7 @@ def join_as_edge(link: Link, roll: Roll | None) -> Transport:
 
 @dataclass(slots=True, eq=False)
 class Admission:
-    """Lets in who was added and shuts out who was revoked, while the edge runs.
+    """Applies added and revoked certificates while the edge runs.
 
     Attributes:
         site: its file.
@@ -67,7 +67,7 @@ class Admission:
         self._seen = self._look()
 
     def look(self) -> None:
-        """Join anew if the list of certificates is another one than at the last look."""
+        """Rejoin if the list of certificates changed since the last call."""
         seen = self._look()
         if seen == self._seen:
             return

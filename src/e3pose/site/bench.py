@@ -21,7 +21,7 @@ LEAST_LOOKS = 3
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What a look costs.
+    """The cost of a detection.
 
     Attributes:
         name: of the network.

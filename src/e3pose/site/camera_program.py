@@ -49,7 +49,7 @@ def camera_link(node: NodeTable) -> Link:
 
 
 def open_charge_file(node: NodeTable, report: Callable[[str], None]) -> ChargeFile | None:
-    """Return what is left in a camera's battery; None on mains.
+    """Return the charge file of a camera's battery; None on mains.
 
     Args:
         node: its configuration; the charge is saved beside its file, unless it names another.
@@ -85,7 +85,7 @@ class EdgeWatch:
     _reported: bool = False
 
     def look(self, there: bool, now_s: float) -> None:
-        """Tell of a change since the last look, and once of an edge that does not come."""
+        """Report changes since the last call, and once that the edge does not answer."""
         if self._since_s is None:
             self._since_s = now_s
         if there != self._there:
@@ -104,7 +104,7 @@ class Camera:
     """
 
     def __init__(self, node: CameraNode, watch: EdgeWatch, clock: Clock, stack: ExitStack) -> None:
-        """Take over a camera that was started, and what is to be closed after it."""
+        """Own a started camera, and the resources to close after it."""
         self.node, self._watch, self._clock, self._stack = node, watch, clock, stack
 
     def __enter__(self) -> Camera:
@@ -116,7 +116,7 @@ class Camera:
         self.close()
 
     def running(self) -> bool:
-        """Return whether it still works; tells of an edge that comes or goes."""
+        """Return whether it is running; reports an edge that connects or disconnects."""
         self._watch.look(self.node.edge_there, self._clock.now_ns() / 1e9)
         return self.node.running()
 
@@ -233,7 +233,7 @@ def make_camera(
 
 
 def _recorder(node: NodeTable, report: Callable[[str], Any]) -> VideoRecorder | None:
-    """Return what records the camera's videos; None if nobody asked.
+    """Return the recorder of the camera's videos; None if none is configured.
 
     A second of encoding is charged what a second of looking draws beyond idling. That is too much
     rather than too little: the network keeps more of the device busy than one thread can.

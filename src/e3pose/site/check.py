@@ -39,7 +39,7 @@ Level = Literal["ok", "warning", "problem"]
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes:
         level: how it is.
@@ -55,7 +55,7 @@ class Finding:
 
 
 def uncalibrated(site: SiteTable) -> Finding:
-    """Return what is found of a site of which nobody knows where its cameras stand."""
+    """Return the finding of a site without camera positions."""
     file = site.near(site.calibration)
     found = f"{file} has lenses, but no places" if file.exists() else f"{file} is missing"
     return Finding("problem", "calibration", found, calibrate_advice(site))
@@ -269,7 +269,7 @@ def check_store(file: Path) -> Iterator[Finding]:
 
 
 def check_server(url: str) -> Finding:
-    """Look whether a database server takes connections, and whether what it holds is ours."""
+    """Check that a database server accepts connections and holds a store."""
     from e3pose.store.database import check_reachable
 
     try:
@@ -280,7 +280,7 @@ def check_server(url: str) -> Finding:
 
 
 def check_clock() -> Finding:
-    """Look at whether something keeps this machine's clock right."""
+    """Check whether this machine's clock is synchronised."""
     advice = "install chrony; for microseconds use PTP (linuxptp)"
     if shutil.which("chronyc"):
         answer = _ask("chronyc", "-c", "tracking").split(",")
@@ -297,7 +297,7 @@ def check_clock() -> Finding:
 
 
 def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
-    """Look at the running edge and its cameras, if there is one.
+    """Check the running edge and its cameras, if there is one.
 
     Args:
         status: what it says; None if it does not answer.

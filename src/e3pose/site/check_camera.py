@@ -31,7 +31,7 @@ SLOW_TRIP_MS = 100.0
 
 
 def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
-    """Look at what a camera needs on its own machine.
+    """Check the requirements of a camera on its own machine.
 
     Args:
         node: its file.

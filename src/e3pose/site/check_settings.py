@@ -55,7 +55,7 @@ def check_feedback(live: LiveSite) -> Iterator[Finding]:
 
 
 def _own_uses_feedback(detector: str) -> bool:
-    """Return whether one's own detector uses feedback; True where only running it would tell."""
+    """Return whether a user-defined detector uses feedback; True if that is unknown."""
     try:
         found = member(GROUP, "detector", detector, DETECTORS)
     except InputError:
@@ -113,7 +113,7 @@ def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
 
 
 def _starved(live: LiveSite, index: int, budget: Budget, active_w: float, idle_w: float) -> Finding:
-    """Return the problem of a camera whose budget pays for no look."""
+    """Return the problem of a camera whose budget pays for no detection."""
     name, camera = list(live.cameras.items())[index]
     profile = live.plan.profiles[index]
     wanted_w = budget.value / (live.interval_s if budget.kind == "joules" else 1.0)

@@ -52,7 +52,7 @@ def _recording(camera: CameraTable) -> Iterator[Finding]:
 
 
 def _source(site: SiteTable, camera: CameraTable, source: str) -> Iterator[Finding]:
-    """Check whether a source is there, as far as that can be seen without opening it."""
+    """Check whether a source exists, without opening it."""
     what, place = f"camera {camera.id}", place_of(source)
     path = None if place is None else site.near(place)
     if path is not None and not path.exists():
@@ -83,7 +83,7 @@ def _network(site: SiteTable, camera: CameraTable) -> Iterator[Finding]:
 
 
 def _broken(path: Path) -> str:
-    """Return what keeps a film from being played; empty if nothing."""
+    """Return why a video cannot be played; empty if it can."""
     from e3pose.camera.source import open_video
 
     if path.is_dir():

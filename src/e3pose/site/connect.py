@@ -153,7 +153,7 @@ class Connection:
                     pass
 
     def __iter__(self) -> Iterator[LiveSlot]:
-        """Yield slots as they come, in order, until the connection is closed.
+        """Yield slots in order as they arrive, until the connection is closed.
 
         Raises:
             InputError: when none comes for `wait_s` seconds.
@@ -216,7 +216,7 @@ class Connection:
         return take_of_slots(slots, spans[0] / max(spans[1], 1) / 1e9, self.site)
 
     def close(self) -> None:
-        """Leave the site; whoever waits for a slot gets None."""
+        """Leave the site; waiting calls return None."""
         self._transport.close()
         while True:
             try:
@@ -271,7 +271,7 @@ def connect(
 
 
 def certified_site(authority: Path) -> str:
-    """Return the site whose authority a certificate is of.
+    """Return the site whose authority signed a certificate.
 
     Raises:
         InputError: when the certificate does not say it in full.

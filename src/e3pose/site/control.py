@@ -29,7 +29,7 @@ class SiteControls:
     """What operators asked of an edge; see `edge.consumers.Controls`."""
 
     def __init__(self, live: LiveSite, ledger: EnergyLedger) -> None:
-        """Begin as the site file says.
+        """Start with the settings of the site file.
 
         Args:
             live: the site.
@@ -48,7 +48,7 @@ class SiteControls:
         return self._paused
 
     def answer(self, payload: bytes) -> bytes:
-        """Do what a `Control` asks for, or say why not; on a thread of the transport."""
+        """Apply a `Control`, or answer why not; on a thread of the transport."""
         try:
             said = self.take(decode(payload, Control, "control"))
         except InputError as error:
@@ -56,7 +56,7 @@ class SiteControls:
         return encode(Controlled(said=one_line(said)))
 
     def take(self, control: Control) -> str:
-        """Do what is asked for, all of it or nothing; return what that is, in words.
+        """Apply a request, all of it or nothing; return a message about it.
 
         Raises:
             InputError: naming what cannot be had.

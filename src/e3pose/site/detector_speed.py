@@ -54,7 +54,7 @@ def workloads_of(site: SiteTable, rig: Rig) -> dict[str, Workload]:
 
 
 def measure_detections(site: SiteTable, rig: Rig, again: bool = True) -> DetectionTimes | None:
-    """Return how long looks take on this machine; None where it runs no network.
+    """Return how long detections take on this machine; None if it runs no network.
 
     Args:
         site: its file, beside which the times are kept.
@@ -76,7 +76,7 @@ def measure_detections(site: SiteTable, rig: Rig, again: bool = True) -> Detecti
 
 
 def save_times(path: Path, workloads: dict[str, Workload], times: DetectionTimes) -> None:
-    """Write what was measured beside a site file."""
+    """Save measured times beside a site file."""
     table = {
         "of": _asked(workloads),
         "alone_s": times.alone_s.tolist(),
@@ -108,7 +108,7 @@ def _read(path: Path, asked: list[str]) -> DetectionTimes | None:
 
 
 def check_speed(site: SiteTable, times: DetectionTimes, num_selected: float) -> Iterator[Finding]:
-    """Compare the deadline and the slots a second of a site with how long looks take here.
+    """Compare deadline and slot rate of a site with the time of detections here.
 
     Args:
         site: its file.
@@ -146,12 +146,12 @@ def check_speed(site: SiteTable, times: DetectionTimes, num_selected: float) -> 
 
 
 def hopeless(site: SiteTable, times: DetectionTimes, num_selected: float) -> list[Finding]:
-    """Return what keeps a site from working at all, rather than well."""
+    """Return the findings with which a site cannot work at all."""
     return [f for f in check_speed(site, times, num_selected) if f.level == "problem"]
 
 
 def with_time_for_all(site: SiteTable, times: DetectionTimes) -> SiteTable:
-    """Return a site slowed down so far that all its cameras can look in every slot.
+    """Return a site slowed down until all its cameras can detect in every slot.
 
     Films are played slower; cameras that film get longer slots.
     """
@@ -164,12 +164,12 @@ def with_time_for_all(site: SiteTable, times: DetectionTimes) -> SiteTable:
 
 
 def suggested_fps(times: DetectionTimes, num_selected: float) -> float:
-    """Return slots a second that a machine keeps up with, two digits of them, rounded down."""
+    """Return the slot rate that a machine sustains, rounded down to two digits."""
     reach = SPARE * times.reach_fps(num_selected)
     unit = 10.0 ** (np.floor(np.log10(reach)) - 1)
     return max(float(np.floor(reach / unit) * unit), 0.1)
 
 
 def suggested_deadline_ms(times: DetectionTimes) -> int:
-    """Return how long to wait for views of a slot in which all cameras look, in tens."""
+    """Return a deadline for slots in which all cameras are active, in steps of 10 ms."""
     return int(np.ceil((1250 * times.together_s.max() + 1000 * WAIT_S) / 10) * 10)

@@ -56,7 +56,7 @@ class Edge:
     """
 
     def __init__(self, server: EdgeServer, admission: Admission, stack: ExitStack) -> None:
-        """Take over a server that was started, and what is to be closed after it."""
+        """Own a started server, and the resources to close after it."""
         self.site, self.server = admission.site, server
         self._admission, self._stack = admission, stack
 
@@ -73,7 +73,7 @@ class Edge:
         return self.server.status()
 
     def running(self) -> bool:
-        """Return whether it still works; looks who is let in, so ask a few times a second."""
+        """Return whether it is running; also applies new certificates, so call it often."""
         self._admission.look()
         return self.server.running()
 
@@ -91,7 +91,7 @@ class Edge:
             raise self.server.threads.failure
 
     def close(self) -> None:
-        """End after the slot in work, keep the state, leave the site."""
+        """Finish the current slot, save the state, leave the site."""
         self._stack.close()
 
 
@@ -136,7 +136,7 @@ def open_edge(
 
 
 def check_edge(site: SiteTable) -> LiveSite:
-    """Return a site with its rig after a look at all that would keep its edge from starting.
+    """Return a site with its rig, after checking what its edge needs to start.
 
     Raises:
         InputError: for what is wrong in the file or in its places.
@@ -260,7 +260,7 @@ def make_edge(
 def open_store(
     live: LiveSite, started_ns: int, event_log: EventLog, stack: ExitStack
 ) -> StoreWriter | None:
-    """Return who keeps every slot of a site; None if nobody is to.
+    """Return the store of a site; None if none is configured.
 
     Args:
         live: the site.
@@ -295,7 +295,7 @@ def open_store(
 
 
 def open_recorder(live: LiveSite, event_log: EventLog, stack: ExitStack) -> Recorder | None:
-    """Return what keeps the views of a site as recordings; None if nobody asked.
+    """Return the recorder of a site; None if none is configured.
 
     Args:
         live: the site.

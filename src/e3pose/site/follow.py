@@ -43,7 +43,7 @@ class Follower:
         on_poses: Callable[[Poses], object] | None = None,
         on_status: Callable[[Status], object] | None = None,
     ) -> None:
-        """Follow from now on; what is given is called on a thread of the transport."""
+        """Start to follow; the callbacks run on a thread of the transport."""
 
         def take_status(_topic: str, payload: bytes) -> None:
             try:
@@ -69,7 +69,7 @@ class Follower:
 
 
 def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) -> Link:
-    """Return how a program that looks joins a site.
+    """Return the link of a viewer to a site.
 
     Args:
         site: its file.

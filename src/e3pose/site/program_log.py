@@ -13,12 +13,12 @@ class Log(Protocol):
         ...
 
     def warning(self, event: str, **fields: Any) -> Any:
-        """Take a line that somebody should act on."""
+        """Log a line that needs action."""
         ...
 
 
 class Unheard:
-    """Takes lines and shows them to nobody."""
+    """Discards log lines."""
 
     def info(self, event: str, **fields: Any) -> None:
         """Take a line."""

@@ -14,7 +14,7 @@ from e3pose.wire.transport import Transport
 
 
 def router_link(folder: Path, endpoint: str, edge: str) -> tuple[Link, Roll]:
-    """Return how a router joins, and who may join it.
+    """Return the link of a router, and the programs that may join.
 
     Args:
         folder: that `e3pose keys add NAME --router` made.
@@ -37,7 +37,7 @@ def router_link(folder: Path, endpoint: str, edge: str) -> tuple[Link, Roll]:
 
 @dataclass(slots=True, eq=False)
 class Router:
-    """Joins the site, and joins anew when the list of certificates is another one.
+    """Joins the site, and rejoins when the list of certificates changes.
 
     Attributes:
         folder: see `router_link`.

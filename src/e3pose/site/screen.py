@@ -171,7 +171,7 @@ def _row(camera: CameraStatus, bars: bool) -> list[Text]:
 
 
 def _remark(camera: CameraStatus) -> str:
-    """Return why a camera is excluded, or what is odd about it; empty if nothing."""
+    """Return why a camera is excluded or impaired; empty if neither."""
     if camera.turned_deg is not None and not camera.why:
         return moved_words(_within(camera.turned_deg, 180.0), camera.camera_id)
     shift_px = _within(camera.shift_px or 0.0, 999.0)

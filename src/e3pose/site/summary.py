@@ -29,7 +29,7 @@ def edge_summary(status: Status, slots: int, views: int) -> list[str]:
 def camera_summary(
     camera_id: str, done: CameraCounts, orders: int, late: int, problem: str = ""
 ) -> str:
-    """Return what a camera did.
+    """Return the summary of a camera.
 
     Args:
         camera_id: who.

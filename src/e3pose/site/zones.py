@@ -32,7 +32,7 @@ class Stay:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """The people of a slot, as far as zones are concerned; see `LiveSlot`."""
+    """The people of a slot, as zones need them; see `LiveSlot`."""
 
     slot: int
     time_ns: int
@@ -59,7 +59,7 @@ class Zones:
 
 
 def advance(zones: Zones, slot: LiveSlot | Seen) -> tuple[Zones, list[ZoneEvent]]:
-    """Take in a slot; return who is where now and what happened.
+    """Return the zones after a slot, and its events.
 
     Args:
         zones: who was where.

@@ -120,7 +120,7 @@ def reading(store: str | Path, engines: dict[str, Engine] | None = None) -> Iter
 
 
 def check_place(url: str) -> None:
-    """Raise `InputError` if a store cannot be at a place, as far as a look can tell."""
+    """Raise `InputError` if a store cannot be created or opened at a place."""
     path = database_path(url)
     if path is None:
         _engine(url, read_only=False).dispose()
@@ -136,7 +136,7 @@ def check_place(url: str) -> None:
 
 
 def check_reachable(url: str) -> str:
-    """Return what a database server holds, in words.
+    """Return a description of a database server's contents.
 
     Raises:
         InputError: when it cannot be reached, or holds something else.
@@ -183,7 +183,7 @@ def open_checked(url: str) -> list[tuple[str, str]]:
 
 
 def set_aside(path: Path, reason: str) -> str:
-    """Rename a damaged database and its log, so that somebody can look at it; say where it is."""
+    """Rename a damaged database and its log for inspection; return the new path."""
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     new = path.with_name(f"{path.name}.corrupt-{stamp}")
     number = 1
@@ -198,14 +198,14 @@ def set_aside(path: Path, reason: str) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """Return one line of what a database or the disk under it said."""
+    """Return an error of a database or its disk in one line."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror.lower()
     return " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
 
 
 def is_damage(error: Exception) -> bool:
-    """Tell a file whose content is wrong from a disk or a lock that does not let us write."""
+    """Return whether an error means damaged content, not a full disk or a lock."""
     said = error.orig if isinstance(error, DBAPIError) else error
     if isinstance(said, UnicodeDecodeError):
         return True
@@ -216,7 +216,7 @@ def is_damage(error: Exception) -> bool:
 
 
 def is_of_rows(error: DBAPIError) -> bool:
-    """Tell what a database says of rows from what it says of itself: disk, lock, link, rights."""
+    """Return whether an error concerns rows, not disk, lock, link or rights."""
     if isinstance(error.orig, sqlite3.Error):
         return not (isinstance(error, OperationalError) or is_damage(error))
     return isinstance(error, (DataError, IntegrityError))
@@ -247,7 +247,7 @@ def reading_uri(path: Path) -> str:
 
 
 def identity(path: Path | None) -> tuple[int, int] | None:
-    """Return what tells a file from another one in its place; None of other databases."""
+    """Return the identity of a database file; None of other databases."""
     if path is None:
         return None
     try:

@@ -62,7 +62,7 @@ class Delivery:
         return self.commit(rows[:middle], run) + self.commit(rows[middle:], run)
 
     def adopt(self) -> Iterable[str]:
-        """Deliver one spool that a killed process left; yield what to tell about it."""
+        """Deliver a spool that a killed process left; yield messages about it."""
         if not self._left:
             return
         path = self._left.pop()
@@ -86,7 +86,7 @@ class Delivery:
             yield f"recovered {how_many} from the spool of run {run.name!r}"
 
     def trim(self, retention: Retention, now_ns: int) -> None:
-        """Remove a few slots that need not be kept."""
+        """Remove a few slots beyond the retention."""
         if retention == Retention():
             return
         connection = self._connected()

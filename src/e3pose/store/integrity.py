@@ -28,7 +28,7 @@ def problem_of(path: Path, limit_s: float = LIMIT_S) -> str:
 
 
 class _Look:
-    """One look at a file, which another thread may end."""
+    """One check of a file, which another thread may stop."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.took_s = path, 0.0
@@ -38,7 +38,7 @@ class _Look:
         self._ended = False
 
     def run(self, limit_s: float) -> None:
-        """Look, and keep what was found wrong and how long it took."""
+        """Check the file; store the problem found and the time taken."""
         begun_s = time.monotonic()
         timer = threading.Timer(limit_s, self.end)
         timer.daemon = True
@@ -50,7 +50,7 @@ class _Look:
         self.took_s = time.monotonic() - begun_s
 
     def found(self) -> str:
-        """Return what was found wrong, unless it was of a file that is no longer there."""
+        """Return the problem found, unless the file was replaced meanwhile."""
         return self._found if identity(self.path) == self._file else ""
 
     def end(self) -> None:
@@ -76,7 +76,7 @@ def _quick_check(connection: sqlite3.Connection) -> str:
 
 
 class Watch:
-    """Looks at the file of a store on a thread of its own; `look` starts it and never waits.
+    """Checks the file of a store on its own thread; `look` starts it and never waits.
 
     Args:
         path: the file.
@@ -91,7 +91,7 @@ class Watch:
         self._thread: threading.Thread | None = None
 
     def look(self) -> str:
-        """Return what the look that just ended found wrong; begin another one when it is time."""
+        """Return the problem found by a finished check; start another one when due."""
         now_s = time.monotonic()
         if self._thread is not None and self._current is not None:
             if self._thread.is_alive():
@@ -108,7 +108,7 @@ class Watch:
         return ""
 
     def close(self) -> None:
-        """End a look that is under way."""
+        """Stop a running check."""
         if self._thread is not None and self._current is not None:
             self._current.end()
             self._thread.join(timeout=5.0)

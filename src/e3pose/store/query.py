@@ -35,7 +35,7 @@ class Span:
 
 
 class Store:
-    """A store to ask; every question opens it anew and sees what was committed by then."""
+    """A store to query; every query opens it and sees what is committed."""
 
     def __init__(self, store: str | Path) -> None:
         """Name the store: a path, or the URL of a database."""
@@ -44,7 +44,7 @@ class Store:
         self._engines: dict[str, Engine] = {}  # making SQL takes longer than asking: one keeps it
 
     def runs(self) -> list[StoredRun]:
-        """Return what was run, oldest first.
+        """Return the runs, oldest first.
 
         Raises:
             InputError: when there is no store, or one that cannot be read.

@@ -31,7 +31,7 @@ class Retention:
 
 
 def trim(connection: Connection, retention: Retention, now_ns: int) -> int:
-    """Remove one small batch of what need not be kept; return how many slots went.
+    """Remove a small batch beyond the retention; return the number of slots removed.
 
     Called again and again by the writer, so that no single call is long. Never the newest slot.
     """

@@ -83,7 +83,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class EnergyReading:
-    """What a camera's meter said about the time since its reading before.
+    """A camera's meter reading since the previous one.
 
     Attributes:
         time_ns: end of that time, since 1970, UTC.
@@ -195,7 +195,7 @@ def energy_row(reading: EnergyReading) -> Row:
 
 
 def zone_row(event: ZoneEvent) -> Row:
-    """Return the row of somebody entering, staying in or leaving a zone."""
+    """Return the row of a zone event."""
     return (
         "zones",
         {

@@ -87,7 +87,7 @@ class Spool:
         return sum(half.rows for half in self._halves)
 
     def add(self, rows: Sequence[Row]) -> None:
-        """Keep rows; gives up the oldest half of what is kept when there is no more room."""
+        """Add rows; drops the older half when the spool is full."""
         if not rows:
             return
         content = frame(msgspec.msgpack.encode(rows))
@@ -114,19 +114,19 @@ class Spool:
             os.fdatasync(self._handle)
 
     def take(self) -> Iterator[list[Row]]:
-        """Yield what is kept, oldest first; `clear` it once the database has it."""
+        """Yield the rows, oldest first; `clear` them once the database has them."""
         for half in self._halves:
             if half.used:
                 yield from frames(self._get(half.begin, half.used))
 
     def clear(self) -> None:
-        """Forget what is kept."""
+        """Drop all rows."""
         for half in self._halves:
             half.used = half.rows = 0
             self._put(half.begin, END)
 
     def close(self, keep: bool) -> None:
-        """Let the file go; with `keep` it stays for the next start, otherwise it is removed."""
+        """Close the file; with `keep` it stays for the next start, otherwise it is removed."""
         if self._handle is None:
             return
         if not keep and self.path is not None:
@@ -182,7 +182,7 @@ def frames(content: bytes) -> Iterator[list[Row]]:
 
 
 def left_behind(path: Path, limit_bytes: int = 2**30) -> tuple[Run, list[list[Row]]] | None:
-    """Return what a killed process left in its spool, or None while its owner lives.
+    """Return the spool of a killed process; None while its owner is running.
 
     Raises:
         InputError: when the file is not a spool.

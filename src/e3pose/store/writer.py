@@ -192,7 +192,7 @@ class StoreWriter:
         return self._hand_over(event, wait=False)
 
     def energy(self, reading: EnergyReading) -> bool:
-        """Hand over what a camera's meter said; return whether it was taken."""
+        """Queue a meter reading; return whether it was accepted."""
         return self._hand_over(reading, wait=False)
 
     def zone(self, event: ZoneEvent) -> bool:
@@ -218,7 +218,7 @@ class StoreWriter:
         return done.wait(timeout_s)
 
     def close(self, timeout_s: float = 10.0) -> None:
-        """Commit what was handed over and end the thread; what is spooled stays in its file."""
+        """Commit the queue and end the thread; spooled rows stay in their file."""
         self._stop.set()
         self._wake.set()
         self._thread.join(timeout_s)
@@ -304,7 +304,7 @@ class StoreWriter:
             return []
 
     def _deliver(self, rows: list[Row], newest: int) -> None:
-        """Commit rows, or keep them in the spool while the database does not take them."""
+        """Commit rows, or spool them while the database refuses them."""
         if self._problem is not None and time.monotonic() < self._next_try_s:
             self._spool.add(rows)
             return

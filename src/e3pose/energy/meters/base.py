@@ -11,7 +11,7 @@ MAX_WATTS = 10_000.0  # beyond it is a broken sensor, not a camera
 
 
 class MeterError(Exception):
-    """A meter cannot be read now; the message says why. Whoever reads it goes on with a model."""
+    """A meter cannot be read now; the message says why. Callers continue with a model."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,7 +52,7 @@ def find_batteries(root: Path) -> list[Path]:
 
 
 def read_charge(root: Path, capacity_wh: float | None = None) -> Charge:
-    """Return what is in the batteries.
+    """Return the charge of the batteries.
 
     Args:
         root: above `sys`.
@@ -80,7 +80,7 @@ def read_charge(root: Path, capacity_wh: float | None = None) -> Charge:
 
 
 class BatteryMeter:
-    """Takes what flows out of the battery for what the device draws, while nothing flows in."""
+    """Measures the device by the discharge of its battery, while it is not charging."""
 
     how = "measured: battery gauge"
 

@@ -21,7 +21,7 @@ NEAR_WH = 1e-9  # a battery of another capacity is another battery
 
 
 def load_charge(path: Path, camera_id: str, capacity_wh: float) -> float | None:
-    """Return the joules that a file remembers; None where there is none, or of another battery.
+    """Return the joules saved in a file; None without one, or for another battery.
 
     Args:
         path: of the file.
@@ -63,7 +63,7 @@ def save_charge(path: Path, camera_id: str, capacity_wh: float, left_j: float) -
 
 
 class ChargeFile:
-    """What is left in a battery without a gauge: never more than at the last look.
+    """The charge of a battery without a gauge, which never increases.
 
     A battery that was charged or changed is one that nobody here can see: whoever did it deletes
     the file, also while the camera runs.
@@ -72,7 +72,7 @@ class ChargeFile:
     def __init__(
         self, path: Path | None, camera_id: str, capacity_wh: float, report: Callable[[str], None]
     ) -> None:
-        """Begin with what the file remembers, or full.
+        """Start with the saved charge, or full.
 
         Args:
             path: of the file; None to remember nothing.
@@ -92,13 +92,13 @@ class ChargeFile:
         self.left_j = self.full_j if left_j is None else left_j
 
     def spend(self, spent_j: float) -> float:
-        """Take off what was drawn; return what is left, in joules."""
+        """Subtract the energy drawn; return the remaining joules."""
         with self._lock:
             self.left_j = max(self.left_j - spent_j, 0.0)
             return self.left_j
 
     def keep(self) -> None:
-        """Write down what is left, or begin with a full battery where the file was deleted."""
+        """Save the charge, or start with a full battery if the file was deleted."""
         if self._path is None:
             return
         if self._written and not self._path.exists():

@@ -122,7 +122,7 @@ def leave_one_out(
     interval_s: float,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Residuals:
-    """Compare every view of every person with what all other views say.
+    """Compare every view of every person with all other views.
 
     Args:
         people: with their detections.

@@ -45,7 +45,7 @@ class ViewNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Statistics:
-    """What residuals tell of a detector.
+    """Statistics of a detector, from residuals.
 
     Attributes:
         scores: `(num_bins,)` mean score, rising.

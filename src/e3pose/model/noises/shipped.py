@@ -48,7 +48,7 @@ class Detected(Protocol):
 
 
 def detector_of(place: Detected) -> str:
-    """Return which noise file the keypoints of a place go by, `DEFAULT` if none is known."""
+    """Return the detector that names the noise file of a recording; `DEFAULT` if unknown."""
     if place.detector:
         return place.detector if place.detector in SHIPPED else DEFAULT
     return detector_in(place.source)
@@ -73,7 +73,7 @@ def load_noise(name_or_path: str | Path) -> Noise:
 
 
 def load_noise_file(name_or_path: str | Path) -> NoiseFile:
-    """Load a noise file with all that it says; see `load_noise`."""
+    """Load a noise file with all its contents; see `load_noise`."""
     if str(name_or_path) in ASSUMED:
         return _assumed(str(name_or_path))
     return decode_noise(

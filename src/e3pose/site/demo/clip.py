@@ -27,7 +27,7 @@ TOP = "Pose2Sim/Demo_MultiPerson/"
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """One file of the wheel: where it is, and what it must be."""
+    """One file of the wheel: its place and checksum."""
 
     name: str
     size_bytes: int
@@ -75,7 +75,7 @@ class Clip:
 
 
 def clip_folder() -> Path:
-    """Return where the clip is kept, in the user's cache."""
+    """Return the folder of the clip, in the user's cache."""
     return cache_folder() / "clips" / f"{PROJECT}-{VERSION}"
 
 

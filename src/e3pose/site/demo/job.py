@@ -194,7 +194,7 @@ def _fetched(name: str, fetch: Callable[[Progress], T], offline: bool, phase: Ph
 
 
 def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
-    """Write a site whose cameras play the clip, as fast as this machine can look at it."""
+    """Write a site whose cameras play the clip, as fast as this machine can detect."""
     from e3pose.camera.source import open_video
     from e3pose.model.skeleton import COCO18
     from e3pose.recording import Recording, ViewSeries
@@ -238,7 +238,7 @@ def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
 
 
 def _look_s(video: Path, weights: Path) -> float:
-    """Return how long one thread of this machine takes to look at a frame."""
+    """Return the seconds of a detection on one thread of this machine."""
     from e3pose.camera.source import open_video
     from e3pose.detectors import make_detector
 
@@ -253,7 +253,7 @@ def _look_s(video: Path, weights: Path) -> float:
 
 
 def pace_for(look_s: float, num_cameras: int, fps: float, cores: int) -> float:
-    """Return how fast a machine can play a scene that all cameras look at; 1 at most.
+    """Return the pace at which a machine can detect in all cameras; 1 at most.
 
     Args:
         look_s: how long one core takes to look at a frame.

@@ -43,7 +43,7 @@ class HeardView:
 
 @dataclass(eq=False)
 class Heard:
-    """What was said in a site.
+    """The messages of a site.
 
     Attributes:
         views: by slot and camera, what a camera saw.
@@ -167,7 +167,7 @@ def run_live(
 
 
 def open_tap(link: Link) -> NetworkTransport:
-    """Join a running site so that the edge hands on what cameras say to it.
+    """Join a running site as a router, to receive the cameras' messages.
 
     To peers, as all other programs are, it hands on only what it says itself.
     """

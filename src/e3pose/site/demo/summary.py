@@ -87,7 +87,7 @@ class DemoReport:
 
 
 def words(report: DemoReport) -> list[str]:
-    """Say what the demo did, what it saved and where to look."""
+    """Return what the demo did, what it saved and which files to open."""
     where = [f"  {report.dest / name}: {what}" for name, what in _files(report.dest).items()]
     return [*story(report), f"Finished in {report.seconds:.0f} s. Wrote:", *where]
 

@@ -35,7 +35,7 @@ class Stream(Protocol):
         ...
 
     def zone(self, event: ZoneEvent) -> None:
-        """Send that somebody entered, stayed in or left a zone."""
+        """Send a zone event."""
         ...
 
     def close(self) -> None:

@@ -37,7 +37,7 @@ COLOURS = ("0072b2", "d55e00", "009e73", "cc79a7", "56b4e9", "b38600", "4d4d4d",
 
 
 def open_stream(place: str, source: Source) -> FoxgloveStream:
-    """Return a stream that Foxglove connects to at `ws://HOST:PORT`; anybody who can may."""
+    """Return a stream that Foxglove connects to at `ws://HOST:PORT`, without authentication."""
     host, port = host_port(place or f"127.0.0.1:{PORT}", PORT)
     context = foxglove.Context()
     try:

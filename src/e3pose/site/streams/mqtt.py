@@ -42,7 +42,7 @@ def open_stream(place: str, source: Source) -> MqttStream:
 def connected(
     place: str, source: Source, usual_port: int, secure: ssl.SSLContext | None
 ) -> MqttStream:
-    """Return a stream to a broker that has let us in.
+    """Return a stream to a connected broker.
 
     Args:
         place: `HOST[:PORT]`.

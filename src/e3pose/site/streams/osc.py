@@ -21,7 +21,7 @@ PORT = 9000
 
 
 def open_stream(place: str, source: Source) -> OscStream:
-    """Return a stream of UDP packets to `HOST:PORT`; nobody need listen there."""
+    """Return a stream of UDP packets to `HOST:PORT`, received or not."""
     return OscStream(UDPClient(*host_port(place, PORT)))
 
 

@@ -47,7 +47,7 @@ HEADERS = {
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a request does not come in.
+    """Why a request is refused.
 
     Attributes:
         status: of HTTP.
@@ -62,7 +62,7 @@ class Refusal:
 
 @dataclass(slots=True, eq=False)
 class Rules:
-    """Who may come in.
+    """The access rules.
 
     Attributes:
         tokens: of the site.
@@ -86,7 +86,7 @@ class Rules:
     def judge(
         self, path: str, headers: Mapping[str, str], client: str
     ) -> tuple[Scope | None, Refusal | None]:
-        """Return what a request may do, and why it does not come in; None if it does.
+        """Return the scope of a request, and why it is refused; None if it is not.
 
         Args:
             path: of the request.

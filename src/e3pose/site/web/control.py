@@ -26,7 +26,7 @@ REFUSALS: dict[int | str, dict[str, Any]] = {
 
 
 class Changes(BaseModel):
-    """What may be asked for; what is left out stays as it is."""
+    """Requested settings; those left out stay unchanged."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 

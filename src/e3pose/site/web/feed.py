@@ -25,7 +25,7 @@ class TooMany(Exception):
 
 @dataclass(eq=False)
 class Feed:
-    """The newest of a site, and a queue for each of those who follow.
+    """The newest messages of a site, and a queue for each follower.
 
     Attributes:
         site: its name.
@@ -48,7 +48,7 @@ class Feed:
         Follower(self.site).listen(transport, self._take_poses, self._take_status)
 
     def attach(self, loop: asyncio.AbstractEventLoop | None) -> None:
-        """Hand on to followers of this loop from now on; None hands on to nobody."""
+        """Serve followers on this event loop from now on; None stops."""
         self._loop = loop
 
     @property

@@ -98,7 +98,7 @@ def address_of(site: SiteTable, listen: str | None = None) -> Address:
 
 
 def page_links(site: SiteTable, address: Address) -> list[str]:
-    """Return where to look, a line each, with the tokens that are needed.
+    """Return the addresses of the pages, a line each, with their tokens.
 
     Args:
         site: its file.

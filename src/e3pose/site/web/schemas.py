@@ -45,7 +45,7 @@ class Slot(Shape):
 
 
 class PosePage(Shape):
-    """Slots in order; ask again with `cursor` for those after them, if there is one."""
+    """Slots in order; request the next ones with `cursor`, if there is one."""
 
     joints: list[str]
     slots: list[Slot]
@@ -67,7 +67,7 @@ class Refused(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class Encoded:
-    """An event of the live stream, encoded once for all who follow.
+    """An event of the live stream, encoded once for all followers.
 
     Attributes:
         kind: what it is.
@@ -114,7 +114,7 @@ def event_of_status(status: Status) -> Encoded:
 
 
 def event_of_zone(event: ZoneEvent) -> Encoded:
-    """Return the event that somebody entered, stayed in or left a zone."""
+    """Return the live event of a zone event."""
     return Encoded("zone", {"event" if k == "kind" else k: v for k, v in asdict(event).items()})
 
 

@@ -46,7 +46,7 @@ class Tokens:
             raise InputError("write", "the token for reading", "another")
 
     def scope(self, token: str) -> Scope | None:
-        """Return what a token allows; None for one that is not ours."""
+        """Return the scope of a token; None for an unknown one."""
         given = token.encode(errors="replace")
         # Both are compared: the time it takes tells nothing.
         writes = hmac.compare_digest(given, self.write.encode())
