@@ -167,9 +167,9 @@ def run_live(
 
 
 def open_tap(link: Link) -> NetworkTransport:
-    """Join a running site as a router, to receive the cameras' messages.
+    """Join a running site as a client, to which the edge forwards the messages of cameras.
 
-    To peers, as all other programs are, it hands on only what it says itself.
+    To peers, as all other programs are, it sends only its own messages.
     """
     import zenoh
 
