@@ -11,12 +11,13 @@ from tests.reference import (
     filter_covariance_inflation,
     filter_exits,
     filter_learned_noise,
+    filter_lone_view,
 )
 from tests.reference.filter_associate import associate
 from tests.reference.filter_births import give_birth
 from tests.reference.filter_existence import attend, end
 from tests.reference.filter_sides import order, turn_round
-from tests.reference.filter_update import Sightings, learn_biases, predict, update
+from tests.reference.filter_update import Sightings, learn_biases, learn_bones, predict, update
 
 from e3pose.estimate.filter import bias
 from e3pose.estimate.filter.kernels.step import (
@@ -72,7 +73,9 @@ def step(
     joints = order(exchanged, model)
     seen = _sightings(belief, cameras, keypoints, scores, assigned, joints, dt, model, knots_px)
     belief = filter_covariance_inflation.learn(belief, seen, cameras, dt, model)
-    belief = update(belief, seen, model)
+    updated = update(belief, seen, model)
+    belief = filter_lone_view.discount(belief, updated, cameras, assigned >= 0, dt, model)
+    belief = learn_bones(belief, model)
     belief = filter_learned_noise.learn(belief, seen, cameras, dt, model)
     belief = learn_biases(belief, seen, cameras, dt, model)
     shares = _information_share(seen, knots_px[cameras])

@@ -99,8 +99,7 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
             links = _links(belief, moved, model)
             moved, covariance, shared = solve(model.tree, prior, information, pull, links)
         belief = replace(belief, state=belief.state + moved, covariance=covariance, shared=shared)
-    belief = replace(belief, unmeasured_s=np.where(measured, 0.0, belief.unmeasured_s))
-    return _learn_bones(belief, model)
+    return replace(belief, unmeasured_s=np.where(measured, 0.0, belief.unmeasured_s))
 
 
 def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float, model: Model) -> Belief:
@@ -166,7 +165,8 @@ def _pull_bones(
         np.add.at(pull[..., :3], (rows, end), (weight * (gone - sign * excess))[..., None] * along)
 
 
-def _learn_bones(belief: Belief, model: Model) -> Belief:
+def learn_bones(belief: Belief, model: Model) -> Belief:
+    """Return the belief after joints that are well known taught how far apart they are."""
     first, second = model.bones.T
     spread = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
     known = spread < 3 * BONE_KNOWN_M**2

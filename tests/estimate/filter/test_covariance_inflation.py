@@ -15,18 +15,14 @@ from e3pose.estimate.filter import Belief
 from e3pose.estimate.filter.covariance_inflation import (
     ALONE,
     EXPECTED,
-    LONE_S,
     MEMORY_S,
     MOST,
-    MOST_LONE,
     PRIOR_M,
     STEERED,
     USUAL,
 )
 from e3pose.estimate.filter.kernels.covariance_inflation import (
     learned_factor,
-    lone_factor,
-    person_factor,
     spread_factor,
 )
 from e3pose.estimate.filter.outlook import stated_factor
@@ -89,15 +85,6 @@ def test_everybody_has_a_factor_of_which_the_mean_is_expected_of_all() -> None:
     assert stated_factor(people) == pytest.approx(1.5 * (ALONE + STEERED) / 2, rel=1e-3)
     everybody = replace(people, confirmed=np.ones(2, dtype=bool))
     assert stated_factor(everybody) == pytest.approx(1.1 * (ALONE + STEERED) / 2, rel=1e-3)
-
-
-def test_people_whom_one_camera_sees_are_stated_to_be_known_worse_and_worse() -> None:
-    assert lone_factor(np.array([0.3, np.inf, 0.0])) == 1.0
-    assert lone_factor(np.array([1.6 * LONE_S, np.inf, 0.0])) == pytest.approx(1.6)
-    assert lone_factor(np.array([100.0, np.inf, 0.0])) == MOST_LONE
-    assert lone_factor(np.array([0.0])) == MOST_LONE
-    taught = np.array([1.2 * USUAL, 1.0]) * 1e4
-    assert person_factor(taught, np.array([1.6 * LONE_S, 0.0])) == pytest.approx(1.92, rel=1e-3)
 
 
 def test_people_who_stand_still_are_stated_to_be_known_better_than_walkers() -> None:

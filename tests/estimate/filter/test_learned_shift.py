@@ -49,7 +49,7 @@ def test_a_shift_is_found_within_a_quarter_and_the_others_are_left_alone() -> No
 
 
 def test_it_is_found_with_one_camera_a_slot() -> None:
-    slots = walking(2.0, QUIET) + walking(60.0, QUIET, "turn")[25:]
+    slots = walking(2.0, QUIET) + walking(80.0, QUIET, "turn")[25:]
     belief, _ = run(shifted(slots, 2), fps=FPS)
     found, others = relative(shifts_px(belief.shifts, MODEL), 2)
     assert found @ SHIFT_PX / (SHIFT_PX @ SHIFT_PX) > 0.6

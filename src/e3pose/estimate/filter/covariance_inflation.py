@@ -10,9 +10,6 @@ predicts it, beside the expected distance. Both are added up for each person ove
 in metres, so that uncertain joints count as much as they do in a mean error; their quotient
 corrects the constant (fit: `docs/experiments/2026-11-22-inflation-by-person.md`). Only keypoints
 whose prediction is less certain than they are count: the others measure the detector.
-
-Innovations show nothing of people whom one camera sees for long: it sees no error along its lines
-of sight, where theirs are.
 """
 
 from __future__ import annotations
@@ -33,6 +30,4 @@ MOST = 2.0  # the learned factor, and its inverse
 CLIP = 5.0  # times the expected innovation: a wild keypoint teaches no more
 MOST_M = 0.3  # nor does a joint count for more that nothing is known of
 LEAST_SHARE = 0.5  # of an innovation's variance that must be the prediction's
-LONE_S = 0.5  # since a second camera showed a person, from which on the error grows with it
-MOST_LONE = 2.5  # times the error that was reported otherwise
 OWN_SHARE = MEDIAN / NORMAL  # of the variance that the filter takes for a keypoint's own

@@ -152,7 +152,6 @@ def _graded(
         rows,
         belief.drift_share,
         belief.innovations,
-        belief.last_seen_s,
         estimate.covariance_m2,
         stated_m2,
         scores,

@@ -90,6 +90,4 @@ def stated_factor(belief: Belief) -> float:
 
     One factor for everybody changes what is expected, but not which cameras tell most.
     """
-    return kernels.mean_factor(
-        belief.drift_share, belief.innovations, belief.last_seen_s, belief.confirmed
-    )
+    return kernels.mean_factor(belief.drift_share, belief.innovations, belief.confirmed)

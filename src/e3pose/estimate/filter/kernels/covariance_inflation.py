@@ -13,10 +13,8 @@ from e3pose.estimate.filter.covariance_inflation import (
     CLIP,
     EXPECTED,
     LEAST_SHARE,
-    LONE_S,
     MEMORY_S,
     MOST,
-    MOST_LONE,
     MOST_M,
     OWN_SHARE,
     PRIOR_M,
@@ -27,7 +25,6 @@ from e3pose.estimate.filter.kernels.bias import left_over
 from e3pose.estimate.filter.kernels.learned_noise import proved
 from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
 from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
-from e3pose.estimate.filter.kernels.sightline import follower
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
@@ -103,28 +100,14 @@ def _compare(
 
 
 @kernel
-def person_factor(innovations: Floats, last_seen_s: Floats) -> float:
+def learned_factor(innovations: Floats) -> float:
     """Return the factor on all reported standard deviations of one person.
 
     Args:
         innovations: `(2,)` of `Belief`.
-        last_seen_s: `(num_cameras,)` of `Belief`.
     """
-    return learned_factor(innovations) * lone_factor(last_seen_s)
-
-
-@kernel
-def learned_factor(innovations: Floats) -> float:
-    """Return the factor given by a person's row of `Belief.innovations`."""
     factor = (innovations[ACTUAL] / USUAL + PRIOR_M) / (innovations[EXPECTED] + PRIOR_M)
     return float(min(max(factor, 1 / MOST), MOST))
-
-
-@kernel
-def lone_factor(last_seen_s: Floats) -> float:
-    """Return the factor for a person recently seen by one camera only."""
-    _, second_s = follower(last_seen_s)
-    return float(min(max(second_s / LONE_S, 1.0), MOST_LONE))
 
 
 @kernel
@@ -133,6 +116,6 @@ def spread_factor(drift_share: float, of_person: float) -> float:
 
     Args:
         drift_share: of `Belief`; a joint that was not steered has all of its process noise.
-        of_person: see `person_factor`.
+        of_person: see `learned_factor`.
     """
     return (ALONE if drift_share == 1.0 else STEERED) * of_person

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.covariance_inflation import person_factor, spread_factor
+from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.kernels.learned_noise import quietest
 from e3pose.estimate.filter.kernels.motion import move
 from e3pose.estimate.filter.kernels.scratch import Site
@@ -91,9 +91,7 @@ def expect(
 
 
 @kernel
-def mean_factor(
-    drift_share: Floats, innovations: Floats, last_seen_s: Floats, confirmed: Flags
-) -> float:
+def mean_factor(drift_share: Floats, innovations: Floats, confirmed: Flags) -> float:
     """Return the mean factor on the standard deviations of confirmed tracks; 1 without any.
 
     Arguments are of `Belief`.
@@ -101,7 +99,7 @@ def mean_factor(
     total, count = 0.0, 0
     for track in range(len(confirmed)):
         if confirmed[track]:
-            of_person = person_factor(innovations[track], last_seen_s[track])
+            of_person = learned_factor(innovations[track])
             for joint in range(drift_share.shape[1]):
                 total += spread_factor(drift_share[track, joint], of_person)
                 count += 1

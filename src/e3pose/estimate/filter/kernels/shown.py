@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.blindness import PLAIN
 from e3pose.estimate.filter.exits import MOST_LEFT_ODDS, PRIOR_HZ, PRIOR_S
 from e3pose.estimate.filter.kernels.blindness import chance, proof, share_at
-from e3pose.estimate.filter.kernels.covariance_inflation import person_factor, spread_factor
+from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.kernels.exits import place_back
 from e3pose.runtime.kernel import kernel
 
@@ -181,7 +181,6 @@ def grade(
     rows: Integers,
     drift_share: Floats,
     innovations: Floats,
-    last_seen_s: Floats,
     covariance_m2: Floats,
     stated_m2: Floats,
     scores: Floats,
@@ -192,7 +191,6 @@ def grade(
         rows: `(num_persons,)` of their tracks.
         drift_share: `(num_tracks, num_joints)` of `Belief`.
         innovations: `(num_tracks, 2)` of `Belief`.
-        last_seen_s: `(num_tracks, num_cameras)` of `Belief`.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of `Estimate`.
         stated_m2: likewise, filled: with these factors.
         scores: `(num_persons, num_joints)` filled: certainty in (0, 1], 0 for joints never
@@ -200,7 +198,7 @@ def grade(
     """
     for index in range(len(rows)):
         track = rows[index]
-        of_person = person_factor(innovations[track], last_seen_s[track])
+        of_person = learned_factor(innovations[track])
         for joint in range(scores.shape[1]):
             factor = spread_factor(drift_share[track, joint], of_person)
             block = covariance_m2[index, joint]

@@ -19,6 +19,7 @@ from e3pose.estimate.filter.kernels.covariance_inflation import compare_predicte
 from e3pose.estimate.filter.kernels.existence import attend, end
 from e3pose.estimate.filter.kernels.learned_noise import compare_noise, learn_noise, recall_noise
 from e3pose.estimate.filter.kernels.learned_shift import learn_shifts, recall_shifts
+from e3pose.estimate.filter.kernels.lone_view import update_by_views
 from e3pose.estimate.filter.kernels.predict import predict
 from e3pose.estimate.filter.kernels.scratch import (
     Detectors,
@@ -30,8 +31,7 @@ from e3pose.estimate.filter.kernels.scratch import (
     make_memory,
 )
 from e3pose.estimate.filter.kernels.sides import turn_round
-from e3pose.estimate.filter.kernels.sightline import correct_distances
-from e3pose.estimate.filter.kernels.update import learn_bones, update
+from e3pose.estimate.filter.kernels.update import learn_bones
 from e3pose.estimate.filter.shown import Estimate, estimate_of
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, MAX_TRACKS, Belief, Floats, Leftovers, Model
 from e3pose.geometry.undistort import undistort_slot
@@ -219,7 +219,6 @@ def step_slot(
                 memory.matches,
                 memory.offers,
             )
-    correct_distances(num_tracks, site, views, tracks, memory.matches)
     turn_round(num_tracks, dt, site, views, memory.matches, tracks)
     _revise(num_tracks, num_views, dt, site, memory)
     learn_noise(noise, memory.detectors)
@@ -264,7 +263,7 @@ def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memo
     for track in range(num_tracks):
         compare_predicted(track, dt, site, views, memory.matches, tracks)
         if num_views:
-            update(track, dt, site, views, memory.matches.assigned, tracks, passes)
+            update_by_views(track, dt, site, views, memory.matches.assigned, tracks, passes)
             compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
         for camera in range(len(views.counts)):
             person = memory.matches.assigned[camera, track]
