@@ -25,8 +25,8 @@ class Start:
     Attributes:
         time_s: of the slot before; NaN before the first.
         tracks: `(num_before,)` ids as in `Posterior`, of the slot before.
-        state: `(num_before, num_joints, 6)` with the velocities as they were steered.
-        drift_share: `(num_before, num_joints)` share of the process noise that was taken.
+        state: `(num_before, num_joints, 6)` with steered velocities.
+        drift_share: `(num_before, num_joints)` share of the process noise that was used.
     """
 
     time_s: float
@@ -41,12 +41,12 @@ class Posterior:
 
     Attributes:
         time_s: of the slot.
-        tracks: `(num_tracks,)` the belief's own ids, rising: the same for as long as it follows.
-        track_ids: `(num_tracks,)` the identities that they are shown with.
-        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres a second.
+        tracks: `(num_tracks,)` internal ids, increasing, constant while a track exists.
+        track_ids: `(num_tracks,)` their published identities.
+        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres per second.
         covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
         shared: `(num_tracks, num_joints, 6, 6)` of each joint's `state` with its parent's.
-        start: what the slot was predicted from.
+        start: of the prediction.
     """
 
     time_s: float
@@ -65,20 +65,20 @@ class People:
     Attributes:
         poses: the people, world metres.
         track_ids: `(num_persons,)` their identities.
-        history_m: `(num_slots, num_tracks, num_joints, 3)` oldest first, the newest being this
-            slot; NaN where a joint was not estimated or the person was not there. What the
-            predictor is given; it may have tracks that `poses` lacks.
+        history_m: `(num_slots, num_tracks, num_joints, 3)` oldest first, up to this slot;
+            NaN where a joint was not estimated or the person was absent. The input of the
+            predictor; it may have tracks that `poses` lacks.
         history_ids: `(num_tracks,)` identities of the tracks of `history_m`.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of the joints of `poses`; NaN where those
             are missing.
         measured: `(num_persons, num_joints)` whether a view of this slot measured the joint; the
-            others are carried on from earlier slots, or missing.
+            others are predicted from earlier slots, or missing.
         stage_s: seconds spent in each stage of the estimator.
-        noise_factors: `(num_cameras,)` sigma of each camera's keypoints over what the noise file
-            states; NaN where too little is seen, None of an estimator that does not learn it.
-        posterior: of everybody followed, for a smoother; None of an estimator without a memory.
-        shifts_px: `(num_cameras, 2)` pixels right and down that every keypoint of a camera is off,
-            as learned and taken off; NaN and None as of `noise_factors`.
+        noise_factors: `(num_cameras,)` sigma of each camera's keypoints relative to the noise
+            file; NaN where too little is seen, None if the estimator does not learn it.
+        posterior: of all tracks, for a smoother; None if the estimator has no memory.
+        shifts_px: `(num_cameras, 2)` pixels right and down, the common offset of a camera's
+            keypoints, learned and subtracted; NaN and None as in `noise_factors`.
     """
 
     poses: Poses3D
@@ -98,28 +98,28 @@ class Outlook:
     """Prediction for a future slot, and the knowledge of the newest slot.
 
     Attributes:
-        track_ids: `(num_tracks,)` everybody followed, also those not yet shown.
-        confirmed: `(num_tracks,)` who is shown.
-        joints_m: `(num_tracks, num_joints, 3)` metres in the slot to come, never missing.
+        track_ids: `(num_tracks,)` all tracks, also those not yet published.
+        confirmed: `(num_tracks,)` whether each is published.
+        joints_m: `(num_tracks, num_joints, 3)` metres in the future slot, never missing.
         covariance: `(num_tracks, num_joints, 6, 6)` of position and velocity in the newest slot,
             metres and metres per second.
         drift_m2ps3: `(num_tracks, num_joints)` power density of the acceleration along an axis.
         velocity_lasts_s: `(num_joints,)` until a velocity is down to 1/e.
         has_memory: whether views of earlier slots add information about a later one.
         delivered: `(num_tracks, num_cameras)` in [0, 1]: information of a camera's recent views
-            about the person, as a share of a view with every joint in plain sight.
-        shows: `(num_tracks, num_cameras)` in [0, 1]: how likely a look of the camera shows somebody
-            where the person will be, as a share of that in plain sight.
-        last_seen_s: `(num_tracks, num_cameras)` seconds since each camera showed the person; inf if
-            never.
-        needed: `(num_tracks, num_cameras)` cameras of which one must show the person by then, or
-            the person is not shown; none for people who are shown anyway.
-        sigma_px: `(num_cameras,)` error of a keypoint in plain sight.
-        memory: how long such errors last.
-        unexplained: `(num_cameras,)` detections of each camera's newest look that no track
-            explains, as long as they wait for another camera.
-        unexplained_s: `(num_cameras,)` seconds since that look.
-        wait_s: how far apart two looks may be to start a person.
+            about the person, relative to a view with every joint visible.
+        shows: `(num_tracks, num_cameras)` in [0, 1]: probability that the camera detects a person
+            at the predicted place, relative to a place without obstacles.
+        last_seen_s: `(num_tracks, num_cameras)` seconds since each camera detected the person; inf
+            if never.
+        needed: `(num_tracks, num_cameras)` cameras of which one must detect the person by then, or
+            the person is not published; none for people who are published anyway.
+        sigma_px: `(num_cameras,)` error of a visible keypoint.
+        memory: how long such errors persist.
+        unexplained: `(num_cameras,)` detections of each camera's newest view that no track
+            explains, while they wait for another camera.
+        unexplained_s: `(num_cameras,)` seconds since that view.
+        wait_s: largest time between two views that start a track.
     """
 
     track_ids: NDArray[np.int64]
@@ -157,16 +157,16 @@ class Estimator(Protocol[Memory]):
         time_s: float,
         clock: Callable[[], float],
     ) -> tuple[Memory, People]:
-        """Take in one slot.
+        """Return the people of a slot.
 
         Args:
-            memory: what the slot before handed over; it is not changed.
-            views: camera index to what it saw; any number of cameras, also none.
+            memory: of the slot before; it is not changed.
+            views: camera index to its detections; any number of cameras, also none.
             time_s: of the slot.
             clock: seconds, for stage times only.
 
         Returns:
-            The memory to hand on and the people of this slot.
+            The memory for the next slot and the people of this one.
         """
         ...
 

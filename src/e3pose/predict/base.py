@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """Where people will be, and how far off that may be.
+    """Future joints, with their expected errors.
 
     Attributes:
         joints_m: `(lead_slots, num_tracks, num_joints, 3)` metres: entry i is i + 1 slots ahead;
@@ -32,16 +32,16 @@ class Prediction:
 
 
 class Predictor(Protocol):
-    """Look a few slots ahead."""
+    """Predicts joints a few slots ahead."""
 
     def predict(self, history_m: Floats, interval_s: float, lead_slots: int) -> Prediction:
-        """Predict where all joints will be.
+        """Predict all joints.
 
         Args:
             history_m: `(num_slots, num_tracks, num_joints, 3)` metres, oldest first; NaN where a
-                joint was not estimated or the person was not there yet.
+                joint was not estimated or the person was absent.
             interval_s: seconds per slot.
-            lead_slots: how many slots to look ahead, the paper's tau, at least 1.
+            lead_slots: number of slots to predict, the paper's tau, at least 1.
 
         Returns:
             The joints of every track in each of the next `lead_slots` slots.

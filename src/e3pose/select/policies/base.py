@@ -25,18 +25,18 @@ class Situation:
         interval_s: seconds per slot.
         online: `(num_cameras,)` reachable and allowed to be selected.
         occlusion: `(num_cameras,)` paper eq. (4) of the people predicted in 3D for `slot`.
-        own_occlusion: `(num_cameras,)` the same from each camera's own 2D motion vectors; NaN where
-            it never looked, and for policies that do not ask (`PolicyRow.own_boxes`).
+        own_occlusion: `(num_cameras,)` the same from each camera's own 2D motion vectors; NaN
+            without a view, and for policies that do not use it (`PolicyRow.own_boxes`).
         unseen_slots: `(num_cameras,)` slots since each camera was last active.
         visibility: `(num_cameras, num_tracks)` share of the predicted joints inside the image.
         deficit: `(num_cameras,)` the virtual queue: activity beyond the budget so far, in slots.
         budget: `(num_cameras,)` the paper's E_n: the share of slots a camera may be active.
-        price: `(num_cameras,)` what waking a camera costs beside what it shows: the drift of the
-            queues, the paper's q_n where all cameras cost the same energy (`energy.price`).
-        spread: how much `occlusion` usually differs between cameras here, the unit of V of the
-            paper's policies; 0 where nobody has hidden anybody yet.
-        foresight: what each camera is expected to tell; None where nobody asked for it.
-        stated: how large errors the estimator stated in the last seconds, after the warm-up.
+        price: `(num_cameras,)` cost of waking a camera: the drift of its queue, the paper's q_n
+            where all cameras cost the same energy (`energy.price`).
+        spread: usual difference of `occlusion` between cameras, the unit of V of the paper's
+            policies; 0 before any occlusion.
+        foresight: expected information of each camera; None if the policy does not use it.
+        stated: mean error that the estimator stated in the last seconds, after the warm-up.
     """
 
     slot: int
