@@ -122,7 +122,7 @@ def floor_from_people(people: People3D, stature_m: float = ASSUMED_STATURE_M) ->
         stature_m: of the people, for how high an ankle is.
 
     Raises:
-        InputError: when nobody stands upright for long enough.
+        InputError: when no person stands upright for long enough.
     """
     up, moments = _vertical(people)
     feet = _standing_ankles(people)

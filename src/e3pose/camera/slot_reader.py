@@ -21,7 +21,7 @@ def video_path(recording: Recording, camera_id: str, folder: Path | None) -> Pat
         folder: of the recording, for videos that stand in it.
 
     Raises:
-        InputError: when it stands in the recording and nobody says where that is.
+        InputError: when it is in the recording, whose folder is not given.
     """
     path = Path(recording.videos[camera_id])
     if path.is_absolute():

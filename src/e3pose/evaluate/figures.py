@@ -166,7 +166,7 @@ class Summary:
         settings: how it was replayed, with all that follows from the rig.
         identities: how many were given.
         metrics: against the truth; None of its figures without one.
-        expected: what the estimator said of itself.
+        expected: errors that the estimator stated.
         selection: shares by camera; None without a slot, and so on.
         deficits: the virtual queues.
         energy: spent and saved.

@@ -83,7 +83,7 @@ def export(
         settings: how; by default as the format usually is.
 
     Raises:
-        InputError: when nobody is in the take, or the format cannot hold it.
+        InputError: when the take has no people, or the format cannot hold it.
     """
     settings = settings or ExportSettings()
     if not take.motions:

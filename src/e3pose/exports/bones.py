@@ -81,7 +81,7 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
     """Return a person as bones.
 
     Raises:
-        InputError: for somebody whose hips were never both seen, or a skeleton without a body.
+        InputError: for a person whose hips were never both seen, or a skeleton without a body.
     """
     places = _places(motion, skeleton)
     if ROOT not in places or not present(places[ROOT]).any():

@@ -24,7 +24,7 @@ def resampled(take: Take, fps: float) -> Take:
     more than a frame. Between two frames the less certain one says how sure and where from.
 
     Raises:
-        InputError: for a frame rate that nobody films at.
+        InputError: for a frame rate outside the limits.
     """
     if not FPS[0] <= fps <= FPS[1]:
         raise InputError(f"--fps: found {fps:g}, expected {FPS[0]:g} to {FPS[1]:g}")

@@ -62,7 +62,7 @@ class Take:
         skeleton: of the joint axis.
         interval_s: seconds per slot.
         motions: one a person, by track id.
-        started_ns: time of slot 0 since 1970, UTC; None where nobody knows.
+        started_ns: time of slot 0 since 1970, UTC; None if unknown.
     """
 
     name: str

@@ -15,11 +15,11 @@ def plot(take: Take, slot: int | None = None, axes: Any = None) -> Any:
 
     Args:
         take: the people.
-        slot: which slot; the last with somebody by default.
+        slot: which slot; by default the last one with people.
         axes: 3D axes to draw on; new ones by default.
 
     Raises:
-        InputError: when nobody was there in that slot.
+        InputError: when the slot has no people.
     """
     dense, tracks, first = take.dense()
     if slot is None and len(dense):

@@ -147,8 +147,8 @@ class EnergyPlan:
         profiles: of each camera.
         battery_wh: of each camera.
         idle_mode: what a camera does that is not selected.
-        budget: share of slots of each camera that lets its battery last as asked; None if nobody
-            asked.
+        budget: share of slots of each camera that lets its battery last as asked; None without a
+            lifetime.
         cost_j: energy of an active slot beyond an idle one, if that differs between cameras.
     """
 

@@ -119,7 +119,7 @@ class ZoneTable:
     Attributes:
         name: letters, digits, `-`, `_`, `.`.
         corners: x and y of its corners in metres, in order around it.
-        dwell_s: how long somebody stays before the event `dwell`.
+        dwell_s: stay in the zone before the event `dwell`.
     """
 
     name: str = entry(write='"door"')

@@ -50,7 +50,7 @@ def site_skeleton(asked: str | None, detectors: Iterable[Skeleton]) -> Skeleton:
     """Return the skeleton that a site works in.
 
     Args:
-        asked: its name, where somebody chose one.
+        asked: its name, if one is configured.
         detectors: what the cameras' detectors output.
 
     Returns:

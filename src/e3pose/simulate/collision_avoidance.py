@@ -42,7 +42,7 @@ class Group:
         turning: `(num_people,)` radians a second.
         goal: `(num_people, 2)` metres.
         pace: `(num_people,)` wanted speed; 0 stands still.
-        facing: `(num_people,)` heading wanted by somebody who stands, NaN for any.
+        facing: `(num_people,)` desired heading of a standing person, NaN for any.
         stops: `(num_people,)` whether they slow down at the goal.
         own_seat: `(num_people,)` the seat that is no obstacle to them, -1 for none.
     """

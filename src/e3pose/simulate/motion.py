@@ -29,7 +29,7 @@ def move(
         life: what the person does on the grid.
         times_s: `(num_times,)` the grid.
         slots_s: `(num_slots,)` times within the grid at which the body is wanted.
-        rng: for the small movements that nobody plans.
+        rng: for small involuntary movements.
     """
     joints = np.full((len(slots_s), 17, 3), np.nan)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], life.present.view(np.int8), [0]])))

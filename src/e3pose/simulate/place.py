@@ -88,7 +88,7 @@ class Scene:
         fps: slots a second, unless asked otherwise.
         seats: `(x, y, heading)` of each seat, metres and radians.
         occluders: what stands there; detectors guess some of the joints it hides.
-        walls: what nobody sees anything through, not even a part of a person.
+        walls: opaque, they hide people completely.
         rooms: floors that people use instead of the disc of `area_m`.
         ways: `(x, y)` corners and doors by which people walk around walls.
         exits: `(x, y)` where people come and go; around the disc by default.

@@ -26,7 +26,7 @@ class DetectorSettings:
         joint_miss: share of joints in plain sight that are missed.
         self_occluded_miss: share missed of joints hidden by the person's own body.
         behind_head_miss: the same for the face, when the head is seen from behind.
-        occluded_miss: share missed of joints hidden by somebody or something else.
+        occluded_miss: share missed of joints hidden by another person or an object.
         person_miss: share of person-views missed as a whole, in episodes.
         swap: share of person-views with left and right exchanged, in episodes.
         merge: share of the views of two overlapping people in which they become one detection.

@@ -149,7 +149,7 @@ def open_camera(
 
     Args:
         node: the camera file, or what it says.
-        log: takes what a person should know; nobody by default.
+        log: gets messages for operators; by default they are discarded.
         detector: in place of the file's: any object with `skeleton` and `detect`.
         clock: the camera's.
 

@@ -110,7 +110,7 @@ def open_edge(
 
     Args:
         site: the site file, or the folder that has it as `site.toml`.
-        log: takes what a person should know; nobody by default.
+        log: gets messages for operators; by default they are discarded.
         policy: in place of the file's, a name or an object.
         predictor: likewise.
         estimator: in place of that of the file's pipeline.

@@ -14,7 +14,7 @@ def open_log(program: str, as_json: bool, **about: Any) -> Any:
     Args:
         program: which one logs.
         as_json: one JSON object a line, instead of text.
-        about: said with every line.
+        about: added to every line.
     """
     renderer: Any = (
         structlog.processors.JSONRenderer()

@@ -51,10 +51,10 @@ class Choice:
         provider: where the network runs.
         threads: of the processor, for each camera.
         num_selected: active cameras per slot.
-        times: how long looks take; None if nobody looks.
+        times: of detections; None without a detector.
         rig: the calibration; None if it is missing.
-        fps: slots a second, if somebody insists.
-        pace: speed of files, if somebody insists.
+        fps: slots per second, if given.
+        pace: playback speed of files, if given.
         rotations: by camera, degrees clockwise by which its images are turned for the network.
     """
 

@@ -122,7 +122,7 @@ class Controlled(msgspec.Struct, array_like=True, frozen=True, tag="controlled")
     """The edge's answer to a `Control`.
 
     Attributes:
-        said: what it does, in words; empty where it refuses.
+        said: what it does, for operators; empty if it refuses.
         problem: why it refuses; empty where it does not.
     """
 

@@ -34,7 +34,7 @@ class Sender:
         Args:
             connection: whose slots to send; closed to end it.
             streams: where to.
-            zones: of the site, with nobody in them.
+            zones: of the site, empty.
             report: called with why nothing comes, once each time it ceases to come.
         """
         self.report = report
