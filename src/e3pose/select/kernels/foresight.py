@@ -105,7 +105,8 @@ def foresee_views(
             weight = expected / sigma_px[camera] ** 2
             count, front = 0, 0.0
             for joint in range(num_joints):
-                share = _in_front(pixels[track, joint], depths[track], boxes, depths)
+                u, v = pixels[track, joint, 0], pixels[track, joint, 1]
+                share = _in_front(u, v, depths[track], boxes, depths)
                 count += inside[track, joint]
                 front += share
                 for entry in range(6):
@@ -144,42 +145,39 @@ def _look(
     Fills `pixels`, `inside` the image, `box` (left, top, right, bottom of all joints) and
     `information` `(num_joints, 6)`: J' J of the derivative of the projection.
     """
-    box[0] = box[1] = np.inf
-    box[2] = box[3] = -np.inf
-    total = 0.0
-    at, slope = np.empty(3), np.empty((2, 3))
+    left, top, right, bottom, total = np.inf, np.inf, -np.inf, -np.inf, 0.0
+    p = projection
     for joint in range(len(joints_m)):
-        for row in range(3):
-            at[row] = projection[row, 3]
-            for axis in range(3):
-                at[row] += projection[row, axis] * joints_m[joint, axis]
-        depth = at[2]
+        x, y, z = joints_m[joint, 0], joints_m[joint, 1], joints_m[joint, 2]
+        depth = p[2, 3] + p[2, 0] * x + p[2, 1] * y + p[2, 2] * z
         total += depth
         scale = 1.0 / (LEAST_DEPTH_M if abs(depth) < LEAST_DEPTH_M else depth)
-        inside[joint] = depth > MIN_DEPTH_M
-        for row in range(2):
-            pixel = at[row] * scale
-            pixels[joint, row] = pixel
-            inside[joint] = inside[joint] and pixel > 0 and pixel < size[row]
-            box[row] = min(box[row], pixel)
-            box[row + 2] = max(box[row + 2], pixel)
-            for axis in range(3):
-                slope[row, axis] = (projection[row, axis] - pixel * projection[2, axis]) * scale
-        entry = 0
-        for a in range(3):
-            for b in range(a, 3):
-                information[joint, entry] = slope[0, a] * slope[0, b] + slope[1, a] * slope[1, b]
-                entry += 1
+        u = (p[0, 3] + p[0, 0] * x + p[0, 1] * y + p[0, 2] * z) * scale
+        v = (p[1, 3] + p[1, 0] * x + p[1, 1] * y + p[1, 2] * z) * scale
+        pixels[joint, 0], pixels[joint, 1] = u, v
+        inside[joint] = depth > MIN_DEPTH_M and 0 < u < size[0] and 0 < v < size[1]
+        left, right = min(left, u), max(right, u)
+        top, bottom = min(top, v), max(bottom, v)
+        ux, vx = (p[0, 0] - u * p[2, 0]) * scale, (p[1, 0] - v * p[2, 0]) * scale
+        uy, vy = (p[0, 1] - u * p[2, 1]) * scale, (p[1, 1] - v * p[2, 1]) * scale
+        uz, vz = (p[0, 2] - u * p[2, 2]) * scale, (p[1, 2] - v * p[2, 2]) * scale
+        information[joint, 0] = ux * ux + vx * vx
+        information[joint, 1] = ux * uy + vx * vy
+        information[joint, 2] = ux * uz + vx * vz
+        information[joint, 3] = uy * uy + vy * vy
+        information[joint, 4] = uy * uz + vy * vz
+        information[joint, 5] = uz * uz + vz * vz
+    box[0], box[1], box[2], box[3] = left, top, right, bottom
     return total / len(joints_m)
 
 
 @kernel
-def _in_front(pixel: Floats, depth: float, boxes: Floats, depths: Floats) -> float:
-    """Return 1, or `BEHIND_SHARE` for a joint behind the box of a nearer person."""
+def _in_front(u: float, v: float, depth: float, boxes: Floats, depths: Floats) -> float:
+    """Return 1, or `BEHIND_SHARE` for a joint at (u, v) behind the box of somebody nearer."""
     for other in range(len(depths)):
         if 0 < depths[other] < depth - BEHIND_M:
             box = boxes[other]
-            if box[0] < pixel[0] < box[2] and box[1] < pixel[1] < box[3]:
+            if box[0] < u < box[2] and box[1] < v < box[3]:
                 return BEHIND_SHARE
     return 1.0
 

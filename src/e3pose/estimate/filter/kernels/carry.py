@@ -32,7 +32,7 @@ def carry(
     Every joint is by itself: with A, B and C the blocks of its covariance (position, position with
     velocity, velocity) and J the information of the views of a slot,
 
-        A' = (A^-1 + J)^-1,   B' = A' A^-1 B,   C' = C - B' (A^-1 - A^-1 A' A^-1) B
+        A' = (A^-1 + J)^-1,   B' = A' W,   C' = C - W^T (B - B'),   W = A^-1 B
 
     Args:
         covariance: `(num_tracks, num_joints, 6, 6)` of the newest slot.
@@ -50,7 +50,7 @@ def carry(
     num_ordered, num_cameras = ordered.shape
     shares = np.zeros((num_ordered, num_cameras))
     A, B, C, information = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty(6)
-    room = np.empty((4, 3, 3))
+    room = np.empty((3, 3, 3))
     for track in range(covariance.shape[0]):
         for slot in range(num_ordered + 1):
             for camera in range(num_cameras):
@@ -66,8 +66,9 @@ def carry(
                     C[a, b] = covariance[track, joint, a + 3, b + 3]
             lasts_s = velocity_lasts_s[joint]
             drift = drift_m2ps3[track, joint]
+            fade = math.exp(-interval_s / lasts_s)
             for slot in range(num_ordered + 1):
-                _move_on(A, B, C, lasts_s, drift, interval_s)
+                _move_on(A, B, C, lasts_s, fade, drift, interval_s)
                 if slot == num_ordered:
                     break
                 for entry in range(6):
@@ -88,8 +89,9 @@ def carry(
 
 
 @kernel
-def _move_on(A: Floats, B: Floats, C: Floats, lasts_s: float, drift: float, dt: float) -> None:
-    fade = math.exp(-dt / lasts_s)
+def _move_on(
+    A: Floats, B: Floats, C: Floats, lasts_s: float, fade: float, drift: float, dt: float
+) -> None:
     reach = lasts_s * (1.0 - fade)
     turned = lasts_s * (1.0 - fade * fade) / 2
     for a in range(3):
@@ -108,29 +110,24 @@ def _move_on(A: Floats, B: Floats, C: Floats, lasts_s: float, drift: float, dt: 
 @kernel
 def _expect(A: Floats, B: Floats, C: Floats, information: Floats, room: Floats) -> None:
     """Replace the blocks by those after views of the information `information`."""
-    before, after, gain = room[0], room[1], room[2]
-    kept = room[3]  # A' A^-1
-    _invert(A, before)
+    inverse, total, W = room[0], room[1], room[2]
+    _invert(A, inverse)
     entry = 0
     for a in range(3):
         for b in range(a, 3):
-            gain[a, b] = before[a, b] + information[entry]
-            gain[b, a] = gain[a, b]
+            total[a, b] = inverse[a, b] + information[entry]
+            total[b, a] = total[a, b]
             entry += 1
-    _invert(gain, A)
-    _multiply(A, before, kept)
-    _multiply(before, kept, after)
-    for a in range(3):  # A^-1 - A^-1 A' A^-1
-        for b in range(3):
-            after[a, b] = before[a, b] - after[a, b]
-    _multiply(after, B, gain)
+    _multiply(inverse, B, W)
+    _invert(total, A)
+    _multiply(A, W, total)
     for a in range(3):
         for b in range(3):
-            C[a, b] -= B[0, a] * gain[0, b] + B[1, a] * gain[1, b] + B[2, a] * gain[2, b]
-    _multiply(kept, B, gain)
+            gone = W[0, a] * (B[0, b] - total[0, b]) + W[1, a] * (B[1, b] - total[1, b])
+            C[a, b] -= gone + W[2, a] * (B[2, b] - total[2, b])
     for a in range(3):
         for b in range(3):
-            B[a, b] = gain[a, b]
+            B[a, b] = total[a, b]
 
 
 @kernel
