@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.model.slot_record import SlotRecord
+
 MAX_SAMPLES = 4096  # some minutes of slots
 MINUTE_S = 60.0
 
@@ -64,6 +66,31 @@ class Counts:
         self.missed = np.zeros(self.num_cameras, dtype=np.int64)
         self._selected = deque()
         self._active = np.zeros(self.num_cameras, dtype=np.int64)
+
+    def count_slot(
+        self,
+        views: int,
+        wanted: NDArray[np.bool_],
+        record: SlotRecord,
+        begun_ns: int,
+        took_ns: int,
+    ) -> None:
+        """Add a slot.
+
+        Args:
+            views: those that came in time.
+            wanted: `(num_cameras,)` cameras that were reachable and had an order in time.
+            record: of the slot.
+            begun_ns: when computing it began.
+            took_ns: to compute it.
+        """
+        self.first_ns = self.first_ns or begun_ns
+        self.slots += 1
+        self.views += views
+        self.ordered += wanted
+        self.missed += wanted & ~record.arrived
+        self.stepping.add(took_ns)
+        self.add_selection(record.selected)
 
     def add_selection(self, selected: NDArray[np.bool_]) -> None:
         """Add the selection of a slot."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,7 +22,7 @@ from e3pose.edge.roster import (
     with_presence,
 )
 from e3pose.errors import InputError
-from e3pose.geometry.camera import Camera, Rig
+from e3pose.geometry.camera import Rig
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, convert
 from e3pose.runtime.clock import Clock
@@ -72,6 +72,7 @@ class Inbox:
     _index: dict[str, int] = field(init=False)
     _topics: dict[str, int] = field(init=False)  # of all messages of cameras
     _flood_until_ns: list[int] = field(init=False)
+    _sizes: list[tuple[int, int] | None] = field(init=False)  # required; None: not known yet
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
@@ -82,6 +83,10 @@ class Inbox:
             for camera_id, i in self._index.items()
             for what in ("view", "hello", "heartbeat", "clock")
         }
+        self._sizes = [
+            camera.image_size if self.rig.placed or not camera.lens_assumed else None
+            for camera in self.rig.cameras
+        ]
         self._flood_until_ns = [0] * len(self._index)
 
     def listen(self, transport: Transport) -> None:
@@ -97,19 +102,17 @@ class Inbox:
 
     def problems(self) -> list[str]:
         """Return for each camera why it cannot be selected; empty if it can."""
-        return [self.problem(index) for index in range(len(self.rig))]
+        return self.problems_of(range(len(self.rig)))
 
-    def problem(self, index: int) -> str:
-        """Return why a camera cannot be selected; empty if it can."""
-        camera = self.rig.cameras[index]
-        if camera.camera_id in self.paused():
-            return PAUSED
-        state = self.roster.cameras[index]
-        return problem(state, self.joints, self._size(camera), self.clock.now_ns())
-
-    def _size(self, camera: Camera) -> tuple[int, int] | None:
-        """Return the required image size of a camera; None if it is not known yet."""
-        return camera.image_size if self.rig.placed or not camera.lens_assumed else None
+    def problems_of(self, cameras: Iterable[int]) -> list[str]:
+        """Return for some cameras why they cannot be selected; empty for those that can."""
+        paused, states, now_ns = self.paused(), self.roster.cameras, self.clock.now_ns()
+        return [
+            PAUSED
+            if states[camera].camera_id in paused
+            else problem(states[camera], self.joints, self._sizes[camera], now_ns)
+            for camera in cameras
+        ]
 
     def online(self) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: cameras that can be selected now."""

@@ -82,6 +82,14 @@ def after_slot(load: Load, took_s: float, interval_s: float, awake: int) -> Load
     return load
 
 
+def level_change(before: Load, after: Load) -> str | None:
+    """Return the message of an event for a level that changed; None if it did not."""
+    if after.level == before.level:
+        return None
+    what = "edge overloaded" if after.level > before.level else "edge load is back to normal"
+    return f"{what}, computing takes {after.busy:.0%} of a slot: {WORDS[after.level]}"
+
+
 def shed_load(pipeline: Pipeline, load: Load) -> Pipeline:
     """Return the pipeline without what is currently shed."""
     if load.level == FULL:

@@ -229,6 +229,18 @@ def _number(policy: Policy, name: str) -> float | None:
     return float(found) if isinstance(found, int | float) and np.isfinite(found) else None
 
 
+Troubles = tuple[Sequence[str], Sequence[str]]  # problems and impairments, of each camera
+
+
+def camera_changes(
+    camera_ids: Sequence[str], before: Troubles, after: Troubles
+) -> list[tuple[str, str, str]]:
+    """Return the events of cameras that were lost, came back, or respond too late."""
+    lost = changes(camera_ids, before[0], after[0], ("camera-lost", "camera-back"))
+    kinds = "camera-useless", "camera-useful"
+    return lost + changes(camera_ids, before[1], after[1], kinds, "responds in time again")
+
+
 def changes(
     camera_ids: Sequence[str],
     before: Sequence[str],

@@ -29,10 +29,10 @@ from e3pose.edge.lead import Lead, adapt, cautious, lagging, take_in_delay
 from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
-from e3pose.edge.overload import WORDS, Load, after_slot, shed_load
+from e3pose.edge.overload import Load, after_slot, level_change, shed_load
 from e3pose.edge.precompile import warm_up
 from e3pose.edge.publisher import Publisher
-from e3pose.edge.reports import SiteSnapshot, changes, site_status
+from e3pose.edge.reports import SiteSnapshot, camera_changes, site_status
 from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.threads import ThreadGroup
@@ -252,11 +252,11 @@ class EdgeServer:
         behind_ns = self.clock.now_ns() - self._deadline_ns(times, self.state.slot)
         if behind_ns < BACKLOG_S * 1e9:
             return
-        slot = self.state.slot + behind_ns // self.interval_ns
-        self.counts.lost += slot - self.state.slot
-        skipped = plural(slot - self.state.slot, "slot")
+        lost = behind_ns // self.interval_ns
+        self.counts.lost += lost
+        skipped = plural(lost, "slot")
         self.event_log.report("slots-lost", f"skipped {skipped}: the edge was behind")
-        self._skip(slot)
+        self._skip(self.state.slot + lost)
 
     def _skip(self, slot: int) -> None:
         self.state = skip_to(self.state, slot, self.pipeline.budget)
@@ -282,11 +282,11 @@ class EdgeServer:
     def _missing(self, times: SlotTimes, slot: int) -> list[int]:
         """Return the cameras that were ordered and are there, whose view is yet to come."""
         ordered = self.gather.missing(self._ordered(times, slot))
-        return [camera for camera in ordered if not self.inbox.problem(camera)]
+        problems = self.inbox.problems_of(ordered)
+        return [camera for camera, why in zip(ordered, problems, strict=True) if not why]
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
-        self.counts.first_ns = self.counts.first_ns or begun_ns
         reachable = self.inbox.online()
         online = reachable.copy()
         ordered = self._ordered(times, slot)
@@ -305,20 +305,14 @@ class EdgeServer:
         def publish(people: People) -> None:
             self.publisher.publish(slot, time_ns, people, used, ordered & online)
 
-        self.state, record = step(
-            shed_load(self.pipeline, self.load), state, views, online, publish
-        )
+        pipeline = shed_load(self.pipeline, self.load)
+        self.state, record = step(pipeline, state, views, online, publish)
         took_ns = self.clock.now_ns() - begun_ns
-        self.counts.stepping.add(took_ns)
         lead = self.pipeline.lead_slots
         self.orders.give(times, slot + lead, record.next_selection, lead, record.expected)
         self.orders.forget_before(slot)
         self.newest = record
-        self.counts.slots += 1
-        self.counts.views += len(used)
-        self.counts.ordered += wanted
-        self.counts.missed += wanted & ~record.arrived
-        self.counts.add_selection(record.selected)
+        self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
         self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
         took_ns += self.publisher.publish_delayed(busy=self.load.level > 0)
@@ -357,13 +351,10 @@ class EdgeServer:
 
     def _adapt_load(self, took_s: float, record: SlotRecord) -> None:
         """Leave out work while the machine is too slow for it, and say so."""
-        before, interval_s = self.load.level, self.interval_ns / 1e9
-        self.load = after_slot(self.load, took_s, interval_s, int(record.selected.sum()))
-        if self.load.level != before:
-            busy = f"computing takes {self.load.busy:.0%} of a slot"
-            overloaded = self.load.level > before
-            what = "edge overloaded" if overloaded else "edge load is back to normal"
-            self.event_log.report("overload", f"{what}, {busy}: {WORDS[self.load.level]}")
+        before, awake = self.load, int(record.selected.sum())
+        self.load = after_slot(before, took_s, self.interval_ns / 1e9, awake)
+        if message := level_change(before, self.load):
+            self.event_log.report("overload", message)
 
     # The keeping thread.
 
@@ -373,16 +364,13 @@ class EdgeServer:
         while not self.threads.stopping.is_set():
             before = problems, odd
             problems, odd = self.inbox.problems(), self.impairments()
-            events = changes(ids, before[0], problems, ("camera-lost", "camera-back"))
-            events += changes(
-                ids, before[1], odd, ("camera-useless", "camera-useful"), "responds in time again"
-            )
+            events = camera_changes(ids, before, (problems, odd))
             for kind, message, camera_id in events:
                 self.event_log.report(kind, message, camera_id)
             if events or self.clock.now_ns() >= due_ns:
                 due_ns = self.clock.now_ns() + round(KEEPING_S * 1e9)
-                status = encode(self.status())
-                self.outbox.put(topics.of_site(self.settings.site, "status"), status)
+                topic = topics.of_site(self.settings.site, "status")
+                self.outbox.put(topic, encode(self.status()))
                 self._keep_checkpoint()
             self.clock.wait(self.threads.stopping, self.clock.now_ns() + round(LOOK_S * 1e9))
             # Two threads of Python work at half the speed: not while a slot is computed.
@@ -393,10 +381,8 @@ class EdgeServer:
         times, pipeline, state = self.times, self.pipeline, self.state  # values: they stay
         if times is None:
             return
-        now_ns = self.clock.now_ns()
-        made = Checkpoint(
-            state, times.origin_ns, len(state.selections), now_ns, self.state_file.run_ns
-        )
+        made_ns, run_ns = self.clock.now_ns(), self.state_file.run_ns
+        made = Checkpoint(state, times.origin_ns, len(state.selections), made_ns, run_ns)
         self.state_file.keep(made, pipeline)
 
     def _resume(self) -> None:
