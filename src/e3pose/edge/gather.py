@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -80,11 +80,11 @@ class Gather:
         with self._lock:
             self._lock.notify_all()
 
-    def missing(self, wanted: NDArray[np.bool_]) -> list[int]:
+    def missing(self, wanted: Iterable[int]) -> list[int]:
         """Return the wanted cameras that have no view in the oldest open slot."""
         with self._lock:
             here = self._slots.get(self.slot, {})
-            return [camera for camera in np.flatnonzero(wanted).tolist() if camera not in here]
+            return [camera for camera in wanted if camera not in here]
 
     def sleep(self, clock: Clock, until_ns: int, awaited: Collection[int] = ()) -> None:
         """Wait until the oldest open slot has the views of some cameras, but not past a time.

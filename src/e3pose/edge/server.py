@@ -268,22 +268,17 @@ class EdgeServer:
     def _wait_for_views(self, times: SlotTimes, slot: int) -> bool:
         """Wait until nothing more is to come, or the deadline; return False when to end."""
         middle_ns, deadline_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
+        while not self.threads.stopping.is_set() and self.clock.now_ns() < middle_ns:
+            self.gather.sleep(self.clock, middle_ns)
+        ordered = np.flatnonzero(self._ordered(times, slot)).tolist()  # later orders are too late
         while not self.threads.stopping.is_set():
-            now_ns = self.clock.now_ns()
-            if now_ns < middle_ns:
-                self.gather.sleep(self.clock, middle_ns)
-                continue
-            missing = self._missing(times, slot)
-            if now_ns >= deadline_ns or not missing:
+            now_ns, missing = self.clock.now_ns(), self.gather.missing(ordered)
+            problems = self.inbox.problems_of(missing)
+            awaited = [camera for camera, why in zip(missing, problems, strict=True) if not why]
+            if now_ns >= deadline_ns or not awaited:
                 return True
-            self.gather.sleep(self.clock, deadline_ns, missing)
+            self.gather.sleep(self.clock, deadline_ns, awaited)
         return False
-
-    def _missing(self, times: SlotTimes, slot: int) -> list[int]:
-        """Return the cameras that were ordered and are there, whose view is yet to come."""
-        ordered = self.gather.missing(self._ordered(times, slot))
-        problems = self.inbox.problems_of(ordered)
-        return [camera for camera, why in zip(ordered, problems, strict=True) if not why]
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
