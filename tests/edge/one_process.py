@@ -48,6 +48,12 @@ class Site:
     feedback: bool = False
 
     def start_edge(self) -> EdgeServer:
+        edge = self.make_edge()
+        edge.start()
+        return edge
+
+    def make_edge(self) -> EdgeServer:
+        """Return the edge before it starts, with the state that the one before it left."""
         settings = ReplaySettings(
             pipeline="memory", policy="round-robin", num_selected=self.num_selected,
             predictor="zero-velocity", feedback=self.feedback,
@@ -69,7 +75,6 @@ class Site:
             StateFile(self.folder / "state.npz", event_log.report, self.clock.now_ns()),
             event_log,
         )
-        self.edge.start()
         return self.edge
 
     def start_camera(self, camera_id: str) -> CameraNode:

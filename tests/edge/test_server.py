@@ -149,9 +149,10 @@ def test_restarted_edge_goes_on_where_it_was(site: Site) -> None:
     edge.stop()
     assert edge.newest is not None
     last, ids = edge.newest, set(edge.newest.track_ids.tolist())
-    again = site.start_edge()
+    again = site.make_edge()
     assert again.state.slot == edge.state.slot > last.slot
     np.testing.assert_allclose(again.state.deficit, edge.state.deficit)
+    again.start()
     assert eventually(lambda: again.counts.slots > 5)
     assert again.times == edge.times  # the same slots in the same time
     assert again.newest is not None and again.newest.slot > last.slot
