@@ -1,11 +1,11 @@
 """The edge server: four kinds of threads around the one `pipeline.step`.
 
     receiving (the transport's threads -> Inbox -> Gather)
-    fusion and selection (`_run_slots`: close a slot, step, hand on)
+    fusion and selection (`_run_slots`: close a slot, step, pass on)
     sending (Outbox)
-    keeping (`_run_housekeeping`: status, checkpoint, events)
+    housekeeping (`_run_housekeeping`: status, checkpoint, events)
 
-It contains no mathematics: it owns the clock, the threads and what is counted.
+It contains no mathematics: it owns the clock, the threads and the counters.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
 
-BACKLOG_S = 2.0  # an edge that is farther behind gives up slots instead of working them off
-IDS_LEFT_OUT = 100  # an edge that was killed had given some that its last checkpoint lacks
+BACKLOG_S = 2.0  # an edge that is farther behind skips slots
+IDS_LEFT_OUT = 100  # ids given after the last checkpoint of a killed edge
 KEEPING_S = 1.0  # status, checkpoint
 END_S = 5.0  # to end a thread
-LOOK_S = 0.1  # who is there, and how long to wait for the moment after a slot
+LOOK_S = 0.1  # interval of checks for connected cameras
 
 
 class EdgeServer:
@@ -66,16 +66,16 @@ class EdgeServer:
         event_log: EventLog | None = None,
         consumers: Consumers = NO_CONSUMERS,
     ) -> None:
-        """Take up the state of the checkpoint, if there is one that fits.
+        """Resume from the checkpoint, if there is one that fits.
 
         Args:
             pipeline: the parts of the loop.
             transport: how to reach the cameras; the server closes it.
             settings: see `EdgeSettings`.
             clock: the edge's time.
-            state_file: keeps the state, and has that of an earlier life; None keeps none.
+            state_file: saves the state, and holds that of an earlier run; None saves none.
             event_log: logs and stores events.
-            consumers: to whom slots and heartbeats are handed.
+            consumers: of slots and heartbeats.
         """
         self.pipeline, self.settings, self.clock = pipeline, settings, clock
         self.transport, self.consumers = transport, consumers
@@ -131,7 +131,7 @@ class EdgeServer:
         self.stop()
 
     def start(self) -> None:
-        """Begin to receive, and to compute slots once cameras are there."""
+        """Start to receive, and to compute slots once cameras are connected."""
         if self.consumers.sink is not None:
             self.event_log.attach(self.consumers.sink)
         self._join()  # cameras find the edge again while it gets ready
@@ -144,7 +144,7 @@ class EdgeServer:
             self.threads.start(name, body)
 
     def stop(self) -> None:
-        """End after the slot in work, keep the state, leave the site."""
+        """Finish the current slot, save the state, leave the site."""
         if not self.threads.stop():
             return
         self.gather.wake()
@@ -155,7 +155,7 @@ class EdgeServer:
         self.transport.close()
 
     def rejoin(self, open_transport: Callable[[], Transport]) -> None:
-        """Leave the site and join it anew, by other rules; cameras come back by themselves."""
+        """Leave the site and join it with other access rules; cameras reconnect by themselves."""
         self.transport.close()  # the new one listens at the same place
         self.transport = open_transport()
         self._join()
@@ -175,18 +175,18 @@ class EdgeServer:
         self.outbox.close()
 
     def running(self) -> bool:
-        """Return whether all threads still work."""
+        """Return whether all threads are running."""
         return self.threads.running()
 
     def impairments(self) -> list[str]:
-        """Return, camera by camera, why one that can be chosen is of no use; empty where it is."""
+        """Return for each camera why it is useless although connected; empty if it is useful."""
         found = impairments(self.state.silence, self.gather.late_by_s(), self.pipeline.interval_s)
         for camera, why in lagging(self.lead).items():
             found[camera] = why
         return found
 
     def status(self) -> Status:
-        """Return how the site is."""
+        """Return the status of the site."""
         now_ns = self.clock.now_ns()
         return site_status(
             SiteSnapshot(
@@ -221,7 +221,7 @@ class EdgeServer:
             self._compute(times, slot, self.gather.close())
 
     def _wait_for_cameras(self) -> bool:
-        """Wait until all cameras are there, or two and then a while; return whether to begin."""
+        """Wait for all cameras, or some time after two; return whether to start."""
         two_ns: int | None = None
         while not self.threads.stopping.is_set():
             online, now_ns = self.inbox.online(), self.clock.now_ns()
@@ -266,7 +266,7 @@ class EdgeServer:
         return times.middle_ns(slot) + round(self.settings.deadline_s * 1e9)
 
     def _wait_for_views(self, times: SlotTimes, slot: int) -> bool:
-        """Wait until nothing more is to come, or the deadline; return False when to end."""
+        """Wait for all views or the deadline; return False when the edge stops."""
         middle_ns, deadline_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
         while not self.threads.stopping.is_set() and self.clock.now_ns() < middle_ns:
             self.gather.sleep(self.clock, middle_ns)
@@ -292,7 +292,7 @@ class EdgeServer:
         self._late = late
         state = replace(state, selections=np.concatenate([ordered[None], state.selections[1:]]))
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
-        # A camera that is not believed to be there but delivered all the same was there.
+        # A camera presumed offline that delivered a view was online.
         online[list(views)] = True
         used = {camera: a.arrived_ns for camera, a in arrivals.items() if ordered[camera]}
         time_ns = times.middle_ns(slot)
@@ -316,13 +316,13 @@ class EdgeServer:
         self._quiet.set()
 
     def _ordered(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
-        """Return `(num_cameras,)`: who was selected for a slot and can have known of it."""
+        """Return `(num_cameras,)`: cameras selected for a slot whose order was in time."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 
     def _update_pipeline(
         self, times: SlotTimes, record: SlotRecord, online: Sequence[bool]
     ) -> None:
-        """Between two slots: another lead, a better predictor, other budgets."""
+        """Update lead, predictor and budgets between two slots."""
         self.pipeline, events = self.consumers.improved(self.pipeline, record)
         for kind, line, camera_id in events:
             self.event_log.report(kind, line, camera_id)
@@ -345,13 +345,13 @@ class EdgeServer:
                 self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
 
     def _adapt_load(self, took_s: float, record: SlotRecord) -> None:
-        """Leave out work while the machine is too slow for it, and say so."""
+        """Shed load while the machine is too slow, and report it."""
         before, awake = self.load, int(record.selected.sum())
         self.load = after_slot(before, took_s, self.interval_ns / 1e9, awake)
         if message := level_change(before, self.load):
             self.event_log.report("overload", message)
 
-    # The keeping thread.
+    # The housekeeping thread.
 
     def _run_housekeeping(self) -> None:
         ids, due_ns = self.pipeline.rig.camera_ids, 0
