@@ -49,7 +49,7 @@ def test_the_error_stated_is_the_error_made(predictor: str) -> None:
     for scene in SCENES:
         fps = None if scene == "slow" else FPS
         recording = simulate(SceneSettings(scene=scene, seconds=SECONDS, fps=fps), SEED)
-        for cameras in (1, 2):
+        for cameras in (1, 2, 4):
             settings = ReplaySettings(num_selected=cameras, lead_slots=4, predictor=predictor)
             found = expected_figures(recording, list(replay(recording, settings)))
             assert found.matched_mm is not None

@@ -23,7 +23,7 @@ STEERED, ALONE = 0.75, 0.85
 ACTUAL, EXPECTED = 0, 1  # of `Belief.innovations`
 # Innovations over expected ones where the reported error is the actual one. It is below 1 as
 # uncertainty is mostly along one line of sight, and errors in two directions are longer.
-USUAL = 0.87
+USUAL = 0.9
 PRIOR_M = 0.4  # of expected innovations that the constants count for: half a look at a person
 MEMORY_S = 1.5  # of the sums: people who stand begin to walk
 MOST = 2.0  # the learned factor, and its inverse

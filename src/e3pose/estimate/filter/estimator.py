@@ -27,9 +27,11 @@ from e3pose.predict.base import Prediction
 from e3pose.runtime.deferred import Deferred
 
 if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import scratch
     from e3pose.estimate.filter.kernels import shown as kernels
 else:
     kernels = Deferred("e3pose.estimate.filter.kernels.shown")
+    scratch = Deferred("e3pose.estimate.filter.kernels.scratch")
 
 FilterStep = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Estimate]]
 
@@ -43,12 +45,14 @@ class FilterMemory:
         identities: which of the belief's tracks are whom, and who left.
         track_ids: `(num_tracks,)` the belief's tracks that the newest slot showed.
         history_m: `(num_slots, num_tracks, num_joints, 3)` where they were shown, oldest first.
+        factor: that makes the belief's standard deviations those that were reported, on average.
     """
 
     belief: Belief
     identities: Identities
     track_ids: NDArray[np.int64]
     history_m: NDArray[np.float64]
+    factor: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +91,7 @@ class Filtered:
         everybody = identities.of(belief.track_ids)
         rows = belief.track_ids.searchsorted(estimate.track_ids)
         track_ids = everybody[rows]
-        stated_m2, scores = _graded(belief, rows, estimate)
+        stated_m2, scores = _graded(self.model, belief, rows, estimate)
         history = _prolonged(memory, estimate)
         people = People(
             Poses3D(estimate.joints_m, scores),
@@ -101,7 +105,8 @@ class Filtered:
             posterior_of(memory.belief, belief, everybody),
             learned_shift.found_px(belief.shifts, self.model),
         )
-        return FilterMemory(belief, identities, estimate.track_ids, history), people
+        factor = _factor(belief, estimate.covariance_m2, stated_m2)
+        return FilterMemory(belief, identities, estimate.track_ids, history, factor), people
 
     def steer(
         self, memory: FilterMemory, prediction: Prediction, interval_s: float
@@ -126,7 +131,7 @@ class Filtered:
         """See `Estimator.outlook`."""
         belief = memory.belief
         track_ids = memory.identities.of(belief.track_ids)
-        return outlook(self.model, belief, ahead_s, track_ids, stated_factor(belief))
+        return outlook(self.model, belief, ahead_s, track_ids, memory.factor)
 
 
 def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
@@ -143,17 +148,36 @@ def _prolonged(memory: FilterMemory, estimate: Estimate) -> NDArray[np.float64]:
 
 
 def _graded(
-    belief: Belief, rows: NDArray[np.int64], estimate: Estimate
+    model: Model, belief: Belief, rows: NDArray[np.int64], estimate: Estimate
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return `People.covariance_m2` and the scores of the joints of the tracks at `rows`."""
     stated_m2 = np.empty_like(estimate.covariance_m2)
     scores = np.empty(estimate.measured.shape)
     kernels.grade(
+        scratch.held_site(model),
         rows,
+        belief.state,
         belief.drift_share,
         belief.innovations,
+        belief.last_seen_s,
+        belief.delivered,
+        belief.noise,
         estimate.covariance_m2,
         stated_m2,
         scores,
     )
     return stated_m2, scores
+
+
+def _factor(
+    belief: Belief, covariance_m2: NDArray[np.float64], stated_m2: NDArray[np.float64]
+) -> float:
+    """Return `FilterMemory.factor`; of those who are believed to be there if nobody is shown.
+
+    What is reported besides the belief's own covariance is thus expected of slots to come.
+    """
+    spreads_m = [
+        np.sqrt(np.einsum("...aa->...", each)[np.isfinite(each[..., 0, 0])]).sum()
+        for each in (covariance_m2, stated_m2)
+    ]
+    return float(spreads_m[1] / spreads_m[0]) if spreads_m[0] > 0 else stated_factor(belief)

@@ -12,6 +12,10 @@ from e3pose.estimate.filter.exits import MOST_LEFT_ODDS, PRIOR_HZ, PRIOR_S
 from e3pose.estimate.filter.kernels.blindness import chance, proof, share_at
 from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.kernels.exits import place_back
+from e3pose.estimate.filter.kernels.learned_noise import quietest
+from e3pose.estimate.filter.kernels.repeated_errors import add_repeated, weigh_views
+from e3pose.estimate.filter.kernels.scratch import Site
+from e3pose.runtime.held import Held
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -178,9 +182,14 @@ def show(
 
 @kernel
 def grade(
+    constants: Held[Site],
     rows: Integers,
+    state: Floats,
     drift_share: Floats,
     innovations: Floats,
+    last_seen_s: Floats,
+    delivered: Floats,
+    noise: Floats,
     covariance_m2: Floats,
     stated_m2: Floats,
     scores: Floats,
@@ -188,16 +197,25 @@ def grade(
     """Fill the published covariances of people, and the scores of their joints.
 
     Args:
+        constants: of the rig, the skeleton and the detector.
         rows: `(num_persons,)` of their tracks.
-        drift_share: `(num_tracks, num_joints)` of `Belief`.
-        innovations: `(num_tracks, 2)` of `Belief`.
+        state: `(num_tracks, num_joints, 6)` of `Belief`, like all up to `noise`.
+        drift_share: `(num_tracks, num_joints)`.
+        innovations: `(num_tracks, 2)`.
+        last_seen_s: `(num_tracks, num_cameras)`.
+        delivered: `(num_tracks, num_cameras)`.
+        noise: `(num_cameras + 1, 2)`.
         covariance_m2: `(num_persons, num_joints, 3, 3)` of `Estimate`.
-        stated_m2: likewise, filled: with these factors.
+        stated_m2: likewise, filled: with the factors and the errors that views repeat.
         scores: `(num_persons, num_joints)` filled: certainty in (0, 1], 0 for joints never
             measured.
     """
+    site = constants.values
+    sigma_px, weights = np.empty(len(site.scales)), np.empty(len(site.scales))
+    quietest(noise, site.noise_weight, site.scales, site.noise_scores, site.noise_px, sigma_px)
     for index in range(len(rows)):
         track = rows[index]
+        weigh_views(last_seen_s[track], delivered[track], sigma_px, site.memory, weights)
         of_person = learned_factor(innovations[track])
         for joint in range(scores.shape[1]):
             factor = spread_factor(drift_share[track, joint], of_person)
@@ -208,3 +226,4 @@ def grade(
             for a in range(3):
                 for b in range(3):
                     stated_m2[index, joint, a, b] = block[a, b] * factor**2
+            add_repeated(state[track, joint], weights, site.projections, stated_m2[index, joint])

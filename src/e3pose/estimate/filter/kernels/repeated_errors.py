@@ -1,0 +1,91 @@
+"""The uncertainty that views leave whose errors repeat themselves, however many there are.
+
+Biases are learned from differences between views; an error that all of them make together stays,
+for as long as the detector's errors last. Many views make the filter surer than that, so it is
+added to the covariances that are reported.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.estimate.filter.bias import MemoryTerms
+from e3pose.estimate.filter.kernels.projected import shown_at
+from e3pose.geometry.projection import MIN_DEPTH_M
+from e3pose.runtime.kernel import kernel
+
+Floats = NDArray[np.float64]
+
+STAYS = 0.3  # of the variance of lasting errors: what learned biases leave
+MOST_M = 0.03  # standard deviation along an axis that views tell nothing of
+LEAST_PX2 = 1e-9
+LEAST_WEIGHT = 0.01  # of a view that came just now and shows every joint at its best
+
+
+@kernel
+def weigh_views(
+    last_seen_s: Floats,
+    delivered: Floats,
+    sigma_px: Floats,
+    terms: MemoryTerms,
+    weights: Floats,
+) -> None:
+    """Fill `weights` `(num_cameras,)`: the inverse variance of the errors views repeat, in 1/px2.
+
+    Args:
+        last_seen_s: `(num_cameras,)` of one person, as in `Belief`.
+        delivered: `(num_cameras,)` likewise.
+        sigma_px: `(num_cameras,)` of keypoints of the best score.
+        terms: how long the detector's errors last.
+        weights: filled; 0 of cameras whose last view is too old.
+    """
+    for camera in range(len(weights)):
+        weight = delivered[camera] * math.exp(-2.0 * last_seen_s[camera] / terms.lasting_s)
+        variance = max(STAYS * terms.most * sigma_px[camera] ** 2, LEAST_PX2)
+        weights[camera] = weight / variance if weight > LEAST_WEIGHT else 0.0
+
+
+@kernel
+def add_repeated(
+    joint: Floats, weights: Floats, projections: Floats, covariance_m2: Floats
+) -> None:
+    """Add to the covariance of a joint what errors that repeat themselves leave of it.
+
+    Args:
+        joint: its place, metres, in the first three entries.
+        weights: of `weigh_views`.
+        projections: `(num_cameras, 3, 4)`.
+        covariance_m2: `(3, 3)`, in place.
+    """
+    xx = yy = zz = 1.0 / MOST_M**2
+    xy = xz = yz = 0.0
+    for camera in range(len(weights)):
+        weight = weights[camera]
+        if weight > 0.0:
+            depth, _, _, ux, uy, uz, vx, vy, vz = shown_at(
+                projections[camera], joint[0], joint[1], joint[2]
+            )
+            if depth > MIN_DEPTH_M:
+                xx += weight * (ux * ux + vx * vx)
+                xy += weight * (ux * uy + vx * vy)
+                xz += weight * (ux * uz + vx * vz)
+                yy += weight * (uy * uy + vy * vy)
+                yz += weight * (uy * uz + vy * vz)
+                zz += weight * (uz * uz + vz * vz)
+    cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    inverse = 1.0 / (xx * cxx + xy * cxy + xz * cxz)
+    covariance_m2[0, 0] += inverse * cxx
+    covariance_m2[1, 1] += inverse * (xx * zz - xz * xz)
+    covariance_m2[2, 2] += inverse * (xx * yy - xy * xy)
+    off = inverse * cxy
+    covariance_m2[0, 1] += off
+    covariance_m2[1, 0] += off
+    off = inverse * cxz
+    covariance_m2[0, 2] += off
+    covariance_m2[2, 0] += off
+    off = inverse * (xy * xz - xx * yz)
+    covariance_m2[1, 2] += off
+    covariance_m2[2, 1] += off
