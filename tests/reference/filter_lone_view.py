@@ -19,7 +19,7 @@ def discount(
     dt: float,
     model: Model,
 ) -> Belief:
-    """Return the updated belief with what one view told of a distance counted as what repeats.
+    """Return the updated belief with the distance that one view implies counted as what repeats.
 
     Args:
         before: the update.
@@ -45,14 +45,14 @@ def discount(
         has_m2 = away @ new[:3, :3] @ away
         if not 0 < has_m2 < had_m2:
             continue
-        told = 1 / has_m2 - 1 / had_m2
+        gained = 1 / has_m2 - 1 / had_m2
         counted = 0.0
         if dt > 0:
             repeats = 1 / np.tanh(dt / (2 * model.noise.memory.lasting_s))
-            counted = 1 / (1 / told + (SIZE_SHARE * far_m) ** 2 * repeats)
+            counted = 1 / (1 / gained + (SIZE_SHARE * far_m) ** 2 * repeats)
         honest_m2 = 1 / (1 / had_m2 + counted)
         moved_m = line @ (after.state[track, root, :3] - before.state[track, root, :3])
-        back_m = moved_m * (honest_m2 * counted / (has_m2 * told) - 1)
+        back_m = moved_m * (honest_m2 * counted / (has_m2 * gained) - 1)
         per_s = away @ old[:3, 3:] @ away / (away @ old[:3, :3] @ away)
         body = _along(state[track, :, :3] - centre_m, per_s)
         state[track] += back_m * body

@@ -49,8 +49,8 @@ class Foresight:
             were new ones.
         counted: `(num_cameras, num_tracks)` share of that which the estimator counts, less the
             sooner the camera looks again.
-        weights: `(num_tracks,)` how much each person counts. Somebody whom no camera showed of late
-            may not be there: that cameras would tell much if they were must not decide.
+        weights: `(num_tracks,)` weight of each person. One whom no camera showed recently may be
+            away, so the information that cameras would have about them counts for less.
         entrants: people who are not tracked yet.
         hidden: people who are followed and hidden unless one more camera shows them.
     """
@@ -105,7 +105,7 @@ def foresee(
     """Compute the information that each camera would add in the slot after `ordered`.
 
     What is known is carried through the slots in between: each adds its process noise, and the
-    views that are ordered for it add what they are expected to tell, at their own time.
+    views that are ordered for it add their expected information, at their own time.
 
     Args:
         rig: the cameras.

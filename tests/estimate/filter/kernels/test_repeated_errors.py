@@ -42,8 +42,8 @@ def test_it_is_the_inverse_of_what_the_views_tell() -> None:
     _, depth, jacobian = project(JOINT[:3], MODEL.rig.projections)
     assert (depth > 0).all()
     variance = STAYS * TERMS.most * SIGMA_PX**2 * np.exp(2 * last_seen_s / TERMS.lasting_s)
-    told = np.einsum("c,cka,ckb->ab", 1 / variance, jacobian, jacobian)
-    expected = np.linalg.inv(told + np.eye(3) / MOST_M**2)
+    information = np.einsum("c,cka,ckb->ab", 1 / variance, jacobian, jacobian)
+    expected = np.linalg.inv(information + np.eye(3) / MOST_M**2)
     np.testing.assert_allclose(added(last_seen_s), expected, rtol=1e-9)
 
 

@@ -1,10 +1,10 @@
-"""What one camera tells of a person's distance.
+"""The distance of a person whom a single camera sees.
 
-One camera shows how far away a person is by the lengths of bones alone. How wrong these are, and
-how wrong the detector takes a size, is the same in every slot: many looks tell no more than one. A
-filter that takes them for independent grows sure of a wrong distance, does not recognise the person
-in the next camera and sees no need for one. So a slot in which one camera shows a person is
-discounted along its line of sight, in one dimension and for the whole body at once.
+One camera shows how far away a person is by the lengths of bones alone. The errors of these lengths
+and of the size that the detector sees are the same in every slot, so many views say no more than
+one. A filter that takes them for independent becomes sure of a wrong distance, does not recognise
+the person in the next camera and sees no need for one. So the update of a slot with a single view
+is discounted along the line of sight, in one dimension and for the whole body at once.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def update_by_views(
     tracks: Tracks,
     passes: Passes,
 ) -> None:
-    """Update a track; what one view alone tells of its distance counts as what repeats itself.
+    """Update a track; the distance that a single view implies counts as an error that repeats.
 
     Arguments are those of `update`. Method: `docs/explanation/estimator.md`; figures:
     `docs/experiments/2026-11-23-one-camera.md`.
@@ -81,18 +81,18 @@ def update_by_views(
 def _discount(
     old: Floats, new: Floats, moved_m: Floats, repeated_m2: float, dt: float, terms: MemoryTerms
 ) -> tuple[float, float]:
-    """Return how far back a root must move from the camera, and what variance it must gain.
+    """Return how far a root must move back from the camera, and the variance that it must gain.
 
     Args:
         old: `(3, 3)` covariance before the view, on the axes of `_axes_of`.
         new: `(3, 3)` the same after it.
-        moved_m: `(3,)` what the view has moved the root by, on these axes.
+        moved_m: `(3,)` by how much the view moved the root, on these axes.
         repeated_m2: variance of the distance by the size of the person, the same in every view.
         dt: seconds since the slot before.
         terms: how long the detector's errors last.
     """
-    # Where the old uncertainty is oblique to the line of sight, the place in the image tells of the
-    # distance as well; that is no matter of size.
+    # Where the old uncertainty is oblique to the line of sight, the place in the image constrains
+    # the distance as well, without any size.
     area = old[1, 1] * old[2, 2] - old[1, 2] ** 2
     right = (old[0, 1] * old[2, 2] - old[0, 2] * old[1, 2]) / area
     up = (old[0, 2] * old[1, 1] - old[0, 1] * old[1, 2]) / area
@@ -101,12 +101,12 @@ def _discount(
     after = new[0, 0]
     if not 0.0 < after < before:
         return 0.0, 0.0
-    told, counted = 1.0 / after - 1.0 / before, 0.0
+    gained, counted = 1.0 / after - 1.0 / before, 0.0
     if dt > 0.0:
-        counted = 1.0 / (1.0 / told + repeated_m2 / math.tanh(dt / (2.0 * terms.lasting_s)))
+        counted = 1.0 / (1.0 / gained + repeated_m2 / math.tanh(dt / (2.0 * terms.lasting_s)))
     honest = 1.0 / (1.0 / before + counted)
     by_size_m = moved_m[0] - right * moved_m[1] - up * moved_m[2]
-    return by_size_m * (honest * counted / (after * told) - 1.0), honest - after
+    return by_size_m * (honest * counted / (after * gained) - 1.0), honest - after
 
 
 @kernel

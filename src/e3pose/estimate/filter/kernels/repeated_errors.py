@@ -20,7 +20,7 @@ from e3pose.runtime.kernel import kernel
 Floats = NDArray[np.float64]
 
 STAYS = 0.3  # of the variance of lasting errors: what learned biases leave
-MOST_M = 0.03  # standard deviation along an axis that views tell nothing of
+MOST_M = 0.03  # standard deviation along an axis on which views give no information
 LEAST_PX2 = 1e-9
 LEAST_WEIGHT = 0.01  # of a view that came just now and shows every joint at its best
 
