@@ -176,7 +176,7 @@ def test_a_truncated_network_is_named(tmp_path: Path) -> None:
     ("name", "model", "message"),
     [
         ("mediapipe", None, "detector: found 'mediapipe', expected one of movenet-multipose"),
-        ("trt-pose", None, "trt-pose: bring your own"),
+        ("trt-pose", None, "trt-pose: has no published weights, expected your own file"),
         ("openpose-thin", "gone.onnx", r"gone\.onnx: no such file"),
         ("gone.onnx", None, r"gone\.onnx: no such file"),
         ("openpose-thin", "model.h5", "found suffix '.h5'"),

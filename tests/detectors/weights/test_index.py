@@ -251,7 +251,10 @@ def test_weights_from_a_url(site: Site, cache: Path, monkeypatch: pytest.MonkeyP
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("nope", "'nope' is unknown, expected one of"), ("yolo-pose", "bring your own")],
+    [
+        ("nope", "'nope' is unknown, expected one of"),
+        ("yolo-pose", "has no published weights, expected your own file"),
+    ],
 )
 def test_names_without_weights(name: str, message: str) -> None:
     for function in (find_weights, pull_weights, weights_path):
