@@ -25,7 +25,7 @@ Flags = NDArray[np.bool_]
 HALF_SCORE_M = 0.1  # standard deviation of a joint's position at which its score is a half
 LEAST_SCORE = 1e-3  # a joint that is known at all is not missing
 ALONE_S, WALK_MPS = 1.2, 0.3  # who walks, led for so long by one camera alone, is not shown
-SHOWN_SPREAD_M = 0.2  # nor who has no joint that is more certain
+SHOWN_SPREAD_M = 0.3  # nor who has no joint that is more certain
 
 
 @kernel
