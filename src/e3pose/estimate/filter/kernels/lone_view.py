@@ -112,13 +112,7 @@ def _discount(
 @kernel
 def _axes_of(root: Floats, centre: Floats, axes: Floats) -> float:
     """Fill the rows of `axes`: away from a camera, to its right and up; return the distance."""
-    far_m = 0.0
-    for axis in range(3):
-        axes[0, axis] = root[axis] - centre[axis]
-        far_m += axes[0, axis] ** 2
-    far_m = max(math.sqrt(far_m), NEAREST_M)
-    for axis in range(3):
-        axes[0, axis] /= far_m
+    far_m = _line_of(root, centre, axes[0])
     flat = math.sqrt(axes[0, 0] ** 2 + axes[0, 1] ** 2)
     if flat > 1e-6:
         axes[1, 0], axes[1, 1], axes[1, 2] = axes[0, 1] / flat, -axes[0, 0] / flat, 0.0
@@ -127,6 +121,19 @@ def _axes_of(root: Floats, centre: Floats, axes: Floats) -> float:
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
         axes[2, a] = axes[1, b] * axes[0, c] - axes[1, c] * axes[0, b]
+    return far_m
+
+
+@kernel
+def _line_of(place: Floats, centre: Floats, line: Floats) -> float:
+    """Fill `line` with the unit vector from a camera to a place; return the distance."""
+    far_m = 0.0
+    for axis in range(3):
+        line[axis] = place[axis] - centre[axis]
+        far_m += line[axis] ** 2
+    far_m = max(math.sqrt(far_m), NEAREST_M)
+    for axis in range(3):
+        line[axis] /= far_m
     return far_m
 
 
@@ -165,13 +172,8 @@ def _move(
     """
     lines = np.empty((len(state), 3))
     for joint in range(len(state)):
-        far_m = 0.0
+        _line_of(state[joint], centre, lines[joint])
         for axis in range(3):
-            lines[joint, axis] = state[joint, axis] - centre[axis]
-            far_m += lines[joint, axis] ** 2
-        far_m = max(math.sqrt(far_m), NEAREST_M)
-        for axis in range(3):
-            lines[joint, axis] /= far_m
             state[joint, axis] += moved_m * lines[joint, axis]
             state[joint, axis + 3] += per_s * moved_m * lines[joint, axis]
     for joint in range(len(state)):
