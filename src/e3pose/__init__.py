@@ -5,8 +5,9 @@ The public names below are imported when they are first used, so that `import e3
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from e3pose.runtime.deferred import names_of
 
 __version__ = "0.1.0"
 
@@ -58,10 +59,7 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'e3pose' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"e3pose.{_HOMES[name]}"), name)
+__getattr__ = names_of(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

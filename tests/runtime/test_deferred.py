@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from e3pose.runtime.deferred import Deferred
+from e3pose.runtime.deferred import Deferred, names_of
 
 
 def test_what_a_module_has_is_found_by_its_name() -> None:
@@ -31,3 +31,10 @@ def test_nothing_is_imported_before_the_first_use() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["False", "True"]
+
+
+def test_names_of_a_package_come_from_their_homes() -> None:
+    find = names_of("e3pose", {"plural": "quantities"})
+    assert find("plural")(2, "slot") == "2 slots"
+    with pytest.raises(AttributeError, match=r"module 'e3pose' has no attribute 'absent'"):
+        find("absent")

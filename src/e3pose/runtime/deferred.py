@@ -7,6 +7,7 @@ call, and several times that in a program that slept before; a slot has twenty.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
@@ -29,3 +30,19 @@ class Deferred:
         found = getattr(import_module(self._name), attribute)
         setattr(self, attribute, found)  # the next look finds it without this function
         return found
+
+
+def names_of(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+    """Return the `__getattr__` of a package whose names are imported when they are first used.
+
+    Args:
+        package: its name.
+        homes: each name and the module below the package that has it.
+    """
+
+    def find(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(f"{package}.{homes[name]}"), name)
+
+    return find

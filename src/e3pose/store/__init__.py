@@ -6,8 +6,9 @@ The names below are imported when they are first used: rows and events need no S
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from e3pose.runtime.deferred import names_of
 
 if TYPE_CHECKING:
     from e3pose.store.answers import StoredPoses as StoredPoses
@@ -35,7 +36,4 @@ _HOMES = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'e3pose.store' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"e3pose.store.{_HOMES[name]}"), name)
+__getattr__ = names_of(__name__, _HOMES)
