@@ -89,7 +89,7 @@ def camera_status(
 
     Args:
         camera: its state.
-        trouble: why it cannot be selected; empty if it can.
+        problem: why it cannot be selected; empty if it can.
         impairment: why it is useless although it can be selected; empty if it is useful.
         deficit: its virtual queue.
         duty: share of the last minute's slots in which it was selected.
@@ -146,7 +146,7 @@ class SiteSnapshot:
         uptime_s: since the edge started.
         record: of the newest slot, if there is one.
         cameras: `(num_cameras,)` of the cameras.
-        troubles: `(num_cameras,)` why each cannot be selected; empty if it can.
+        problems: `(num_cameras,)` why each cannot be selected; empty if it can.
         impairments: `(num_cameras,)` why each is useless although it can be selected.
         deficit: `(num_cameras,)` their virtual queues.
         late: `(num_cameras,)` views that arrived too late.
@@ -229,11 +229,11 @@ def _number(policy: Policy, name: str) -> float | None:
     return float(found) if isinstance(found, int | float) and np.isfinite(found) else None
 
 
-Troubles = tuple[Sequence[str], Sequence[str]]  # problems and impairments, of each camera
+Conditions = tuple[Sequence[str], Sequence[str]]  # problems and impairments, of each camera
 
 
 def camera_changes(
-    camera_ids: Sequence[str], before: Troubles, after: Troubles
+    camera_ids: Sequence[str], before: Conditions, after: Conditions
 ) -> list[tuple[str, str, str]]:
     """Return the events of cameras that were lost, came back, or respond too late."""
     lost = changes(camera_ids, before[0], after[0], ("camera-lost", "camera-back"))

@@ -22,7 +22,7 @@ class StateFile:
         path: the file; None saves nothing.
         report: called with the kind and message of an event; a lasting fault is reported once.
         run_ns: when the run began: that of the resumed state, if there is one.
-        trouble: why the state cannot be saved at present; empty if it can.
+        problem: why the state cannot be saved at present; empty if it can.
     """
 
     path: Path | None

@@ -84,7 +84,7 @@ class WriterStatus:
         waiting: records handed over and not yet delivered.
         spooled: rows waiting for room in the database.
         shed: records and rows given up.
-        trouble: what keeps the database from taking more, or None.
+        problem: what keeps the database from taking more, or None.
         corrupt: files that were set aside because their content was wrong.
     """
 
