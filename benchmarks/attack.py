@@ -39,7 +39,7 @@ LARGE_BYTES = 100_000_000
 IDLE = 200  # connections that say nothing
 ENTRY_S = 60.0  # after which somebody who does not get in gives up
 STEP_S = 0.05  # between two looks at the edge
-RATE_SHARE = 0.9  # of the slots a second before, while it is attacked
+RATE_SHARE = 0.9  # of the slots per second before, while it is attacked
 FPS = 25.0
 
 
@@ -101,7 +101,7 @@ class Target:
 
 @dataclass
 class Pace:
-    """Slots a second between the first and the last status that came while it looked."""
+    """Slots per second between the first and the last status that came while it looked."""
 
     target: Target
     seen: list[tuple[float, int]] = field(default_factory=list)
@@ -127,7 +127,7 @@ def under(
         name: of the attack.
         seconds: how long.
         attack: takes the time at which to end, and says what it did.
-        rate: slots a second without an attack.
+        rate: slots per second without an attack.
     """
     said: list[str] = []
     edge = target.site.edge()
@@ -144,7 +144,7 @@ def under(
     found = pace.rate()
     most, left = max(most, edge.memory_info().rss), edge.memory_info().rss
     figures = (
-        f"{said[0] if said else 'did not end'}; {found:.1f} slots a second, edge "
+        f"{said[0] if said else 'did not end'}; {found:.1f} slots per second, edge "
         f"{rss / 1e6:.0f} MB before, {most / 1e6:.0f} MB at most, {left / 1e6:.0f} MB after"
     )
     held = bool(said) and found > RATE_SHARE * rate and (most - rss) / 1e6 < GROWTH_MB
@@ -164,7 +164,7 @@ def flood(target: Target, camera_id: str) -> Callable[[float], str]:
                     session.put(target.topic(camera_id, what), payload)
                     sent += 1
         session.close()
-        return f"{sent / (time.monotonic() - begun_s):.0f} messages a second"
+        return f"{sent / (time.monotonic() - begun_s):.0f} messages per second"
 
     return attack
 
@@ -243,7 +243,7 @@ def silence(target: Target) -> Callable[[float], str]:
 
 
 def live(seconds: float) -> list[Result]:
-    """Attack a site of four cameras and three people that runs at 25 slots a second."""
+    """Attack a site of four cameras and three people that runs at 25 slots per second."""
     with live_site(cameras=4, people=3, fps=FPS) as site:
         target = Target(site)
         pace, end_s = Pace(target), time.monotonic() + max(5.0, seconds * 0.1)
@@ -251,7 +251,7 @@ def live(seconds: float) -> list[Result]:
             pace.look()
             wait(STEP_S)
         rate = pace.rate()
-        results = [Result("site at rest", f"{rate:.1f} slots a second", rate > RATE_SHARE * FPS)]
+        results = [Result("site at rest", f"{rate:.1f} slots per second", rate > RATE_SHARE * FPS)]
         attacks = (
             ("flood of a revoked camera", 0.15, flood(target, "stray")),
             ("flood of a camera", 0.15, flood(target, target.camera_id)),

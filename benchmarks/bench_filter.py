@@ -33,7 +33,7 @@ Step = Callable[[Model, Belief, Mapping[int, Poses2D], float], tuple[Belief, Est
 
 SIZES = ((5, 4), (5, 8), (12, 8), (28, 8))
 DISTORTED = ((5, 4),)
-# Median milliseconds a slot from Python.
+# Median milliseconds per slot from Python.
 TARGETS_MS = {"5x4": 0.5, "12x8": 2.5}
 INTERVAL_S = 1 / 25
 REFERENCE_SLOTS = 40

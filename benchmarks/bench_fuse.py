@@ -35,7 +35,7 @@ LENSES = (
     ((0.4, 0.06, 0.0012, -0.0008, 0.003, 0.62, 0.11, 0.005), False),
     ((0.02, -0.008, 0.003, -0.0006), True),
 )
-# Median milliseconds a slot, the 99th percentile, recall, precision and MPJPE in mm, for the
+# Median milliseconds per slot, the 99th percentile, recall, precision and MPJPE in mm, for the
 # workloads of `--shared`; scenes made up here are a little easier or harder.
 TARGETS = {
     "5x4": (0.05, 0.1, 0.99, 0.99, 8.7),

@@ -28,7 +28,7 @@ from live_site import Site, live_site, traffic
 JPEG_QUALITY = 75
 PAUSE_S = 0.036
 STEP_S = 10.0  # of a scene, for the step by itself
-TARGET_CPU = 0.06  # of a core, at 5 cameras and 25 slots a second
+TARGET_CPU = 0.06  # of a core, at 5 cameras and 25 slots per second
 
 
 def row(cameras: int, people: int, fps: float, seconds: float) -> dict[str, float]:
@@ -163,13 +163,13 @@ def main() -> None:
         rows.append(figures)
         print(
             f"{cameras} cameras x {options.people} people, {options.seconds:g} s over TLS: "
-            f"{figures['slots_a_second']:.1f} slots a second, {figures['slots_lost']:.0f} lost; "
+            f"{figures['slots_a_second']:.1f} slots per second, {figures['slots_lost']:.0f} lost; "
             f"last view to poses {figures['latency_ms_p50']:.2f} ms, p99 "
             f"{figures['latency_ms_p99']:.2f}; step {figures['step_ms_p50']:.2f} ms, p99 "
             f"{figures['step_ms_p99']:.2f}; edge uses {figures['edge_cpu_share']:.0%} of a core, "
             f"{figures['edge_rss_mb']:.0f} MB; {figures['views_late_or_lost']:.0f} views late or "
             f"lost; {figures['orders_late']:.0f} of {figures['orders']:.0f} orders late; "
-            f"{figures['loopback_bytes_a_slot'] / 1e3:.1f} kB a slot over the loopback; lead "
+            f"{figures['loopback_bytes_a_slot'] / 1e3:.1f} kB per slot over the loopback; lead "
             f"{figures['lead_slots']:.0f}; {1 / figures['edge_cpu_share']:.0f} such "
             f"sites a core; beside it a bare loop of {figures['bare_loop_ms_p50']:.1f} ms has p99 "
             f"{figures['bare_loop_ms_p99']:.1f}, and wakes up to {figures['bare_wake_ms_p99']:.1f} "

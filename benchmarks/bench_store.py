@@ -150,7 +150,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--slots", type=int, default=DAY_SLOTS, help="of the day that is asked")
     parser.add_argument("--seconds", type=float, default=20, help="of appending")
-    parser.add_argument("--rate", type=float, default=FPS, help="slots a second appended")
+    parser.add_argument("--rate", type=float, default=FPS, help="slots per second appended")
     parser.add_argument("--folder", type=Path, help="where the databases go for the time")
     parser.add_argument("--day", type=Path, help="keep the day here, and use it if it is there")
     parser.add_argument("--json", type=Path, help="write the figures here too")
@@ -188,7 +188,7 @@ def main() -> None:
         size = os.path.getsize(day)
         print(
             f"{options.slots} slots written in {build_s:.0f} s, {size / 1e6:.0f} MB, "
-            f"{size / options.slots:.0f} bytes a slot"
+            f"{size / options.slots:.0f} bytes per slot"
         )
         figures["day"] = {"slots": options.slots, "build_s": build_s, "bytes": size}
         begin_s = time.process_time()

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-PEOPLE, JOINTS, WINDOW = 4, 17, 250  # ten seconds at 25 slots a second
+PEOPLE, JOINTS, WINDOW = 4, 17, 250  # ten seconds at 25 slots per second
 BATCH = 2500
 
 
@@ -62,35 +62,35 @@ PERSON = "CREATE TABLE p (slot, track, time, joints, scores, sigma{})"
 ONE = "SELECT * FROM p WHERE slot BETWEEN ? AND ? AND track = 1"
 LAYOUTS = (
     Layout(
-        "row a person, key (slot, track)",
+        "row per person, key (slot, track)",
         PERSON.format(", PRIMARY KEY (slot, track)") + " WITHOUT ROWID",
         per_person,
         ONE,
         stacked,
     ),
     Layout(
-        "row a person, key (track, slot)",
+        "row per person, key (track, slot)",
         PERSON.format(", PRIMARY KEY (track, slot)") + " WITHOUT ROWID",
         per_person,
         ONE,
         stacked,
     ),
     Layout(
-        "row a person, rowid and index (slot, track)",
+        "row per person, rowid and index (slot, track)",
         PERSON.format("") + "; CREATE UNIQUE INDEX i ON p (slot, track)",
         per_person,
         ONE,
         stacked,
     ),
     Layout(
-        "row a slot, blob of all its people",
+        "row per slot, blob of all its people",
         "CREATE TABLE p (slot PRIMARY KEY, time, tracks, joints, scores, sigma) WITHOUT ROWID",
         per_slot,
         "SELECT * FROM p WHERE slot BETWEEN ? AND ?",
         lambda rows: stacked(rows)[1::PEOPLE],
     ),
     Layout(
-        "row a joint",
+        "row per joint",
         "CREATE TABLE p (slot, track, joint, time, x, y, z, score, sigma, "
         "PRIMARY KEY (slot, track, joint)) WITHOUT ROWID",
         per_joint,
@@ -101,7 +101,7 @@ LAYOUTS = (
 
 
 def measure(layout: Layout, path: Path, slots: int) -> tuple[float, float, float]:
-    """Return microseconds of processor and bytes a slot, and milliseconds a question."""
+    """Return microseconds of processor and bytes per slot, and milliseconds a question."""
     connection = sqlite3.connect(path, isolation_level=None)
     connection.execute("PRAGMA journal_mode = WAL")
     connection.executescript(layout.table)

@@ -3,7 +3,7 @@
 Run: python benchmarks/bench_view.py [--requests 400]
 
 The site is that of `e3pose up --example --view`: an edge, four cameras and the view, a process
-each. Its store begins with ten minutes of four people at 25 slots a second and goes on being
+each. Its store begins with ten minutes of four people at 25 slots per second and goes on being
 written. Two programs follow the live stream; a third asks `/api/poses` for ten seconds at random
 places of the ten minutes, twenty times a second. The reference is the same question to the store
 itself, between the requests; beside both, how long this process takes to wake after a millisecond.

@@ -244,7 +244,7 @@ def clip(options: argparse.Namespace) -> None:
     profile = load_profile("xavier-nx")
     watts = profile.watts("active") - profile.watts("power-saving")
     print(
-        "network            policy        C lead  k  looks  ms a look  ratio   J a look   "
+        "network            policy        C lead  k  looks  ms per look  ratio   J per look   "
         "mm own  mm other  recall  newcomers in view"
     )
     for name, detector in detectors.items():

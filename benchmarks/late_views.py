@@ -54,7 +54,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=float, default=30.0)
     options = parser.parse_args()
-    print("deadline  left out  views a slot  lead")
+    print("deadline  left out  views per slot  lead")
     for deadline_s in (0.1, 0.15):
         print(measure(deadline_s, options.seconds), flush=True)
 

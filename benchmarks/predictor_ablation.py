@@ -177,7 +177,7 @@ def main() -> None:
         exam
         for target in ("truth", "estimates")
         for exam in make_exams(known.of(target)[1], slots, leads)
-        if "slots a second" not in exam.name
+        if "slots per second" not in exam.name
     ]
     for exam in exams:
         print(f"\n| {exam.name} | {' | '.join(map(str, LEADS))} |\n|---|{'---|' * len(LEADS)}")

@@ -143,7 +143,7 @@ def main() -> None:
     parser.add_argument("--cameras", type=int, nargs="+", default=(1, 2, 4))
     options = parser.parse_args()
     motions = list(captured(options.shared))
-    print(f"| motion, slots a second, cameras | predictor | {' | '.join(map(str, LEADS))} |")
+    print(f"| motion, slots per second, cameras | predictor | {' | '.join(map(str, LEADS))} |")
     print("|---" * (len(LEADS) + 2) + "|")
     alone: dict[tuple[str, int, int], tuple[float, float]] = {}
     for kind in ("CMU", "Panoptic"):
@@ -159,7 +159,7 @@ def main() -> None:
                     mean = np.mean([e for found, _ in plain for e in found[name]], axis=(0, 2))
                     cells = " | ".join(f"{value:.1f}" for value in mean)
                     print(f"| {kind}, {fps}, {cameras} | {name} | {cells} |", flush=True)
-    print("\n| motion, slots a second, cameras | estimate | steered |\n|---|---|---|")
+    print("\n| motion, slots per second, cameras | estimate | steered |\n|---|---|---|")
     for (kind, fps, cameras), (before, after) in alone.items():
         print(f"| {kind}, {fps}, {cameras} | {before:.1f} | {after:.1f} |")
 

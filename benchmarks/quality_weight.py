@@ -30,7 +30,7 @@ CROWDS = (
 )  # of motion capture: four clips at a time
 SEEDS = (701, 702, 703, 704)
 SECONDS, FPS = 12.0, 12.5
-STRIDE = 2  # of motion capture at 30 slots a second
+STRIDE = 2  # of motion capture at 30 slots per second
 MISSED_M = 0.5
 
 

@@ -4,7 +4,7 @@
 
 The paper's edge has a thread that fuses and one that selects, with a queue between them. Here one
 thread does both, and publishes poses before it selects. This runs the same work of the pipeline
-`paper` both ways, as fast as it goes, and prints slots a second of each, by turns. Where other
+`paper` both ways, as fast as it goes, and prints slots per second of each, by turns. Where other
 programs run, only processor time means anything: two threads get more of a busy machine than one.
 """
 
@@ -113,11 +113,11 @@ def main() -> None:
             rates[name].append(source.num_slots / run(fuse, choose, source.num_slots))
             used[name].append(1000 * (time.process_time() - began) / source.num_slots)
     for name, values in rates.items():
-        print(f"{name}: {np.median(values):.0f} slots a second, "
+        print(f"{name}: {np.median(values):.0f} slots per second, "
               f"{np.median(used[name]):.3f} ms of processor time a slot")  # fmt: skip
     ratio = np.median(np.array(rates["two threads"]) / np.array(rates["one thread"]))
     cost = np.median(np.array(used["two threads"]) / np.array(used["one thread"]))
-    print(f"two threads over one: {ratio:.2f} slots a second, {cost:.2f} processor time")
+    print(f"two threads over one: {ratio:.2f} slots per second, {cost:.2f} processor time")
 
 
 if __name__ == "__main__":

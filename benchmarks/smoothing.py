@@ -40,7 +40,7 @@ WAYS = ("causal", "rts, 200 ms", "rts, all", "kept, rts", "kept, butterworth", "
 
 
 def simulated(seeds: Sequence[int]) -> Iterator[Any]:
-    """Yield recordings of the ten scenes, at 12.5 slots a second or the scene's own rate."""
+    """Yield recordings of the ten scenes, at 12.5 slots per second or the scene's own rate."""
     from e3pose.simulate import SCENES as ALL
     from e3pose.simulate import SceneSettings, simulate
 
@@ -51,7 +51,7 @@ def simulated(seeds: Sequence[int]) -> Iterator[Any]:
 
 
 def panoptic(shared: Path) -> Iterator[Any]:
-    """Yield recordings of people who move as the Panoptic sequence, 30 slots a second."""
+    """Yield recordings of people who move as the Panoptic sequence, 30 slots per second."""
     from predictor_in_the_loop import captured, seen
 
     for kind, joints_m in captured(shared):
@@ -128,7 +128,7 @@ def table(name: str, recordings: Sequence[Any], phases: Sequence[int]) -> None:
 
 
 def cost() -> None:
-    """Print what a fixed lag of 200 ms takes, four people at 25 slots a second."""
+    """Print what a fixed lag of 200 ms takes, four people at 25 slots per second."""
     from e3pose.edge.delayed import DelayedPoses
     from e3pose.evaluate.replay import ReplaySettings, replay
     from e3pose.simulate import SceneSettings, simulate
@@ -145,7 +145,7 @@ def cost() -> None:
         if len(each.track_ids):
             took_ms.append(1000 * (time.process_time() - begun_s) / len(each.posterior.tracks))
     p50, p95 = np.percentile(took_ms, [50, 95])
-    print(f"200 ms of lag: {p50:.2f} ms a person and slot, 95 % below {p95:.2f} ms")
+    print(f"200 ms of lag: {p50:.2f} ms per person and slot, 95 % below {p95:.2f} ms")
 
 
 def main() -> None:

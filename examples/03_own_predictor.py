@@ -25,7 +25,7 @@ class Halfway:
         Args:
             history_m: `(num_slots, num_tracks, num_joints, 3)` metres, oldest first; NaN where
                 nobody was.
-            interval_s: seconds a slot.
+            interval_s: seconds per slot.
             lead_slots: how many slots to look ahead.
         """
         step = np.nan_to_num(history_m[-1] - history_m[-2])

@@ -42,7 +42,7 @@ class Pipeline:
     Attributes:
         rig: the cameras.
         num_joints: joints of the detectors' skeleton.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         estimator: says who is where, with or without a memory.
         predictor: foresees the people for the policy.
         policy: selects.
@@ -58,7 +58,7 @@ class Pipeline:
         own_boxes: whether the policy uses the cameras' own 2D predictions.
         as_published: charge the queue alone, eq. (9), whatever cameras cost, and decide first in
             slot M, for slot M + tau, as Algorithm 1 does.
-        waking: makes the policy for another number of cameras a slot; None where it has none.
+        waking: makes the policy for another number of cameras per slot; None where it has none.
         whole_every: cameras get expected views, except that one of so many detections uses the
             full frame; 0 sends none.
         clock: seconds, for stage times only.

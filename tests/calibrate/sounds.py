@@ -40,7 +40,7 @@ def heard(
     Args:
         sound: of the room.
         rng: of its echo and noise.
-        rate: samples a second.
+        rate: samples per second.
         begin_s: when it began.
         seconds: how long.
         noise_share: root mean square of its noise over that of the sound.

@@ -154,7 +154,7 @@ def test_other_settings_do_not_continue_the_work(tmp_path: Path) -> None:
         detect_videos(inputs, rig(), Brightness(5), dest)
     kept = files(partial_folder(dest))
     for settings, name, words in [
-        (DetectSettings(fps=10), "detector", "slots a second: 20, now 10"),
+        (DetectSettings(fps=10), "detector", "slots per second: 20, now 10"),
         (DetectSettings(max_slots=3), "detector", "max slots: None, now 3"),
         (None, "another", "model: detector, now another"),
     ]:

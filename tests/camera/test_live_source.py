@@ -18,7 +18,7 @@ from e3pose.recording import save_recording
 from e3pose.runtime.clock import WallClock
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
-FAST = 100.0  # frames a second
+FAST = 100.0  # frames per second
 
 
 def numbers(start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:

@@ -33,7 +33,7 @@ def joint(motion: Motion, name: str) -> Floats:
 
 
 def read_bvh(path: Path) -> tuple[list[str], list[int], Floats, float, Floats]:
-    """Return names, parents, offsets, seconds a frame and the world places of all nodes."""
+    """Return names, parents, offsets, seconds per frame and the world places of all nodes."""
     lines = [line.strip() for line in path.read_text().splitlines()]
     names: list[str] = []
     parents: list[int] = []

@@ -12,7 +12,7 @@ from tests.waiting import eventually
 
 pytestmark = [pytest.mark.live, pytest.mark.slow]
 
-FPS = 5.0  # slots a second: three cameras detect on two cores beside other programs
+FPS = 5.0  # slots per second: three cameras detect on two cores beside other programs
 
 
 class Filmed(LiveSite):

@@ -1,4 +1,4 @@
-"""Half a minute of five cameras at 25 slots a second: nothing grows."""
+"""Half a minute of five cameras at 25 slots per second: nothing grows."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def test_damped_velocity_averages_over_three_frames() -> None:
 
 
 def test_damped_velocity_decays_alike_in_time_at_any_rate() -> None:
-    """One metre a second ends 0.85/0.15 frames of 1/30 s further on, at any rate about there."""
+    """One metre per second ends 0.85/0.15 frames of 1/30 s further on, at any rate about there."""
     for fps in (15, 60, 120):
         predicted = DampedVelocity().predict(_uniform(60, 1 / fps), 1 / fps, 20 * fps).joints_m
         assert predicted[-1, 0, 0, 0] == pytest.approx(1 / 30 * 0.85 / 0.15, abs=0.035)

@@ -117,7 +117,7 @@ def test_site_without_a_budget_has_none_to_check(tmp_path: Path) -> None:
 
 
 def looked(fps: float, deadline_ms: float, selected: float = 2) -> dict[str, Finding]:
-    """Return what is found of a site on a machine with 100 ms a look, 200 ms with four at once."""
+    """Return what is found of a site on a machine of 100 ms per look, 200 ms for four at once."""
     return {
         finding.what: finding for finding in check_speed(site(fps, deadline_ms), SLOW, selected)
     }
@@ -153,8 +153,8 @@ def test_rate_and_deadline_are_compared_with_what_looks_take(
 
 def test_finding_says_what_the_machine_manages_and_what_to_write() -> None:
     found = looked(25, 90)
-    assert "manages 20 detections a second, 10 slots with 2 cameras each" in found["fps"].found
-    assert "the site asks for 25 slots a second" in found["fps"].found
+    assert "manages 20 detections per second, 10 slots with 2 cameras each" in found["fps"].found
+    assert "the site asks for 25 slots per second" in found["fps"].found
     assert found["fps"].advice.startswith("fps = 8,")
     assert "a detection takes 100 ms" in found["deadline_ms"].found
     mended = looked(suggested_fps(SLOW, 2), suggested_deadline_ms(SLOW))
@@ -177,7 +177,7 @@ def test_one_camera_cannot_look_faster_than_alone() -> None:
     assert many_cores.reach_fps(2) == pytest.approx(10)
     assert suggested_fps(many_cores, 2) == pytest.approx(10 * SPARE)
     (fps,) = (f for f in check_speed(site(12.5, 500), many_cores, 2) if f.what == "fps")
-    assert "manages 10 slots a second, as a detection takes 100 ms; the site asks for 12.5" in (
+    assert "manages 10 slots per second, as a detection takes 100 ms; the site asks for 12.5" in (
         fps.found
     )
 

@@ -31,7 +31,7 @@ class People3D:
         person: `(num_moments,)` whose.
         slot: `(num_moments,)` when.
         skeleton: the joints' names.
-        fps: slots a second.
+        fps: slots per second.
     """
 
     joints: Floats

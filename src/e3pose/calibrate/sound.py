@@ -26,7 +26,7 @@ from e3pose.errors import InputError
 
 Floats = NDArray[np.float64]
 
-RATE = 8000  # samples a second
+RATE = 8000  # samples per second
 STEPS = 1000  # of loudness, a second
 BANDS_HZ = ((150.0, 600.0), (600.0, 1500.0), (1500.0, 3500.0))
 SMOOTH_S = 0.006  # of the loudness

@@ -22,14 +22,14 @@ REACH = 1.5  # slots to either side of the coarse shift
 MOST_SIGMAS = 3.0  # errors count at most this much
 MIN_JOINTS = 200  # to compare two views by geometry
 MOST_TRACKLETS = 12  # of a view, by motion
-MOST_SPEED = 0.3  # body sizes a slot; more is a mistake of the detector
+MOST_SPEED = 0.3  # body sizes per slot; more is a mistake of the detector
 MOST_CANDIDATES = 4  # shifts by motion that geometry decides between
 
 
 def motion_signals(recording: Recording, camera: int, seen: Seen) -> list[Floats]:
     """Return, by person followed in a view, how their joints move: downwards, and how fast in all.
 
-    Each is `(num_slots, 2 * num_joints)`, in body sizes a slot and free of its mean; 0 where the
+    Each is `(num_slots, 2 * num_joints)`, in body sizes per slot and free of its mean; 0 where the
     person is not seen. The longest `MOST_TRACKLETS` are taken.
     """
     own = [i for i, t in enumerate(seen.tracklets) if t.camera == camera]

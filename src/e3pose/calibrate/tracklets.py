@@ -48,7 +48,7 @@ def find_tracklets(camera: int, series: ViewSeries, fps: float) -> list[Tracklet
     Args:
         camera: index of the camera.
         series: what it saw.
-        fps: slots a second.
+        fps: slots per second.
     """
     most_gap = _most_gap(series, fps)
     open_rows: list[list[int]] = []

@@ -43,7 +43,7 @@ class LiveSource(Protocol):
 
     @property
     def fps(self) -> float:
-        """Frames a second, about."""
+        """Frames per second, about."""
         ...
 
     def open(self) -> None:

@@ -29,7 +29,7 @@ from e3pose.recording.videos import begin_of
 from e3pose.settings.camera import MAX_SLOTS
 from e3pose.settings.camera import DetectSettings as DetectSettings
 
-SAME_RATE = 0.005  # relative; 29.97 and 30 frames a second are the same nominal rate
+SAME_RATE = 0.005  # relative; 29.97 and 30 frames per second are the same nominal rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class DetectReport:
     """What `detect_videos` left behind.
 
     Attributes:
-        fps: slots a second.
+        fps: slots per second.
         num_slots: length of the recording.
         cameras: one report per camera with a video.
         without_video: cameras of the rig that are not in the recording.
@@ -168,7 +168,7 @@ def _begins_s(paths: Mapping[str, Path]) -> dict[str, float]:
 
 
 class _Run:
-    """Walks the videos one after the other, or slot by slot, appending a line a frame."""
+    """Walks the videos one after the other, or slot by slot, appending a line per frame."""
 
     def __init__(
         self,
@@ -312,7 +312,7 @@ def _identity(
         "model": detector_name or "detector",
         "skeleton": detector.skeleton.name,
         "calibration": digest.hexdigest()[:16],
-        "slots a second": f"{grid.fps:.9g}",
+        "slots per second": f"{grid.fps:.9g}",
         "start": f"{grid.start_s:.9g} s",
         "max slots": str(grid.max_slots),
     }

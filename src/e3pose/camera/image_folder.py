@@ -51,7 +51,7 @@ class ImageFolder:
 
     Attributes:
         path: the folder.
-        rate: images a second.
+        rate: images per second.
         image_size: `(width, height)` of the first.
         files: number to file, in rising order.
         first: the number at time 0.
@@ -88,7 +88,7 @@ def open_sources(paths: Mapping[str, Path], fps: float | None) -> dict[str, Sour
 
     Args:
         paths: camera id to file or folder.
-        fps: images a second of the folders.
+        fps: images per second of the folders.
 
     Raises:
         InputError: naming what is wrong; without `fps` where there is a folder.

@@ -46,7 +46,7 @@ def make_source(
         name: what to capture.
         camera_id: of the camera, for recordings of several.
         clock: of the camera.
-        fps: frames a second to ask for; by default the source's own.
+        fps: frames per second to ask for; by default the source's own.
         pace: how fast what was recorded is played; 0.1 is a tenth of its speed.
         begin_s: when a round of it begins, since 1970; nothing is shown before.
 
@@ -84,7 +84,7 @@ class Loop:
     """Frames that repeat after their end.
 
     Attributes:
-        fps: frames a second.
+        fps: frames per second.
         image_size: `(width, height)` in pixels.
         length_s: of one round.
         frames: the frames from a time on, with the times since the beginning of the round.

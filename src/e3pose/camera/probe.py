@@ -26,7 +26,7 @@ class Probe:
     Attributes:
         source: its name.
         image_size: `(width, height)` in pixels.
-        fps: frames a second.
+        fps: frames per second.
         dark: whether the frame shows nothing.
     """
 
@@ -44,7 +44,7 @@ def probe(
     Args:
         source: see `camera.live_source`.
         camera_id: of the camera, for recordings of several.
-        fps: frames a second to ask for.
+        fps: frames per second to ask for.
         timeout_s: how long to wait for the frame.
 
     Raises:

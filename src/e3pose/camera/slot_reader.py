@@ -42,7 +42,7 @@ class SlotReader:
 
         Args:
             path: of the video.
-            fps: slots a second.
+            fps: slots per second.
             start_s: which time in the video is the recording's zero.
             first_slot: the first that will be asked for.
         """

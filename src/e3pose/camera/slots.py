@@ -18,7 +18,7 @@ class SlotGrid:
     """When the slots of a recording are.
 
     Attributes:
-        fps: slots a second.
+        fps: slots per second.
         start_s: the time of slot 0 on the rig's common clock.
         max_slots: how many slots there are at most, None for as many as there are frames for.
     """

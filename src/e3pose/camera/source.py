@@ -25,7 +25,7 @@ CONTAINERS = (
 )
 MAX_PIXELS = 8192 * 8192  # of one frame: 200 MB in RGB
 MAX_PACKETS_TO_FIRST_FRAME = 2000
-FALLBACK_RATE = 25.0  # frames a second where the file does not say
+FALLBACK_RATE = 25.0  # frames per second where the file does not say
 END_TOLERANCE = 2.5  # frames by which a file may fall short of the length it announces
 
 
@@ -57,7 +57,7 @@ class VideoSource:
         path: the file.
         image_size: `(width, height)` in pixels, as shown.
         turned: whether the file asks for a quarter turn: `image_size` is the stored size swapped.
-        rate: nominal frames a second.
+        rate: nominal frames per second.
         num_frames: how many frames the file announces; an estimate, for a progress bar.
         lost_frames: frames the last reading could not decode.
         damage: what was wrong in the last reading, in words; empty if nothing was.
@@ -104,7 +104,7 @@ class VideoSource:
         """Return `(num_samples,)` of its sound from the first frame on; None without any.
 
         Args:
-            rate: samples a second.
+            rate: samples per second.
             seconds: of sound at most; where the file has none, samples are 0.
         """
         import av

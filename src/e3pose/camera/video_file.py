@@ -36,7 +36,7 @@ class VideoFile:
         Args:
             path: does not exist yet; ends in `.mkv`.
             image_size: `(width, height)` of the frames to come, in pixels.
-            fps: frames a second, about.
+            fps: frames per second, about.
 
         Raises:
             OSError: when it cannot be written.

@@ -51,7 +51,7 @@ class EnergyLedger:
             profiles: `(num_cameras,)` assumed power until it is measured.
             idle_modes: `(num_cameras,)` what each does in slots without an order.
             budgets: `(num_cameras,)` what each may spend.
-            interval_s: seconds a slot.
+            interval_s: seconds per slot.
             num_selected: cameras that are to be active in a slot.
             now_ns: nanoseconds since 1970.
             keep: called with meter readings, such as `StoreWriter.energy`.

@@ -44,7 +44,7 @@ class Inbox:
         site: name of the site.
         rig: the cameras; messages of others are counted and ignored.
         joints: of the edge's skeleton.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         gather: where views go.
         clock: the edge's.
         on_delay: called with a camera's index and the delay of orders that it measured, seconds.

@@ -28,7 +28,7 @@ def without_late_failures(
         state: of the loop, between two slots.
         views_late: `(num_cameras,)` cameras with a late view since the last call.
         orders_late: `(num_cameras,)` cameras whose last heartbeat counted late orders.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
     """
     if not (views_late.any() or orders_late.any()):
         return state
@@ -43,7 +43,7 @@ def impairments(silence: Silence, late_by_s: NDArray[np.float64], interval_s: fl
     Args:
         silence: of the failure detector.
         late_by_s: `(num_cameras,)` age of late views; NaN where none were late.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
     """
     lives = silence.missed < patience(silence.loss, interval_s)
     return [

@@ -41,7 +41,7 @@ class RecordingPlan:
         site: name of the site.
         rig: its cameras, as far as known.
         skeleton: of the keypoints.
-        fps: slots a second of the scene.
+        fps: slots per second of the scene.
         pace: seconds of the scene that pass in a second.
         detector: whose noise the keypoints have; empty to use the names that cameras report.
         for_s: seconds of the scene to record; None to record until stopped.

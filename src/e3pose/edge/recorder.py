@@ -34,7 +34,7 @@ class RecorderSettings:
         site: its name, for the description.
         cameras: `(num_cameras,)` whether the views of each are kept.
         filmed: names of the cameras whose videos become part of the recordings.
-        fps: slots a second of the scene.
+        fps: slots per second of the scene.
         pace: seconds of the scene that pass in a second.
         skeleton: name of the skeleton.
         detector: whose noise the keypoints have.

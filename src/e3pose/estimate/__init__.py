@@ -25,7 +25,7 @@ class EstimatorSettings:
     Attributes:
         rig: the cameras.
         skeleton: of the detectors.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         history_slots: how much of the past the predictor is given.
         fusion: of the estimator without a memory.
         noise: of the detector's keypoints.

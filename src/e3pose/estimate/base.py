@@ -176,7 +176,7 @@ class Estimator(Protocol[Memory]):
         Args:
             memory: of the newest slot.
             prediction: from the `People.history_m` of that slot, `STEER_SLOTS` slots or more.
-            interval_s: seconds a slot.
+            interval_s: seconds per slot.
         """
         ...
 

@@ -81,7 +81,7 @@ def capacity_j(recording: Recording) -> Floats:
 
 
 def downsampled(recording: Recording, fps: float) -> Recording:
-    """Return the recording at fewer frames a second.
+    """Return the recording at fewer frames per second.
 
     Every new slot takes the views and truth of the nearest slot there is. Capture times stay as
     they were, hence irregular where `fps` is no whole part of the recording's.

@@ -18,7 +18,7 @@ SAME = 1e-6  # of a slot: a frame as near to a slot is that slot
 
 
 def resampled(take: Take, fps: float) -> Take:
-    """Return the take at `fps` frames a second; frame 0 is slot 0, as before.
+    """Return the take at `fps` frames per second; frame 0 is slot 0, as before.
 
     A joint that one of the two frames around lacks is missing, so gaps neither close nor grow by
     more than a frame. Between two frames the less certain one says how sure and where from.
@@ -30,7 +30,7 @@ def resampled(take: Take, fps: float) -> Take:
         raise InputError(f"--fps: found {fps:g}, expected {FPS[0]:g} to {FPS[1]:g}")
     if abs(fps * take.interval_s - 1) < 1e-9:
         return take
-    step = 1 / (fps * take.interval_s)  # slots a frame
+    step = 1 / (fps * take.interval_s)  # slots per frame
     motions = tuple(_motion(motion, step) for motion in take.motions)
     kept = tuple(motion for motion in motions if motion is not None)
     return replace(take, interval_s=1 / fps, motions=kept)

@@ -1,7 +1,7 @@
 """TRC, marker files of OpenSim and Pose2Sim: text, y up, one person per file.
 
 The layout is that of OpenSim's documentation (Marker (.trc) Files): five lines of header, a blank
-one, a row a frame. A marker that is missing has empty cells, which OpenSim reads as no number.
+one, a row per frame. A marker that is missing has empty cells, which OpenSim reads as no number.
 """
 
 from __future__ import annotations

@@ -73,7 +73,7 @@ class Take:
 
     @property
     def fps(self) -> float:
-        """Slots a second."""
+        """Slots per second."""
         return 1.0 / self.interval_s
 
     @property

@@ -184,7 +184,7 @@ def read_series(
             "as recording.toml says in frames"
         )
     if num_frames is None and not slots:
-        raise InputError(f"{path}: is empty, expected one line a frame")
+        raise InputError(f"{path}: is empty, expected one line per frame")
     return ViewSeries.from_views(views, slots, times_s, num_joints)
 
 

@@ -102,7 +102,7 @@ class Recording:
     Attributes:
         name: a title for people.
         rig: the calibrated cameras.
-        fps: slots a second.
+        fps: slots per second.
         num_slots: length of the recording.
         skeleton: the convention of the keypoints.
         views: one series per camera, in rig order.

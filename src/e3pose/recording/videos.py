@@ -29,7 +29,7 @@ def part_of(slot: int, fps: float, part_s: float) -> int:
 
     Args:
         slot: number of the slot, by the edge.
-        fps: slots a second of the scene.
+        fps: slots per second of the scene.
         part_s: length of a part, in seconds of the scene.
     """
     return slot // max(1, round(part_s * fps))

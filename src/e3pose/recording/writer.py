@@ -37,7 +37,7 @@ class RecordingWriter:
     Attributes:
         dest: the folder that it becomes.
         rig: the cameras.
-        fps: slots a second.
+        fps: slots per second.
         skeleton: name of the skeleton.
         detector: what finds the keypoints, as in `Recording`.
         source: where it comes from, in words.

@@ -25,7 +25,7 @@ from e3pose.store.records import slot_records
 
 AS_STORED = SmoothSettings()
 ADAPTIVE = "adaptive: follows the delays"
-MOST_SLOTS = 200_000  # of a page: two hours at 25 slots a second
+MOST_SLOTS = 200_000  # of a page: two hours at 25 slots per second
 
 
 def write_stretch(

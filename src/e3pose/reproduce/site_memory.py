@@ -48,7 +48,7 @@ class MemoryAsked:
 
     @property
     def fps(self) -> float:
-        """Slots a second."""
+        """Slots per second."""
         return FPS if self.detector == KEYPOINTS else NETWORK_FPS
 
 

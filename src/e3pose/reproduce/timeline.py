@@ -49,7 +49,7 @@ class RatesAsked:
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """Frames a second of the three designs.
+    """Frames per second of the three designs.
 
     Attributes:
         ours: slots for which every selected camera's view was in the poses.
@@ -71,7 +71,7 @@ def rates(sources: Sources, asked: RatesAsked) -> Rates:
 
 
 def ours(asked: RatesAsked) -> tuple[float, int]:
-    """Return the slots a second with all selected views, and the lead, of a site of processes."""
+    """Return the slots per second with all selected views, and the lead, of a site of processes."""
     recording, trip_s = simulate(SCENE, 1), asked.round_trip_ms / 1e3
     slow = {"predictor": f"{emulated.__name__}:{emulated.slow_published.__name__}"}
     with site_folder() as folder:
@@ -101,18 +101,18 @@ def ours(asked: RatesAsked) -> tuple[float, int]:
 
 
 def central_2d(asked: RatesAsked) -> float:
-    """Return the frames a second of cameras that wait for the decision of every frame."""
+    """Return the frames per second of cameras that wait for the decision of every frame."""
     decision_s = asked.round_trip_ms / 1e3 + SERVER_S * asked.slow_server
     return _frames_a_second(VECTORS_S + decision_s + DETECT_S, asked.seconds)
 
 
 def distributed(seconds: float) -> float:
-    """Return the frames a second of cameras that decide alone."""
+    """Return the frames per second of cameras that decide alone."""
     return _frames_a_second(VECTORS_S + DETECT_S, seconds)
 
 
 def _frames_a_second(work_s: float, seconds: float) -> float:
-    """Return the frames a second of a loop in which each takes `work_s`, or an interval."""
+    """Return the frames per second of a loop in which each takes `work_s`, or an interval."""
     count, begun_s = 0, time.monotonic()
     while time.monotonic() - begun_s < seconds:
         frame_s = time.monotonic()

@@ -26,7 +26,7 @@ class LastView:
     Attributes:
         slot: when it was last active; -1 if never.
         boxes: `(num_persons, 4)` what it saw then, left, top, right, bottom in pixels.
-        motion: `(num_persons, 4)` pixels a slot, from its two newest views; 0 for newcomers.
+        motion: `(num_persons, 4)` pixels per slot, from its two newest views; 0 for newcomers.
     """
 
     slot: int

@@ -20,7 +20,7 @@ class DetectSettings:
     """Which frames to look at, and what becomes of the videos.
 
     Attributes:
-        fps: slots a second; None for the videos' common rate.
+        fps: slots per second; None for the videos' common rate.
         every: look at every so many slots of that rate only.
         start_s: where slot 0 lies, in seconds after the common clock's zero.
         max_slots: at most so many slots; None for all.

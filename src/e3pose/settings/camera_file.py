@@ -39,7 +39,7 @@ class NodeTable:
         provider: where it runs.
         threads: of the processor for the network; all cores by default.
         rotation: degrees clockwise that make people in its images upright, for the detector alone.
-        fps: frames a second to ask of the source; None for its own.
+        fps: frames per second to ask of the source; None for its own.
         pace: how fast a file or recording is played.
         begin_s: seconds since 1970 at which a round of it begins, and before which nothing is
             shown; by default rounds are counted from 1970.

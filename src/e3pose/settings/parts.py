@@ -46,7 +46,7 @@ class Place(Protocol):
 
     @property
     def interval_s(self) -> float:
-        """Seconds a slot."""
+        """Seconds per slot."""
         ...
 
     @property

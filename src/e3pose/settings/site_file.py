@@ -196,7 +196,7 @@ class SiteTable:
         name: of the site.
         calibration: file of the rig.
         skeleton: of the poses; by default that of the cameras' detectors.
-        fps: slots a second.
+        fps: slots per second.
         pace: how fast files and recordings are played, where the machine cannot keep up: 0.1 is a
             tenth of their speed, and then slots are ten times as long.
         deadline_ms: how long after the middle of a slot its views are waited for.

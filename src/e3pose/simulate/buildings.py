@@ -89,5 +89,5 @@ BUILDINGS: dict[str, Scene] = {
             6: Condition(dies_at=0.65),
         },
     ),
-    "slow": replace(TWO_ROOMS, summary="the two rooms at 10 frames a second", fps=10.0),
+    "slow": replace(TWO_ROOMS, summary="the two rooms at 10 frames per second", fps=10.0),
 }

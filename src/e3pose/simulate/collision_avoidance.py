@@ -25,7 +25,7 @@ RESPONSE_S = 0.45
 MAX_ACCELERATION_MPS2 = 3.0
 MAX_SPEED_MPS = 1.9
 PUSH_PER_S = 3.0  # speed of backing off per metre of overlap
-TURN_RATE = 2.0  # radians a second at most
+TURN_RATE = 2.0  # radians per second at most
 TURN_RESPONSE_S = 0.3
 TURN_ACCELERATION = 9.0
 NOWHERE = 1e6  # where people who are away wait
@@ -37,9 +37,9 @@ class Group:
 
     Attributes:
         xy: `(num_people, 2)` metres.
-        velocity: `(num_people, 2)` metres a second.
+        velocity: `(num_people, 2)` metres per second.
         heading: `(num_people,)` radians.
-        turning: `(num_people,)` radians a second.
+        turning: `(num_people,)` radians per second.
         goal: `(num_people, 2)` metres.
         pace: `(num_people,)` wanted speed; 0 stands still.
         facing: `(num_people,)` desired heading of a standing person, NaN for any.

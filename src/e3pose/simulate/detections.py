@@ -58,7 +58,7 @@ def detect_people(
         offset_m: `(3,)` where the origin of the scene lies in the world.
         scene: its things and walls, and the floor in use.
         focus_m: distance at which the lens is sharp.
-        fps: slots a second.
+        fps: slots per second.
         settings: how the detector errs.
         seed: each kind of error has a stream of its own, so that one can be changed by itself.
     """

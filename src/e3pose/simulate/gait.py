@@ -22,7 +22,7 @@ LANDING = 0.1  # and is down again so much before the end
 BEHIND = 0.12  # share of a step by which feet land behind the place the body will have
 WALKING_HALF_M = 0.06  # half the distance between the lines on which the feet land
 STANDING_HALF_M = 0.10
-MIN_PACE = 0.03  # steps a second below which a person stands
+MIN_PACE = 0.03  # steps per second below which a person stands
 SWING_LIFT_M = 0.13
 HALT_S = 0.6
 
@@ -155,7 +155,7 @@ def _walk(
 
 
 def _pace(root: Floats, heading: Floats, interval: float, leg_m: float) -> tuple[Floats, Floats]:
-    """Return steps a second and metres a second, `(num_times,)` each."""
+    """Return steps per second and metres per second, `(num_times,)` each."""
     if len(root) < 2:
         return np.zeros(len(root)), np.zeros(len(root))
     speed = np.linalg.norm(np.gradient(root, interval, axis=0), axis=-1)

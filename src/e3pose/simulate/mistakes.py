@@ -120,7 +120,7 @@ def haunt(
     Args:
         camera: the view.
         num_slots: length of the recording.
-        fps: slots a second.
+        fps: slots per second.
         area: `(2,)` centre and radius of the floor in use, around which ghosts appear.
         rng: source of randomness.
         expected: mean number of ghosts in a view.

@@ -85,7 +85,7 @@ class Scene:
         radius_m: distance of the ring's cameras.
         height_m: height of the ring's cameras.
         cameras: how many stand in the ring, unless asked otherwise.
-        fps: slots a second, unless asked otherwise.
+        fps: slots per second, unless asked otherwise.
         seats: `(x, y, heading)` of each seat, metres and radians.
         occluders: what stands there; detectors guess some of the joints it hides.
         walls: opaque, they hide people completely.

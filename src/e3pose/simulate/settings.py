@@ -66,7 +66,7 @@ class SceneSettings:
         scene: a name in `SCENES`.
         people: how many individuals take part; the scene's own number by default.
         seconds: length of the recording.
-        fps: slots a second; the scene's own rate by default.
+        fps: slots per second; the scene's own rate by default.
         cameras: how many cameras; the scene's own number by default. Where a scene has places for
             cameras of its own, the first so many of them.
         radius_m: distance of the ring's cameras from the centre; the scene's own by default.

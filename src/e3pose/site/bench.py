@@ -26,9 +26,9 @@ class Cost:
     Attributes:
         name: of the network.
         image_size: `(width, height)` of the images looked at.
-        look_s: seconds a look, the median.
+        look_s: seconds per look, the median.
         first_s: seconds of the first look, with whatever is built for it.
-        energy_j: joules a look beyond idling; None if nothing was measured.
+        energy_j: joules per look beyond idling; None if nothing was measured.
         how: how energy is known, or why it is not.
         provider: where it ran, as far as the detector tells.
     """

@@ -133,14 +133,14 @@ def check_speed(site: SiteTable, times: DetectionTimes, num_selected: float) -> 
     if asked > SPARE * reached:
         cameras = plural(num_selected, "camera")
         slots = "" if site.pace == 1 else f" (fps {site.fps:g} at pace {site.pace:g})"
-        able = f"{times.rate:.2g} detections a second, {reached:.2g} slots with {cameras} each"
+        able = f"{times.rate:.2g} detections per second, {reached:.2g} slots with {cameras} each"
         if reached < times.rate / max(num_selected, 1):  # one camera is the slowest, not all
-            able = f"{reached:.2g} slots a second, as a detection takes {1000 * alone_s:.0f} ms"
+            able = f"{reached:.2g} slots per second, as a detection takes {1000 * alone_s:.0f} ms"
         slower = f"fps = {suggested_fps(times, num_selected):g}"
         yield Finding(
             "problem" if asked > HOPELESS * reached else "warning",
             "fps",
-            f"this machine manages {able}; the site asks for {asked:.3g} slots a second{slots}",
+            f"this machine manages {able}; the site asks for {asked:.3g} slots per second{slots}",
             f"{slower}, fewer cameras per slot, a smaller network, or run `e3pose init` again",
         )
 

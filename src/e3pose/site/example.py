@@ -29,7 +29,7 @@ class Example:
     Attributes:
         name: of the site.
         sources: camera id to what it sees, relative to the site file.
-        fps: slots a second of the scene.
+        fps: slots per second of the scene.
         skeleton: of the detectors.
         cameras: how many to wake per slot.
         pace: how fast what was recorded is played.

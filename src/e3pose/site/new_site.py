@@ -120,7 +120,7 @@ def threads_for(num_cameras: int, num_selected: int, cores: int) -> int:
 
 
 def rates(choice: Choice) -> tuple[float, float]:
-    """Return slots a second of the scene and the pace that a machine keeps up with.
+    """Return slots per second of the scene and the pace that a machine keeps up with.
 
     Films can be played slower, so that their slots are as many as those of a quick machine; a
     camera that films cannot wait, so its slots are fewer.

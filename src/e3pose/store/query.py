@@ -135,7 +135,7 @@ class Store:
     ) -> list[dict[str, Any]]:
         """Return rows of a table of `TABLES` between two times, by column name.
 
-        A slot's `occlusion`, `deficit` and `energy_j` are lists with one number a camera.
+        A slot's `occlusion`, `deficit` and `energy_j` are lists with one number per camera.
 
         Args:
             table: which.

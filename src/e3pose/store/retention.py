@@ -9,7 +9,7 @@ from sqlalchemy import Connection, delete, func, select, text
 from e3pose.store import schema
 from e3pose.store.rows import NS
 
-BATCH_SLOTS = 200  # a few milliseconds of work: eight times what 25 slots a second add
+BATCH_SLOTS = 200  # a few milliseconds of work: eight times what 25 slots per second add
 VACUUM_PAGES = 500
 SIZE_OF_SERVER = (
     "max_size: found with a database server, which keeps the space of what is deleted, "

@@ -24,7 +24,7 @@ from e3pose.store.rows import Row, Run
 FRAME = struct.Struct("<II")  # bytes of the content, its CRC-32
 HEADER_BYTES = 64 * 1024  # the run, so that whoever finds the file knows where its rows belong
 MAGIC = b"e3pose spool 1\n"
-DEFAULT_BYTES = 32_000_000  # some 15 minutes of four people at 25 slots a second
+DEFAULT_BYTES = 32_000_000  # some 15 minutes of four people at 25 slots per second
 ENDING = ".spool-"
 MAX_SPOOLS = 64  # writers of one store at a time, and what they left when they were killed
 END = b"\0" * FRAME.size

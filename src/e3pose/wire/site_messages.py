@@ -102,7 +102,7 @@ class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
     What is None or empty stays as it is.
 
     Attributes:
-        cameras: cameras a slot, as a mean; ends aiming at an error.
+        cameras: cameras per slot, as a mean; ends aiming at an error.
         target_error_mm: wake as few as keep the expected error below this; in place of `cameras`.
         quality_weight: the paper's V.
         camera_id: of the camera that the rest is about.
@@ -156,7 +156,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     Attributes:
         site: its name.
         slot: the newest slot that was closed.
-        fps: slots a second, measured.
+        fps: slots per second, measured.
         lead: slots between an order and the slot it is for.
         people: how many were there in that slot.
         cameras: of the whole rig, in its order.

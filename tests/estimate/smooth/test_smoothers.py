@@ -62,7 +62,7 @@ def test_butterworth_halves_the_power_at_its_cutoff(hz: float, gain: float, with
 
 def test_cutoffs_are_checked() -> None:
     some = take(motion(np.ones((30, 17, 3))))
-    with pytest.raises(InputError, match=r"less than 20\.1 Hz at 50 slots a second"):
+    with pytest.raises(InputError, match=r"less than 20\.1 Hz at 50 slots per second"):
         smoothed(some, SmoothSettings("butterworth", 25.0))
     with pytest.raises(InputError, match="butterworth or one-euro"):
         smoothed(some, SmoothSettings("rts", 6.0))

@@ -24,8 +24,8 @@ def test_another_frame_rate_is_the_same_motion() -> None:
 def test_known_motion_is_examined_at_other_rates_where_it_is_long_enough() -> None:
     clip = Clip("swing", np.zeros((200, NUM_COMMON, 3), np.float32), 30.0)
     names = [exam.name for exam in make_exams([("swing", [clip])], 10, 15)]
-    rates = ["swing", "swing at 5 slots a second", "swing at 15 slots a second"]
-    rates.append("swing at 60 slots a second")
+    rates = ["swing", "swing at 5 slots per second", "swing at 15 slots per second"]
+    rates.append("swing at 60 slots per second")
     assert names == [f"{rate}, {kind}" for rate in rates for kind in ("exact", "noisy")]
     short = Clip("swing", np.zeros((30, NUM_COMMON, 3), np.float32), 30.0)
     assert len(make_exams([("swing", [short])], 10, 15)) == 4

@@ -37,7 +37,7 @@ def places(tree: Tree, state: Floats, dt: float) -> Floats:
 
     Args:
         tree: of the skeleton.
-        state: `(num_tracks, num_joints, 6)` metres, metres a second.
+        state: `(num_tracks, num_joints, 6)` metres, metres per second.
         dt: seconds, 0 or more.
     """
     moved = np.empty_like(state, order="C")

@@ -199,7 +199,7 @@ class Belief:
     Attributes:
         time_s: of the newest slot; NaN before the first.
         track_ids: `(num_tracks,)` unique within a run, rising.
-        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres a second.
+        state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres per second.
         covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
         shared: `(num_tracks, num_joints, 6, 6)` covariance of each joint's `state` with that of its
             parent in `Model.tree`; 0 at the root.

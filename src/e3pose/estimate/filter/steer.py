@@ -86,7 +86,7 @@ def foreseen(
         model: of the filter.
         history_m: `(num_slots, num_steered, num_joints, 3)` metres, NaN where unknown.
         prediction: from that, two slots or more.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
 
     Returns:
         `(num_steered, num_joints, 3)` metres after `STEER_SLOTS`, NaN where no error is stated and

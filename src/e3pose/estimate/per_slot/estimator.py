@@ -26,7 +26,7 @@ class PerSlot:
     Attributes:
         fuser: matching and triangulation.
         num_joints: joints of the detectors' skeleton.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         noise: of the detector's keypoints, for the outlook.
         history_slots: the length of the history, at least 2.
     """

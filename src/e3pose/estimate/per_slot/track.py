@@ -63,7 +63,7 @@ def update_tracks(
     Args:
         tracks: the tracks after the previous slot.
         poses: the people of this slot.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
 
     Returns:
         The tracks after this slot, and `(num_persons,)` the track id of every pose.

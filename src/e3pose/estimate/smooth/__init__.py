@@ -31,14 +31,14 @@ class SmoothSettings:
     fill_s: float = 0.0
 
 
-# Motion, skeleton, seconds a slot, cut-off in Hz -> motion. The cut-off says nothing to `rts`.
+# Motion, skeleton, seconds per slot, cut-off in Hz -> motion. The cut-off says nothing to `rts`.
 SMOOTHERS: dict[str, Smoother] = {
     "rts": lambda motion, skeleton, interval_s, _: smooth_points(motion, skeleton, interval_s),
     "butterworth": lambda motion, _, interval_s, hz: butterworth(motion, interval_s, hz),
     "one-euro": lambda motion, _, interval_s, hz: one_euro(motion, interval_s, hz),
 }
 CUTOFFS_HZ = {"butterworth": 6.0, "one-euro": 1.0}
-HIGHEST_SHARE = 0.25  # of the slots a second, for a cut-off that nobody named
+HIGHEST_SHARE = 0.25  # of the slots per second, for a cut-off that nobody named
 
 
 def check_smoothing(settings: SmoothSettings) -> None:

@@ -23,7 +23,7 @@ def butterworth(motion: Motion, interval_s: float, cutoff_hz: float) -> Motion:
 
     Args:
         motion: of one person.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         cutoff_hz: where power is halved, Hz.
 
     Raises:
@@ -35,7 +35,7 @@ def butterworth(motion: Motion, interval_s: float, cutoff_hz: float) -> Motion:
     if not 0 < cutoff_hz * ONE_PASS < highest:
         raise InputError(
             f"--cutoff: found {cutoff_hz:g} Hz, expected more than 0 and less than "
-            f"{highest / ONE_PASS:.3g} Hz at {1 / interval_s:g} slots a second"
+            f"{highest / ONE_PASS:.3g} Hz at {1 / interval_s:g} slots per second"
         )
     b, a = butter(ORDER, cutoff_hz * ONE_PASS / highest)
     joints_m = motion.joints_m.copy()

@@ -14,7 +14,7 @@ from e3pose.model.take import Motion
 
 Floats = NDArray[np.float64]
 
-BETA_PER_M = 10.0  # Hz by which each metre a second raises the cut-off
+BETA_PER_M = 10.0  # Hz by which each metre per second raises the cut-off
 SPEED_CUTOFF_HZ = 1.0  # of the speed itself, as published
 
 
@@ -23,7 +23,7 @@ def one_euro(motion: Motion, interval_s: float, cutoff_hz: float) -> Motion:
 
     Args:
         motion: of one person.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         cutoff_hz: the least cut-off, of a joint at rest, Hz.
     """
     joints_m = motion.joints_m.copy()

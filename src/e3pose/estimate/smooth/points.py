@@ -41,7 +41,7 @@ def smooth_points(motion: Motion, skeleton: Skeleton, interval_s: float) -> Moti
     Args:
         motion: of one person.
         skeleton: of its joints.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
     """
     drift, lasts_s = alone(grow(skeleton))
     known = motion.known

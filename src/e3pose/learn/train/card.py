@@ -25,7 +25,7 @@ def model_card(
         "# Attention-LSTM predictor: model card",
         "",
         "Predicts where a person's joints will be some slots ahead. It is trained for poses of "
-        "people in metres with z up, at 5 to 60 slots a second.",
+        "people in metres with z up, at 5 to 60 slots per second.",
         "",
         f"- joints: {', '.join(name.replace('_', ' ') for name in COMMON_JOINTS)}; "
         "others are carried with the nearest",
@@ -46,8 +46,8 @@ def model_card(
         "## Figures",
         "",
         "Mean error in mm on motion that was never learned from. Noisy: histories with 35 mm of "
-        "noise a joint, most of it lasting 0.1 s and 2.5 s, and 20 % of the joints missing. These "
-        "figures also chose the step at which training stopped.",
+        "noise per joint, most of it lasting 0.1 s and 2.5 s, and 20 % of the joints missing. "
+        "These figures also chose the step at which training stopped.",
     ]
     scored = sorted({clip.name.split(",")[0] for clip in training if clip.scored})
     note = f" (learned from scored slots of {', '.join(scored)})" if scored else ""

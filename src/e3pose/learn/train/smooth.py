@@ -23,7 +23,7 @@ def smooth(joints_m: Floats, interval_s: float) -> Floats:
 
     Returns:
         The same shape. A gap is closed if there are samples on both sides of it within 0.12 s; NaN
-        elsewhere. At less than 17 slots a second there is nothing to average: joints stay as they
+        elsewhere. At less than 17 slots per second there is nothing to average: joints stay as they
         are, and a single missing one is put between its neighbours.
     """
     reach = int(HALF_S / interval_s + 1e-6)

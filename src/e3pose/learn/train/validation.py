@@ -106,7 +106,7 @@ def _other_rates(
                 if len(joints := resampled(clip.joints_m, clip.fps / fps)) >= span
             ]
             if clips_there:
-                others.append((f"{name} at {fps:g} slots a second", clips_there))
+                others.append((f"{name} at {fps:g} slots per second", clips_there))
     return others
 
 

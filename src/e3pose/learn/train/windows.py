@@ -37,7 +37,7 @@ class Clip:
     Attributes:
         name: where it comes from.
         joints_m: `(num_slots, NUM_COMMON, 3)` metres, z up, without gaps.
-        fps: slots a second.
+        fps: slots per second.
         weight: how often it is drawn, relative to others of its length.
         errors_m: `(num_slots, num_estimates, NUM_COMMON, 3)` metres by which estimates were off,
             NaN where they lacked a joint; None where motion is known exactly and is spoilt instead.
@@ -143,7 +143,7 @@ class Sampler:
     ) -> tuple[Floats, Floats, Floats]:
         """Return `size` pieces of motion, their spoilt histories, and seconds per slot.
 
-        All have slots a second within `rates`, where these are given and clips are long enough.
+        All have slots per second within `rates`, where these are given and clips are long enough.
 
         Shapes are `(history_slots + num_leads, size, NUM_COMMON, 3)`, `(history_slots, size,
         NUM_COMMON, 3)` and `(size,)`; metres, the histories with NaN where joints are missing.

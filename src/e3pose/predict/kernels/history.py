@@ -142,7 +142,7 @@ def describe(
     Args:
         filled_m: `(num_slots, num_tracks, num_common, 3)`, gaps closed.
         measured: `(num_slots, num_tracks, num_common)`.
-        intervals_s: `(num_tracks,)` seconds a slot.
+        intervals_s: `(num_tracks,)` seconds per slot.
         sides: `(num_pairs, 2)` left and right joints that tell which way a person faces.
         features: `(num_slots, num_tracks, 7 * num_common)`, filled like all that follow.
         context: `(num_tracks, 4)`.

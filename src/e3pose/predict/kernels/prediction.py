@@ -40,7 +40,7 @@ def predict_tracks(
     Args:
         parts: what is constant.
         history_slots: that the network takes.
-        interval_s: seconds a slot.
+        interval_s: seconds per slot.
         most_leads: that the network is run for; later ones repeat the last of these.
         history_m: `(num_slots, num_tracks, num_joints, 3)` metres, oldest first, NaN where missing;
             at most `history_slots`, and slots before it count as missing.

@@ -74,7 +74,7 @@ def import_coco(
         source: a list of results `{"image_id", "category_id", "keypoints": [51 numbers]}`, or a
             COCO dataset with `images` and `annotations`.
         calibration: the rig, in any format that `e3pose.recording.calibration` reads.
-        fps: frames a second of the cameras.
+        fps: frames per second of the cameras.
         images: a COCO dataset whose `images` translates `image_id` to `file_name`; without it,
             `image_id` or `file_name` of a result must be the file name itself.
         detector: what made the results; empty if unknown.

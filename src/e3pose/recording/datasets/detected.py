@@ -46,7 +46,7 @@ def detected_views(
         detections: a folder of OpenPose JSON with the frame numbers of the images, or a recording
             that `e3pose detect` made of all images; None for no views.
         rig: the cameras.
-        fps: slots a second.
+        fps: slots per second.
         frames: first and last frame number, of which the first is slot 0.
         first_image: tells the number of the image at which `e3pose detect` begins to count.
         folders: camera id to folder name below `detections`.

@@ -64,7 +64,7 @@ def import_cmu(source: Path, clip: str, fps: float = FPS) -> Recording:
     Args:
         source: an .npz with `joint_names` `(31,)` and, per clip, `(num_slots, 31, 3)` metres, z up.
         clip: the name of its array, such as `02_01`.
-        fps: frames a second of the clips.
+        fps: frames per second of the clips.
 
     Returns:
         A recording of one person with truth and without any view. As every recording has a rig, a

@@ -51,7 +51,7 @@ def import_openpose(
     Args:
         source: a folder with one folder per camera, which holds `<frame>_keypoints.json` files.
         calibration: the rig, in any format that `e3pose.recording.calibration` reads.
-        fps: frames a second of the cameras.
+        fps: frames per second of the cameras.
         folders: camera id to folder name, where names alone do not tell.
         progress: wraps the list of files that is read.
 

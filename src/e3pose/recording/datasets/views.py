@@ -46,7 +46,7 @@ def series_from_frames(
 
     Args:
         frames: per camera, frame number to view; an absent number is a lost view.
-        fps: frames a second, from which times are counted.
+        fps: frames per second, from which times are counted.
         num_joints: joints of the skeleton.
         where: the source, for the error.
 

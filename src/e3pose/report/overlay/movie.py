@@ -31,7 +31,7 @@ def write_movie(path: Path, images: Iterable[Image], fps: float) -> int:
     Args:
         path: `.webm`, `.mp4` or `.mkv`.
         images: `(height, width, 3)`, all of one size; an odd last row or column is cut off.
-        fps: images a second.
+        fps: images per second.
 
     Raises:
         InputError: when there is no image, sizes differ, or the suffix is another.

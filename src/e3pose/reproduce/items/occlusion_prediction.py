@@ -83,8 +83,8 @@ def section(scale: Scale, made: Made) -> Section:
         f"{WEIGHT:g} is {pcp[LSTM, 1].mean:.1f} at tau = 1 and {pcp[LSTM, last].mean:.1f} "
         f"at {last}. A prediction for four people takes {times[LSTM][0]:.1f} ms at tau = 1 and "
         f"{times[LSTM][-1]:.1f} ms at {last}.",
-        why="People on Shelf move slowly: at 25 slots a second a box moves little in ten slots, so "
-        "that also the newest pose, not moved at all, fills the boxes. Motion "
+        why="People on Shelf move slowly: at 25 slots per second a box moves little in ten slots, "
+        "so that also the newest pose, not moved at all, fills the boxes. Motion "
         "vectors take the last two slots, as the paper's, and carry the noise of single poses on: "
         "that is why they fall below no motion at all. The network as published says where joints "
         "are: it is off by a body that it does not know, however short tau is, and falls less with "

@@ -196,7 +196,7 @@ def information(
         counted: `(num_cameras, num_tracks)` share of `views` that the estimator counts.
         weights: `(num_tracks,)` of people.
         subsets: `(num_subsets, num_cameras)`.
-        nats: filled, nats a joint.
+        nats: filled, nats per joint.
     """
     num_tracks, num_joints, _ = prior.shape
     known, after = np.empty((6, num_joints)), np.empty((6, num_joints))

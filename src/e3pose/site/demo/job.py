@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 NETWORK = "openpose-thin"
-FPS = 20.0  # slots a second of the scene: every third frame
+FPS = 20.0  # slots per second of the scene: every third frame
 NUM_SELECTED = 2
 WARMUP_SLOTS = 10  # the loop's own default, in which every camera looks
 STAND_IN_SLOTS = 150
@@ -258,7 +258,7 @@ def pace_for(look_s: float, num_cameras: int, fps: float, cores: int) -> float:
     Args:
         look_s: how long one core takes to look at a frame.
         num_cameras: that look in every slot.
-        fps: slots a second of the scene.
+        fps: slots per second of the scene.
         cores: that look.
     """
     pace = SPARE * cores / (num_cameras * fps * look_s)

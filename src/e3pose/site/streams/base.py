@@ -19,7 +19,7 @@ class Source:
     Attributes:
         site: name of the site.
         skeleton: of the joints.
-        fps: slots a second.
+        fps: slots per second.
     """
 
     site: str

@@ -36,7 +36,7 @@ def move(
         parents: `(num_joints,)`, -1 at the root; like all that follow of `tree.Tree`.
         lasts_s: `(num_joints,)`.
         swing_per_s2: `(num_joints,)`.
-        state: metres, metres a second.
+        state: metres, metres per second.
         moved: filled.
     """
     root = order[0]
