@@ -140,7 +140,14 @@ for _rank, (_title, _verbs) in enumerate(GROUPS.items()):
             app.command(_target, name=_verb)
         else:
             usage = f"Usage: e3pose {_verb} {USAGE[_verb]}" if _verb in USAGE else None
-            app.command(_target, name=_verb, group=_group, sort_key=_place, usage=usage)
+            app.command(
+                _target,
+                name=_verb,
+                group=_group,
+                sort_key=_place,
+                usage=usage,
+                version_flags="--version",  # -V is a weight in some
+            )
 CALIBRATE_VERBS: dict[str, Callable[..., Any]] = {
     "board": board,
     "intrinsics": intrinsics,

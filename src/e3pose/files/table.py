@@ -183,7 +183,7 @@ def _inside(kind: Any, found: Any, where: str) -> Any:
 
 def _is_a(kind: Any, found: Any) -> bool:
     """Return whether a value is of a plain type, where true is no number."""
-    fits = isinstance(kind, type) and isinstance(found, kind)
+    fits = _is_class(kind) and isinstance(found, kind)
     return fits and (kind is bool or not isinstance(found, bool))
 
 
@@ -196,7 +196,12 @@ def _is_none(kind: object) -> bool:
 
 
 def _is_struct(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, msgspec.Struct)
+    return _is_class(kind) and issubclass(kind, msgspec.Struct)
+
+
+def _is_class(kind: Any) -> bool:
+    """Return whether a type hint is a class, which Python 3.10 also says of `list[int]`."""
+    return isinstance(kind, type) and typing.get_origin(kind) is None
 
 
 def _expected(kind: Any) -> str:
