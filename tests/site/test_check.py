@@ -204,9 +204,16 @@ def test_what_keeps_the_clock_right_is_asked(
 ) -> None:
     assert os.access("/bin/sh", os.X_OK)
     on_path(tmp_path, name, says, monkeypatch)
-    found = check_clock()
+    found = check_clock("tls/0.0.0.0:7447")
     assert (found.level, found.what) == (level, "clock") and message in found.found
     assert bool(found.advice) == (level == "warning")
+
+
+def test_site_on_one_machine_needs_no_synchronised_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    on_path(tmp_path, "timedatectl", "NTP=no\nNTPSynchronized=no", monkeypatch)
+    assert check_clock("tcp/127.0.0.1:7447").level == "ok"
 
 
 def test_edge_that_does_not_answer_is_a_warning() -> None:

@@ -83,7 +83,7 @@ def _site(table: SiteTable, quick: bool) -> list[Finding]:
     selected = min(loop.num_selected or len(rig), len(rig))
     if usable and not quick:
         found += _looks(table, rig, selected)
-    return [*found, examine.check_clock()]
+    return [*found, examine.check_clock(table.link.endpoint)]
 
 
 def _settings(live: LiveSite) -> list[Finding]:

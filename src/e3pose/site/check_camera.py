@@ -42,7 +42,7 @@ def check_camera(node: NodeTable, timeout_s: float) -> Iterator[Finding]:
         yield finding
         size = found_size or size
     yield from _network(node, size)
-    yield check_clock()
+    yield check_clock(node.endpoint)
     try:
         camera_link(node)
     except InputError as error:
