@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from e3pose.cli.options import warn
+from e3pose.cli.progress import notice_compiling
 
 if TYPE_CHECKING:
     from e3pose.geometry.camera import Rig
@@ -18,6 +19,7 @@ def load_placed(path: Path) -> Recording:
     from e3pose.camera.provenance import load_provenance
     from e3pose.recording import load_recording
 
+    notice_compiling()
     recording, rotations = load_recording(path), load_provenance(path).rotations
     check_world(recording.rig, path, path / "calibration.toml", rotations)
     return recording

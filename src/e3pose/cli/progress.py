@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
-    from rich.console import Console
     from rich.progress import Progress
 
 T = TypeVar("T")
@@ -19,36 +19,26 @@ def track_progress(items: Iterable[T], total: int | None, label: str) -> Iterato
     from rich.console import Console
     from rich.progress import track
 
+    notice_compiling()
     console = Console(stderr=True)
-    with _compiling_said(console):
-        yield from track(
-            items, description=label, total=total, console=console, disable=not console.is_terminal
-        )
+    yield from track(
+        items, description=label, total=total, console=console, disable=not console.is_terminal
+    )
 
 
-@contextmanager
-def _compiling_said(console: Console) -> Iterator[None]:
-    """Say on a terminal, once, that kernels are compiled, for a minute in which no bar moves."""
-    if "numba" not in sys.modules or not console.is_terminal:
-        yield
-        return
-    from numba.core import event
+class _Notice(logging.Handler):
+    """Prints messages on standard error, above a bar if there is one."""
 
-    class Notice(event.Listener):  # type: ignore[misc]  # untyped
-        """Prints at the first kernel that is not in the cache on disk."""
+    def emit(self, record: logging.LogRecord) -> None:
+        print(f"e3pose: {record.getMessage()}", file=sys.stderr, flush=True)
 
-        said = False
 
-        def on_start(self, event: Any) -> None:
-            if not self.said:
-                self.said = True
-                console.print("Compiling for this machine: once, one to two minutes.", style="dim")
-
-        def on_end(self, event: Any) -> None:
-            """Nothing: the bar goes on."""
-
-    with event.install_listener("numba:compile", Notice()):
-        yield
+def notice_compiling() -> None:
+    """Print, once, that kernels are compiled: for a minute no bar moves and nothing is written."""
+    log = logging.getLogger("e3pose.runtime.kernel")
+    if not log.handlers:
+        log.addHandler(_Notice())
+        log.setLevel(logging.INFO)
 
 
 @contextmanager
@@ -57,6 +47,7 @@ def stage_progress() -> Iterator[tuple[Progress, Callable[[str, int, int], None]
     from rich.console import Console
     from rich.progress import Progress, TaskID
 
+    notice_compiling()
     console = Console(stderr=True)
     with Progress(console=console, disable=not console.is_terminal, transient=True) as bar:
         tasks: dict[str, TaskID] = {}

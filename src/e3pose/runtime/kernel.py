@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import pickle
 from collections.abc import Callable
 from functools import cache
@@ -10,10 +11,12 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
+from numba.core import event
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 
+_LOG = logging.getLogger(__name__)
 _PACKAGE = Path(__file__).resolve().parents[1]
 FILTER = "e3pose.estimate.filter."  # how the names of the filter's kernels begin
 LANES = 16  # the innermost loops run over so many poses, which fills a vector register
@@ -39,6 +42,24 @@ PREDICTOR = "e3pose.predict."
 PREDICTOR_SOURCES = (*sorted((_PACKAGE / "predict" / "kernels").glob("*.py")), *SOURCES[-1:])
 SELECTION = "e3pose.select."
 SELECTION_SOURCES = (*sorted((_PACKAGE / "select" / "kernels").glob("*.py")), *FILTER_SOURCES)
+
+
+class _Notice(event.Listener):  # type: ignore[misc]  # untyped
+    """Logs the first kernel of a process that is not in the cache on disk."""
+
+    def __init__(self) -> None:
+        self.logged = False
+
+    def on_start(self, event: Any) -> None:
+        if not self.logged:
+            self.logged = True
+            _LOG.info("compiling for this machine: once, one to two minutes")
+
+    def on_end(self, event: Any) -> None:
+        """Nothing is logged of the end."""
+
+
+event.register("numba:compile", _Notice())
 
 
 def sources_stamp(sources: tuple[Path, ...] = SOURCES) -> str:
