@@ -106,6 +106,10 @@ class MemoryTransport:
                 if matches(topic, found):
                     presence(found, True)
 
+    def connected(self) -> bool:
+        """See `Transport.connected`."""
+        return self in self.hub.members and len(self.hub.members) > 1
+
     def close(self) -> None:
         """See `Transport.close`."""
         with self.hub.lock:

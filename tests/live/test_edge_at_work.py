@@ -70,7 +70,10 @@ def test_revoked_camera_is_shut_out_and_an_added_one_let_in(site: LiveSite) -> N
     since = len(site.statuses)
     site.flows(20)
     assert eventually(lambda: len(site.statuses) > since + 1), site.diagnostics()
-    assert not any(c.camera_id == "cam2" and c.online for c in site.cameras_since(since))
+    shut_out = [c for c in site.cameras_since(since) if c.camera_id == "cam2"]
+    assert not any(c.online for c in shut_out)
+    assert shut_out[-1].why == "certificate revoked: e3pose keys add cam2"
+    assert eventually(lambda: "does not admit this camera" in site.log("cam2").read_text())
     assert site.programs["cam2"].poll() is None  # it goes on trying
     assert run("keys", "add", "cam2", "--keys", keys)[0] == 0
     site.send("cam2", signal.SIGINT)

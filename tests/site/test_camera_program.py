@@ -49,23 +49,33 @@ def test_camera_on_its_side_detects_in_turned_images(tmp_path: Path) -> None:
 
 def test_edge_that_does_not_come_is_reported_once() -> None:
     messages: list[str] = []
-    watch = EdgeWatch(messages.append, "tcp/127.0.0.1:7447", alone_s=5.0)
+    watch = EdgeWatch(messages.append, "tcp/127.0.0.1:7447", "cam1", alone_s=5.0)
     for now_s in (100.0, 102.0, 104.9):
-        watch.look(False, now_s)
+        watch.update(False, False, now_s)
     assert not messages
     for now_s in (105.0, 106.0, 300.0):
-        watch.look(False, now_s)
-    assert len(messages) == 1 and "tcp/127.0.0.1:7447" in messages[0]
-    watch.look(True, 301.0)
-    watch.look(True, 302.0)
-    watch.look(False, 303.0)
-    watch.look(False, 400.0)
+        watch.update(False, False, now_s)
+    assert len(messages) == 1 and "no answer from the edge at tcp/127.0.0.1:7447" in messages[0]
+    watch.update(True, True, 301.0)
+    watch.update(True, True, 302.0)
+    watch.update(False, False, 303.0)
     assert messages[1:] == ["edge connected", "edge disconnected, reconnecting"]
+
+
+def test_camera_that_the_edge_does_not_admit_says_what_to_do() -> None:
+    messages: list[str] = []
+    watch = EdgeWatch(messages.append, "tls/127.0.0.1:7447", "cam1", alone_s=5.0)
+    watch.update(True, True, 100.0)
+    for now_s in (101.0, 102.0, 106.0, 107.0):
+        watch.update(False, True, now_s)
+    assert messages[:2] == ["edge connected", "edge disconnected, reconnecting"]
+    assert len(messages) == 3
+    assert "certificate revoked" in messages[2] and "e3pose keys add cam1" in messages[2]
 
 
 def test_edge_that_is_there_at_once_is_reported() -> None:
     messages: list[str] = []
-    watch = EdgeWatch(messages.append, "tcp/127.0.0.1:7447")
-    watch.look(True, 0.0)
-    watch.look(True, 100.0)
+    watch = EdgeWatch(messages.append, "tcp/127.0.0.1:7447", "cam1")
+    watch.update(True, True, 0.0)
+    watch.update(True, True, 100.0)
     assert messages == ["edge connected"]

@@ -127,6 +127,7 @@ def test_edge_joins_anew_once_for_each_change_of_the_list(tmp_path: Path) -> Non
         revoke_keys(keys, "c0")
         admission.look()
         assert rolls[-1] == {"c1"}
+        assert server.inbox.problems()[0] == "certificate revoked: e3pose keys add c0"
         # A list that is invalid is reported once, and changes nothing.
         good = (keys / "keys.toml").read_text()
         (keys / "keys.toml").write_text("no list [")

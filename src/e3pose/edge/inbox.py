@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -50,6 +50,8 @@ class Inbox:
         on_delay: called with a camera's index and the delay of orders that it measured, seconds.
         on_beat: called with every heartbeat.
         paused: returns the cameras that operators paused.
+        not_admitted: why cameras without a valid certificate cannot join, by camera id; replaced
+            whole.
         roster: the state of the cameras; replaced whole, so that readers need no lock.
         unknown_senders: messages of cameras that the rig does not have.
         wrong: invalid messages.
@@ -65,6 +67,7 @@ class Inbox:
     on_delay: Callable[[int, float], None]
     on_beat: Callable[[Heartbeat], None]
     paused: Callable[[], frozenset[str]] = frozenset
+    not_admitted: Mapping[str, str] = field(default_factory=dict)
     roster: Roster = field(init=False)
     unknown_senders: int = 0
     wrong: int = 0
@@ -107,10 +110,12 @@ class Inbox:
     def problems_of(self, cameras: Iterable[int]) -> list[str]:
         """Return for some cameras why they cannot be selected; empty for those that can."""
         paused, states, now_ns = self.paused(), self.roster.cameras, self.clock.now_ns()
+        shut_out = self.not_admitted
         return [
             PAUSED
             if states[camera].camera_id in paused
-            else problem(states[camera], self.joints, self._sizes[camera], now_ns)
+            else shut_out.get(states[camera].camera_id)
+            or problem(states[camera], self.joints, self._sizes[camera], now_ns)
             for camera in cameras
         ]
 

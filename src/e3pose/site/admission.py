@@ -11,7 +11,13 @@ from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire.access import Link, check_link, split_endpoint
-from e3pose.wire.keys.folder import Roll, certificates_in, check_certificates, read_roll
+from e3pose.wire.keys.folder import (
+    Roll,
+    certificates_in,
+    check_certificates,
+    not_admitted,
+    read_roll,
+)
 from e3pose.wire.network import open_network
 from e3pose.wire.transport import Transport
 
@@ -73,6 +79,8 @@ class Admission:
             return
         try:
             link, roll = edge_link(self.site)
+            inbox = self.server.inbox
+            inbox.not_admitted = not_admitted(roll, inbox.rig.camera_ids)
             self.server.rejoin(lambda: self.join(link, roll))
         except InputError as error:  # tried again: the edge goes on by the rules it has
             if str(error) != self._refused:

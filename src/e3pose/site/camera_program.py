@@ -69,31 +69,47 @@ def open_charge_file(node: NodeTable, report: Callable[[str], None]) -> ChargeFi
 
 @dataclass(slots=True, eq=False)
 class EdgeWatch:
-    """Tells a person whether the edge is there: a camera without one waits in silence.
+    """Reports whether the edge answers: a camera without one sends nothing.
 
     Attributes:
         report: called with messages for operators.
-        endpoint: where the edge is looked for.
-        alone_s: seconds without the edge, at the start, before a warning.
+        endpoint: of the edge.
+        camera_id: of the camera.
+        alone_s: seconds without the edge before a warning.
     """
 
     report: Callable[[str], None]
     endpoint: str
+    camera_id: str
     alone_s: float = ALONE_S
     _there: bool = False
     _since_s: float | None = None
-    _reported: bool = False
+    _reported: str = ""
 
-    def look(self, there: bool, now_s: float) -> None:
-        """Report changes since the last call, and once that the edge does not answer."""
+    def update(self, there: bool, connected: bool, now_s: float) -> None:
+        """Report changes since the last call, and once why the edge does not answer.
+
+        Args:
+            there: whether the edge answers this camera.
+            connected: whether a connection to it stands; one that it does not admit has no answer.
+            now_s: the time.
+        """
         if self._since_s is None:
             self._since_s = now_s
         if there != self._there:
-            self._there, self._reported = there, True
+            self._there, self._since_s, self._reported = there, now_s, ""
             self.report("edge connected" if there else "edge disconnected, reconnecting")
-        elif not (there or self._reported) and now_s - self._since_s >= self.alone_s:
-            self._reported = True
-            self.report(f"no answer from the edge at {self.endpoint}, still trying")
+        elif not there and now_s - self._since_s >= self.alone_s:
+            why = f"no answer from the edge at {self.endpoint}, still trying"
+            if connected:
+                why = (
+                    f"the edge at {self.endpoint} does not admit this camera: certificate revoked "
+                    f"or unknown, or another site; `e3pose keys list` on the edge shows it, "
+                    f"`e3pose keys add {self.camera_id}` makes a new one"
+                )
+            if why != self._reported:
+                self._reported = why
+                self.report(why)
 
 
 class Camera:
@@ -117,7 +133,9 @@ class Camera:
 
     def running(self) -> bool:
         """Return whether it is running; reports an edge that connects or disconnects."""
-        self._watch.look(self.node.edge_there, self._clock.now_ns() / 1e9)
+        there = self.node.edge_there
+        connected = there or self.node.transport.connected()
+        self._watch.update(there, connected, self._clock.now_ns() / 1e9)
         return self.node.running()
 
     def run(self, for_s: float | None = None) -> None:
@@ -173,7 +191,8 @@ def open_camera(
         runs_on = getattr(made.detector, "provider", "")  # a recording has no network
         provider = {"provider": runs_on} if runs_on else {}
         log.info("ready", source=table.source, endpoint=table.endpoint, **provider)
-        return Camera(made, EdgeWatch(log.info, table.endpoint), clock, stack.pop_all())
+        watch = EdgeWatch(log.info, table.endpoint, table.camera)
+        return Camera(made, watch, clock, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 
 

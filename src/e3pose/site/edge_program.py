@@ -40,6 +40,7 @@ from e3pose.site.run import run_until_stopped
 from e3pose.site.zone_sink import ZoneSink
 from e3pose.site.zones import Zones
 from e3pose.store.rows import Event, Run
+from e3pose.wire.keys.folder import not_admitted
 from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
 
@@ -180,6 +181,7 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
         transport = join_as_edge(link, roll)
         stack.callback(transport.close)
         server = make_edge(live, pipeline, transport, clock, report, stack)
+        server.inbox.not_admitted = not_admitted(roll, live.rig.camera_ids)
         if site.metrics_port is not None:
             from e3pose.site.metrics import serve_metrics
 

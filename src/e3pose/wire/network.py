@@ -81,6 +81,12 @@ class NetworkTransport:
             self._session.liveliness().declare_subscriber(topic, notify, history=True)
         )
 
+    def connected(self) -> bool:
+        """See `Transport.connected`."""
+        if self._session.is_closed():
+            return False
+        return bool(self._session.info.routers_zid() or self._session.info.peers_zid())
+
     def close(self) -> None:
         """See `Transport.close`."""
         self._declared.clear()

@@ -41,6 +41,10 @@ class Transport(Protocol):
         """Call back for every program present now, that connects, or that disconnects."""
         ...
 
+    def connected(self) -> bool:
+        """Return whether any connection stands, whatever the other side admits."""
+        ...
+
     def close(self) -> None:
         """Leave; nothing is received afterwards."""
         ...

@@ -70,6 +70,27 @@ class Roll:
     count: int = 0
 
 
+def not_admitted(roll: Roll | None, camera_ids: Sequence[str]) -> dict[str, str]:
+    """Return why cameras cannot join a site, for those that cannot.
+
+    Args:
+        roll: the holders of certificates; None where the site has none.
+        camera_ids: of the site.
+
+    Returns:
+        Camera id to the reason and what to do.
+    """
+    if roll is None:
+        return {}
+    revoked = {common_name.rpartition("#")[0] for common_name in roll.revoked}
+    return {
+        camera_id: f"{'certificate revoked' if camera_id in revoked else 'no certificate'}: "
+        f"e3pose keys add {camera_id}"
+        for camera_id in camera_ids
+        if camera_id not in roll.cameras
+    }
+
+
 def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datetime) -> Roll:
     """Make the authority of a new site and the certificate of its edge server.
 
