@@ -27,7 +27,7 @@ from e3pose.predict.base import Prediction, Predictor
 from e3pose.select.expected_information import Foresight, foresee
 from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.feedback import expected_in_views, reach_m
-from e3pose.select.motion_2d import LastView, look, own_occlusion
+from e3pose.select.motion_2d import LastView, own_occlusion, with_view
 from e3pose.select.occlusion import Spread, expected_views
 from e3pose.select.policies.base import Policy, Selection, Situation
 from e3pose.select.stated_error import StatedError
@@ -164,7 +164,7 @@ def step(
     publish(shown)
     times = [clock()]
 
-    memory, predicted_m, surest = _look_ahead(pipeline, memory, people.history_m)
+    memory, predicted_m, best = _predict(pipeline, memory, people.history_m)
     times.append(clock())
 
     arrived = np.zeros(len(online), dtype=bool)
@@ -175,7 +175,7 @@ def step(
     spread = state.spread.after(occlusion, pipeline.interval_s)
     stated = _stated(pipeline, state, people)
     state = replace(state, memory=memory, silence=silence, spread=spread, stated=stated)
-    last_views = _look(pipeline, state.last_views, views, slot)
+    last_views = _with_views(pipeline, state.last_views, views, slot)
     ordered = _in_flight(pipeline, state, online)
     times.append(clock())
 
@@ -190,7 +190,7 @@ def step(
         decision = pipeline.policy.select(situation)
         deficit = advance_deficit(state.deficit, pipeline.budget, decision)
     soon = deciding < pipeline.warmup_slots
-    focused, expected = _feedback(pipeline, state, soon, decision, surest, people.history_ids)
+    focused, expected = _feedback(pipeline, state, soon, decision, best, people.history_ids)
     times.append(clock())
 
     record = SlotRecord(
@@ -232,9 +232,7 @@ def _spent_s(times: Sequence[float]) -> dict[str, float]:
     return {stage: end - begin for stage, (begin, end) in ends}
 
 
-def _look_ahead(
-    pipeline: Pipeline, memory: Any, history_m: Floats
-) -> tuple[Any, Floats, Prediction]:
+def _predict(pipeline: Pipeline, memory: Any, history_m: Floats) -> tuple[Any, Floats, Prediction]:
     """Steer the estimator.
 
     Returns:
@@ -244,13 +242,13 @@ def _look_ahead(
     predictor, steering = pipeline.predictor, pipeline.steering
     both = steering is predictor
     ahead = max(pipeline.lead_slots, STEER_SLOTS * both)
-    prediction = surest = predictor.predict(history_m, pipeline.interval_s, ahead)
+    prediction = best = predictor.predict(history_m, pipeline.interval_s, ahead)
     if steering is not None:
         if not both:
             soon = max(STEER_SLOTS, pipeline.lead_slots * (pipeline.whole_every > 0))
-            surest = steering.predict(history_m, pipeline.interval_s, soon)
-        memory = pipeline.estimator.steer(memory, surest, pipeline.interval_s)
-    return memory, prediction.joints_m[pipeline.lead_slots - 1], surest
+            best = steering.predict(history_m, pipeline.interval_s, soon)
+        memory = pipeline.estimator.steer(memory, best, pipeline.interval_s)
+    return memory, prediction.joints_m[pipeline.lead_slots - 1], best
 
 
 def _feedback(
@@ -258,7 +256,7 @@ def _feedback(
     state: SlotState,
     warming_up: bool,
     decision: Selection,
-    surest: Prediction,
+    best: Prediction,
     predicted_ids: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], tuple[ExpectedView, ...] | None]:
     """Return slots since each camera's last full-frame detection, and the expected views.
@@ -275,11 +273,11 @@ def _feedback(
     ahead_s = pipeline.lead_slots * pipeline.interval_s
     outlook = pipeline.estimator.outlook(state.memory, ahead_s)
     hidden_m = outlook.joints_m[~np.isin(outlook.track_ids, predicted_ids)]
-    joints_m = np.concatenate([surest.joints_m[pipeline.lead_slots - 1], hidden_m])
+    joints_m = np.concatenate([best.joints_m[pipeline.lead_slots - 1], hidden_m])
     if not len(joints_m):
         return np.where(decision, 0, state.focused), None
     unknown_m = np.full(hidden_m.shape[:2], np.nan)
-    error_m = np.concatenate([surest.error_m[pipeline.lead_slots - 1], unknown_m])
+    error_m = np.concatenate([best.error_m[pipeline.lead_slots - 1], unknown_m])
     expected = expected_in_views(pipeline.rig, joints_m, reach_m(error_m, ahead_s))
     return state.focused + decision, expected
 
@@ -313,7 +311,7 @@ def _situation(
         own_occlusion=own_occlusion(last_views, target, pipeline.rig)
         if pipeline.own_boxes
         else np.full(len(online), np.nan),
-        unseen_slots=target - _last_looks(last_views, ordered, state.slot + 1),
+        unseen_slots=target - _last_view_slots(last_views, ordered, state.slot + 1),
         visibility=visibility,
         deficit=state.deficit,
         budget=pipeline.budget,
@@ -333,14 +331,14 @@ def _in_flight(pipeline: Pipeline, state: SlotState, online: Selection) -> NDArr
     return np.asarray(ordered & online & state.silence.answering(slots[:, None]))
 
 
-def _last_looks(
+def _last_view_slots(
     last_views: tuple[LastView, ...], ordered: NDArray[np.bool_], next_slot: int
 ) -> NDArray[np.int64]:
     """Return `(num_cameras,)`: the slot of each camera's last detection, ordered ones included."""
-    looked = [last.slot for last in last_views]
+    newest = [last.slot for last in last_views]
     for slot, cameras in enumerate(ordered.tolist(), start=next_slot):
-        looked = [slot if looks else last for looks, last in zip(cameras, looked, strict=True)]
-    return np.array(looked, dtype=np.int64)
+        newest = [slot if active else last for active, last in zip(cameras, newest, strict=True)]
+    return np.array(newest, dtype=np.int64)
 
 
 def _foresight(
@@ -363,12 +361,12 @@ def _reasons(situation: Situation, decision: Selection) -> Reasons | None:
     return Reasons(situation.slot, gains_nats, situation.price, error_m)
 
 
-def _look(
+def _with_views(
     pipeline: Pipeline, last_views: tuple[LastView, ...], views: Mapping[int, Poses2D], slot: int
 ) -> tuple[LastView, ...]:
     if not pipeline.own_boxes:
         return tuple(s.at(slot) if index in views else s for index, s in enumerate(last_views))
     return tuple(
-        look(last, views[index], slot, camera.image_size) if index in views else last
+        with_view(last, views[index], slot, camera.image_size) if index in views else last
         for index, (last, camera) in enumerate(zip(last_views, pipeline.rig.cameras, strict=True))
     )

@@ -24,7 +24,7 @@ def learn(
     bias_px: Floats,
     error_px: Floats,
     sigma_px: Floats,
-    doubt_px2: Floats,
+    projected_variance_px2: Floats,
     since_s: Floats,
     terms: MemoryTerms,
 ) -> Floats:
@@ -35,13 +35,15 @@ def learn(
         error_px: `(num_tracks, num_joints, 2)` what they were still off after the update; 0 where
             there was no keypoint.
         sigma_px: `(num_tracks, num_joints)` expected error of the keypoints.
-        doubt_px2: `(num_tracks, num_joints)` variance of the projected joints after the update; the
-            less sure a joint, the less is the view to blame.
+        projected_variance_px2: `(num_tracks, num_joints)` variance of the projected joints after
+            the update; the less sure a joint, the less is the view to blame.
         since_s: `(num_tracks,)` seconds since the view saw the person before; inf if never.
         terms: how long errors last.
     """
     off = np.linalg.norm(error_px, axis=-1) / sigma_px
-    blame = sigma_px**2 / (sigma_px**2 + doubt_px2) / np.maximum(off / CLIP_SIGMAS, 1.0)
+    blame = (
+        sigma_px**2 / (sigma_px**2 + projected_variance_px2) / np.maximum(off / CLIP_SIGMAS, 1.0)
+    )
     rate = np.minimum(terms.most, 1 - np.exp(-since_s / LEARNED_S))
     return np.asarray(bias_px + (rate[:, None] * blame)[..., None] * error_px)
 

@@ -69,7 +69,7 @@ def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
 
 
 def _spread(fresh: Leftovers) -> Ints:
-    """Return the rows of at most `MAX_LEFTOVERS`, as many of each camera, the surest first."""
+    """Return the rows of at most `MAX_LEFTOVERS`, as many of each camera, by falling score."""
     if len(fresh) <= MAX_LEFTOVERS:
         return np.arange(len(fresh))
     order = np.lexsort((-fresh.scores.sum(axis=1), fresh.cameras))

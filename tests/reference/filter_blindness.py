@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.blindness import (
     CELL_M,
-    LOOKS,
-    MOST_LOOKS,
+    MOST_VIEWS,
     NUM_CELLS,
     PLAIN,
-    PRIOR_LOOKS,
+    PRIOR_VIEWS,
+    VIEWS,
 )
 
 Floats = NDArray[np.float64]
@@ -19,26 +19,26 @@ Ints = NDArray[np.int64]
 
 
 def learn(
-    detection_map: Floats, places_m: Floats, looks: Floats, shown: Floats, corner: Floats
+    detection_map: Floats, places_m: Floats, views: Floats, shown: Floats, corner: Floats
 ) -> Floats:
     """Return the counts after people were proved to be at places.
 
     Args:
         detection_map: as for `chance`; not changed.
         places_m: `(num_people, 2)` on the floor.
-        looks: `(num_people, num_cameras)` to add.
+        views: `(num_people, num_cameras)` to add.
         shown: `(num_people, num_cameras)` likewise.
         corner: `corner_m` of the rig.
     """
-    people, cameras = np.nonzero(looks)
+    people, cameras = np.nonzero(views)
     if len(people) == 0:
         return detection_map
     cells, weights = around(places_m - corner)
     where = (cameras[:, None], cells[people, :, 0], cells[people, :, 1])
-    added = np.stack([looks[people, cameras], shown[people, cameras]], axis=-1)
+    added = np.stack([views[people, cameras], shown[people, cameras]], axis=-1)
     detection_map = detection_map.copy()
     np.add.at(detection_map, where, weights[people][..., None] * added[:, None])
-    kept = np.minimum(MOST_LOOKS / np.maximum(detection_map[where][..., LOOKS], 1e-12), 1.0)
+    kept = np.minimum(MOST_VIEWS / np.maximum(detection_map[where][..., VIEWS], 1e-12), 1.0)
     detection_map[where] = detection_map[where] * kept[..., None]
     return detection_map
 
@@ -47,7 +47,7 @@ def chance(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Float
     """Return `(num_views, num_places)` in (0, 1): how likely a look shows somebody who is there.
 
     Args:
-        detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks, and those which showed
+        detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` views, and those which showed
             somebody.
         cameras: `(num_views,)`.
         places_m: `(num_places, 2)` on the floor.
@@ -55,8 +55,8 @@ def chance(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Float
     """
     cells, weights = around(places_m - corner)
     near = detection_map[cameras[:, None, None], cells[..., 0], cells[..., 1]]
-    looks, shown = np.moveaxis((near * weights[..., None]).sum(axis=-2), -1, 0)
-    return np.asarray((shown + PRIOR_LOOKS * PLAIN) / (looks + PRIOR_LOOKS))
+    views, shown = np.moveaxis((near * weights[..., None]).sum(axis=-2), -1, 0)
+    return np.asarray((shown + PRIOR_VIEWS * PLAIN) / (views + PRIOR_VIEWS))
 
 
 def proof(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Rig
-from e3pose.select.kernels.people import FIRST_LOOK
+from e3pose.select.kernels.people import FIRST_VIEW
 from e3pose.select.newcomers import Entrants, overlap
 
 Floats = NDArray[np.float64]
@@ -23,7 +23,7 @@ def starts(entrants: Entrants, subsets: Flags) -> Floats:
         highest = np.sort(seen, axis=1)[:, -2:]
         together = highest.prod(axis=1) if subsets.shape[1] > 1 else 0.0
         with_partner = (seen * others).max(axis=1)
-        first = FIRST_LOOK * highest[:, -1]
+        first = FIRST_VIEW * highest[:, -1]
         total += weight * np.maximum(np.maximum(together, with_partner), first)
     return total
 

@@ -9,7 +9,7 @@ import pytest
 
 from e3pose.geometry.camera import Camera, Rig
 from e3pose.model.pose import Poses2D
-from e3pose.select.motion_2d import LastView, look, own_occlusion
+from e3pose.select.motion_2d import LastView, own_occlusion, with_view
 
 SIZE = (1000, 800)
 K = np.array([[1000.0, 0, 500], [0, 1000, 400], [0, 0, 1]])
@@ -32,25 +32,25 @@ def test_camera_that_never_looked_knows_nothing() -> None:
 
 
 def test_boxes_move_on_with_their_motion_until_they_meet() -> None:
-    last = look(LastView.none(), view(200, 600), 0, SIZE)
-    last = look(last, view(220, 580), 2, SIZE)  # 10 px a slot towards each other
+    last = with_view(LastView.none(), view(200, 600), 0, SIZE)
+    last = with_view(last, view(220, 580), 2, SIZE)  # 10 px a slot towards each other
     assert foreseen(last, 3) == 0
     assert foreseen(last, 20) == pytest.approx(1.0)  # 360 px apart closed in 18 slots
 
 
 def test_newcomer_has_no_motion() -> None:
-    last = look(look(LastView.none(), view(200), 0, SIZE), view(205, 800), 1, SIZE)
+    last = with_view(with_view(LastView.none(), view(200), 0, SIZE), view(205, 800), 1, SIZE)
     np.testing.assert_allclose(last.motion[:, 0], [5, 0], atol=1e-9)
 
 
 def test_empty_view_is_remembered_as_empty() -> None:
-    last = look(look(LastView.none(), view(200), 0, SIZE), view(), 1, SIZE)
+    last = with_view(with_view(LastView.none(), view(200), 0, SIZE), view(), 1, SIZE)
     assert foreseen(last, 4) == 0.0
     assert last.slot == 1
 
 
 def test_people_who_left_the_image_do_not_count() -> None:
-    last = look(look(LastView.none(), view(800, 820), 0, SIZE), view(850, 870), 1, SIZE)
+    last = with_view(with_view(LastView.none(), view(800, 820), 0, SIZE), view(850, 870), 1, SIZE)
     assert foreseen(last, 2) > 0.1
     assert foreseen(last, 20) == 0.0
 
@@ -58,9 +58,9 @@ def test_people_who_left_the_image_do_not_count() -> None:
 def test_cameras_with_different_numbers_of_people_do_not_mix() -> None:
     other = Camera.from_world_to_camera("other", (2000, 800), K, np.eye(3), np.zeros(3))
     rig = Rig((RIG.cameras[0], other, *(replace(other, camera_id=name) for name in "ab")))
-    pair = look(LastView.none(), view(200, 250), 0, SIZE)
-    wide = look(LastView.none(), view(1500, 1500, 300), 0, (2000, 800))
-    alone = look(LastView.none(), view(1500), 0, (2000, 800))
+    pair = with_view(LastView.none(), view(200, 250), 0, SIZE)
+    wide = with_view(LastView.none(), view(1500, 1500, 300), 0, (2000, 800))
+    alone = with_view(LastView.none(), view(1500), 0, (2000, 800))
     values = own_occlusion([pair, wide, alone, LastView.none()], 1, rig)
     np.testing.assert_allclose(values[:3], [1 / 3, 1 / 3, 0.0])  # one pair of 3; half a box of two
     assert np.isnan(values[3])

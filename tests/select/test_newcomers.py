@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from tests.rigs import looking
 
-from e3pose.select.kernels.people import FIRST_LOOK
+from e3pose.select.kernels.people import FIRST_VIEW
 from e3pose.select.newcomers import Entrants, expected_entrants, overlap
 
 WAIT_S, SLOT_S = 0.14, 0.08
@@ -51,15 +51,15 @@ def test_nobody_to_start_is_normal() -> None:
 def test_while_the_detection_waits_another_camera_completes_the_pair() -> None:
     alone, other = entrants().starts(sets([0], [1]))
     assert other == pytest.approx(overlap(RIG)[0, 1])
-    assert alone == pytest.approx(FIRST_LOOK)
+    assert alone == pytest.approx(FIRST_VIEW)
 
 
 def test_once_it_has_waited_too_long_two_cameras_in_one_slot_start_the_person() -> None:
     found = entrants([], [], [])
     one, two, both = found.starts(sets([1], [2], [0, 1]))
     assert both == pytest.approx(overlap(RIG)[0, 1])
-    assert one == pytest.approx(FIRST_LOOK * overlap(RIG)[0, 1])
-    assert two == pytest.approx(FIRST_LOOK * overlap(RIG)[0, 2])
+    assert one == pytest.approx(FIRST_VIEW * overlap(RIG)[0, 1])
+    assert two == pytest.approx(FIRST_VIEW * overlap(RIG)[0, 2])
 
 
 def test_a_look_in_flight_is_a_partner_for_another_camera_and_not_for_itself() -> None:

@@ -129,16 +129,17 @@ def _published(file: WeightsFile) -> Weights:
     C, A, H = NUM_COMMON, ATTENTION, hidden
     slots = history_slots(file)
     weights = [tensor for tensor in file.tensors[2:] if tensor.shape != CONSTANT]
-    look, look_bias, look_hidden, weigh, weigh_bias = weights[:5]
+    attention, attention_bias, attention_hidden, weigh, weigh_bias = weights[:5]
     encoder, encoder_bias = _lstm(*weights[5:8])
     key, key_bias, entry_context, entry_bias, query, energy, entry = weights[8:15]
     decoder, decoder_bias = _lstm(*weights[15:18])
     read, read_bias, regress, regress_bias = weights[18:]
-    look[3 * C :] = 0
+    attention[3 * C :] = 0
     encoder[3 * C : NUM_FEATURES + NUM_CONTEXT] = 0
     entry[3 * C : 6 * C] = 0
     parts = Weights(
-        look, look_bias, look_hidden, weigh, weigh_bias, encoder, encoder_bias, key, key_bias,
+        attention, attention_bias, attention_hidden, weigh, weigh_bias, encoder,
+        encoder_bias, key, key_bias,
         _none(NUM_CONTEXT + H, 2 * (slots - 1) * C), _none(2 * (slots - 1) * C),
         _none(3 * C * slots, 6 * C), _none(6 * C), _none(NUM_CONTEXT + H, 1), _none(1),
         0 * entry_context, entry_bias, _none(NUM_CONTEXT, A), _none(A), query, energy, entry,

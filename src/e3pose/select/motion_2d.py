@@ -43,7 +43,7 @@ class LastView:
         return LastView(slot, self.boxes, self.motion)
 
 
-def look(last: LastView, view: Poses2D, slot: int, image_size: tuple[int, int]) -> LastView:
+def with_view(last: LastView, view: Poses2D, slot: int, image_size: tuple[int, int]) -> LastView:
     """Return the last view after a camera detected `view` in `slot`."""
     boxes = person_boxes(view.keypoints_px, image_size)
     boxes = boxes[np.isfinite(boxes).all(axis=-1)]
@@ -63,7 +63,7 @@ def own_occlusion(last_views: Sequence[LastView], slot: int, rig: Rig) -> Floats
     """Return `(num_cameras,)`: the occlusion, eq. (4), that each camera itself expects in `slot`.
 
     Boxes that have left the image by then do not count, nor do their parts outside it; NaN for a
-    camera that never looked.
+    camera without a view.
     """
     slots = np.array([last.slot for last in last_views])
     boxes = np.full(

@@ -91,7 +91,7 @@ def expected_entrants(
         ages_s[0] = age_s[source]
         seen[0], seen[1:] = 0.0, shares[row] * ordered
         seen[0, source] = 1.0
-        weights[row] *= 1 - kernels.pair_looks(seen, ages_s, wait_s, others[row])
+        weights[row] *= 1 - kernels.pair_views(seen, ages_s, wait_s, others[row])
     return Entrants(shares, others, weights)
 
 

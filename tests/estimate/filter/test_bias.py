@@ -31,12 +31,12 @@ def test_first_look_teaches_no_more_than_what_lasts() -> None:
 
 
 def test_doubtful_people_and_wild_keypoints_teach_little() -> None:
-    def taught(error_px: float, doubt_px2: float) -> float:
+    def taught(error_px: float, projected_variance_px2: float) -> float:
         learned = filter_bias.learn(
             np.zeros((1, 1, 2)),
             np.array([[[error_px, 0.0]]]),
             np.full((1, 1), 5.0),
-            np.full((1, 1), doubt_px2),
+            np.full((1, 1), projected_variance_px2),
             np.array([0.2]),
             TERMS,
         )

@@ -30,14 +30,14 @@ EVERYBODY = np.arange(len(RIG))
 PLACE = np.array([[0.4, -0.3]])
 
 
-def taught(looks: float, shown: float, times: int = 1) -> Floats:
+def taught(views: float, shown: float, times: int = 1) -> Floats:
     """Return counts after a person at `PLACE` was looked at by camera 1."""
     detection_map = blind.nothing_known(RIG)
     row = np.zeros((1, len(RIG)))
     row[0, 1] = 1.0
     for _ in range(times):
         detection_map = filter_blindness.learn(
-            detection_map, PLACE, looks * row, shown * row, CORNER
+            detection_map, PLACE, views * row, shown * row, CORNER
         )
     return detection_map
 
@@ -67,7 +67,7 @@ def test_a_camera_that_always_shows_people_proves_no_more_than_before() -> None:
 
 
 def test_half_a_chance_is_worth_the_share_of_the_logarithms() -> None:
-    # So many looks that the prior is a thirtieth: p = (30 + 1.8) / 62 where all weight is.
+    # So many views that the prior is a thirtieth: p = (30 + 1.8) / 62 where all weight is.
     cells = np.round((PLACE - CORNER) / blind.CELL_M - 0.5)
     middle = CORNER + (cells + 0.5) * blind.CELL_M
     row = np.zeros((1, len(RIG)))
@@ -79,7 +79,7 @@ def test_half_a_chance_is_worth_the_share_of_the_logarithms() -> None:
 
 def test_things_get_moved_and_what_was_blind_sees_again() -> None:
     detection_map = taught(1, 0, 1000)
-    assert detection_map[..., blind.LOOKS].max() <= blind.MOST_LOOKS
+    assert detection_map[..., blind.VIEWS].max() <= blind.MOST_VIEWS
     row = np.zeros((1, len(RIG)))
     row[0, 1] = 1.0
     for _ in range(300):
@@ -134,7 +134,7 @@ def test_who_leaves_is_soon_gone_although_some_cameras_were_blind() -> None:
         }
         belief, people = step(MODEL, belief, views, slot * clean().interval_s)
     assert len(people) == 1
-    for slot in range(slots, slots + 15):  # three looks of every camera
+    for slot in range(slots, slots + 15):  # three views of every camera
         belief, people = step(
             MODEL, belief, {slot % 5: Poses2D.empty(17)}, slot * clean().interval_s
         )
@@ -169,13 +169,12 @@ def test_what_one_camera_alone_shows_proves_no_other_camera_blind() -> None:
     for slot in range(20):
         views = {c: v for c in range(5) if (v := clean().view(slot, c)) is not None}
         belief, _ = step(MODEL, belief, views, slot * clean().interval_s)
-    looks = belief.detection_map[..., blind.LOOKS]
-    before = looks.sum(axis=(1, 2))
+    before = belief.detection_map[..., blind.VIEWS].sum(axis=(1, 2))
     for slot in range(20, 100):
         views = {c: Poses2D.empty(17) for c in range(5)}
         if (view := clean().view(slot, 0)) is not None and slot < 60:
             views[0] = view
         belief, _ = step(MODEL, belief, views, slot * clean().interval_s)
-    gained = belief.detection_map[..., blind.LOOKS].sum(axis=(1, 2)) - before
+    gained = belief.detection_map[..., blind.VIEWS].sum(axis=(1, 2)) - before
     assert gained.max() < 1.2 * blind.PROOF_S / clean().interval_s
     assert len(belief) == 0

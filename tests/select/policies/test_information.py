@@ -13,7 +13,7 @@ from e3pose.select.expected_information import Foresight
 from e3pose.select.hidden_people import HiddenPeople
 from e3pose.select.newcomers import Entrants
 from e3pose.select.policies import Selection, Situation
-from e3pose.select.policies.information import LOOK_AGAIN_S, Information
+from e3pose.select.policies.information import MAX_PAUSE_S, Information
 from e3pose.select.stated_error import StatedError
 
 pytestmark = pytest.mark.slow
@@ -200,7 +200,7 @@ def test_with_a_target_somebody_always_looks_now_and_then() -> None:
     )  # fmt: skip
     policy = Information(3, target_error_m=0.04)
     assert not policy.select(situation(nobody)).any()
-    stale = np.full(3, round(LOOK_AGAIN_S / 0.04))
+    stale = np.full(3, round(MAX_PAUSE_S / 0.04))
     assert policy.select(situation(nobody, unseen_slots=stale)).sum() == 1
 
 

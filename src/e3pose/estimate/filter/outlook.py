@@ -39,10 +39,10 @@ def outlook(
     """
     drift, lasts_s = model.alone
     num_cameras, leftovers = len(model.rig), belief.leftovers
-    people, looks = belief.drift_share.shape, belief.last_seen_s.shape
+    people, pairs = belief.drift_share.shape, belief.last_seen_s.shape
     joints_m, covariance = np.empty((*people, 3)), np.empty((*people, 6, 6))
-    drift_m2ps3, shows = np.empty(people), np.empty(looks)
-    needed, sigma_px = np.empty(looks, dtype=bool), np.empty(num_cameras)
+    drift_m2ps3, shows = np.empty(people), np.empty(pairs)
+    needed, sigma_px = np.empty(pairs, dtype=bool), np.empty(num_cameras)
     kernels.expect(
         scratch.held_site(model),
         ahead_s,

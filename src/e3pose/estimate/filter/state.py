@@ -44,7 +44,7 @@ STIFF = (
     ("left_ear", "right_ear"),
 )
 WAIT_S = 0.14  # three slots of 1/25 s
-WAIT_LOOKS = 2.5  # that a detection waits for where slots are long or few cameras look
+WAIT_VIEWS = 2.5  # that a detection waits for where slots are long or few cameras look
 STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
 # A head turns and nods: what it does to these lengths is a few centimetres.
 LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
@@ -155,8 +155,8 @@ def wait_s(interval_s: float, num_selected: float) -> float:
         interval_s: seconds per slot.
         num_selected: cameras per slot, a mean if it is no whole number.
     """
-    slots_between_looks = math.ceil(1 / num_selected - 1e-9)
-    return max(WAIT_S, WAIT_LOOKS * slots_between_looks * interval_s)
+    slots_between_views = math.ceil(1 / num_selected - 1e-9)
+    return max(WAIT_S, WAIT_VIEWS * slots_between_views * interval_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -35,9 +35,9 @@ class Weights(NamedTuple):
     row in `couple`, places alone in `regress`, and zeros for the parts that it lacks.
     """
 
-    look: Floats32  # (7 C, A) input attention, of features
-    look_bias: Floats32  # (A,)
-    look_hidden: Floats32  # (H, A) of the encoder's state
+    attention: Floats32  # (7 C, A) input attention, of features
+    attention_bias: Floats32  # (A,)
+    attention_hidden: Floats32  # (H, A) of the encoder's state
     weigh: Floats32  # (A, C)
     weigh_bias: Floats32  # (C,)
     encoder: Floats32  # (7 C + 4 + H, 4 H) of attended features, context and state
@@ -52,8 +52,8 @@ class Weights(NamedTuple):
     gate_bias: Floats32
     entry_context: Floats32  # (4, H)
     entry_bias: Floats32  # (H,)
-    doubt_context: Floats32  # (4, A)
-    doubt_bias: Floats32  # (A,)
+    error_context: Floats32  # (4, A)
+    error_entry_bias: Floats32  # (A,)
     query: Floats32  # (2 H, A)
     energy: Floats32  # (A, 1)
     entry: Floats32  # (6 C + H, H)
@@ -63,7 +63,7 @@ class Weights(NamedTuple):
     read_bias: Floats32  # (H,)
     regress: Floats32  # (H, 4 C); as published (H, 3 C)
     regress_bias: Floats32  # (4 C,); as published (3 C,)
-    doubt: Floats32  # (2 H, A)
+    error_hidden: Floats32  # (2 H, A)
     error: Floats32  # (A, C)
     error_bias: Floats32  # (C,)
     couple: Floats32  # (6 C, 3 C); as published (0, 3 C)
@@ -100,13 +100,15 @@ def run_network(
     moving = np.empty((num_tracks, 6 * num_joints), np.float32)
     _start(weights, features, context, hidden, moving)
     entry = np.empty((num_tracks, size), np.float32)
-    doubt = np.empty((num_tracks, len(weights.doubt_bias)), np.float32)
+    error_hidden = np.empty((num_tracks, len(weights.error_entry_bias)), np.float32)
     attended = np.empty((num_tracks, size), np.float32)
     for lead in range(len(places)):
         _attend(weights, hidden, cell, keys, encoded, attended)
         linear(context, weights.entry_context, weights.entry_bias, entry)
-        linear(context, weights.doubt_context, weights.doubt_bias, doubt)
-        _decode(weights, context, attended, entry, doubt, hidden, cell, moving, log_error[lead])
+        linear(context, weights.error_context, weights.error_entry_bias, error_hidden)
+        _decode(
+            weights, context, attended, entry, error_hidden, hidden, cell, moving, log_error[lead]
+        )
         for track in range(num_tracks):
             speed = HUNDREDTH * np.float32(math.exp(context[track, 0]))
             usual = math.log(0.002 + 0.5 * speed * (lead + 1))
@@ -128,21 +130,23 @@ def _encode(
     """Read the slots one after another, each joint as the input attention weighs it."""
     num_slots, num_tracks, num_features = features.shape
     num_joints, num_context, size = len(weights.weigh_bias), context.shape[1], hidden.shape[1]
-    width, known = len(weights.look_bias), num_features + num_context
-    looks = np.empty((num_slots * num_tracks, width), np.float32)
-    linear(features.reshape(-1, num_features), weights.look, weights.look_bias, looks)
+    width, known = len(weights.attention_bias), num_features + num_context
+    all_scores = np.empty((num_slots * num_tracks, width), np.float32)
+    linear(
+        features.reshape(-1, num_features), weights.attention, weights.attention_bias, all_scores
+    )
     shares = np.empty((num_tracks, num_joints), np.float32)
     entry = np.empty((num_tracks, known + size), np.float32)
     gates = np.empty((num_tracks, 4 * size), np.float32)
     for slot in range(num_slots):
-        look = looks[slot * num_tracks : (slot + 1) * num_tracks]
-        if slot:  # nothing is remembered before the first
-            add_product(hidden, weights.look_hidden, look)
+        scores = all_scores[slot * num_tracks : (slot + 1) * num_tracks]
+        if slot:  # the state is zero before the first
+            add_product(hidden, weights.attention_hidden, scores)
         for track in range(num_tracks):
-            row = look[track]
+            row = scores[track]
             for j in range(width):
                 row[j] = tanh(row[j])
-        linear(look, weights.weigh, weights.weigh_bias, shares)
+        linear(scores, weights.weigh, weights.weigh_bias, shares)
         for track in range(num_tracks):
             soften(shares[track])
             for first in range(0, num_features, num_joints):
@@ -244,13 +248,13 @@ def _decode(
     context: Floats32,
     attended: Floats32,
     entry: Floats32,
-    doubt: Floats32,
+    error_hidden: Floats32,
     hidden: Floats32,
     cell: Floats32,
     moving: Floats32,
     error: Floats32,
 ) -> None:
-    """Move everybody on by one slot; `entry` and `doubt` hold what the context adds to them."""
+    """Advance all tracks by one slot; `entry` and `error_hidden` hold what the context adds."""
     num_tracks, size = hidden.shape
     num_joints = len(weights.weigh_bias)
     axes = 3 * num_joints
@@ -278,9 +282,9 @@ def _decode(
             for j in range(axes):
                 moving[track, j] = result[track, j]
         return
-    add_product(both, weights.doubt, doubt)
-    rectify(doubt)
-    linear(doubt, weights.error, weights.error_bias, error)
+    add_product(both, weights.error_hidden, error_hidden)
+    rectify(error_hidden)
+    linear(error_hidden, weights.error, weights.error_bias, error)
     coupled = np.zeros((num_tracks, axes), np.float32)
     add_product(moving, weights.couple, coupled)
     for track in range(num_tracks):

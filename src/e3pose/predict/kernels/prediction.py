@@ -56,7 +56,7 @@ def predict_tracks(
     filled_m, measured = np.empty_like(common_m), np.empty(common_m.shape[:3], np.bool_)
     close_gaps(common_m, filled_m, measured)
     rows = _whole_blocks(num_tracks)
-    features = np.zeros((history_slots, rows, weights.look.shape[0]), np.float32)
+    features = np.zeros((history_slots, rows, weights.attention.shape[0]), np.float32)
     context = np.zeros((rows, weights.entry_context.shape[0]), np.float32)
     centre_m, heading = np.empty((num_tracks, 3)), np.empty((num_tracks, 2))
     speed_m, seen = np.empty(num_tracks), np.empty((num_tracks, num_common), np.bool_)

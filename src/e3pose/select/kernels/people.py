@@ -10,11 +10,11 @@ from e3pose.runtime.kernel import kernel
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-FIRST_LOOK = 0.5  # of a start: what one look is worth that leaves the other half to a later one
+FIRST_VIEW = 0.5  # of a start: one view is worth half, a later one the rest
 
 
 @kernel
-def pair_looks(
+def pair_views(
     seen: Floats,
     ages_s: Floats,
     wait_s: float,
@@ -23,28 +23,28 @@ def pair_looks(
     """Return the probability that two of the `seen` views start a track; fill `others`.
 
     Args:
-        seen: `(num_looks, num_cameras)` how likely each camera sees the person at each time.
-        ages_s: `(num_looks,)` before the slot, falling.
-        wait_s: how far apart two looks may be to make a pair.
+        seen: `(num_views, num_cameras)` how likely each camera sees the person at each time.
+        ages_s: `(num_views,)` before the slot, falling.
+        wait_s: how far apart two views may be to make a pair.
         others: `(num_cameras,)` filled: how likely another camera sees the person at most
             `wait_s` before the slot.
     """
-    num_looks, num_cameras = seen.shape
+    num_views, num_cameras = seen.shape
     met = 0.0
     for camera in range(num_cameras):
         others[camera] = 0.0
-    for look in range(num_looks):
+    for view in range(num_views):
         for first in range(num_cameras):
             for second in range(num_cameras):
                 if first == second:
                     continue
-                if ages_s[look] <= wait_s:
-                    others[first] = max(others[first], seen[look, second])
-                other = seen[look, second]
-                for earlier in range(look):
-                    if ages_s[earlier] - ages_s[look] <= wait_s:
+                if ages_s[view] <= wait_s:
+                    others[first] = max(others[first], seen[view, second])
+                other = seen[view, second]
+                for earlier in range(view):
+                    if ages_s[earlier] - ages_s[view] <= wait_s:
                         other = max(other, seen[earlier, second])
-                met = max(met, seen[look, first] * other)
+                met = max(met, seen[view, first] * other)
     return met
 
 
@@ -63,7 +63,7 @@ def started(
                     second = max(second, min(first, seen))
                     first = max(first, seen)
                     paired = max(paired, seen * others[entrant, camera])
-            best = max(max(first * second, paired), FIRST_LOOK * first)
+            best = max(max(first * second, paired), FIRST_VIEW * first)
             people[row] += weights[entrant] * best
 
 

@@ -31,7 +31,7 @@ WATCH_LIMIT_S = 5.0
 ENTRANT_NATS = 1.0  # of a person started
 SHOWN_NATS = 1.0  # of a person shown by the look, who would be hidden without it
 UNMET_PEOPLE = 0.5  # with a target, two cameras look while so many wait to be started
-LOOK_AGAIN_S = 0.2  # with a target, some camera looks at least this often, whoever is known
+MAX_PAUSE_S = 0.2  # with a target, some camera looks at least this often, whoever is known
 BURST_S = 2.0  # with a target, how far ahead of its budget a camera may run
 NEAR_NATS = 0.02  # sets of cameras that differ by less are equally good, and take turns
 NO_BETTER = 0.05  # a target that all cameras miss: go on while they lower the error by this share
@@ -102,7 +102,7 @@ class Information:
         all_error_m = foresight.expected_error_m(everyone[None])[0]
         enough_m = max(target_m, all_error_m * (1 + NO_BETTER))
         stale = situation.unseen_slots[allowed].min(initial=10**9) * situation.interval_s
-        least = 1 if stale >= LOOK_AGAIN_S or not foresight.confirmed.all() else 0
+        least = 1 if stale >= MAX_PAUSE_S or not foresight.confirmed.all() else 0
         least = max(least, 2 if foresight.entrants.weights.sum() > UNMET_PEOPLE else 0)
         fewer, error_of_fewer_m = everyone, np.nan
         for count in range(least, int(allowed.sum())):

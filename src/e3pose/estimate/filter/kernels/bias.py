@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import CLIP_SIGMAS, LEARNED_S, SHORTEST_S, MemoryTerms
-from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
+from e3pose.estimate.filter.kernels.projected import projected_variance_px2, shown_at
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
@@ -66,11 +66,11 @@ def learn_bias(
         depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
         if not depth > MIN_DEPTH_M:
             continue
-        doubt = doubt_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
+        variance_px2 = projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
         variance = variances[row, joint]
         du = pixels[row, joint, 0] - bias_px[joint, 0] - u
         dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
         off = math.sqrt((du * du + dv * dv) / variance) / CLIP_SIGMAS
-        blame = rate * variance / (variance + doubt) / (off if off > 1.0 else 1.0)
+        blame = rate * variance / (variance + variance_px2) / (off if off > 1.0 else 1.0)
         bias_px[joint, 0] += blame * du
         bias_px[joint, 1] += blame * dv

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.blindness import (
     CELL_M,
     FASTEST_S,
-    LOOKS,
-    MOST_LOOKS,
+    MOST_VIEWS,
     NUM_CELLS,
     PLAIN,
-    PRIOR_LOOKS,
+    PRIOR_VIEWS,
     PROOF_CAMERAS,
     PROOF_S,
     SHOWN,
+    VIEWS,
 )
 from e3pose.estimate.filter.kernels.scratch import Matches, Tracks
 from e3pose.runtime.kernel import kernel
@@ -56,7 +56,7 @@ def share_at(
 @kernel
 def chance(detection_map: Floats, place_m: Floats, corner_m: Floats) -> float:
     """Return the probability that a camera detects a person at a place, in (0, 1)."""
-    return share_at(detection_map, place_m, corner_m, PRIOR_LOOKS, PLAIN)
+    return share_at(detection_map, place_m, corner_m, PRIOR_VIEWS, PLAIN)
 
 
 @kernel
@@ -96,9 +96,9 @@ def learn_detection_map(
             if matches.taught[track]:
                 hit = arrived[camera] and matches.assigned[camera, track] >= 0
                 shown = share if hit else 0.0
-                looks = tracks.missed[track, camera] + shown
-                if looks > 0.0:
-                    _add(detection_map[camera], matches.places_m[track], corner_m, looks, shown)
+                views = tracks.missed[track, camera] + shown
+                if views > 0.0:
+                    _add(detection_map[camera], matches.places_m[track], corner_m, views, shown)
             if there:
                 tracks.missed[track, camera] = 0.0
     for track in range(num_tracks):
@@ -109,28 +109,28 @@ def learn_detection_map(
 
 @kernel
 def _add(
-    detection_map: Floats, place_m: Floats, corner_m: Floats, looks: float, shown: float
+    detection_map: Floats, place_m: Floats, corner_m: Floats, views: float, shown: float
 ) -> None:
     column, right = cell(place_m[0] - corner_m[0])
     row, up = cell(place_m[1] - corner_m[1])
     for a in range(2):
         for b in range(2):
             weight = (right if a else 1.0 - right) * (up if b else 1.0 - up)
-            detection_map[column + a, row + b, LOOKS] += weight * looks
+            detection_map[column + a, row + b, VIEWS] += weight * views
             detection_map[column + a, row + b, SHOWN] += weight * shown
 
 
 @kernel
 def _forget(detection_map: Floats, place_m: Floats, corner_m: Floats) -> None:
-    """Scale what is beyond `MOST_LOOKS` down to it."""
+    """Scale what is beyond `MOST_VIEWS` down to it."""
     column, _ = cell(place_m[0] - corner_m[0])
     row, _ = cell(place_m[1] - corner_m[1])
     for a in range(2):
         for b in range(2):
-            looks = detection_map[column + a, row + b, LOOKS]
-            if looks > MOST_LOOKS:
-                detection_map[column + a, row + b, LOOKS] *= MOST_LOOKS / looks
-                detection_map[column + a, row + b, SHOWN] *= MOST_LOOKS / looks
+            views = detection_map[column + a, row + b, VIEWS]
+            if views > MOST_VIEWS:
+                detection_map[column + a, row + b, VIEWS] *= MOST_VIEWS / views
+                detection_map[column + a, row + b, SHOWN] *= MOST_VIEWS / views
 
 
 @kernel

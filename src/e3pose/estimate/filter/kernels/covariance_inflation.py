@@ -23,7 +23,7 @@ from e3pose.estimate.filter.covariance_inflation import (
 )
 from e3pose.estimate.filter.kernels.bias import left_over
 from e3pose.estimate.filter.kernels.learned_noise import proved
-from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
+from e3pose.estimate.filter.kernels.projected import projected_variance_px2, shown_at
 from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
 from e3pose.estimate.filter.state import MIN_SCORE
 from e3pose.geometry.projection import MIN_DEPTH_M
@@ -86,9 +86,9 @@ def _compare(
         if not depth > MIN_DEPTH_M:
             continue
         factor = spread_factor(drift_share[joint], 1.0)
-        doubt = factor**2 * doubt_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
-        total = doubt + own_share * views.variances[row, joint]
-        if doubt > LEAST_SHARE * total:
+        variance_px2 = factor**2 * projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
+        total = variance_px2 + own_share * views.variances[row, joint]
+        if variance_px2 > LEAST_SHARE * total:
             du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
             dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
             expected_px = math.sqrt(MEAN * total)

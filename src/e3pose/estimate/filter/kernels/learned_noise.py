@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.kernels.bias import inflation, left_over
 from e3pose.estimate.filter.kernels.learned_shift import compare_shift
-from e3pose.estimate.filter.kernels.projected import doubt_px2, shown_at
+from e3pose.estimate.filter.kernels.projected import projected_variance_px2, shown_at
 from e3pose.estimate.filter.kernels.scratch import Detectors, Matches, Site, Tracks, Views
 from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
@@ -191,15 +191,15 @@ def _compare(
         depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
         if not depth > MIN_DEPTH_M:
             continue
-        doubt = doubt_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
+        variance_px2 = projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
         du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
         dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
         squares = du * du + dv * dv
         variance = views.variances[row, joint] * factor
-        leverage = doubt / (variance * (1.0 + squares / variance * ROBUST))
+        leverage = variance_px2 / (variance * (1.0 + squares / variance * ROBUST))
         left = 1.0 - (leverage if leverage < MOST_LEVERAGE else MOST_LEVERAGE)
         own = views.variances[row, joint] * own_share
-        total = own + doubt / left
+        total = own + variance_px2 / left
         share = own / total
         if share > LEAST_SHARE:
             compare_shift(

@@ -50,7 +50,7 @@ def shown_at(
 
 
 @kernel
-def doubt_px2(
+def projected_variance_px2(
     covariance: Floats, ux: float, uy: float, uz: float, vx: float, vy: float, vz: float
 ) -> float:
     """Return the mean variance of a shown point's two coordinates, from the gradients of both.
@@ -64,14 +64,14 @@ def doubt_px2(
         vy: see `vx`.
         vz: see `vx`.
     """
-    doubt = (
+    variance_px2 = (
         covariance[0, 0] * (ux * ux + vx * vx)
         + covariance[1, 1] * (uy * uy + vy * vy)
         + covariance[2, 2] * (uz * uz + vz * vz)
     ) / 2
-    doubt += (
+    variance_px2 += (
         covariance[0, 1] * (ux * uy + vx * vy)
         + covariance[0, 2] * (ux * uz + vx * vz)
         + covariance[1, 2] * (uy * uz + vy * vz)
     )
-    return float(doubt)
+    return float(variance_px2)
