@@ -150,9 +150,9 @@ def simulated(options: argparse.Namespace) -> None:
             for every in (0, *options.every):
                 mm, recall, found, counted = [], [], 0, 0
                 looks = [Cropped(r, NETWORKS[options.network]) for r in recordings]
-                for recording, look in zip(recordings, looks, strict=True):
+                for recording, read_view in zip(recordings, looks, strict=True):
                     asked = replace(base, feedback=every > 0, whole_every=max(every, 1))
-                    records = list(replay(recording, asked, look=look))
+                    records = list(replay(recording, asked, read_view=read_view))
                     figures = accuracy(recording, records)
                     mm.append(figures.mpjpe_mm or np.nan)
                     recall.append(figures.recall_500mm or 0.0)
@@ -262,16 +262,16 @@ def clip(options: argparse.Namespace) -> None:
             usual_ms = 0.0
             for every in (0, *options.every):
                 asked = replace(base, feedback=every > 0, whole_every=max(every, 1))
-                look = Watched(PixelViews(recording, detector, clock=time.process_time))
+                read_view = Watched(PixelViews(recording, detector, clock=time.process_time))
                 own, others = Errors(), Errors()
-                for record in replay(recording, asked, look=look):
+                for record in replay(recording, asked, read_view=read_view):
                     if record.slot >= CLIP_WARMUP + options.lead - 1:
                         own.add(record, people[name], recording.interval_s)
                         others.add(record, cross, recording.interval_s)
-                looks = [s for slot, _, _, s in look.views.looks_s if slot >= CLIP_WARMUP]
+                looks = [s for slot, _, _, s in read_view.views.detections_s if slot >= CLIP_WARMUP]
                 mean_ms = 1000 * float(np.mean(looks))
                 usual_ms = usual_ms or mean_ms
-                recall = view_recall(pixels, look.seen, recording.fps)
+                recall = view_recall(pixels, read_view.seen, recording.fps)
                 errors = [1000 * np.concatenate(e.joints).mean() for e in (own, others)]
                 print(
                     f"{name:18} {policy:12} {cameras or len(rig):2g} {options.lead:4d} {every:2d} "

@@ -19,7 +19,7 @@ from paired import errors_with_misses, mean_interval
 
 Row = Mapping[str, Any]
 
-POLICY_LOOK = {
+POLICY_STYLE = {
     "all": (INK, "*"),
     "random": (PALE, MARKERS[4]),
     "round-robin": (COLOURS[0], MARKERS[0]),
@@ -44,7 +44,7 @@ def shelf(out: Path, sources: Sequence[str], lead: int) -> None:
             (axes[1], "MPJPE, mm: lower is better", lambda row: row["metrics"]["mpjpe_mm"]),
         ):
             for (pipeline, policy), points in _lines(rows, figure_of).items():
-                colour, marker = POLICY_LOOK[policy]
+                colour, marker = POLICY_STYLE[policy]
                 x, y, sd = np.array(sorted(points)).T
                 axis.errorbar(
                     x, y, sd, color=colour, marker=marker, capsize=2,
@@ -63,7 +63,7 @@ def _lines(
 ) -> dict[tuple[str, str], list[tuple[float, float, float]]]:
     lines: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
     for row in rows:
-        if row["policy"] not in POLICY_LOOK:
+        if row["policy"] not in POLICY_STYLE:
             continue
         value = figure_of(row)
         cameras = row["selection"]["mean_cameras"]["mean"]
@@ -85,7 +85,7 @@ def scenes(out: Path, source: Path, lead: int) -> None:
         for axis, name in zip(axes, names, strict=False):
             runs = [run for row in rows if row["scene"] == name for run in row["runs"]]
             for policy in ("round-robin", "e3pose", "information"):
-                colour, marker = POLICY_LOOK[policy]
+                colour, marker = POLICY_STYLE[policy]
                 counts = sorted({run["count"] for run in runs if run["policy"] == policy})
                 values = [
                     np.array(

@@ -2,11 +2,11 @@
 
     python benchmarks/oracle_choice.py --seeds 701,702 --counts 2 --rows information,greedy
 
-`positions`, `detections`, `noise` and `errors` are the policy `information`, told what is so in the
-slot it decides: where people are; which joints each camera shows, and with which score; how far its
-keypoints are off; how far the estimate of each joint would be off. `greedy`, `ahead` and `beam` try
-all sets of cameras with the detections that they will give, and take the one of least true error:
-in the slot, with two more slots of cameras in turn, or in all slots so far of the best few
+`positions`, `detections`, `noise` and `errors` are the policy `information` with the truth about
+the slot it decides: where people are; which joints each camera shows, and with which score; how far
+its keypoints are off; how far the estimate of each joint would be off. `greedy`, `ahead` and `beam`
+try all sets of cameras with the detections that they will give, and take the one of least true
+error: in the slot, with two more slots of cameras in turn, or in all slots so far of the best few
 histories. They know the noise of detections that are still to come. `redrawn` does not: it takes
 the set of least mean error over draws of the noise, and is judged, like `plain` (the policy), on
 other draws. Gains over round robin, in percent of the mean error of people who are found.
@@ -39,7 +39,7 @@ SCENES = (
     "two-rooms", "l-hall", "shaft", "one-sided", "poor-view", "dying-cameras", "slow", "ring",
     "pillar",
 )  # fmt: skip
-TOLD = (ADAPTIVE, "positions", "detections", "noise", "errors")
+WITH_TRUTH = (ADAPTIVE, "positions", "detections", "noise", "errors")
 # How many slots are tried on, with cameras in turn, and how many histories are kept.
 TRIED = {"greedy": (0, 1), "ahead": (2, 1), "beam": (0, 6)}
 REDRAWN = ("plain", "redrawn")
@@ -95,8 +95,8 @@ class Teller:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """The policy, told of the views of the slot, or of the errors of the estimate."""
+class WithTruth:
+    """The policy with the true views of the slot, or the true errors of the estimate."""
 
     inner: Any
     teller: Teller
@@ -146,7 +146,7 @@ def shown_joints(recording: Any, errors: bool) -> Floats:
     shown = np.zeros((len(truth_m), len(recording.rig), *truth_m.shape[1:3], 6))
     for index, camera in enumerate(recording.rig.cameras):
         sigma = noise.in_images_of(max(camera.image_size))
-        pixels, told = camera.project(truth_m), _slopes_squared(camera, truth_m)
+        pixels, squares_m2 = camera.project(truth_m), _slopes_squared(camera, truth_m)
         for slot, person in zip(*np.nonzero(np.isfinite(pixels).all(axis=(2, 3))), strict=True):
             view, at = recording.view(slot, index), pixels[slot, person]
             if view is None or not len(view):
@@ -160,7 +160,7 @@ def shown_joints(recording: Any, errors: bool) -> Floats:
                 if errors:
                     variance = np.maximum(squares[mine] / 2, LEAST_SHARE * variance)
                 weight = np.where(seen[mine], 1 / variance, 0.0)
-                shown[slot, index, person] = told[slot, person] * weight[:, None]
+                shown[slot, index, person] = squares_m2[slot, person] * weight[:, None]
     return shown
 
 
@@ -170,8 +170,8 @@ def _slopes_squared(camera: Any, points_m: Floats) -> Floats:
     zero = np.zeros_like(z)
     slopes = np.stack([1 / z, zero, -x / z**2, zero, 1 / z, -y / z**2], axis=-1)
     slopes = camera.K[:2, :2] @ slopes.reshape(*z.shape, 2, 3) @ camera.R
-    told = np.swapaxes(slopes, -1, -2) @ slopes
-    return np.asarray(told[..., UPPER[0], UPPER[1]])
+    squares = np.swapaxes(slopes, -1, -2) @ slopes
+    return np.asarray(squares[..., UPPER[0], UPPER[1]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,13 +235,13 @@ def in_order(run: Run, pipeline: Any, chosen: Sequence[Flags] | None = None) -> 
     return errors
 
 
-def told(run: Run, what: str) -> list[Floats]:
-    """Replay with the policy `information`, told `what` there is."""
+def with_truth(run: Run, what: str) -> list[Floats]:
+    """Replay with the policy `information`, which knows the truth of `what`."""
     pipeline = run.pipeline(ADAPTIVE, run.lead)
     teller = Teller(pipeline.estimator, run.recording, run.lead, what == "positions")
     policy: Any = pipeline.policy
     if what in ("detections", "noise", "errors"):
-        policy = Told(policy, teller, what)
+        policy = WithTruth(policy, teller, what)
     return in_order(run, replace(pipeline, estimator=teller, policy=policy))
 
 
@@ -331,8 +331,8 @@ def measure(scene: str, seed: int, count: int, lead: int, rows: Sequence[str]) -
     for row in rows:
         if row in TRIED:
             found[row] = figures(tried(run, *TRIED[row]), reference)
-        elif row in TOLD:
-            found[row] = figures(told(run, row), reference)
+        elif row in WITH_TRUTH:
+            found[row] = figures(with_truth(run, row), reference)
     asked = [row for row in REDRAWN if row in rows]
     if asked:
         drawn = [
@@ -374,7 +374,7 @@ def main() -> None:
     parser.add_argument("--seeds", default="701,702")
     parser.add_argument("--counts", default="1,2")
     parser.add_argument("--lead", type=int, default=4, help="of the policy and of round robin")
-    parser.add_argument("--rows", default=",".join((*TOLD, "greedy", "ahead", *REDRAWN)))
+    parser.add_argument("--rows", default=",".join((*WITH_TRUTH, "greedy", "ahead", *REDRAWN)))
     parser.add_argument("--out", type=Path, help="a file that gets a line a recording")
     options = parser.parse_args()
     rows, results = options.rows.split(","), []

@@ -97,7 +97,7 @@ def test_folder_of_pictures_is_searched_in_order(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / f"{number}.png"), image)
     views = find_board("cam1", tmp_path, board)
     assert views.times_s.tolist() == [0.0, 2.0]
-    assert (views.looked, views.image_size) == (3, (640, 480))
+    assert (views.searched, views.image_size) == (3, (640, 480))
     cv2.imwrite(str(tmp_path / "3.png"), np.zeros((10, 10), dtype=np.uint8))
     with pytest.raises(InputError, match="found 10x10 after 640x480"):
         find_board("cam1", tmp_path, board)

@@ -69,7 +69,7 @@ def test_solution_is_that_of_a_general_solver() -> None:
     start = disturbed(RIG, 0.5, 0.02, 4)
     sigma = np.ones(pixels.shape[:2])
     ours = adjust_points(start, points, pixels, sigma, AdjustOptions(np.inf))
-    looks = observe(start, pixels[:, :, None], sigma[:, :, None])
+    observed = observe(start, pixels[:, :, None], sigma[:, :, None])
 
     def residuals(x: np.ndarray) -> np.ndarray:
         steps = np.zeros((4, 7))
@@ -77,8 +77,8 @@ def test_solution_is_that_of_a_general_solver() -> None:
         cameras, moved = Cameras.of(start).moved(steps), points + x[18:].reshape(-1, 3)
         inside = np.einsum("cij,pj->cpi", cameras.rotations, moved) + cameras.translations[:, None]
         ideal = inside[..., :2] / inside[..., 2:]
-        off = ideal - looks.points[:, :, 0]
-        return np.asarray(np.einsum("cpuv,cpv->cpu", looks.whiten[:, :, 0], off).ravel())
+        off = ideal - observed.points[:, :, 0]
+        return np.asarray(np.einsum("cpuv,cpv->cpu", observed.whiten[:, :, 0], off).ravel())
 
     theirs = least_squares(residuals, np.zeros(18 + points.size), x_scale="jac", xtol=1e-12)
     ours_cost = 0.5 * np.nansum(ours.residuals**2)

@@ -5,7 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from e3pose.calibrate.pair_shifts import along_surest, disagreement, incidence, subsample_peak
+from e3pose.calibrate.pair_shifts import (
+    disagreement,
+    incidence,
+    spanning_tree_offsets,
+    subsample_peak,
+)
 
 
 @pytest.mark.parametrize("peak", [3.0, 3.3, 2.6])
@@ -20,13 +25,13 @@ def test_peak_at_an_end_stays_there() -> None:
     assert subsample_peak(np.array([1.0, 2.0, 3.0]), 2) == 0.0
 
 
-def test_surest_pairs_win_in_either_direction() -> None:
+def test_most_certain_pairs_win_in_either_direction() -> None:
     pairs = [(2, 1, -0.5), (0, 2, 2.0), (0, 1, 9.0), (3, 0, -4.0)]
-    assert along_surest(4, pairs).tolist() == [0.0, 1.5, 2.0, 4.0]
+    assert spanning_tree_offsets(4, pairs).tolist() == [0.0, 1.5, 2.0, 4.0]
 
 
 def test_camera_that_no_pair_links_with_the_first_has_no_offset() -> None:
-    offsets = along_surest(4, [(2, 3, 1.0), (0, 1, 5.0)])
+    offsets = spanning_tree_offsets(4, [(2, 3, 1.0), (0, 1, 5.0)])
     assert offsets[:2].tolist() == [0.0, 5.0]
     assert np.isnan(offsets[2:]).all()
 

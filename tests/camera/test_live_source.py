@@ -50,7 +50,7 @@ def shown(source: PacedSource, count: int) -> list[int]:
     source.open()
     frames = [source.read() for _ in range(count)]
     source.close()
-    return [frame.look() for frame in frames if frame is not None]
+    return [frame.image() for frame in frames if frame is not None]
 
 
 def test_round_begins_where_the_time_of_day_says() -> None:
@@ -63,7 +63,7 @@ def test_nothing_is_shown_before_the_beginning() -> None:
     source = PacedSource(LOOP, clock, begin_s=10.05)
     source.open()
     frame = source.read()
-    assert frame is not None and frame.look() == 0
+    assert frame is not None and frame.image() == 0
     assert frame.captured_ns == 10_050_000_000 and clock.now_ns() >= 10_050_000_000
 
 
@@ -98,7 +98,7 @@ def test_recording_shows_its_keypoints_at_its_pace(tmp_path: Path) -> None:
     source.open()
     frame = source.read()
     assert frame is not None
-    poses = RecordedDetector().detect(frame.look())
+    poses = RecordedDetector().detect(frame.image())
     seen = [recording.view(slot, 1) for slot in range(recording.num_slots)]
     assert any(v is not None and np.array_equal(v.scores, poses.scores) for v in seen)
 
@@ -110,7 +110,7 @@ def test_folder_of_images_is_shown_in_order(tmp_path: Path) -> None:
     source = make_source(str(tmp_path), "cam1", Shifted(3_000_000_000), 50.0)
     source.open()
     frames = [source.read() for _ in range(3)]
-    assert [int(f.look()[0, 0, 0]) for f in frames if f is not None] == [50, 100, 150]
+    assert [int(f.image()[0, 0, 0]) for f in frames if f is not None] == [50, 100, 150]
 
 
 @pytest.mark.parametrize(

@@ -177,4 +177,4 @@ def test_video_of_a_killed_program_lacks_its_last_second_at_most(tmp_path: Path)
 def test_a_frame_for_several_threads_is_converted_once() -> None:
     images = [object(), object()]
     shared = LiveFrame(0, SIZE, images.pop).shared()
-    assert shared.look() is shared.look() and len(images) == 1
+    assert shared.image() is shared.image() and len(images) == 1

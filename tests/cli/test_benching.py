@@ -30,8 +30,8 @@ def test_joules_are_those_beyond_idling(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(bench, "IDLE_S", 0.01)
     (tmp_path / "napper.py").write_text(NAPPER)
     cost = measure(f"{tmp_path}/napper.py:Napper", (64, 48), "auto", None, 0.2, Watts())
-    assert cost.look_s >= NAP_S and cost.first_s >= NAP_S
-    assert cost.energy_j == pytest.approx(4.0 * cost.look_s)
+    assert cost.detect_s >= NAP_S and cost.first_s >= NAP_S
+    assert cost.energy_j == pytest.approx(4.0 * cost.detect_s)
 
 
 def test_table_names_network_time_and_place(

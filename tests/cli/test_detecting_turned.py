@@ -129,8 +129,8 @@ def test_rotation_of_caliscope_is_used_and_reported(
 def test_detecting_anew_turns_images_as_before(folder: Path) -> None:
     path = detect(folder, "out", "--rotation", f"cam2={DEGREES}")
     (path / "own.py").write_text("from tests.cli.test_detecting_turned import Upright as Upright\n")
-    look = open_pixels(load_recording(path), path, f"{path}/own.py:Upright")
-    again = look(1, 1, None)
+    read_view = open_pixels(load_recording(path), path, f"{path}/own.py:Upright")
+    again = read_view(1, 1, None)
     assert again is not None
     np.testing.assert_allclose(again.keypoints_px[0], found(path)[1][1], atol=1e-3)
 

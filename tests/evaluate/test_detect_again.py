@@ -1,4 +1,4 @@
-"""Replay and detection that look anew at videos, at the parts in which people are expected."""
+"""Replay and detection that read_view anew at videos, at the parts in which people are expected."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def test_feedback_looks_at_fewer_pixels_and_finds_the_same_people(
     found, pixels = [], []
     for feedback in (False, True):
         detector = Counting()
-        look = PixelViews(recording, detector, films)
+        read_view = PixelViews(recording, detector, films)
         settings = ReplaySettings(policy="all", feedback=feedback, whole_every=4)
-        records = list(replay(recording, settings, look=look))
+        records = list(replay(recording, settings, read_view=read_view))
         found.append(accuracy(recording, records))
         pixels.append(sum(detector.pixels))
-        parts = [part for _, _, part, _ in look.looks_s]
+        parts = [part for _, _, part, _ in read_view.detections_s]
         assert len(parts) == 3 * recording.num_slots and any(parts) == feedback
     assert pixels[1] < 0.8 * pixels[0]
     usual, focused = ((f.recall_500mm, f.mpjpe_mm) for f in found)

@@ -95,7 +95,7 @@ class _Stamped:
         if frame is None:
             return None
         late_ns = self.source.clock.now_ns() - frame.captured_ns
-        return LiveFrame(self.clock.now_ns() - late_ns, frame.image_size, frame.look)
+        return LiveFrame(self.clock.now_ns() - late_ns, frame.image_size, frame.image)
 
     def close(self) -> None:
         self.source.close()

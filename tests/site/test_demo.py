@@ -215,7 +215,7 @@ def test_videos_become_a_slower_site_poses_and_a_movie(
     clip = Clip(tmp_path / "rig.toml", videos)
     monkeypatch.setattr(jobs, "fetch_clip", lambda progress: clip)
     monkeypatch.setattr(jobs, "pull_weights", lambda name, progress: tmp_path / "none.pb")
-    monkeypatch.setattr(jobs, "_look_s", lambda video, weights: 0.3)
+    monkeypatch.setattr(jobs, "_alone_s", lambda video, weights: 0.3)
     monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
     report = run_demo(tmp_path / "demo")
     assert report.real and report.not_fetched == ()
@@ -241,15 +241,15 @@ def test_videos_become_a_slower_site_poses_and_a_movie(
 
 
 @pytest.mark.parametrize(
-    ("look_s", "cores", "expected"),
+    ("alone_s", "cores", "expected"),
     [(0.3, 2, 0.046), (0.085, 2, 0.16), (0.085, 16, 1.0), (0.006, 1, 1.0), (100.0, 1, 0.01)],
 )
 def test_pace_lets_all_cameras_look_in_every_slot(
-    look_s: float, cores: int, expected: float
+    alone_s: float, cores: int, expected: float
 ) -> None:
-    pace = jobs.pace_for(look_s, 4, 20.0, cores)
+    pace = jobs.pace_for(alone_s, 4, 20.0, cores)
     assert pace == pytest.approx(expected)
-    assert pace <= 0.01 or 4 * 20.0 * pace * look_s <= cores
+    assert pace <= 0.01 or 4 * 20.0 * pace * alone_s <= cores
 
 
 @pytest.mark.parametrize(("before_seam", "expected"), [(18, 18), (10, 10), (6, 20)])

@@ -118,23 +118,23 @@ def test_edge_joins_anew_once_for_each_change_of_the_list(tmp_path: Path) -> Non
     with ExitStack() as stack:
         server = edge_of(site, stack)
         admission = Admission(site, server, join, messages.append)
-        admission.look()
+        admission.update()
         assert not rolls and not messages
         add_keys(keys, "c1", NOW)
-        admission.look()
-        admission.look()
+        admission.update()
+        admission.update()
         assert rolls == [{"c0", "c1"}] and len(messages) == 1
         revoke_keys(keys, "c0")
-        admission.look()
+        admission.update()
         assert rolls[-1] == {"c1"}
         assert server.inbox.problems()[0] == "certificate revoked: e3pose keys add c0"
         # A list that is invalid is reported once, and changes nothing.
         good = (keys / "keys.toml").read_text()
         (keys / "keys.toml").write_text("no list [")
         before = len(messages)
-        admission.look()
-        admission.look()
+        admission.update()
+        admission.update()
         assert len(rolls) == 2 and len(messages) == before + 1
         (keys / "keys.toml").write_text(good)
-        admission.look()
+        admission.update()
         assert rolls[-1] == {"c1"} and len(rolls) == 3

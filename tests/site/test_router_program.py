@@ -67,15 +67,15 @@ def test_running_router_takes_in_a_new_list_and_outlives_a_wrong_one(keys: Path)
     place = keys / "routers" / "hall"
     router = Router(place, HERE, EDGE, join, messages.append)
     router.open()
-    router.look()
+    router.update()
     assert len(opened) == 1 and not messages
     revoke_keys(keys, "cam1")
-    router.look()
-    router.look()
+    router.update()
+    router.update()
     assert opened[1:] == [{}] and messages == ["certificates reloaded"]
     (place / "keys.toml").write_text("nothing")
-    router.look()
-    router.look()
+    router.update()
+    router.update()
     assert len(opened) == 2 and len(messages) == 2 and "keys.toml" in messages[1]
 
 

@@ -149,17 +149,17 @@ def test_damage_is_not_held_against_the_file_that_took_its_place(
     path.write_bytes(b"dear all, " * 1000)
     for replaced in (False, True):
         watch = Watch(path, every_s=1000.0)
-        assert watch.look() == ""
+        assert watch.check() == ""
         assert watch._thread is not None
         watch._thread.join()
         if replaced:
             path.rename(tmp_path / "aside")
             with StoreWriter(path, run()) as writer:
                 writer.append(record(0))
-        assert watch.look() == ("" if replaced else "file is not a database")
+        assert watch.check() == ("" if replaced else "file is not a database")
 
 
-def test_look_at_a_file_ends_in_time(tmp_path: Path, record: Records, run: Runs) -> None:
+def test_check_of_a_file_ends_in_time(tmp_path: Path, record: Records, run: Runs) -> None:
     path = tmp_path / "live.db"
     with StoreWriter(path, run()) as writer:
         writer.append(record(0))

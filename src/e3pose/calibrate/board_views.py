@@ -28,7 +28,7 @@ class BoardViews:
     Attributes:
         camera_id: the camera.
         image_size: `(width, height)` in pixels.
-        looked: how many frames were searched.
+        searched: how many frames were searched.
         times_s: `(num_views,)` when; the number of the picture in a folder.
         corners_px: `(num_views, num_corners, 2)`; NaN where a corner was not found.
         sharpness: `(num_views,)` steepest step of grey at a corner as a share of its contrast, per
@@ -37,7 +37,7 @@ class BoardViews:
 
     camera_id: str
     image_size: tuple[int, int]
-    looked: int
+    searched: int
     times_s: Floats
     corners_px: Floats
     sharpness: Floats
@@ -67,7 +67,7 @@ def find_board(
     """
     finder = make_finder(board)
     times, corners, sharp = [], [], []
-    size, looked = (0, 0), 0
+    size, searched = (0, 0), 0
     for time_s, grey, total in _frames(path, times_s, max_frames):
         if size != (0, 0) and grey.shape[::-1] != size:
             raise InputError(
@@ -75,18 +75,18 @@ def find_board(
                 f"{size[0]}x{size[1]}, expected one size"
             )
         size = (grey.shape[1], grey.shape[0])
-        looked += 1
+        searched += 1
         found = finder(grey)
         if np.isfinite(found).any():
             times.append(time_s)
             corners.append(found)
             sharp.append(_sharpness(grey, found[np.isfinite(found[:, 0])]))
-        progress(looked, max(total, looked))
+        progress(searched, max(total, searched))
     number = (board.columns - 1) * (board.rows - 1)
     return BoardViews(
         camera_id,
         size,
-        looked,
+        searched,
         np.array(times),
         np.array(corners).reshape(-1, number, 2),
         np.array(sharp),

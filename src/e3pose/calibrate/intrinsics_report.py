@@ -71,7 +71,7 @@ def as_values(report: LensReport) -> dict[str, Any]:
         "held_out_error_px": {
             name: None if np.isnan(value) else value for name, value in fit.held_out_px.items()
         },
-        "frames_searched": views.looked,
+        "frames_searched": views.searched,
         "frames_with_board": len(views.times_s),
         "frames_used": len(fit.used),
         "corners_by_part": covered(views.corners_px[fit.used], views.image_size).tolist(),
@@ -98,8 +98,8 @@ def as_lines(report: LensReport) -> list[str]:
         f"  reprojection error {fit.held_out_px[fit.model]:.2f} px in held-out views "
         f"({fit.fit_px:.2f} in the fit): {_verdict(fit.held_out_px[fit.model])}",
         f"  lens {fit.model}{f' (held-out px of others: {others})' if others else ''}",
-        f"  board in {len(views.times_s)} of {views.looked} frames, {len(fit.used)} used; corners "
-        f"in {int((parts >= 4).sum())} of {GRID[0] * GRID[1]} parts of the picture",
+        f"  board in {len(views.times_s)} of {views.searched} frames, {len(fit.used)} used; "
+        f"corners in {int((parts >= 4).sum())} of {GRID[0] * GRID[1]} parts of the picture",
     ]
     lines += [f"  next: {words}" for words in report.next_steps]
     return lines

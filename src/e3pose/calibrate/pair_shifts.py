@@ -27,12 +27,12 @@ def subsample_peak(values: Floats, best: int) -> float:
     return float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 
 
-def along_surest(num_cameras: int, pairs: Sequence[tuple[int, int, float]]) -> Floats:
-    """Return each camera's offset against the first, along the tree of the surest pairs (Prim).
+def spanning_tree_offsets(num_cameras: int, pairs: Sequence[tuple[int, int, float]]) -> Floats:
+    """Return each camera's offset against the first, along a maximum spanning tree (Prim).
 
     Args:
         num_cameras: how many.
-        pairs: two cameras, and the second's offset minus the first's; surest pair first.
+        pairs: two cameras, and the second's offset minus the first's; most certain pair first.
 
     Returns:
         `(num_cameras,)` in the unit of the shifts; NaN where no pair leads to the first camera.

@@ -17,9 +17,9 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, fftconvolve, sosfilt
 
 from e3pose.calibrate.pair_shifts import (
-    along_surest,
     disagreement,
     incidence,
+    spanning_tree_offsets,
     subsample_peak,
 )
 from e3pose.errors import InputError
@@ -74,7 +74,7 @@ def shifts_by_sound(sounds: Mapping[str, Floats], max_shift_s: float) -> HeardSh
             found[a, b] = shift_s, height
     clearest = sorted(found, key=lambda pair: -found[pair][1])
     pairs = [(*pair, found[pair][0]) for pair in clearest]
-    offsets_s = along_surest(len(names), pairs)
+    offsets_s = spanning_tree_offsets(len(names), pairs)
     lost = [name for name, offset_s in zip(names, offsets_s, strict=True) if np.isnan(offset_s)]
     if lost:
         raise InputError(

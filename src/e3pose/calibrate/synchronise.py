@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.calibrate.from_people import observe_people, solve_people
-from e3pose.calibrate.pair_shifts import along_surest, disagreement, incidence
+from e3pose.calibrate.pair_shifts import disagreement, incidence, spanning_tree_offsets
 from e3pose.calibrate.progress import Progress, silent
 from e3pose.calibrate.same_people import Seen
 from e3pose.calibrate.time_shift import motion_signals, shift_by_geometry, shift_by_motion
@@ -224,7 +224,7 @@ def _solve(recording: Recording, shifts: list[PairShift]) -> Synchrony:
     number = len(recording.rig)
     shifts = sorted(shifts, key=lambda s: (s.cost, -s.height))
     pairs = [(s.first, s.second, s.slots) for s in shifts]
-    offsets = along_surest(number, pairs)
+    offsets = spanning_tree_offsets(number, pairs)
     lost = [
         c for c, offset in zip(recording.rig.camera_ids, offsets, strict=True) if np.isnan(offset)
     ]

@@ -32,8 +32,8 @@ def choose_views(
         sharpness: `(num_views,)` larger is sharper.
         max_views: how many at most.
     """
-    looks = view_features(corners_m, corners_px, image_size)
-    good = np.isfinite(looks).all(axis=1)
+    features = view_features(corners_m, corners_px, image_size)
+    good = np.isfinite(features).all(axis=1)
     sharp = good & (sharpness >= BLURRED * np.median(sharpness))
     candidates = np.flatnonzero(sharp if sharp.sum() >= max_views // 2 else good)
     if len(candidates) <= max_views:
@@ -42,8 +42,8 @@ def choose_views(
     chosen = [int(np.argmax(seen * sharpness[candidates]))]
     distance = np.full(len(candidates), np.inf)
     while len(chosen) < max_views:
-        newest = looks[candidates[chosen[-1]]]
-        distance = np.minimum(distance, np.linalg.norm(looks[candidates] - newest, axis=1))
+        newest = features[candidates[chosen[-1]]]
+        distance = np.minimum(distance, np.linalg.norm(features[candidates] - newest, axis=1))
         chosen.append(int(np.argmax(distance)))
     return np.asarray(np.sort(candidates[chosen]), dtype=np.int64)
 
@@ -123,13 +123,13 @@ def advice(
         places = [f"{r} {c}" for r in rows for c in ("left", "middle", "right")]
         named = [p.replace("middle middle", "middle") for p in places]
         words.append("hold the board to the " + ", ".join(p for p in named if p in empty))
-    looks = view_features(corners_m, corners_px, image_size)
-    looks = looks[np.isfinite(looks).all(axis=1)]
-    if len(looks):
+    features = view_features(corners_m, corners_px, image_size)
+    features = features[np.isfinite(features).all(axis=1)]
+    if len(features):
         for axis, how in ((3, "forwards and backwards"), (4, "to the left and to the right")):
-            tilted = np.abs(looks[:, axis]) > 1.5 * TILTS
+            tilted = np.abs(features[:, axis]) > 1.5 * TILTS
             if tilted.sum() < 4:
                 words.append(f"tilt the board {how} by 20 to 40 degrees")
-        if np.quantile(looks[:, 2], 0.8) < SMALL:
+        if np.quantile(features[:, 2], 0.8) < SMALL:
             words.append("hold the board nearer: it should fill a third of the picture or more")
     return words

@@ -17,25 +17,25 @@ class LiveFrame:
     Attributes:
         captured_ns: when it was taken, by the camera's clock.
         image_size: `(width, height)` in pixels.
-        look: return what is to be detected in: an RGB image `(height, width, 3)`, or whatever the
-            detector of a simulated source takes. Converting waits until somebody looks.
+        image: returns what is to be detected in: an RGB image `(height, width, 3)`, or whatever the
+            detector of a simulated source takes. It is converted when it is first asked for.
     """
 
     captured_ns: int
     image_size: tuple[int, int]
-    look: Callable[[], Any]
+    image: Callable[[], Any]
 
     def shared(self) -> LiveFrame:
         """Return a frame for several threads, which converts its image once."""
         lock, seen = threading.Lock(), list[Any]()
 
-        def look() -> Any:
+        def image() -> Any:
             with lock:
                 if not seen:
-                    seen.append(self.look())
+                    seen.append(self.image())
                 return seen[0]
 
-        return replace(self, look=look)
+        return replace(self, image=image)
 
 
 class LiveSource(Protocol):

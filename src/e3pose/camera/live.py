@@ -256,7 +256,7 @@ class CameraNode:
         warned, uses = False, uses_feedback(self.detector)
         while (seen := self._frames.take()) is not None:
             begun_ns = self.clock.now_ns()
-            poses = detect_expected(self.detector, image := seen.frame.look(), seen.expected)
+            poses = detect_expected(self.detector, image := seen.frame.image(), seen.expected)
             if self.pictures is not None:
                 self.pictures.offer(image, seen.slot)
             done_ns = self.clock.now_ns()

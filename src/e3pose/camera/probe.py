@@ -60,7 +60,7 @@ def probe(
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s:
             if (frame := opened.read()) is not None:
-                return Probe(source, frame.image_size, opened.fps, _dark(frame.look()))
+                return Probe(source, frame.image_size, opened.fps, _dark(frame.image()))
     finally:
         opened.close()
     raise InputError("source", f"no frame of {source[:80]} in {timeout_s:g} s", "one that films")

@@ -163,7 +163,7 @@ class VideoRecorder:
         return True
 
     def _put(self, taken: _Taken) -> None:
-        image = taken.frame.look()
+        image = taken.frame.image()
         if not (isinstance(image, np.ndarray) and image.ndim == 3):
             raise ValueError("the source has keypoints, no images")
         size = (image.shape[1], image.shape[0])

@@ -63,7 +63,7 @@ def power(
         raise InputError(f"--root: found no folder {root}, expected one")
     meter = choose_meter(load_profile(profile), root)
 
-    def look() -> tuple[Reading, Charge | None]:
+    def measure() -> tuple[Reading, Charge | None]:
         time.sleep(seconds)
         reading = meter.read("active")
         try:
@@ -74,21 +74,21 @@ def power(
     if watch and json_file is not None and not is_stdout(json_file):
         raise InputError(f"--json: found {json_file} with --watch, expected -")
     while watch and is_stdout(json_file):
-        _print_json_line(*look())
+        _print_json_line(*measure())
     if json_file is not None:
         import msgspec
 
-        reading, charge = look()
+        reading, charge = measure()
         write_json(json_file, msgspec.to_builtins({"reading": reading, "charge": charge}))
         return
     # A pipe gets whole lines; only a terminal has a width to fold to.
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 200)
     if not watch:
-        console.print(_table(*look()))
+        console.print(_table(*measure()))
         return
-    with Live(_table(*look()), console=console, auto_refresh=False) as live:
+    with Live(_table(*measure()), console=console, auto_refresh=False) as live:
         while True:
-            live.update(_table(*look()), refresh=True)
+            live.update(_table(*measure()), refresh=True)
 
 
 def _table(reading: Reading, charge: Charge | None) -> Table:

@@ -125,8 +125,8 @@ def bench(
     ]
     columns = {
         "image": [f"{c.image_size[0]} x {c.image_size[1]}" for c in costs],
-        "ms per detection": [f"{1000 * c.look_s:.1f}" for c in costs],
-        "per second": [f"{1 / c.look_s:.1f}" for c in costs],
+        "ms per detection": [f"{1000 * c.detect_s:.1f}" for c in costs],
+        "per second": [f"{1 / c.detect_s:.1f}" for c in costs],
         "first, s": [f"{c.first_s:.2f}" for c in costs],
         "J per detection": ["-" if c.energy_j is None else f"{c.energy_j:.3g}" for c in costs],
         "runs on": [c.provider or "-" for c in costs],

@@ -154,10 +154,10 @@ def replay(
             foresees=outputs.report is not None and loop.pipeline != "paper",
             faults=faults.day(source, plan.watts),
         )
-        feedback, look = settings.feedback, None
+        feedback, read_view = settings.feedback, None
         if feedback or detector is not None:
-            look = open_pixels(source, recording, detector, feedback=feedback)
-        replayed = run_replay(source, settings, publish=smoother.keep, look=look)
+            read_view = open_pixels(source, recording, detector, feedback=feedback)
+        replayed = run_replay(source, settings, publish=smoother.keep, read_view=read_view)
     run = f"replay {settings.row_name}"
     slots = stored(replayed, store, source, run, plan.profiles, plan.idle_mode)
     records = smoother.smoothed(list(track_progress(slots, source.num_slots, "replay")))
@@ -170,7 +170,7 @@ def replay(
         idle_mode=plan.idle_mode,
         battery_wh=plan.battery_wh,
     )
-    notes = () if look is None else (look.words(),)
+    notes = () if read_view is None else (read_view.words(),)
     summary = replace(figures, smooth=smoothing.method, notes=(*figures.notes, *notes))
     outputs.write(source, records, summary, notes, store.file())
 

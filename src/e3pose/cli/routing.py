@@ -61,7 +61,7 @@ def router(
     end_s = None if for_s is None else time.monotonic() + for_s
 
     def running() -> bool:
-        made.look()
+        made.update()
         return end_s is None or time.monotonic() < end_s
 
     made.open()

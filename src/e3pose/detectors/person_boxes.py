@@ -22,7 +22,7 @@ MEAN_BGR = np.array([103.53, 116.28, 123.675], dtype=np.float32)
 DEVIATION_BGR = np.array([57.375, 57.12, 58.395], dtype=np.float32)
 PERSON = 0  # of COCO's labels
 MIN_SCORE = 0.3  # of the publisher's example
-MAX_PEOPLE = 20  # each costs a look of the keypoint network
+MAX_PEOPLE = 20  # each costs a run of the keypoint network
 
 
 class PersonBoxes:
@@ -48,9 +48,9 @@ class PersonBoxes:
         self._boxes, self._labels = boxes[0], labels[0]
 
     def find(self, image: Image) -> NDArray[np.float64]:
-        """Return `(num_persons, 4)` x, y of two corners in pixels of an RGB image, surest first.
+        """Return `(num_persons, 4)` x, y of two corners in pixels of an RGB image.
 
-        Measured from the outer edge of the first pixel.
+        By falling score; measured from the outer edge of the first pixel.
         """
         height, width = self._network.input_shape[2:]
         fit = letterbox((image.shape[1], image.shape[0]), (width or SIDE, height or SIDE))

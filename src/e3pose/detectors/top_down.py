@@ -59,7 +59,7 @@ class OnePerson:
         self.skeleton: Skeleton = SKELETONS_BY_COUNT[count]
         self._size = shape[3] or INPUT_SIZE[0], shape[2] or INPUT_SIZE[1]
 
-    def look(self, image: Image, box: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def keypoints(self, image: Image, box: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return keypoints `(num_joints, 2)` in pixels of the image, and scores `(num_joints,)`.
 
         Args:
@@ -94,18 +94,18 @@ class TopDown:
     def detect(self, image: Image) -> Poses2D:
         """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
         check_image(image)
-        return self._look(image, self._boxes.find(image))
+        return self._in_boxes(image, self._boxes.find(image))
 
     def detect_in_boxes(self, image: Image, boxes: NDArray[np.float64]) -> Poses2D:
         """See `InBoxes.detect_in_boxes`; the network that finds boxes does not run."""
         check_image(image)
-        return different_people(self._look(image, boxes[:MAX_PEOPLE]))
+        return different_people(self._in_boxes(image, boxes[:MAX_PEOPLE]))
 
-    def _look(self, image: Image, boxes: NDArray[np.float64]) -> Poses2D:
-        looks = [self._person.look(image, box) for box in boxes]
-        if not looks:
+    def _in_boxes(self, image: Image, boxes: NDArray[np.float64]) -> Poses2D:
+        found = [self._person.keypoints(image, box) for box in boxes]
+        if not found:
             return Poses2D.empty(len(self.skeleton))
-        keypoints, scores = (np.stack(part) for part in zip(*looks, strict=True))
+        keypoints, scores = (np.stack(part) for part in zip(*found, strict=True))
         size = image.shape[1], image.shape[0]
         return poses_in_image(keypoints, scores, size, MIN_KEYPOINT_SCORE)
 

@@ -25,7 +25,8 @@ class PixelViews:
     """Looks at the videos of a recording with a detector; slots must not fall.
 
     Attributes:
-        looks_s: of each look, its slot, camera, whether it was at a part of the image, and seconds.
+        detections_s: of each detection, its slot, camera, whether it was in a part of the image,
+            and seconds.
     """
 
     def __init__(
@@ -41,13 +42,13 @@ class PixelViews:
 
         Args:
             recording: with a video for every camera.
-            detector: what looks.
+            detector: finds the people.
             folder: of the recording, for videos that stand in it.
             starts_s: for each camera, which time in its video is the recording's zero; 0 if not
                 given.
             rotations: for each camera, by how many degrees clockwise its images are turned for the
                 detector; 0 if not given.
-            clock: seconds, for the time of looks only.
+            clock: seconds, for the time of detections only.
 
         Raises:
             InputError: when a video is missing, or the detector finds other joints.
@@ -68,7 +69,7 @@ class PixelViews:
             SlotReader(video_path(recording, name, folder), recording.fps, starts.get(name, 0.0), 0)
             for name in recording.rig.camera_ids
         ]
-        self.looks_s: list[tuple[int, int, bool, float]] = []
+        self.detections_s: list[tuple[int, int, bool, float]] = []
 
     def __call__(self, slot: int, camera: int, expected: ExpectedView | None) -> Poses2D | None:
         """Return what a camera sees in a slot; None where its video has no frame."""
@@ -77,14 +78,14 @@ class PixelViews:
             return None
         begun_s = self._clock()
         poses = detect_expected(self._detectors[camera], image, expected)
-        self.looks_s.append((slot, camera, expected is not None, self._clock() - begun_s))
+        self.detections_s.append((slot, camera, expected is not None, self._clock() - begun_s))
         return poses
 
     def words(self) -> str:
         """Return how many detections were in parts of images, and how long detections took."""
-        parts = [seconds for _, _, part, seconds in self.looks_s if part]
-        wholes = [seconds for _, _, part, seconds in self.looks_s if not part]
-        count = f"{len(parts)} of {len(self.looks_s)} in the part where people were expected"
+        parts = [seconds for _, _, part, seconds in self.detections_s if part]
+        wholes = [seconds for _, _, part, seconds in self.detections_s if not part]
+        count = f"{len(parts)} of {len(self.detections_s)} in the part where people were expected"
         times = [
             f"{1000 * median(taken):.3g} ms {what}"
             for taken, what in ((parts, "each"), (wholes, "each in the whole image"))
@@ -137,16 +138,18 @@ def open_pixels(
 def replay_stored(
     recording: Recording, settings: ReplaySettings, folder: Path, detector: str | None = None
 ) -> Iterator[SlotRecord]:
-    """Replay a stored recording; with feedback, look anew at its videos on one thread.
+    """Replay a stored recording; with feedback, detect again in its videos on one thread.
 
     Args:
         recording: what is stored.
         settings: how to run it.
         folder: where it is stored.
-        detector: looks anew, with feedback or without; by default that of the recording does with
-            feedback, and nobody does without.
+        detector: detects again, with feedback or without; by default that of the recording with
+            feedback, and none without.
     """
     anew = settings.feedback or detector is not None
     feedback = settings.feedback
-    look = open_pixels(recording, folder, detector, threads=1, feedback=feedback) if anew else None
-    return replay(recording, settings, look=look)
+    read_view = (
+        open_pixels(recording, folder, detector, threads=1, feedback=feedback) if anew else None
+    )
+    return replay(recording, settings, read_view=read_view)

@@ -27,7 +27,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 TAG = re.compile(r"<[^>]*>")  # what stands between them is text that people read
 DECIMALS = re.compile(r"(\d\.\d\d)\d+")  # a hundredth of a point is finer than any screen
 
-LOOK: Mapping[str, Any] = {
+STYLE: Mapping[str, Any] = {
     "svg.fonttype": "none",  # letters stay letters: a tenth of the size, and they can be searched
     "svg.hashsalt": "e3pose",  # ids inside the file would be random
     "font.sans-serif": ["DejaVu Sans", "Helvetica", "Arial"],
@@ -76,7 +76,7 @@ def picture(path: Path, width_in: float, height_in: float) -> Iterator[Figure]:
     import matplotlib
     from matplotlib.figure import Figure  # not pyplot: no window, no state beyond this block
 
-    with matplotlib.rc_context(dict(LOOK)):
+    with matplotlib.rc_context(dict(STYLE)):
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         yield figure
         with atomic_file(path) as temporary:

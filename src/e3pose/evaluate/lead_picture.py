@@ -39,7 +39,7 @@ def draw_leads(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         accuracy, latency = figure.subplots(1, 2)
         for number, (policy, cameras) in enumerate(names):
             mine = [r for r in rows if (r["policy"], r["cameras"]) == (policy, cameras)]
-            look = {
+            style = {
                 "color": COLOURS[number % len(COLOURS)],
                 "marker": MARKERS[number % len(MARKERS)],
                 "label": f"{policy}, C = {cameras}" if several and cameras is not None else policy,
@@ -47,8 +47,8 @@ def draw_leads(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
             shift = APART * (number - (len(names) - 1) / 2)
             leads, means, deviations = _curve(mine, key)
             shifted = [lead + shift for lead in leads]
-            accuracy.errorbar(shifted, means, yerr=deviations, elinewidth=0.8, capsize=2, **look)
-            latency.plot(*_curve(mine, TIME)[:2], **look)
+            accuracy.errorbar(shifted, means, yerr=deviations, elinewidth=0.8, capsize=2, **style)
+            latency.plot(*_curve(mine, TIME)[:2], **style)
         seeds = max(row["seeds"] for row in rows)
         accuracy.set_title(f"{title}, {seeds} seeds" if seeds > 1 else title)
         latency.set_title("prediction, median ms per slot")

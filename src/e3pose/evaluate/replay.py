@@ -24,7 +24,7 @@ from e3pose.settings.loop import ReplaySettings as ReplaySettings
 from e3pose.settings.parts import make_pipeline as make_pipeline
 
 # What a camera sees in a slot, given the people expected in it; None where it sees nothing.
-Look = Callable[[int, int, ExpectedView | None], Poses2D | None]
+ReadView = Callable[[int, int, ExpectedView | None], Poses2D | None]
 Expected = tuple[ExpectedView, ...] | None
 
 
@@ -33,10 +33,12 @@ def selected_views(recording: Recording, slot: int, selection: Selection) -> Map
     return _seen(_recorded(recording), slot, selection, None)
 
 
-def _seen(look: Look, slot: int, selection: Selection, expected: Expected) -> Mapping[int, Poses2D]:
+def _seen(
+    read_view: ReadView, slot: int, selection: Selection, expected: Expected
+) -> Mapping[int, Poses2D]:
     views = {}
     for camera in np.flatnonzero(selection).tolist():
-        view = look(slot, camera, None if expected is None else expected[camera])
+        view = read_view(slot, camera, None if expected is None else expected[camera])
         if view is not None:
             views[camera] = view
     return views
@@ -51,7 +53,7 @@ def replay(
     policy: str | Policy | None = None,
     predictor: str | Predictor | None = None,
     estimator: Estimator[Any] | None = None,
-    look: Look | None = None,
+    read_view: ReadView | None = None,
 ) -> Iterator[SlotRecord]:
     """Run the recording through `pipeline.step` and yield one record per slot.
 
@@ -66,8 +68,9 @@ def replay(
         policy: in place of that of the settings: a name, or any object that can `select`.
         predictor: likewise: a name, or any object that can `predict`.
         estimator: in place of that of the pipeline: an `estimate.base.Estimator`.
-        look: what cameras see, such as `evaluate.pixels.PixelViews`; by default the views of the
-            recording. Feedback needs it: what was detected before knows of no feedback.
+        read_view: returns what a camera detects in a slot, such as those of
+            `evaluate.detect_again.PixelViews`; by default the views of the recording. Required with
+            feedback.
 
     Raises:
         InputError: naming the setting that cannot be had for this recording.
@@ -79,24 +82,24 @@ def replay(
         predictor=asked.predictor if predictor is None else predictor,
         estimator=asked.estimator if estimator is None else estimator,
     )
-    if settings.feedback and look is None:
+    if settings.feedback and read_view is None:
         raise InputError("feedback", "without pixels", "a recording with videos")
     pipeline = make_pipeline(recording, settings, clock)
     day = settings.faults
     gone_s = deaths_s(recording, day.kills, settings.phase)
     arriving(len(recording.rig), day.loss, settings.seed, 0)
-    if look is None:
+    if read_view is None:
         return _run(recording, _recorded(recording), pipeline, day, gone_s, settings.seed, publish)
-    return _run(recording, look, pipeline, day, gone_s, settings.seed, publish)
+    return _run(recording, read_view, pipeline, day, gone_s, settings.seed, publish)
 
 
-def _recorded(recording: Recording) -> Look:
+def _recorded(recording: Recording) -> ReadView:
     return lambda slot, camera, expected: recording.view(slot, camera)
 
 
 def _run(
     recording: Recording,
-    look: Look,
+    read_view: ReadView,
     pipeline: Pipeline,
     day: Faults,
     gone_s: NDArray[np.float64],
@@ -110,7 +113,7 @@ def _run(
         online = (slot * recording.interval_s < gone_s - 1e-9) & (left_j > 0)
         came = online & arriving(len(online), day.loss, seed, slot)
         awake = state.selections[0] & came
-        views = _seen(look, slot, awake, expected.pop(slot, None))
+        views = _seen(read_view, slot, awake, expected.pop(slot, None))
         try:
             state, record = step(pipeline, state, views, online, publish)
         except InputError as error:

@@ -25,16 +25,16 @@ class Spot:
         x_m: east.
         y_m: north.
         z_m: above the floor.
-        look_x_m: east of the point that it looks at, one metre above the floor.
-        look_y_m: north of that point.
+        target_x_m: east of the point that it looks at, one metre above the floor.
+        target_y_m: north of that point.
         view_deg: horizontal field of view.
     """
 
     x_m: float
     y_m: float
     z_m: float
-    look_x_m: float
-    look_y_m: float
+    target_x_m: float
+    target_y_m: float
     view_deg: float = 75.0
 
 
@@ -92,7 +92,7 @@ def spot_rig(
     for index, spot in enumerate(spots):
         wobble = rng.uniform(-1, 1, 5)
         centre = np.array([spot.x_m, spot.y_m, spot.z_m]) + 0.05 * wobble[:3]
-        target = np.array([spot.look_x_m, spot.look_y_m, TARGET_HEIGHT_M])
+        target = np.array([spot.target_x_m, spot.target_y_m, TARGET_HEIGHT_M])
         target[:2] += 0.2 * wobble[3:]
         K = _intrinsics(image_size, spot.view_deg)
         place = _looking(centre, target)

@@ -32,7 +32,7 @@ TWO_ROOMS = Scene(
 
 def _mirrored(spot: Spot) -> Spot:
     """Return the place in the hall's other leg, which mirrors the first."""
-    return Spot(spot.y_m, spot.x_m, spot.z_m, spot.look_y_m, spot.look_x_m, spot.view_deg)
+    return Spot(spot.y_m, spot.x_m, spot.z_m, spot.target_y_m, spot.target_x_m, spot.view_deg)
 
 
 # An L of two halls of 12 m x 3.6 m that share their south-western corner; five cameras in each.

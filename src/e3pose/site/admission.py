@@ -70,11 +70,11 @@ class Admission:
     _refused: str = ""
 
     def __post_init__(self) -> None:
-        self._seen = self._look()
+        self._seen = self._version()
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Rejoin if the list of certificates changed since the last call."""
-        seen = self._look()
+        seen = self._version()
         if seen == self._seen:
             return
         try:
@@ -90,7 +90,7 @@ class Admission:
         self._seen, self._refused = seen, ""
         self.report("certificates reloaded")
 
-    def _look(self) -> tuple[int, int]:
+    def _version(self) -> tuple[int, int]:
         if self.site.link.keys is None:
             return 0, 0
         try:

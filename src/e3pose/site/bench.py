@@ -16,7 +16,7 @@ from e3pose.energy.profiles import Mode
 
 IDLE_S = 2.0
 SAMPLE_S = 0.1
-LEAST_LOOKS = 3
+LEAST_DETECTIONS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,16 +26,16 @@ class Cost:
     Attributes:
         name: of the network.
         image_size: `(width, height)` of the images looked at.
-        look_s: seconds per look, the median.
-        first_s: seconds of the first look, with whatever is built for it.
-        energy_j: joules per look beyond idling; None if nothing was measured.
+        detect_s: seconds per detection, the median.
+        first_s: seconds of the first detection, with whatever is built for it.
+        energy_j: joules per detection beyond idling; None if nothing was measured.
         how: how energy is known, or why it is not.
         provider: where it ran, as far as the detector tells.
     """
 
     name: str
     image_size: tuple[int, int]
-    look_s: float
+    detect_s: float
     first_s: float
     energy_j: float | None
     how: str
@@ -76,18 +76,18 @@ def measure(
     idle_w, _ = _watts(meter, "power-saving", lambda: time.sleep(IDLE_S))
     took_s: list[float] = []
 
-    def looks() -> None:
+    def detect() -> None:
         end_s = time.perf_counter() + seconds
-        while len(took_s) < LEAST_LOOKS or time.perf_counter() < end_s:
+        while len(took_s) < LEAST_DETECTIONS or time.perf_counter() < end_s:
             begun_s = time.perf_counter()
             detector.detect(image)
             took_s.append(time.perf_counter() - begun_s)
 
-    active_w, reading = _watts(meter, "active", looks)
-    look_s = float(np.median(took_s))
-    energy_j = max(active_w - idle_w, 0.0) * look_s if reading.measured else None
+    active_w, reading = _watts(meter, "active", detect)
+    detect_s = float(np.median(took_s))
+    energy_j = max(active_w - idle_w, 0.0) * detect_s if reading.measured else None
     runs_on = getattr(detector, "provider", "")
-    return Cost(name, image_size, look_s, first_s, energy_j, reading.how, runs_on)
+    return Cost(name, image_size, detect_s, first_s, energy_j, reading.how, runs_on)
 
 
 def _watts(meter: Meter, mode: Mode, work: Callable[[], None]) -> tuple[float, Reading]:

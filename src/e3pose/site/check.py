@@ -32,7 +32,7 @@ APART_M = 0.1  # cameras nearer to each other than this see the same
 CLOCK_MS = 5.0
 FREE_BYTES = 10**9
 LISTEN_S = 1.0  # to find out whether a port is taken
-STORE_LOOK_S = 5.0  # at its database
+STORE_CHECK_S = 5.0  # at its database
 
 Level = Literal["ok", "warning", "problem"]
 
@@ -254,7 +254,7 @@ def check_store(file: Path) -> Iterator[Finding]:
     """Look whether the database is whole, for some seconds, and for those that were not."""
     from e3pose.store.integrity import problem_of
 
-    if file.is_file() and (problem := problem_of(file, STORE_LOOK_S)):
+    if file.is_file() and (problem := problem_of(file, STORE_CHECK_S)):
         advice = "the edge moves it aside within minutes, or at its next start"
         yield Finding("problem", "store-corrupt", f"{file}: damaged ({problem})", advice)
     aside = [

@@ -75,7 +75,7 @@ class Edge:
 
     def running(self) -> bool:
         """Return whether it is running; also applies new certificates, so call it often."""
-        self._admission.look()
+        self._admission.update()
         return self.server.running()
 
     def run(self, for_s: float | None = None) -> None:

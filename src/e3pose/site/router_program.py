@@ -60,15 +60,15 @@ class Router:
 
     def open(self) -> None:
         """Join; raise `InputError` for what cannot be used."""
-        seen = self._look()
+        seen = self._version()
         link, roll = router_link(self.folder, self.endpoint, self.edge)
         self.close()  # the port is one
         self._transport = self.join(link, roll)
         self.site, self._seen = roll.site, seen
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Reconnect if the list changed; an error in it is logged once, and retried."""
-        if self._transport is not None and self._look() == self._seen:
+        if self._transport is not None and self._version() == self._seen:
             return
         try:
             self.open()
@@ -86,7 +86,7 @@ class Router:
             self._transport.close()
             self._transport = None
 
-    def _look(self) -> tuple[int, int]:
+    def _version(self) -> tuple[int, int]:
         try:
             status = (self.folder / "keys.toml").stat()
         except OSError:

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from e3pose.store.database import identity, is_damage, reading_uri
 
-LIMIT_S = 30.0  # of one look: some 10 GB; of a larger database the first part is looked at
+LIMIT_S = 30.0  # of one check: some 10 GB; of a larger database the first part is checked
 SHARE = 0.02  # of a core, at most
-SHRUNK_S = 5.0  # between looks at a file that keeps getting smaller
+SHRUNK_S = 5.0  # between checks at a file that keeps getting smaller
 
 
 def problem_of(path: Path, limit_s: float = LIMIT_S) -> str:
@@ -22,12 +22,12 @@ def problem_of(path: Path, limit_s: float = LIMIT_S) -> str:
         path: the file; it may be written meanwhile.
         limit_s: when to end, with what was found until then.
     """
-    look = _Look(path)
-    look.run(limit_s)
-    return look.found()
+    check = _Check(path)
+    check.run(limit_s)
+    return check.found()
 
 
-class _Look:
+class _Check:
     """One check of a file, which another thread may stop."""
 
     def __init__(self, path: Path) -> None:
@@ -76,21 +76,21 @@ def _quick_check(connection: sqlite3.Connection) -> str:
 
 
 class Watch:
-    """Checks the file of a store on its own thread; `look` starts it and never waits.
+    """Checks the file of a store on its own thread; `check` starts it and never waits.
 
     Args:
         path: the file.
-        every_s: seconds between two looks, or longer where they take long.
+        every_s: seconds between two checks, or longer where they take long.
     """
 
     def __init__(self, path: Path, every_s: float) -> None:
         self.path, self.every_s = path, every_s
         self._due_s = self._shrank_s = 0.0
         self._size = 0
-        self._current: _Look | None = None
+        self._current: _Check | None = None
         self._thread: threading.Thread | None = None
 
-    def look(self) -> str:
+    def check(self) -> str:
         """Return the problem found by a finished check; start another one when due."""
         now_s = time.monotonic()
         if self._thread is not None and self._current is not None:
@@ -100,9 +100,9 @@ class Watch:
             self._due_s = now_s + max(self.every_s, self._current.took_s / SHARE)
             return self._current.found()
         if self._shrank(now_s) or now_s >= self._due_s:
-            self._current = _Look(self.path)
+            self._current = _Check(self.path)
             self._thread = threading.Thread(
-                target=self._current.run, args=(LIMIT_S,), name="store-look", daemon=True
+                target=self._current.run, args=(LIMIT_S,), name="store-check", daemon=True
             )
             self._thread.start()
         return ""

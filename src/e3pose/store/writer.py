@@ -61,7 +61,7 @@ class WriterSettings:
         spool_bytes: room for what the database cannot take.
         spool_beside: a name in the folder that the spool is kept in, where the store is no file;
             None for memory.
-        check_s: how often to look whether the file is whole.
+        check_s: how often to check the integrity of the file.
         retention: what to keep.
     """
 
@@ -248,7 +248,7 @@ class StoreWriter:
             if len(self._items) < self.settings.commit_slots:
                 self._wake.wait(self.settings.commit_s)
                 self._wake.clear()
-            # Asked before looking: whatever was handed over by then is still taken.
+            # Asked before taking: whatever was handed over by then is still taken.
             stopping = self._stop.is_set() and len(self._items) <= self.settings.commit_slots
             rows, newest, waiting = self._gather()
             try:
@@ -369,7 +369,7 @@ class StoreWriter:
             for adopted in self._delivery.adopt():
                 self._say("store-adopted", adopted)
             self._delivery.trim(self.settings.retention, self._wall_ns())
-            if self._watch is not None and (wrong := self._watch.look()):
+            if self._watch is not None and (wrong := self._watch.check()):
                 raise damage(wrong)
         except (*REFUSALS, OSError) as error:
             self._fail(error)

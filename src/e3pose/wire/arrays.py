@@ -29,9 +29,9 @@ def pack(array: NDArray[Any]) -> Array:
 
 def pack_poses(poses: Poses2D) -> tuple[Array, Array]:
     """Return keypoints and scores as message fields; of too many people, those of best score."""
-    surest = np.argsort(-poses.scores.sum(axis=1), kind="stable")[:MAX_PERSONS]
-    scores = np.clip(poses.scores[surest], 0, 1).astype(np.float32)
-    return pack(poses.keypoints_px[surest].astype(np.float32)), pack(scores)
+    highest = np.argsort(-poses.scores.sum(axis=1), kind="stable")[:MAX_PERSONS]
+    scores = np.clip(poses.scores[highest], 0, 1).astype(np.float32)
+    return pack(poses.keypoints_px[highest].astype(np.float32)), pack(scores)
 
 
 def unpack(array: Array) -> NDArray[Any]:

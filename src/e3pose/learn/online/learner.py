@@ -32,7 +32,7 @@ from e3pose.predict.base import Predictor
 from e3pose.runtime.clock import Clock
 
 LOG = logging.getLogger(__name__)
-LOOK_S = 0.5  # between looks of the thread beside the edge
+POLL_S = 0.5  # between polls of the thread beside the edge
 MAX_WAITING = 8  # chunks of a disk that is too slow; later ones are lost
 MAX_EVENTS = 200
 WARM_UP_PEOPLE = 4
@@ -180,7 +180,7 @@ class OnlineTrainer:
             self._failed(now_s, f"{type(error).__name__}: {error}")
 
     def _attend_always(self) -> None:
-        while not self._closing.wait(LOOK_S):
+        while not self._closing.wait(POLL_S):
             self.attend()
 
     def _put_by(self) -> None:

@@ -40,13 +40,13 @@ T = TypeVar("T")
 NETWORK = "openpose-thin"
 FPS = 20.0  # slots per second of the scene: every third frame
 NUM_SELECTED = 2
-WARMUP_SLOTS = 10  # the loop's own default, in which every camera looks
+WARMUP_SLOTS = 10  # the loop's own default, in which every camera detections
 STAND_IN_SLOTS = 150
-READY_S, READY_LOOKS = 4.0, 20.0  # a camera imports, then loads and tries its network
+READY_S, READY_DETECTIONS = 4.0, 20.0  # a camera imports, then loads and tries its network
 PROFILE = "xavier-nx"
 SPARE = 0.55  # of the processor that looking may take: the rest decodes, fuses, and is spare
 DEADLINE_SLOTS = 2.5  # so that others who use the machine for a moment do no harm
-TIMING_S, TIMING_LOOKS = 1.5, 5
+TIMING_S, TIMING_DETECTIONS = 1.5, 5
 MIN_DEADLINE_MS = 150.0
 
 STAND_IN = SceneSettings(people=3, seconds=12.0, cameras=4)
@@ -85,14 +85,14 @@ class Scene:
         recording: its cameras, and for a simulated scene its truth; its views are not looked at.
         film: what is played.
         num_slots: how long to run.
-        look_s: how long this machine takes to look at one frame; 0 if simulated.
+        alone_s: seconds of one detection on this machine without load; 0 if simulated.
     """
 
     site_file: Path
     recording: Recording
     film: Film
     num_slots: int
-    look_s: float = 0.0
+    alone_s: float = 0.0
 
 
 def run_demo(
@@ -130,7 +130,7 @@ def run_demo(
         else:
             scene = _filmed(*inputs, folder / SITE, phase)
         with watch() as show:
-            ready_s = READY_S + READY_LOOKS * scene.look_s
+            ready_s = READY_S + READY_DETECTIONS * scene.alone_s
             round_s = scene.film.length_s / scene.film.pace
             heard = run_live(
                 scene.site_file, scene.recording.rig, scene.num_slots, round_s, ready_s, show
@@ -208,8 +208,8 @@ def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
         shutil.copyfile(video, folder / "videos" / video.name)
     videos = {i: v.name for i, v in zip(rig.camera_ids, clip.videos, strict=True)}
     with phase("timing the network"):
-        look_s = _look_s(clip.videos[0], weights)
-    pace = pace_for(look_s, len(rig), FPS, len(os.sched_getaffinity(0)))
+        alone_s = _alone_s(clip.videos[0], weights)
+    pace = pace_for(alone_s, len(rig), FPS, len(os.sched_getaffinity(0)))
     source = open_video(clip.videos[0])
     film = Film(source.num_frames / source.rate, pace)
     example = Example(
@@ -234,10 +234,10 @@ def _filmed(clip: Clip, weights: Path, folder: Path, phase: Phase) -> Scene:
         videos=videos,
         source=SOURCE,
     )
-    return Scene(write_example(folder, example, rig), recording, film, recording.num_slots, look_s)
+    return Scene(write_example(folder, example, rig), recording, film, recording.num_slots, alone_s)
 
 
-def _look_s(video: Path, weights: Path) -> float:
+def _alone_s(video: Path, weights: Path) -> float:
     """Return the seconds of a detection on one thread of this machine."""
     from e3pose.camera.source import open_video
     from e3pose.detectors import make_detector
@@ -245,23 +245,23 @@ def _look_s(video: Path, weights: Path) -> float:
     detector = make_detector(NETWORK, weights, "cpu", 1)
     image = next(iter(open_video(video).frames(0.0))).image
     detector.detect(image)  # the first look is slow
-    began, looks = time.perf_counter(), 0
-    while looks < TIMING_LOOKS or time.perf_counter() - began < TIMING_S:
+    began, detections = time.perf_counter(), 0
+    while detections < TIMING_DETECTIONS or time.perf_counter() - began < TIMING_S:
         detector.detect(image)
-        looks += 1
-    return (time.perf_counter() - began) / looks
+        detections += 1
+    return (time.perf_counter() - began) / detections
 
 
-def pace_for(look_s: float, num_cameras: int, fps: float, cores: int) -> float:
+def pace_for(alone_s: float, num_cameras: int, fps: float, cores: int) -> float:
     """Return the pace at which a machine can detect in all cameras; 1 at most.
 
     Args:
-        look_s: how long one core takes to look at a frame.
+        alone_s: seconds of one detection on one core.
         num_cameras: that look in every slot.
         fps: slots per second of the scene.
         cores: that look.
     """
-    pace = SPARE * cores / (num_cameras * fps * look_s)
+    pace = SPARE * cores / (num_cameras * fps * alone_s)
     return 1.0 if pace >= 1 else max(0.01, float(f"{pace:.2g}"))
 
 
@@ -288,7 +288,7 @@ def _figures(
         video_bytes = whole * played_s / scene.film.length_s
     return LiveFigures(
         pace=scene.film.pace,
-        look_ms=1000 * scene.look_s,
+        alone_ms=1000 * scene.alone_s,
         cores=len(os.sched_getaffinity(0)),
         lead_slots=0 if status is None else status.lead,
         orders=sum(beat.orders for beat in heard.beats.values()),

@@ -26,7 +26,7 @@ class LiveFigures:
 
     Attributes:
         pace: seconds of the scene that passed in a second.
-        look_ms: how long this machine took to look at one frame before; 0 if simulated.
+        alone_ms: of one detection on this machine without load; 0 if simulated.
         cores: it has.
         lead_slots: how many slots ahead orders were sent.
         orders: that came to cameras.
@@ -43,7 +43,7 @@ class LiveFigures:
     """
 
     pace: float
-    look_ms: float
+    alone_ms: float
     cores: int
     lead_slots: int
     orders: int
@@ -136,7 +136,7 @@ def pace_words(live: LiveFigures, num_cameras: int) -> list[str]:
     if live.pace == 1:
         return []
     return [
-        f"Videos played at {live.pace:.2g}x speed: one detection takes {live.look_ms:.0f} ms on "
+        f"Videos played at {live.pace:.2g}x speed: one detection takes {live.alone_ms:.0f} ms on "
         f"this machine, and {num_cameras} cameras share {live.cores} cores."
     ]
 
