@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from e3pose.calibrate.least_squares import Linearised, Solution, solve
 from e3pose.geometry.camera import Camera, Rig
-from e3pose.geometry.rotations import cross_matrices
 
 Floats = NDArray[np.float64]
 
@@ -205,10 +204,9 @@ def adjust_points(
 
     def linearise(state: tuple[Cameras, Floats]) -> Linearised:
         cameras, points = state
-        rotated = np.einsum("cij,fj->cfi", cameras.rotations, points)[:, :, None]
+        rotated = (points @ np.swapaxes(cameras.rotations, -1, -2))[:, :, None]
         r, A, to_camera = _residuals(cameras, rotated, seen)
-        by_point = np.einsum("cfmui,cij->cfmuj", to_camera, cameras.rotations)
-        return Linearised(r, A, by_point)
+        return Linearised(r, A, _by_world(to_camera, cameras))
 
     def retract(
         state: tuple[Cameras, Floats], by_camera: Floats, by_block: Floats
@@ -245,8 +243,8 @@ def adjust_boards(
         world = turned + boards[:, None, :3, 3]
         rotated = np.einsum("cij,fmj->cfmi", cameras.rotations, world)
         r, A, to_camera = _residuals(cameras, rotated, seen)
-        by_world = np.einsum("cfmui,cij->cfmuj", to_camera, cameras.rotations)
-        by_turn = -np.einsum("cfmui,fmij->cfmuj", by_world, cross_matrices(turned))
+        by_world = _by_world(to_camera, cameras)
+        by_turn = np.cross(turned[:, :, None], by_world)
         return Linearised(r, A, np.concatenate([by_turn, by_world], axis=-1))
 
     def retract(
@@ -278,9 +276,20 @@ def _residuals(cameras: Cameras, rotated: Floats, seen: Observed) -> tuple[Float
     by_ideal[..., 0, 0] = by_ideal[..., 1, 1] = factor[..., 0] / depth
     by_ideal[..., 2] = -ideal / depth[..., None]
     to_camera = seen.whiten @ by_ideal
-    by_turn = -to_camera @ cross_matrices(rotated)
+    by_turn = np.cross(rotated[..., None, :], to_camera)
     by_focal = np.einsum("cfmuv,cfmv->cfmu", seen.whiten, ideal)[..., None]
     return residuals, np.concatenate([by_turn, to_camera, by_focal], axis=-1), to_camera
+
+
+def _by_world(to_camera: Floats, cameras: Cameras) -> Floats:
+    """Return derivatives `(num_cameras, *batch, 3)` by a point in the world.
+
+    Args:
+        to_camera: `(num_cameras, *batch, 3)` by the point in the camera frame.
+        cameras: where they are.
+    """
+    flat = to_camera.reshape(len(to_camera), -1, 3)
+    return np.asarray((flat @ cameras.rotations).reshape(to_camera.shape))
 
 
 def _solve(

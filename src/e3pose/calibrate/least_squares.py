@@ -141,19 +141,22 @@ def _normal_parts(
     num_cameras, num_blocks = system.residuals.shape[:2]
     p, d = system.by_camera.shape[-1], system.by_block.shape[-1]
     root = np.sqrt(weights_of(system.residuals, outlier_sigmas))[..., None]
-    r = (root * system.residuals).reshape(num_cameras, num_blocks, -1, 1)
+    r = root * system.residuals
     A = (root[..., None] * system.by_camera).reshape(num_cameras, num_blocks, -1, p)
     B = (root[..., None] * system.by_block).reshape(num_cameras, num_blocks, -1, d)
-    At, Bt = np.swapaxes(A, -1, -2), np.swapaxes(B, -1, -2)
+    # One product for all that a camera sees, and one for all that see a block, are few and large.
+    of_camera = A.reshape(num_cameras, -1, p)
+    of_block = np.swapaxes(B, 0, 1).reshape(num_blocks, -1, d)
+    r_of_block = np.swapaxes(r, 0, 1).reshape(num_blocks, -1, 1)
     distances, precisions = prior
-    cameras = (At @ A).sum(axis=1)
+    cameras = np.swapaxes(of_camera, -1, -2) @ of_camera
     cameras[:, np.arange(p), np.arange(p)] += precisions
     return _Parts(
         cameras,
-        (Bt @ B).sum(axis=0),
-        At @ B,
-        (At @ r)[..., 0].sum(axis=1) + precisions * distances,
-        (Bt @ r)[..., 0].sum(axis=0),
+        np.swapaxes(of_block, -1, -2) @ of_block,
+        np.swapaxes(A, -1, -2) @ B,
+        (r.reshape(num_cameras, 1, -1) @ of_camera)[:, 0] + precisions * distances,
+        (np.swapaxes(of_block, -1, -2) @ r_of_block)[..., 0],
     )
 
 
@@ -171,7 +174,7 @@ def _step(parts: _Parts, free: NDArray[np.bool_], damping: float) -> tuple[Float
             reduced[np.ix_(chosen, chosen)], gradient[chosen], rcond=1e-14
         )[0]
     moved = by_camera.reshape(num_cameras, p)
-    right = parts.block_gradient + np.einsum("cfpd,cp->fd", parts.mixed, moved)
+    right = parts.block_gradient + (moved[:, None, None] @ parts.mixed)[:, :, 0].sum(axis=0)
     by_block = -(inverses @ right[..., None])[..., 0]
     return moved, np.asarray(by_block)
 
