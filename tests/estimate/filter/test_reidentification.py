@@ -7,7 +7,6 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import multivariate_normal
 
 from e3pose.estimate.filter import Belief, Model
 from e3pose.estimate.filter.estimator import Filtered
@@ -74,6 +73,8 @@ def shown(*slots: Belief) -> list[list[int]]:
 
 
 def test_length_odds_are_those_of_two_normal_distributions() -> None:
+    from scipy.stats import multivariate_normal  # slow to import, for the workers without this test
+
     rng = np.random.default_rng(0)
     a, b = rng.uniform(0.2, 0.5, (2, 6))
     n, m = rng.integers(5, 100, (2, 6)).astype(np.float64)
