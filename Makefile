@@ -31,17 +31,22 @@ demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
 
 # What computes, at a low priority, takes what sites leave of the cores: they mostly wait, and come
 # first whenever they do not. What is timed runs after the other sites, two at a time. Tests of real
-# processes get a second try, which the summary counts: other programs may take the machine.
+# processes get a second try, for other programs may take the machine: the summary shows why, and
+# the run ends with their names.
 PYTEST := $(BIN)/python -m pytest -q --dist loadscope --no-loadscope-reorder
 COVERAGE := .coverage-data
 COVERED = $(and $(TRACED),--cov --cov-append --cov-report= --cov-fail-under=0)
+RERUN := --reruns 1 --rerun-show-tracebacks
+export RERUNS := $(CURDIR)/.reruns
 # Workers read the rewritten assertions of each other and of the run before.
 export PYTHONDONTWRITEBYTECODE :=
 
 test: $(VENV)/.dev  ## run the tests; with TRACED=yes as coverage does
+	@rm -f $(RERUNS)
 	$(if $(TRACED),rm -rf $(COVERAGE) && mkdir $(COVERAGE))
 	@echo 'computing beside sites; each shows its results at its end, after some minutes'
-	@$(MAKE) --no-print-directory --keep-going --jobs 2 --output-sync=target test-sites test-computing
+	@$(MAKE) --no-print-directory --keep-going --jobs 2 --output-sync=target test-sites test-computing; \
+	  ended=$$?; [ ! -s $(RERUNS) ] || { echo 'needed a second try:'; sort $(RERUNS); }; exit $$ended
 	$(if $(TRACED),$(BIN)/coverage combine --quiet $(COVERAGE))
 	$(if $(TRACED),$(BIN)/coverage report)
 
@@ -52,8 +57,8 @@ test-computing: $(VENV)/.dev
 	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n 10 $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed' --ignore tests/live
 
 test-sites: $(VENV)/.dev
-	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 4 -m 'live and not timed' tests/live
-	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) --reruns 1 -n 2 -m timed tests/live tests/edge
+	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) $(RERUN) -n 4 -m 'live and not timed' tests/live
+	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) $(RERUN) -n 2 -m timed tests/live tests/edge
 
 test-fast: $(VENV)/.dev  ## run the quick tests, in about a minute
 	$(PYTEST) -n 2 -m 'not slow and not live and not timed and not shared and not network'
@@ -97,4 +102,4 @@ test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13
 	$(BIN)/nox
 
 clean:  ## remove everything these targets created
-	rm -rf $(VENV) .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site
+	rm -rf $(VENV) .reruns .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site

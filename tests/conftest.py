@@ -62,6 +62,15 @@ def pytest_sessionstart(session: pytest.Session) -> None:
             cache.set(COMPILED, stamp)
 
 
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Add the tests that needed a second try to the list that `make test` ends with."""
+    again = sorted({report.nodeid for report in terminalreporter.stats.get("rerun", ())})
+    path = os.environ.get("RERUNS")
+    if again and path and not hasattr(terminalreporter.config, "workerinput"):
+        with Path(path).open("a") as listed:
+            listed.writelines(f"{name}\n" for name in again)
+
+
 def compile_kernels() -> None:
     """Compile every kernel to disk: the filter, which takes longest, beside most of the others."""
     commands = [[sys.executable, "-c", COMPILE, pipeline] for pipeline in ("default", "paper")]
