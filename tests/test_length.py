@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import e3pose
@@ -18,25 +19,28 @@ LONGER = {
 }
 
 
-def lengths(path: Path) -> dict[str, int]:
-    """Return the lines of every function in a file, by its name."""
-    place = path.relative_to(SOURCE).as_posix()
+@cache
+def lengths() -> dict[str, int]:
+    """Return the lines of every function, by its file and name."""
     return {
-        f"{place} {node.name}": (node.end_lineno or 0) - node.lineno + 1
+        f"{path.relative_to(SOURCE).as_posix()} {node.name}": (
+            (node.end_lineno or 0) - node.lineno + 1
+        )
+        for path in SOURCE.rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
     }
 
 
 def test_functions_are_short() -> None:
-    found = {name: n for path in SOURCE.rglob("*.py") for name, n in lengths(path).items()}
+    found = lengths()
     assert len(found) > 1000
     long = {name: n for name, n in found.items() if n > LONGER.get(name, MOST_FUNCTION_LINES)}
     assert long == {}
 
 
 def test_exceptions_are_still_needed() -> None:
-    found = {name: n for path in SOURCE.rglob("*.py") for name, n in lengths(path).items()}
+    found = lengths()
     assert {name for name in LONGER if found.get(name, 0) <= MOST_FUNCTION_LINES} == set()
 
 
