@@ -1,3 +1,5 @@
+"""Which frame of a video shows which slot."""
+
 from __future__ import annotations
 
 from collections.abc import Sequence

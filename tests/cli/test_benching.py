@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 
 class Watts:
-    """Draws 5 W, and 9 W while somebody looks."""
+    """Draws 5 W, and 9 W while the camera detects."""
 
     def read(self, mode: Mode) -> Reading:
         return Reading(9.0 if mode == "active" else 5.0, None, True, "measured: a test")
@@ -45,7 +45,8 @@ def test_table_names_network_time_and_place(
     out = capsys.readouterr().out
     assert re.search(r"tiny\.onnx +64 x 48 +[\d.]+ .* cpu", out), out
     assert len(re.findall(r"^drawn ", out, re.M)) == 2
-    assert "joules: " in out or "measured: " in out
+    # Joules are printed where the machine has a meter, and otherwise why there are none.
+    assert re.search(r"^(no joules|measured): \w", out, re.M), out
 
 
 @pytest.mark.parametrize(

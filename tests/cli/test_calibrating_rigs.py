@@ -140,11 +140,8 @@ def test_sync_says_what_to_record_where_little_is_seen(
     recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     save_recording(without_calibration(first_seconds(recording, 3.0)), tmp_path / "short")
-    run("sync", tmp_path / "short", "--max-shift", "1")
-    output = capsys.readouterr().err
-    assert (
-        "record a person who walks" in output or "expected people seen by both who move" in output
-    )
+    assert run("sync", tmp_path / "short", "--max-shift", "1") == 0
+    assert "record a person who walks" in capsys.readouterr().err
     save_recording(first_seconds(recording, 3.0), tmp_path / "known")
     assert run("sync", tmp_path / "known", "--max-shift", "1") == 0
     assert "are too little" not in capsys.readouterr().err

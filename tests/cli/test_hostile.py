@@ -183,7 +183,6 @@ def test_a_bad_recording_gets_one_line(
 # Words of a command -> what the line must say. $REC is a good recording, $NEW a free place, $BAD a
 # file of the test's own, $PIPE, $SPARSE (10 GB), $FOLDER and $FULL (a folder of somebody's) exist.
 WORDS: list[tuple[str, str]] = [
-    ("import", ""),
     ("info", "RECORDING"),
     ("info $NEW", "no such folder"),
     ("info $BAD", "found a file"),
@@ -287,11 +286,13 @@ def test_a_bad_command_gets_one_line_and_leaves_nothing(
     before = everything(tmp_path), everything(made)
     filled = [re.sub(r"\$([A-Z]+)", lambda m: str(places[m[1]]), word) for word in words.split()]
     result = run(capsys, filled)
-    if words == "import":  # shows what there is to import
-        assert result[0] == 0 and "shelf" in result[1]
-        return
     assert_refused(result, message)
     assert (everything(tmp_path), everything(made)) == before
+
+
+def test_group_without_a_verb_lists_its_verbs(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = run(capsys, ["import"])
+    assert (code, err) == (0, "") and "shelf" in out and "panoptic" in out
 
 
 def traps(folder: Path) -> dict[str, Path]:
@@ -361,7 +362,7 @@ def test_output_that_cannot_be_shown_is_no_error(
     monkeypatch.setattr("sys.stdout", shown)
     with pytest.raises(SystemExit, match="0"):
         main(["info", str(made)])
-    assert b"3 cameras" in shown.buffer.getvalue() or b"cam2" in shown.buffer.getvalue()
+    assert b"cam2" in shown.buffer.getvalue()
 
 
 def test_a_closed_output_is_no_error(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -101,7 +101,7 @@ def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("words", "outputs"),
+    ("words", "named"),
     [
         (("--site", "nowhere"), "--site: found 'nowhere'"),
         (("--run", "77"), "--run: found 77"),
@@ -113,12 +113,12 @@ def test_file_without_rows_has_the_names_of_its_columns(what: str, lab: Path) ->
     ],
 )
 def test_query_names_the_option_as_typed(
-    words: tuple[str, ...], outputs: str, lab: Path, capsys: pytest.CaptureFixture[str]
+    words: tuple[str, ...], named: str, lab: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     capsys.readouterr()
     assert run("query", lab / "live.db", *words) == 2
     err = capsys.readouterr().err
-    assert err.startswith(f"e3pose: {outputs}") and err.count("\n") == 1, err
+    assert err.startswith(f"e3pose: {named}") and err.count("\n") == 1, err
 
 
 def test_query_of_a_site_without_a_store_is_one_line(

@@ -27,7 +27,7 @@ class Napper:
 """
 
 
-def test_every_looker_is_measured_alone_and_with_the_others(tmp_path: Path) -> None:
+def test_each_process_is_measured_alone_and_with_the_others(tmp_path: Path) -> None:
     (tmp_path / "napper.py").write_text(NAPPER)
     napper = Workload(f"{tmp_path}/napper.py:Napper", image_size=(64, 48))
     times = time_detections([napper, napper], seconds=0.2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,9 @@ NUM_SLOTS, NUM_CAMERAS = 40, 4
 SETTINGS = ReplaySettings(num_selected=2)
 
 
+@cache
 def recording() -> Recording:
+    """Return two people who walk, seen exactly by four cameras."""
     K = np.array([[900.0, 0, 500], [0, 900, 400], [0, 0, 1]])
     cameras = []
     for index, angle in enumerate(np.linspace(0.3, 4.5, NUM_CAMERAS)):
@@ -47,12 +50,9 @@ def recording() -> Recording:
     )  # fmt: skip
 
 
-RECORDING = recording()
-
-
 @pytest.mark.parametrize("policy", sorted(POLICIES))
 def test_every_policy_replays_the_whole_recording(policy: str) -> None:
-    records = list(replay(RECORDING, replace(SETTINGS, policy=policy)))
+    records = list(replay(recording(), replace(SETTINGS, policy=policy)))
     assert [record.slot for record in records] == list(range(NUM_SLOTS))
     assert all((record.arrived <= record.selected).all() for record in records)
     assert records[0].selected.all()
@@ -77,7 +77,7 @@ class Blinkers:
 
 @pytest.mark.parametrize("policy", ["e3pose", "random", "independent"])
 def test_unselected_views_and_truth_are_not_even_read(policy: str) -> None:
-    blinkers = Blinkers(RECORDING)
+    blinkers = Blinkers(recording())
     records = []
     for record in replay(blinkers, replace(SETTINGS, policy=policy, lead_slots=1)):  # type: ignore[arg-type]
         records.append(record)
@@ -87,7 +87,7 @@ def test_unselected_views_and_truth_are_not_even_read(policy: str) -> None:
 
 
 def test_lost_view_is_not_handed_over() -> None:
-    series = RECORDING.views[1]
+    series = recording().views[1]
     lost = ViewSeries(
         series.slots[1:],
         series.times_s[1:],
@@ -95,13 +95,13 @@ def test_lost_view_is_not_handed_over() -> None:
         series.keypoints_px[2:],
         series.scores[2:],
     )
-    views = (RECORDING.views[0], lost, *RECORDING.views[2:])
-    damaged = replace(RECORDING, views=views)
+    views = (recording().views[0], lost, *recording().views[2:])
+    damaged = replace(recording(), views=views)
     assert set(selected_views(damaged, 0, np.ones(NUM_CAMERAS, dtype=bool))) == {0, 2, 3}
 
 
 def test_replays_repeat_to_the_last_bit() -> None:
-    runs = [list(replay(RECORDING, replace(SETTINGS, policy="random", seed=3))) for _ in range(2)]
+    runs = [list(replay(recording(), replace(SETTINGS, policy="random", seed=3))) for _ in range(2)]
     for first, second in zip(*runs, strict=True):
         np.testing.assert_array_equal(first.poses.joints_m, second.poses.joints_m)
         np.testing.assert_array_equal(first.next_selection, second.next_selection)
@@ -128,14 +128,14 @@ def test_replays_repeat_to_the_last_bit() -> None:
 )
 def test_impossible_settings_are_named(changes: dict[str, Any], named: str) -> None:
     with pytest.raises(InputError, match=named):
-        replay(RECORDING, replace(SETTINGS, **changes))
+        replay(recording(), replace(SETTINGS, **changes))
 
 
 def two_views_that_disagree(by_px: float) -> Recording:
     """Return one person before two cameras, of which the second sees them `by_px` too low."""
     series = []
     for index in range(2):
-        views = [RECORDING.view(slot, index) for slot in range(NUM_SLOTS)]
+        views = [recording().view(slot, index) for slot in range(NUM_SLOTS)]
         there = [
             Poses2D(view.keypoints_px[:1] + [0.0, index * by_px], view.scores[:1])
             for view in views
@@ -143,8 +143,8 @@ def two_views_that_disagree(by_px: float) -> Recording:
         ]
         times_s = (np.arange(NUM_SLOTS) / 25).tolist()
         series.append(ViewSeries.from_views(there, range(NUM_SLOTS), times_s, 17))
-    rig = Rig(RECORDING.rig.cameras[:2])
-    return replace(RECORDING, rig=rig, views=tuple(series))
+    rig = Rig(recording().rig.cameras[:2])
+    return replace(recording(), rig=rig, views=tuple(series))
 
 
 @pytest.mark.parametrize(("distance_m", "people"), [(0.1, 0), (None, 1), (0.2, 1)])
@@ -181,7 +181,7 @@ def test_match_distance_is_the_papers_and_a_small_length(
 ) -> None:
     with pytest.raises(InputError, match=message):
         settings = replace(SETTINGS, pipeline=pipeline, match_distance_m=distance_m)
-        replay(RECORDING, replace(settings, matcher="rays" if pipeline == "paper" else None))
+        replay(recording(), replace(settings, matcher="rays" if pipeline == "paper" else None))
 
 
 @pytest.mark.parametrize(("epipolar_px", "people"), [(10.0, 0), (None, 1), (20.0, 1)])
@@ -213,7 +213,7 @@ def test_the_paper_matches_by_pixels_from_epipolar_lines(
 )
 def test_each_matcher_has_its_own_threshold(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        replay(RECORDING, replace(SETTINGS, **changes))
+        replay(recording(), replace(SETTINGS, **changes))
 
 
 def test_python_and_the_command_line_run_the_same_system_by_default() -> None:
