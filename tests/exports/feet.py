@@ -18,8 +18,18 @@ from e3pose.store import Store
 NEAR_M = 0.12  # of the median joint of a foot, from three cameras per slot
 
 
+def in_whole_slots(store: Path) -> NDArray[np.bool_]:
+    """Return `(num_rows,)`: stored poses of slots in which all active cameras were in time.
+
+    On a busy machine others are not, and what is stored is predicted.
+    """
+    rows = Store(store).rows("slots")
+    whole = [row["slot"] for row in rows if row["arrived"] == row["selected"]]
+    return np.isin(Store(store).query().slots, whole)
+
+
 def error_of_feet_m(store: Path, recording: Path, slots: NDArray[np.int64]) -> float:
-    """Return the median error of the stored joints of feet.
+    """Return the median error of the joints of feet, in slots with all views.
 
     Args:
         store: the database.
@@ -31,7 +41,8 @@ def error_of_feet_m(store: Path, recording: Path, slots: NDArray[np.int64]) -> f
     found = Store(store).query()
     assert found.joints == truth.skeleton.joints
     feet = [i for i, joint in enumerate(found.joints) if joint.endswith(("toe", "heel"))]
-    off = truth.joints_m[slots][:, :, feet] - found.joints_m[:, None, feet]
+    whole = in_whole_slots(store)
+    off = truth.joints_m[slots[whole]][:, :, feet] - found.joints_m[whole][:, None, feet]
     distance = np.linalg.norm(off, axis=-1)  # (num_rows, num_persons, 6)
     assert np.isfinite(distance).any(axis=1).mean() > 0.5
     return float(np.nanmedian(np.nanmin(np.nanmedian(distance, axis=2), axis=1)))
