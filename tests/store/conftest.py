@@ -15,6 +15,7 @@ from e3pose.pipeline import SlotRecord
 from e3pose.store import Run
 
 STARTED_NS = 1_795_000_000_000_000_000
+KINDS = ("sqlite", "postgresql")
 CAMERAS = ("north", "east", "south")
 
 
@@ -59,10 +60,15 @@ def run() -> Callable[..., Run]:
     return make_run
 
 
-@pytest.fixture(params=["sqlite", "postgresql"])
-def place(request: pytest.FixtureRequest, tmp_path: Path) -> Path | str:
-    """Where a store may be: a file that is not there yet, or an empty place on a server."""
+def new_place(request: pytest.FixtureRequest, folder: Path) -> Path | str:
+    """Return where a store of the request's kind may be: a new file, or a place on a server."""
     if request.param == "sqlite":
-        return tmp_path / "hall.db"
+        return folder / "hall.db"
     server: Server = request.getfixturevalue("postgres")
     return server.new_store()
+
+
+@pytest.fixture(params=KINDS)
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> Path | str:
+    """Where a store may be."""
+    return new_place(request, tmp_path)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from sqlalchemy import update
+from tests.store.conftest import KINDS, make_record, make_run, new_place
 
 from e3pose.cli import main
 from e3pose.errors import InputError
@@ -27,24 +28,26 @@ NUM_SLOTS = 100
 Place = Path | str
 
 
-@pytest.fixture
-def filled(place: Place, record: Records, run: Runs) -> Place:
-    """Four seconds of two people, an event, a meter's reading and somebody in a zone."""
-    return fill(place, record, run)
+@pytest.fixture(scope="module", params=KINDS)
+def filled(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Place:
+    """A store for tests that only read."""
+    return fill(new_place(request, tmp_path_factory.mktemp("filled")))
 
 
-@pytest.fixture
-def filled_file(tmp_path: Path, record: Records, run: Runs) -> Path:
+@pytest.fixture(scope="module")
+def filled_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same in a file."""
-    fill(tmp_path / "hall.db", record, run)
-    return tmp_path / "hall.db"
+    path = tmp_path_factory.mktemp("filled") / "hall.db"
+    fill(path)
+    return path
 
 
-def fill(place: Place, record: Records, run: Runs) -> Place:
-    with StoreWriter(place, run()) as writer:
+def fill(place: Place) -> Place:
+    """Store four seconds of two people, an event, a meter's reading and somebody in a zone."""
+    with StoreWriter(place, make_run()) as writer:
         for slot in range(NUM_SLOTS):
             spent_j = np.array([0.5, 0.25, 0.125]) * slot
-            assert writer.append(record(slot), energy_j=spent_j, wait=True)
+            assert writer.append(make_record(slot), energy_j=spent_j, wait=True)
         writer.event(Event(STARTED_NS + 10**9, "camera-lost", "silent for 2 s", "east"))
         writer.energy(EnergyReading(STARTED_NS + 2 * 10**9, "north", 7.5, 1.5, "measured", 0.75))
         writer.zone(ZoneEvent("leave", "door", 11, 2, 1.5, 60, STARTED_NS + 24 * 10**8))
@@ -181,7 +184,8 @@ def test_sigma_is_that_of_the_records_covariance(place: Place, record: Records, 
 
 
 @pytest.mark.parametrize("column", ["joints_m", "scores", "sigma_m", "measured"])
-def test_blob_of_wrong_size_is_named(filled: Place, column: str) -> None:
+def test_blob_of_wrong_size_is_named(place: Place, column: str) -> None:
+    filled = fill(place)
     with writing_engine(database_url(filled)).begin() as connection:
         poses = schema.poses
         connection.execute(update(poses).where(poses.c.slot == 7).values({column: b"1234"}))
