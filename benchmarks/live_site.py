@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import os
 import re
-import socket
 import tempfile
 import threading
 import time
@@ -21,6 +20,7 @@ from e3pose.recording import save_recording
 from e3pose.settings.site_file import load_site
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
+from e3pose.site.example import free_port
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, end
 from e3pose.wire.keys.folder import add_keys, init_keys
@@ -62,8 +62,17 @@ class Site:
     parts_begin_s: dict[str, float] = field(default_factory=dict)
 
     def edge(self) -> psutil.Process:
-        assert self.programs[0].process is not None
-        return psutil.Process(self.programs[0].process.pid)
+        """Return the process of the edge.
+
+        Raises:
+            SystemExit: when it has ended, with what it said last.
+        """
+        program = self.programs[0]
+        assert program.process is not None
+        if (code := program.ended()) is not None:
+            said = program.log.read_text()[-3000:]
+            raise SystemExit(f"the edge ended with exit code {code}: {said}")
+        return psutil.Process(program.process.pid)
 
     def cameras(self) -> list[psutil.Process]:
         return [psutil.Process(p.process.pid) for p in self.programs[1:] if p.process is not None]
@@ -143,7 +152,7 @@ def live_site(
             add_keys(folder / "keys", camera_id, now)
         add_keys(folder / "keys", "wall", now, kind="viewer")
         path = folder / "site.toml"
-        metrics_port = _free_port()
+        metrics_port = free_port()
         path.write_text(_site_file(recording.rig.camera_ids, fps, loop, store, tls, metrics_port))
         site = load_site(path)
         command = [*edge_command(path), "--json-logs"]
@@ -167,16 +176,10 @@ def live_site(
             end(programs)
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def _site_file(
     camera_ids: tuple[str, ...], fps: float, loop: str, store: bool, tls: bool, metrics_port: int
 ) -> str:
-    port = _free_port()
+    port = free_port()
     lines = [
         'format = "e3pose-site"',
         "version = 1",

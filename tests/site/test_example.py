@@ -67,6 +67,11 @@ def test_file_in_the_place_of_an_example_stays(tmp_path: Path) -> None:
     assert (tmp_path / "try").read_text() == "mine"
 
 
-def test_port_is_free() -> None:
-    with socket.create_server(("127.0.0.1", free_port())):
-        pass
+def test_port_is_free_and_none_of_outgoing_connections(monkeypatch: pytest.MonkeyPatch) -> None:
+    port = free_port()
+    assert port in example.PORTS and max(example.PORTS) < 32768
+    with socket.create_server(("127.0.0.1", port)):
+        monkeypatch.setattr(example, "PORTS", range(port, port + 1))
+        monkeypatch.setattr(example, "TRIES", 1)
+        with pytest.raises(InputError, match=f"found none free in {port}"):
+            free_port()

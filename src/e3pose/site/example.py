@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import random
 import socket
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,8 @@ from e3pose.simulate.settings import SceneSettings
 
 SCENE = SceneSettings(people=3, seconds=30.0, cameras=4)
 STORE_FILE = "live.db"
+PORTS = range(12_000, 20_000)  # systems give higher ones to outgoing connections
+TRIES = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +127,16 @@ def make_example(folder: Path) -> Path:
 
 
 def free_port() -> int:
-    """Return a free port of loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a free port of loopback.
+
+    A port that the system chooses could be given to an outgoing connection before the edge of a
+    new site listens there.
+
+    Raises:
+        InputError: when none of many is free.
+    """
+    for port in random.sample(PORTS, TRIES):
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise InputError("ports of 127.0.0.1", f"none free in {PORTS[0]} to {PORTS[-1]}", "one")
