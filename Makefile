@@ -57,7 +57,7 @@ test-computing: $(VENV)/.dev
 	COVERAGE_FILE=$(COVERAGE)/.coverage.computing nice -n 10 $(PYTEST) $(COVERED) -n 3 -m 'not live and not timed' --ignore tests/live
 
 test-sites: $(VENV)/.dev
-	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) $(RERUN) -n 4 -m 'live and not timed' tests/live
+	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) $(RERUN) -n 5 -m 'live and not timed' tests/live
 	COVERAGE_FILE=$(COVERAGE)/.coverage.sites $(PYTEST) $(COVERED) $(RERUN) -n 2 -m timed tests/live tests/edge
 
 test-fast: $(VENV)/.dev  ## run the quick tests, in about a minute
