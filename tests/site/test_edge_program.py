@@ -16,7 +16,10 @@ from tests.site.tables import write_site
 from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
 from e3pose.model.noises import DEFAULT
+from e3pose.model.skeleton import COCO17
 from e3pose.recording.calibration import save_rig
+from e3pose.recording.folder import save_recording
+from e3pose.recording.record import Recording, ViewSeries
 from e3pose.settings.live import LiveSite, live_site
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import Admission, edge_link
@@ -47,6 +50,11 @@ def test_place_is_that_of_the_site_file(tmp_path: Path) -> None:
     assert place.rig.camera_ids == RIG.camera_ids and place.detector == DEFAULT
     camera = '[[camera]]\nid = "c1"\ndetector = "openpose-thin"\n'
     assert live_of(write_site(tmp_path, camera)).detector == "openpose-thin"
+    nothing = (ViewSeries.from_views([], [], [], 17),) * 2
+    walk = Recording("walk", RIG, 20.0, 1, COCO17, nothing, detector="simulated")
+    save_recording(walk, tmp_path / "walk")
+    camera = '[[camera]]\nid = "c1"\nsource = "recorded:walk"\n'
+    assert live_of(write_site(tmp_path, camera)).detector == "simulated"
 
 
 def test_edge_has_the_settings_of_its_site(tmp_path: Path) -> None:

@@ -106,7 +106,7 @@ def _plan(table: SiteTable, dest: Path, for_s: float | None) -> RecordingPlan:
     rig = known_rig(table)
     cameras = table.cameras_of(rig)
     skeleton = site_skeleton(table.skeleton, camera_skeletons(table, cameras).values())
-    detector = noise_of(cameras)
+    detector = noise_of(table, cameras)
     return RecordingPlan(dest, table.name, rig, skeleton, table.fps, table.pace, detector, for_s)
 
 

@@ -17,6 +17,7 @@ from e3pose.files.atomic import atomic_folder
 from e3pose.files.bounded import read_lines, read_toml
 from e3pose.files.table import read_table
 from e3pose.geometry.camera_fields import check_camera_id
+from e3pose.model.noises.shipped import DEFAULT, detector_of
 from e3pose.model.pose import Poses2D
 from e3pose.model.skeleton import Skeleton, skeleton_by_name
 from e3pose.recording.calibration import load_rig, save_rig
@@ -119,6 +120,16 @@ def read_skeleton(path: Path | str) -> Skeleton:
     """Return the skeleton of a recording's keypoints; raise `InputError` if it is none."""
     header = Path(path) / HEADER
     return _skeleton(header, _read_header(header).skeleton)
+
+
+def read_detector(path: Path | str) -> str:
+    """Return the detector of a recording's keypoints, empty if unknown.
+
+    Raises:
+        InputError: when there is no recording at `path`.
+    """
+    found = detector_of(_read_header(Path(path) / HEADER))
+    return "" if found == DEFAULT else found
 
 
 def save_recording(recording: Recording, path: Path | str, overwrite: bool = False) -> None:
@@ -229,6 +240,13 @@ def _check_cameras(folder: Path, header: Header, camera_ids: tuple[str, ...]) ->
                     f"{folder / HEADER}: {field}: found camera {camera_id[:64]!r}, expected one of "
                     f"{', '.join(camera_ids)}"
                 )
+    for camera_id in camera_ids:
+        file = folder / "keypoints" / f"{check_camera_id(camera_id)}.jsonl"
+        if not file.exists():
+            raise InputError(
+                f"{file}: file not found, expected one for each camera of {RIG}; is that the "
+                "calibration of another site?"
+            )
     for file in sorted((folder / "keypoints").glob("*.jsonl")):
         if file.stem not in camera_ids:
             raise InputError(

@@ -18,7 +18,7 @@ from e3pose.settings.energy import EnergyPlan
 from e3pose.settings.loop import LoopSettings
 from e3pose.settings.parts import make_pipeline
 from e3pose.settings.site_file import SITE_FILE, CameraTable, SiteTable
-from e3pose.settings.skeletons import camera_skeletons, detector_of, site_skeleton
+from e3pose.settings.skeletons import camera_detector, camera_skeletons, site_skeleton
 
 ASSUMED_SIZE = (1280, 720)  # of images, until a camera was seen
 OF_ENERGY = ("profile", "battery_wh", "lifetime")
@@ -154,17 +154,18 @@ def live_site(
         skeleton = site_skeleton(site.skeleton, found.values())
     except InputError as error:
         raise _in_file(site, error) from None
-    detector = noise_of(cameras) or DEFAULT
+    detector = noise_of(site, cameras) or DEFAULT
     return LiveSite(site, rig, cameras, skeleton, 1 / site.fps, detector, plan, loop)
 
 
-def noise_of(cameras: Mapping[str, CameraTable]) -> str:
-    """Return the detector whose noise serves all cameras, by what the file says; empty if none.
+def noise_of(site: SiteTable, cameras: Mapping[str, CameraTable]) -> str:
+    """Return the detector whose noise serves all cameras; empty if none is known.
 
     Args:
-        cameras: of a site.
+        site: its file.
+        cameras: of the site.
     """
-    detectors = {detector_of(camera) for camera in cameras.values()}
+    detectors = {camera_detector(site, camera) for camera in cameras.values()}
     return next((name for name in SHIPPED if name in detectors), "")
 
 

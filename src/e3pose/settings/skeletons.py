@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from e3pose.detectors import DETECTORS, skeleton_of
 from e3pose.errors import InputError
 from e3pose.model.skeleton import COCO17, Skeleton, lacking, skeleton_by_name
-from e3pose.recording.folder import read_skeleton
+from e3pose.recording.folder import read_detector, read_skeleton
 from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
 from e3pose.settings.sources import is_recorded, place_of
 
@@ -19,6 +19,16 @@ def detector_of(camera: CameraTable) -> str | None:
     """
     runs_here = camera.source is not None and not is_recorded(camera.source)
     return camera.detector or (DEFAULT_DETECTOR if runs_here else None)
+
+
+def camera_detector(site: SiteTable, camera: CameraTable) -> str | None:
+    """Return the detector of a camera, of a recorded one that of its recording; None if unknown."""
+    if camera.detector is None and is_recorded(camera.source or ""):
+        try:
+            return read_detector(site.near(place_of(camera.source or "") or "")) or None
+        except InputError:
+            return None  # an error when the camera starts
+    return detector_of(camera)
 
 
 def camera_skeleton(site: SiteTable, camera: CameraTable) -> Skeleton | None:

@@ -315,7 +315,7 @@ def open_recorder(live: LiveSite, event_log: EventLog, stack: ExitStack) -> Reco
         fps=site.fps,
         pace=site.pace,
         skeleton=live.skeleton.name,
-        detector=noise_of(live.cameras),
+        detector=noise_of(live.site, live.cameras),
         part_s=table.part_s or PART_S,
         max_bytes=table.max_bytes or MAX_BYTES,
         filmed=[name for name, camera in live.cameras.items() if camera.record == "both"],
