@@ -88,7 +88,7 @@ def test_smoothed_poses_are_figures_and_rows(
         (["--cameras", "two"], "two"),
         (["--target-error", "40"], "--target-error"),
         (["--target-error", "0mm"], "--target-error"),
-        (["--target-error", "40mm", "--cameras", "2"], "found with cameras"),
+        (["--target-error", "40mm", "--cameras", "2"], "found a number of cameras as well"),
         (["--target-error", "40mm", "--policy", "round-robin"], "round-robin"),
         (["--lifetime", "10"], "--lifetime"),
         (["--lifetime", "10h"], "--lifetime: found 10 h for camera c0, expected less than 8 h"),

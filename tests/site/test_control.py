@@ -110,7 +110,10 @@ def test_budget_of_a_camera_is_its_own_and_stays(tmp_path: Path) -> None:
         (Control(), "control: found nothing to change"),
         (Control(cameras=9), "cameras: found 9 per slot"),
         (Control(cameras=0), "cameras: found 0 per slot"),
-        (Control(cameras=2, target_error_mm=40), "target_error_mm: found with cameras"),
+        (
+            Control(cameras=2, target_error_mm=40),
+            "target_error_mm: found a number of cameras as well",
+        ),
         (Control(target_error_mm=5000), "target_error: found 5000 mm"),
         (Control(camera_id="c9", paused=True), "camera_id: found c9, expected one of c0"),
         (Control(camera_id="c1", cameras=2), "camera_id: found with a setting of the site"),

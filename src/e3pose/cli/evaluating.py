@@ -133,7 +133,11 @@ def evaluate(
     check_outputs(recording, {"--json": json_file, "--plot": plot})
     source = faults.downsampled(load_placed(recording))
     with as_typed(
-        {**options_of(LoopOptions, EnergyOptions, more=("cameras", "detector")), **POLICIES}
+        {
+            **options_of(LoopOptions, EnergyOptions, more=("cameras", "detector")),
+            **POLICIES,
+            **({} if grid.leads is None else {"lead": "--leads"}),
+        }
     ):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
         settings = grid.settings(loop, plan, faults.day(source, plan.watts))

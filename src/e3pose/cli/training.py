@@ -277,4 +277,5 @@ def _check(data: DataOptions, network: NetworkOptions, optimisation: StepOptions
         value = given[name]
         if value is not None and not low <= value <= high:
             option = name.replace("_", "-")
-            raise InputError(f"--{option}: found {value:g}, expected {low:g} to {high:g}")
+            wanted = f"{low:g} or more" if high == float("inf") else f"{low:g} to {high:g}"
+            raise InputError(f"--{option}", f"{value:g}", wanted)

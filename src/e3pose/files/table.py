@@ -17,6 +17,7 @@ from e3pose.errors import MISSING, InputError
 
 T = TypeVar("T")
 
+FIRST = ("format", "version")  # say which keys a file may have
 MAX_SHOWN = 80
 NAMES = {
     str: "text",
@@ -105,6 +106,9 @@ def read_table(kind: type[T], table: object) -> T:
     plain = {str(key).replace("-", "_"): value for key, value in table.items()}
     listed_kind: Any = kind
     known = {item.key: item for item in entries(listed_kind)}
+    for key in FIRST:
+        if key in plain and key in known:  # another kind or version has other keys
+            _value_of(known[key], plain[key])
     for key in plain:
         if key not in known:
             listed = f"one of {', '.join(known)}"
@@ -114,17 +118,17 @@ def read_table(kind: type[T], table: object) -> T:
     values = {}
     for key, item in known.items():
         if key in plain:
-            try:
-                values[item.field] = _value(item, plain[key])
-            except InputError as error:
-                raise error.under(key) from None
+            values[item.field] = _value_of(item, plain[key])
         elif item.required:
             raise InputError("", MISSING, f"{key} = {item.write or _example(item.kind)}")
     return kind(**values)
 
 
-def _value(item: Entry, found: Any) -> Any:
-    return convert(item.kind, found) if item.read is None else item.read(found)
+def _value_of(item: Entry, found: Any) -> Any:
+    try:
+        return convert(item.kind, found) if item.read is None else item.read(found)
+    except InputError as error:
+        raise error.under(item.key) from None
 
 
 def convert(kind: Any, found: Any) -> Any:

@@ -49,7 +49,8 @@ def read_cameras(found: object) -> float:
     """Return a number of cameras; raise `InputError` for anything else."""
     if isinstance(found, int | float) and not isinstance(found, bool) and 0 < found < float("inf"):
         return found
-    raise InputError("", repr(found)[:60], "a number above 0")
+    shown = f"{found:g}" if isinstance(found, float) else repr(found)[:60]
+    raise InputError("", shown, "a number above 0")
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,8 +182,9 @@ class LoopSettings:
                 raise InputError("cameras", f"{count:g} per slot", wanted)
             return self
         if self.num_selected is not None and self.target_error_m is not None:
-            found = "with cameras"
-            raise InputError("target_error", found, "one of them: it chooses the number of cameras")
+            found = "a number of cameras as well"
+            wanted = "one of the two: a target error chooses the number of cameras"
+            raise InputError("target_error", found, wanted)
         if plan.budget is not None and self.budget is not None:
             raise InputError("lifetime", "with budget", "one of them: it sets all budgets")
         count = self.num_selected

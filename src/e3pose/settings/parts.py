@@ -227,11 +227,13 @@ def noise_warning(place: Place, settings: LoopSettings) -> str:
     if name != DEFAULT:
         return (
             f"the recording names its detector in words only: {name} is assumed; write "
-            f'version = 3 and detector = "{name}" into its recording.toml, or use --noise'
+            f'version = 3 and detector = "{name}" into its recording.toml, or use '
+            f"--noise {name}"
         )
     return (
         "no noise model for this detector: starts with OpenPose's, 1.5 times as large, and learns "
-        "the noise of each camera; measure one with e3pose calibrate noise, then set --noise"
+        "the noise of each camera; measure one with e3pose calibrate noise RECORDING "
+        "--out noise.toml, then use --noise noise.toml, or noise in [loop] of a site"
     )
 
 

@@ -323,7 +323,10 @@ def load_site(named: Path) -> SiteTable:
     if path.is_dir():
         path = path / SITE_FILE
         if not path.exists():
-            raise InputError(str(named), f"a folder without {SITE_FILE}", "one that has it")
+            found = f"a folder without {SITE_FILE}"
+            if (Path(named) / "recording.toml").exists():
+                found = "a recording"
+            raise InputError(str(named), found, f"a site, made by e3pose init with its {SITE_FILE}")
     if not path.exists():
         raise InputError(
             f"{path}: file not found, expected a site file or its folder; create one with "

@@ -13,6 +13,8 @@ from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
 from e3pose.settings.sources import is_recorded, place_of
 from e3pose.site.check import Finding
 
+SOURCE_ADVICE = "correct its source, relative to the folder of the site file"
+
 
 def require_sources(site: SiteTable, rig: Rig) -> None:
     """Raise `InputError` for a source or network that is not there, with what helps."""
@@ -56,7 +58,7 @@ def _source(site: SiteTable, camera: CameraTable, source: str) -> Iterator[Findi
     what, place = f"camera {camera.id}", place_of(source)
     path = None if place is None else site.near(place)
     if path is not None and not path.exists():
-        yield Finding("problem", what, f"source {path} does not exist")
+        yield Finding("problem", what, f"source {path} does not exist", SOURCE_ADVICE)
     elif path is not None and not is_recorded(source) and (broken := _broken(path)):
         yield Finding("problem", what, broken)
     elif source.startswith("usb:") and not Path(f"/dev/video{source.partition(':')[2]}").exists():

@@ -84,7 +84,7 @@ class SiteControls:
             raise InputError("camera_id", "none", "the camera to pause, or whose budget it is")
         loop, words = self._loop, []
         if control.cameras is not None and control.target_error_mm is not None:
-            raise InputError("target_error_mm", "with cameras", "one of them")
+            raise InputError("target_error_mm", "a number of cameras as well", "one of them")
         if control.cameras is not None:
             loop = replace(loop, num_selected=control.cameras, target_error_m=None)
             words.append(f"{plural(control.cameras, 'camera')} per slot")

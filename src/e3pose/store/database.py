@@ -100,8 +100,9 @@ def reading(store: str | Path, engines: dict[str, Engine] | None = None) -> Iter
     where = shown(url)
     if path is not None:
         if not path.is_file():
-            found = "found no plain file" if path.exists() else "no such file"
-            raise InputError(f"{where}: {found}, expected a store (see e3pose replay --store)")
+            found = "no plain file" if path.exists() else "no such file"
+            wanted = "a store, which a running site writes, or e3pose replay --store"
+            raise InputError(where, found, wanted)
         url = _reading_url(path)
     engines = {} if engines is None else engines
     engine = engines.get(url) or engines.setdefault(url, _engine(url, read_only=True))

@@ -53,5 +53,7 @@ def host_port(place: str, usual_port: int) -> tuple[str, int]:
     try:
         _, host, port = split_endpoint(f"tcp/{words}")
     except InputError:
-        raise InputError("target", repr(place[:80]), f"HOST:PORT, 127.0.0.1:{usual_port}") from None
+        raise InputError(
+            "target", repr(place[:80]), f"HOST:PORT, such as 127.0.0.1:{usual_port}"
+        ) from None
     return host.strip("[]"), port
