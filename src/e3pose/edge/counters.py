@@ -38,6 +38,8 @@ class Counts:
     """Counters of a running edge.
 
     Attributes:
+        num_cameras: of the rig.
+        interval_s: seconds per slot.
         slots: slots computed.
         lost: slots skipped.
         views: views that arrived in time.

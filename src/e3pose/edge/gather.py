@@ -38,6 +38,7 @@ class Gather:
     """The views of open slots, by slot and camera; bounded and thread-safe.
 
     Attributes:
+        num_cameras: of the rig.
         slot: the oldest slot that is still open.
         late: `(num_cameras,)` views that arrived after their slot was closed.
     """

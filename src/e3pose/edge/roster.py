@@ -142,7 +142,7 @@ def problem(
     """Return why a camera cannot be selected, for operators; empty if it can.
 
     Args:
-        life: its state.
+        camera: its state.
         joints: of the edge's skeleton, into which those of its detector are converted.
         image_size: of its calibration; None for any.
         now_ns: the time.

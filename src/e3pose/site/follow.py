@@ -29,6 +29,7 @@ class Follower:
         status: the newest; None before the first.
         poses: the newest; None before the first.
         problem: what was wrong with the newest message that made no sense.
+        fresh: set by each message.
     """
 
     site: str

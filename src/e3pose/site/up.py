@@ -109,6 +109,7 @@ class Program:
         command: how to start it.
         log: where its output goes.
         restarts: how often it was started again.
+        process: the newest; None before the first start.
     """
 
     name: str

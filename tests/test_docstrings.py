@@ -1,0 +1,58 @@
+"""What docstrings list under Args and Attributes exists."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parent.parent / "src"
+LISTED = re.compile(r"^(?:Args|Attributes):\n((?:    .*\n|\n)+)", re.M)
+NAME = re.compile(r"^    \*{0,2}(\w+):", re.M)
+Documented = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+
+
+def listed(node: Documented) -> set[str]:
+    """Return the names that the docstring of a function or a class explains."""
+    sections = LISTED.findall(f"{ast.get_docstring(node) or ''}\n")
+    return {name for section in sections for name in NAME.findall(section)}
+
+
+def existing(node: Documented) -> set[str]:
+    """Return the arguments of a function, or the fields, properties and arguments of a class."""
+    if not isinstance(node, ast.ClassDef):
+        every = ast.walk(node.args)
+        return {each.arg for each in every if isinstance(each, ast.arg)}
+    found = {each.target.id for each in node.body if isinstance(each, ast.AnnAssign)
+             and isinstance(each.target, ast.Name)}  # fmt: skip
+    for method in node.body:
+        if isinstance(method, ast.FunctionDef):
+            found |= {method.name} | (existing(method) if method.name == "__init__" else set())
+            found |= {
+                each.attr
+                for each in ast.walk(method)
+                if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store)
+            }
+    return found
+
+
+@pytest.mark.parametrize("room", sorted(path.name for path in (SOURCE / "e3pose").iterdir()))
+def test_docstrings_list_what_exists(room: str) -> None:
+    stale = [
+        f"{path.relative_to(SOURCE)}:{node.lineno}: {node.name}: {name}"
+        for path in sorted((SOURCE / "e3pose").glob(f"{room}/**/*.py" if "." not in room else room))
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, Documented)
+        for name in sorted(listed(node) - existing(node))
+    ]
+    assert not stale, "\n".join(stale)
+
+
+def test_a_name_that_is_gone_is_found() -> None:
+    lines = ("def f(a: int) -> None:", '"""Do.', "", "Args:", "    a: one.", "    b: two.", '"""')
+    text = "\n    ".join(lines)
+    (node,) = ast.parse(text).body
+    assert isinstance(node, ast.FunctionDef)
+    assert listed(node) - existing(node) == {"b"}
