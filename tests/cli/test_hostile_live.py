@@ -294,7 +294,7 @@ WORDS: list[tuple[str, str]] = [
     ("power --seconds nan", "--seconds: found nan"),
     ("power --profile rec/recording.toml", "format: found 'e3pose-recording'"),
     ("learn versions rec", "found no versions, expected"),
-    ("learn rollback learned --to 7", "version 7: found none"),
+    ("learn rollback learned --to 7", "version: found 7"),
     ("learn replay rec --out rec", "a folder of other things"),
     ("learn replay rec --out s.db", "found a file, expected a folder to learn"),
     ("learn replay rec rec --out new", "rec: found twice"),

@@ -65,7 +65,7 @@ def test_without_torch_the_system_runs_and_says_so(
         training=TrainingOptions(held_back=1.0, least=2.0, minutes=0.1),
     )
     said = capsys.readouterr().out
-    assert "60 slots with version 0" in said
+    assert "recording: 60 slots with version 0" in said
     assert "torch is not installed" in said and "pip install 'e3pose[train]'" in said
 
 

@@ -129,7 +129,7 @@ def learn_replay(
         make_pipeline(source, loop)
     trainer = OnlineTrainer(out, sources[0].skeleton, settings, WallClock(), background=paced)
     try:
-        _run(sources, loop, trainer, paced)
+        _run({p.name: s for p, s in zip(places, sources, strict=True)}, loop, trainer, paced)
     finally:
         trainer.close()
     _print_versions(out)
@@ -176,7 +176,7 @@ def rollback(folder: Path, /, *, to: Whole | None = None) -> None:
 
 
 def _run(
-    sources: list[Recording], settings: ReplaySettings, trainer: OnlineTrainer, paced: bool
+    sources: dict[str, Recording], settings: ReplaySettings, trainer: OnlineTrainer, paced: bool
 ) -> None:
     import logging
     import time
@@ -187,16 +187,16 @@ def _run(
     logging.getLogger("e3pose.learn.online").addHandler(logging.NullHandler())  # events are printed
     shown = 0
     predictor: Predictor | None = trainer.poll()
-    for source in sources:
+    for name, source in sources.items():
         began = time.monotonic()
 
         def wait_until(offset_s: float, began: float = began) -> None:
             time.sleep(max(0.0, began + offset_s - time.monotonic()))
 
         run = rehearse(source, settings, trainer, predictor, wait_until if paced else None)
-        slots = list(track_progress(run, source.num_slots, source.name))
+        slots = list(track_progress(run, source.num_slots, name))
         predictor = slots[-1].predictor if slots else predictor
-        print(_summary(source, slots))
+        print(_summary(name, slots))
         if not paced:
             trainer.write_waiting()
         print(f"  {trainer.collected_s:.0f} s with people collected")
@@ -211,10 +211,10 @@ def _run(
         shown = len(trainer.events)
 
 
-def _summary(source: Recording, slots: list[Rehearsed]) -> str:
+def _summary(name: str, slots: list[Rehearsed]) -> str:
     used = sorted({slot.version for slot in slots})
     swaps = [1000 * slot.seconds for slot in slots if slot.swapped]
-    line = f"{source.name}: {plural(len(slots), 'slot')} with version {', '.join(map(str, used))}"
+    line = f"{name}: {plural(len(slots), 'slot')} with version {', '.join(map(str, used))}"
     times = sorted(1000 * slot.seconds for slot in slots[WARM_UP_SLOTS:])
     if times:
         line += f"; slot time {times[len(times) // 2]:.1f} ms median, {times[-1]:.1f} ms maximum"

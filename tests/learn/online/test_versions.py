@@ -77,7 +77,7 @@ def test_damaged_weights_are_refused(tmp_path: Path, damage: bytes) -> None:
 
 
 def test_an_unknown_version_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="version 9: found none, expected one of 0, 1, 2"):
+    with pytest.raises(InputError, match="version: found 9, expected one of 0, 1, 2"):
         filled(tmp_path, 2).use(9)
 
 

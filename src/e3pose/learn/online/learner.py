@@ -256,8 +256,8 @@ class OnlineTrainer:
 
     def _judge(self, trainer: TrainerProcess) -> None:
         verdict, content, card = read_result(trainer.folder, trainer.job)
-        figures = ", ".join(
-            f"{1000 * new:.1f} for {1000 * old:.1f} mm at lead {lead}"
+        figures = "mean error in mm: " + ", ".join(
+            f"lead {lead} {1000 * old:.1f} -> {1000 * new:.1f}"
             for lead, new, old in zip(
                 verdict.leads, verdict.error_m, verdict.base_error_m, strict=True
             )
@@ -266,7 +266,7 @@ class OnlineTrainer:
             self._report(f"no change: only {verdict.windows} validation windows")
             return
         if not verdict.better(self.settings.margin):
-            self._report(f"no change: the new network is not better ({figures})")
+            self._report(f"no change: the new network is not better; {figures}")
             return
         if Path(trainer.job.base) != self._weights_of(self.store.read(), self._running).resolve():
             self._report("no change: another version was selected during training")
@@ -288,7 +288,7 @@ class OnlineTrainer:
         )
         self._running = version.number
         self._ready.put(predictor)
-        self._report(f"version {version.number} in use from the next slot ({figures})")
+        self._report(f"version {version.number} in use from the next slot; {figures}")
 
     def _follow_manifest(self) -> None:
         """Load the version that the manifest names, if another one runs."""

@@ -64,7 +64,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if version.number == number:
                 return version
         known = ", ".join(str(v.number) for v in self.versions)
-        raise InputError(f"version {number}: found none, expected one of 0, {known}".rstrip(", "))
+        raise InputError("version", number, f"one of 0, {known}".rstrip(", "))
 
 
 def check_learning_folder(folder: Path) -> None:
