@@ -42,7 +42,7 @@ def test_one_goes_back_by_one_or_to_a_number(
     rollback(tmp_path, to=0)
     rollback(tmp_path, to=2)
     assert VersionStore(tmp_path / "versions").read().current == 2
-    with pytest.raises(InputError, match="version 9"):
+    with pytest.raises(InputError, match="version: found 9"):
         rollback(tmp_path, to=9)
 
 

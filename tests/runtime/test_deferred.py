@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from e3pose.runtime.deferred import Deferred, names_of
+from e3pose.runtime.deferred import Deferred, names_of, require_module
 
 
 def test_what_a_module_has_is_found_by_its_name() -> None:
@@ -38,3 +38,10 @@ def test_names_of_a_package_come_from_their_homes() -> None:
     assert find("plural")(2, "slot") == "2 slots"
     with pytest.raises(AttributeError, match=r"module 'e3pose' has no attribute 'absent'"):
         find("absent")
+
+
+def test_missing_module_is_named_before_the_work() -> None:
+    require_module("json")
+    with pytest.raises(ModuleNotFoundError) as raised:
+        require_module("no_such_module")
+    assert raised.value.name == "no_such_module"

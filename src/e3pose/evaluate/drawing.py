@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
+from e3pose.runtime.deferred import require_module
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,6 +63,7 @@ def check_svg(option: str, path: Path) -> None:
     """Raise `InputError` unless a picture can be written at `path`."""
     if path.suffix.lower() != ".svg":
         raise InputError(f"{option}: found {path.name!r}, expected a name that ends in .svg")
+    require_module("matplotlib")
 
 
 @contextmanager

@@ -110,7 +110,7 @@ def test_going_back_hands_over_the_earlier_network(make: Make) -> None:
     assert trainer.rollback(1) == 1
     trainer.attend()
     assert trainer.current == 1 and trainer.poll() is not None
-    with pytest.raises(InputError, match="version 5"):
+    with pytest.raises(InputError, match="version: found 5"):
         trainer.rollback(5)
 
 

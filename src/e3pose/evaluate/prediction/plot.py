@@ -8,6 +8,7 @@ from typing import Any
 
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_file
+from e3pose.runtime.deferred import require_module
 
 COLOURS = ("#1f2937", "#b45309", "#1e40af", "#15803d", "#7c3aed", "#be123c", "#0e7490")
 DASHES = {"exact": "solid", "noisy": "dash", "estimated": "dot"}
@@ -19,6 +20,7 @@ def check_plot(path: Path) -> None:
     """Raise `InputError` unless a page can be written at `path`."""
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--plot: found {path.name!r}, expected a name that ends in .html")
+    require_module("plotly")
 
 
 def write_plot(path: Path, figures: Mapping[str, Any], calibration: Mapping[str, Any]) -> None:
