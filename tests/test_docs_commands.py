@@ -112,6 +112,7 @@ ELSEWHERE = {
     "demo": "tests/cli/test_demonstrating.py",
     "import shelf Shelf shelf-truth": "tests/cli/test_importing.py",
     "reproduce reproduced --data data": "tests/cli/test_reproducing.py",
+    "reproduce reproduced --quick": "tests/cli/test_reproducing.py",
     **dict.fromkeys(
         (
             "import shelf Shelf rig",

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from e3pose.cli.options import Flag
+from e3pose.cli.output import wrote
 from e3pose.errors import InputError
 
 if TYPE_CHECKING:
@@ -92,7 +93,8 @@ def add(
     if host and not router:
         raise InputError("--host: found without --router, expected both")
     kind: Kind = chosen[0] if chosen else "camera"
-    print(add_keys(keys, name, _now(), kind, again, host or []))
+    made = add_keys(keys, name, _now(), kind, again, host or [])
+    wrote(made, f"certificate of {kind} {name}; copy the folder to its machine")
 
 
 @keys_app.command(name="revoke")
