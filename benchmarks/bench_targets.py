@@ -99,12 +99,12 @@ def main() -> None:
     print("| scene | target | place, mm | motion over 4 slots, mm |\n|---|---|---|---|")
     for scene, seed in SCENES:
         recording = simulate(SceneSettings(scene=scene, seconds=SECONDS), seed)
-        fused, remembered = slot_by_slot(recording), with_memory(recording)
+        fused, filtered = slot_by_slot(recording), with_memory(recording)
         targets = {
             "all cameras, slot by slot": fused,
             "the same, smoothed": _smoothed(recording, fused),
-            "filter with a memory": remembered,
-            "filter with a memory, smoothed": _smoothed(recording, remembered),
+            "filter with a memory": filtered,
+            "filter with a memory, smoothed": _smoothed(recording, filtered),
             "the same, where it is sure (taken)": follow(
                 recording, 0, recording.num_slots, REFERENCE
             ),

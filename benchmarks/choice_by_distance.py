@@ -4,10 +4,10 @@
     python benchmarks/choice_by_distance.py --seeds 701,702,704 --counts 2 --leads 1
 
 The row `distance` is the policy `information` with G(S) = 3 log(d() / d(S)): d(S) is the mean over
-people and joints of the root mean square distance that is expected after the views of S. `told` is
-an oracle: it knows how far the estimate of each joint will be off before the views, and how much of
-that the filter's own gain will correct. It needs lead 1: with orders in flight the filter would
-correct a part before. Gains over round robin in percent, of people who are found.
+people and joints of the root mean square distance that is expected after the views of S. `with
+truth` is an oracle: it knows how far the estimate of each joint will be off before the views, and
+how much of that the filter's own gain will correct. It needs lead 1: with orders in flight the
+filter would correct a part before. Gains over round robin in percent, of people who are found.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from oracle_choice import CUT_M, SCENES, UPPER, Figures, Run, Teller, figures, i
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-LOG_DET, DISTANCE, TOLD = "log det", "distance", "told"
+LOG_DET, DISTANCE, WITH_TRUTH = "log det", "distance", "with truth"
 DIMENSIONS = 3  # of a position: so many nats for a distance that is down to 1/e
 
 
@@ -67,18 +67,18 @@ class ByDistance:
     Attributes:
         inner: the policy.
         teller: knows how far estimates will be off.
-        told: whether the policy knows it too.
+        with_truth: whether the policy knows it too.
     """
 
     inner: Any
     teller: Teller
-    told: bool
+    with_truth: bool
 
     def select(self, situation: Any) -> Flags:
         """See `Policy.select`."""
         seen = situation.foresight
         squares_m2 = np.asarray(np.linalg.inv(matrices(seen.prior)), dtype=np.float64)
-        if self.told:
+        if self.with_truth:
             off_m = self.teller.off_m
             known = np.isfinite(off_m).all(axis=-1)
             squares_m2[known] = (off_m[..., :, None] * off_m[..., None, :])[known]
@@ -99,10 +99,10 @@ def measure(scene: str, seed: int, count: int, lead: int) -> dict[str, Figures]:
     run = Run(recorded(scene, seed), count, seed, lead)
     reference = in_order(run, run.pipeline(SPREAD, lead))
     found = {LOG_DET: figures(in_order(run, run.pipeline(ADAPTIVE, lead)), reference)}
-    for row in (DISTANCE, TOLD) if lead == 1 else (DISTANCE,):
+    for row in (DISTANCE, WITH_TRUTH) if lead == 1 else (DISTANCE,):
         pipeline = run.pipeline(ADAPTIVE, lead)
         teller = Teller(pipeline.estimator, run.recording, lead, positions=False)
-        policy: Any = ByDistance(pipeline.policy, teller, row == TOLD)
+        policy: Any = ByDistance(pipeline.policy, teller, row == WITH_TRUTH)
         other = replace(pipeline, estimator=teller, policy=policy)
         found[row] = figures(in_order(run, other), reference)
     return found

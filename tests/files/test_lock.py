@@ -97,7 +97,7 @@ def test_no_two_of_many_ever_hold_it(tmp_path: Path) -> None:
 
 
 def test_a_folder_where_nothing_may_be_written_is_no_lock(tmp_path: Path) -> None:
-    with hold(tmp_path / "missing" / "x"):  # whoever writes there is told why not
+    with hold(tmp_path / "missing" / "x"):  # the writer gets the reason
         pass
     if os.geteuid() == 0:
         return

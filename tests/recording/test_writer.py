@@ -23,7 +23,7 @@ def person(x: float) -> Poses2D:
 
 def begun(folder: Path) -> RecordingWriter:
     """Return a recording of which camera c0 has three slots, c1 one and c2 none."""
-    writer = RecordingWriter(folder / "walk", RIG, 20.0, "coco17", "openpose", "Told.")
+    writer = RecordingWriter(folder / "walk", RIG, 20.0, "coco17", "openpose", "A walk.")
     for slot in (0, 1, 4):
         writer.add("c0", slot, slot / 20, person(10.0 + slot))
     writer.add("c1", 2, 0.11, Poses2D.empty(17))
@@ -33,7 +33,7 @@ def begun(folder: Path) -> RecordingWriter:
 def check(folder: Path) -> None:
     recording = load_recording(folder)
     assert recording.num_slots == 5 and recording.fps == 20
-    assert (recording.detector, recording.source, recording.name) == ("openpose", "Told.", "walk")
+    assert (recording.detector, recording.source, recording.name) == ("openpose", "A walk.", "walk")
     assert [series.slots.tolist() for series in recording.views] == [[0, 1, 4], [2], []]
     view = recording.view(4, 0)
     assert view is not None and view.keypoints_px[0, 0, 0] == 14.0

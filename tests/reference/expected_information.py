@@ -87,7 +87,7 @@ def _after(foresight: Foresight, subsets: Flags) -> Floats:
 
 
 def shown_by(outlook: Outlook, inside: Flags, in_front: Floats) -> Floats:
-    """Return `(num_cameras, num_tracks)`: how likely a look shows somebody who is there.
+    """Return `(num_cameras, num_tracks)`: how likely a view shows a person who is present.
 
     As the filter counts: a view should show a person of whom enough joints lie inside the image.
     """

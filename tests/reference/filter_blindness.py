@@ -44,7 +44,7 @@ def learn(
 
 
 def chance(detection_map: Floats, cameras: Ints, places_m: Floats, corner: Floats) -> Floats:
-    """Return `(num_views, num_places)` in (0, 1): how likely a look shows somebody who is there.
+    """Return `(num_views, num_places)` in (0, 1): how likely a view shows a person who is present.
 
     Args:
         detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` views, and those which showed

@@ -23,7 +23,7 @@ from e3pose.estimate.filter.learned_noise import (
     STEEPEST,
 )
 from e3pose.estimate.filter.learned_shift import CLIP_SIGMAS, COUNT, LEAST, PRIOR
-from e3pose.estimate.filter.learned_shift import MEMORY as REMEMBERED
+from e3pose.estimate.filter.learned_shift import MEMORY as KEPT
 from e3pose.estimate.filter.learned_shift import MOST as FURTHEST
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Flags, Floats, Ints, Model
 from e3pose.geometry.projection import MIN_DEPTH_M, project
@@ -136,7 +136,7 @@ def _shifts(
     mean /= np.maximum(np.linalg.norm(mean, axis=1) / furthest, 1.0)[:, None]
     shifts = shifts.copy()
     shifts[cameras, :COUNT] = mean
-    shifts[cameras, COUNT] = np.minimum(counts + fresh, REMEMBERED)
+    shifts[cameras, COUNT] = np.minimum(counts + fresh, KEPT)
     return shifts
 
 

@@ -98,7 +98,7 @@ def test_size_is_kept_by_a_running_writer(tmp_path: Path, record: Records, run: 
     assert 300 < len(slots) < 2500, "the newest that fit"
     assert path.stat().st_size < 1.6 * 10**6
     (first,) = {row["first_slot"] for row in Store(path).rows("tracks")}
-    assert first == 0, "when somebody came is remembered as long as he is there"
+    assert first == 0, "the time of arrival is kept as long as the person is present"
 
 
 @pytest.mark.parametrize(

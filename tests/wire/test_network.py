@@ -1,4 +1,4 @@
-"""Zenoh on loopback: who may say and hear what, and who is there."""
+"""Zenoh on loopback: access rights and presence."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def pair_by_rig(
 
 
 def one_to_one(evidence: Evidence) -> list[tuple[int, int]]:
-    """Return the pairs of two cameras' tracklets that are one person: best partners first."""
+    """Return the pairs of two cameras' tracklets that are one person: best match first."""
     rows = sorted({a for a, _ in evidence})
     columns = sorted({b for _, b in evidence})
     gain = np.zeros((len(rows), len(columns)))

@@ -86,7 +86,7 @@ def detect_videos(
 ) -> DetectReport:
     """Find the people in every camera's video and write a recording.
 
-    Every line is on disk before the next frame is looked at, in `dest` + `.partial`; the same call
+    Every line is on disk before the next detection, in `dest` + `.partial`; the same call
     continues an interrupted one. `dest` appears when everything is done.
 
     Args:
@@ -97,7 +97,7 @@ def detect_videos(
             after their videos; their lenses are assumed and their places unknown then.
         detector: finds the people.
         dest: the recording folder to make.
-        settings: which frames to look at; all by default.
+        settings: which frames to detect in; all by default.
         detector_name: of the detector, and after a space which weights these are, such as a
             checksum; work begun with others is not continued.
         progress: called after every frame with how many slots of all cameras are done, of about how

@@ -100,8 +100,8 @@ def slower(loop: Loop, pace: float) -> Loop:
     """Return a loop played at `pace` times its speed."""
 
     def frames(start_s: float) -> Iterator[tuple[float, Callable[[], Any]]]:
-        for time_s, look in loop.frames(start_s * pace):
-            yield time_s / pace, look
+        for time_s, image in loop.frames(start_s * pace):
+            yield time_s / pace, image
 
     return Loop(loop.fps * pace, loop.image_size, loop.length_s / pace, frames)
 

@@ -23,8 +23,8 @@ class Schedule:
     Attributes:
         session: of the edge that gave them; 0 before the first.
         times: where slots lie; None before the first order.
-        active: slot to whether to look in it, for slots with an order.
-        expected: slot to who is expected in it, for slots in which only that is looked at.
+        active: slot to whether to detect in it, for slots with an order.
+        expected: slot to who is expected in it, for slots in which only that part is used.
         idle_mode: what to do otherwise.
         orders: how many came.
         late: how many came after their slot had begun, and so were ignored.
@@ -78,7 +78,7 @@ def take_order(schedule: Schedule, order: Order, now_edge_ns: int) -> Schedule:
         schedule,
         session=order.session,
         times=times,
-        active={slot: look for slot, look in active.items() if slot >= here - KEPT_SLOTS},
+        active={slot: detect for slot, detect in active.items() if slot >= here - KEPT_SLOTS},
         expected={slot: view for slot, view in expected.items() if slot >= here - KEPT_SLOTS},
         idle_mode=order.idle_mode,
         orders=schedule.orders + 1,

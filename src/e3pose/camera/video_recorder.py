@@ -1,6 +1,6 @@
 """Record a camera as videos of some minutes each, within bounded disk space.
 
-A frame per slot, whether the camera looks in it or not, on a thread of its own: a slow disk or
+A frame per slot, whether the camera is active in it or not, on a thread of its own: a slow disk or
 encoder loses frames of the video, never of the camera.
 """
 

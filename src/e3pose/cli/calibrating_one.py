@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from e3pose.recording import Recording
 
 
-ENOUGH_S = 20.0  # of looks by the camera
+ENOUGH_S = 20.0  # of views by the camera
 
 
 def place_again(
@@ -112,7 +112,7 @@ def _of_site(path: Path, camera_id: str, seconds: float) -> tuple[Recording, Rig
 def _newest(folder: Path, camera_id: str, seconds: float) -> tuple[Recording | None, float]:
     """Return the end of the newest recording in a folder, the one that is being written first.
 
-    None where the camera looked too seldom in all of them, and for how many seconds at most.
+    None where the camera was active too seldom in all of them, and for how many seconds at most.
     """
     from e3pose.calibrate.recordings import last_seconds
     from e3pose.recording import load_recording

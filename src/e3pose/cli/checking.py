@@ -1,4 +1,4 @@
-"""`e3pose check`: look at a site, or at the machine of one camera, before it runs."""
+"""`e3pose check`: check a site, or the machine of one camera, before it runs."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def bench(
     threads
         CPU threads. Default: all cores.
     seconds
-        How long to look, each time.
+        Seconds per measurement.
     """
     from e3pose.cli.simulating import size_of
     from e3pose.detectors.weights import MODELS, is_installed

@@ -32,10 +32,10 @@ def record(
 
     Example: `e3pose record room walk --for 60`
 
-    All cameras look in every slot, and their keypoints become a recording for `calibrate`, `sync`,
-    `replay` and `evaluate`. Cameras with a `source` in the site file run on this machine, others
-    connect as they do to the edge, which must not run meanwhile: a running site keeps what it
-    sees with `record = "keypoints"` in its file. Ctrl-C ends the recording.
+    All cameras are active in every slot; their keypoints become a recording for `calibrate`,
+    `sync`, `replay` and `evaluate`. Cameras with a `source` in the site file run on this machine,
+    others connect as they do to the edge, which must not run meanwhile: a running site keeps what
+    it sees with `record = "keypoints"` in its file. Ctrl-C ends the recording.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ def init(
 
     Example: `e3pose init room usb:0 usb:2 rtsp://10.0.0.7/stream`
 
-    Looks at one frame of each source, measures how long the network takes here with as many
+    Reads one frame of each source, measures how long the network takes here with as many
     processes as there are cameras, and writes a commented site folder with the slots per second,
     threads and deadline that fit. It says what is missing, and the command for it.
 

@@ -69,7 +69,7 @@ class InputSize(Protocol):
 
 @runtime_checkable
 class Focusing(InputSize, Protocol):
-    """A detector that can look at a part of an image."""
+    """A detector that can detect in a part of an image."""
 
     def detect_part(
         self, image: Image, part: Part, expected: ExpectedView | None = None
@@ -111,10 +111,10 @@ def detect_expected(detector: Any, image: Any, expected: ExpectedView | None) ->
     """Return the people in an image, of whom some are expected.
 
     Args:
-        detector: a `Detector`; one that is neither `Focusing` nor `InBoxes` looks at the whole
+        detector: a `Detector`; one that is neither `Focusing` nor `InBoxes` detects in the whole
             image.
         image: what it detects in.
-        expected: who is expected where; None looks at the whole image.
+        expected: who is expected where; None detects in the whole image.
     """
     part = None
     if expected is not None and uses_feedback(detector):
@@ -138,7 +138,7 @@ def part_with(
     """Return the part of an image with everybody who is expected.
 
     It is enlarged or shrunk so that people have the network's best size in their geometric mean, as
-    far as that costs no more than a look at the whole image.
+    far as that costs no more than detection in the whole image.
 
     Args:
         expected: who is expected where.
@@ -146,7 +146,7 @@ def part_with(
         network: that detects.
 
     Returns:
-        The part; None to look at the whole image, as nobody is expected or the part is no smaller.
+        The part; None for the whole image, as nobody is expected or the part is no smaller.
     """
     inside, seen = _boxes(expected, image_size)
     if not seen.any():

@@ -28,7 +28,7 @@ MEAN_RGB = np.array([123.675, 116.28, 103.53], dtype=np.float32)
 DEVIATION_RGB = np.array([58.395, 57.12, 57.375], dtype=np.float32)
 MIN_KEYPOINT_SCORE = 0.3
 # Of people who were expected in a box, where no other network saw anybody; not measured.
-FEWEST = 4  # keypoints of somebody who is there
+FEWEST = 4  # keypoints of a person
 SAME_SHARE = 0.1  # of a person's size: poses nearer to each other on average are one person
 
 

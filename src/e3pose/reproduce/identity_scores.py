@@ -64,7 +64,7 @@ def identity_figures(sources: Sources, asked: IdentitiesAsked) -> IdentityFigure
 
 
 def frames_of(recording: Recording, records: Sequence[SlotRecord]) -> list[Frame]:
-    """Return who is there and who is shown, slot by slot."""
+    """Return the true and the shown people of each slot."""
     truth = recording.truth
     assert truth is not None, "identities need a truth"
     frames = []

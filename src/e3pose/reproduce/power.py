@@ -48,7 +48,7 @@ def asleep(run: Run, interval_s: float, wake_s: float = WAKE_S) -> float:
     A camera that sleeps must wake `wake_s` before its next slot, and it knows of that slot in time.
 
     Args:
-        run: whose times without work are looked at.
+        run: whose times without work are measured.
         interval_s: of a slot.
         wake_s: from sleep to the first frame.
     """

@@ -19,7 +19,7 @@ from e3pose.site.example import Example
 FPS = 10.0
 SCENE_S = 6.0
 KEYPOINTS = "keypoints"  # cameras that play recorded keypoints, without pixels
-# Cameras with a network look at films, seldom enough for five of them on two cores.
+# Cameras with a network detect in films, seldom enough for five of them on two cores.
 NETWORK_FPS, FILM_SIZE = 1.0, (640, 480)
 BEGIN_S = 3.0  # in which buffers fill: not counted
 SLOTS_S = 60.0  # for which slots are waited for, at most
@@ -33,7 +33,7 @@ class MemoryAsked:
     Attributes:
         policy: who selects.
         people: in the scene.
-        detector: of the cameras, which look at films; `KEYPOINTS` for recorded keypoints.
+        detector: of the cameras, which detect in films; `KEYPOINTS` for recorded keypoints.
         cameras: of the site.
         selected: the paper's C.
         seconds: to count for.

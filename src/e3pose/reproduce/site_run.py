@@ -32,7 +32,7 @@ class SiteRun:
         programs: the edge, then the cameras in the order of the rig.
         follower: what the edge says.
         slots: number of every published slot, with the time at which it came, monotonic seconds,
-            the cameras that were to look in it and those whose views came in time.
+            the cameras that were selected for it and those whose views came in time.
     """
 
     programs: list[Program]

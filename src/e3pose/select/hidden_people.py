@@ -6,7 +6,7 @@ to have shown
 
     sum over people  prod_{c in F} (1 - p_c) (1 - prod_{c in S} (1 - p_c)),    c among those needed
 
-with F the looks that are already ordered and p_c how likely camera c shows somebody who is there:
+with F the looks that are already ordered and p_c how likely camera c shows a person who is present:
 a coverage, which grows with diminishing returns.
 """
 

@@ -17,11 +17,11 @@ MAX_SLOTS = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class DetectSettings:
-    """Which frames to look at, and what becomes of the videos.
+    """Which frames to detect in, and what becomes of the videos.
 
     Attributes:
         fps: slots per second; None for the videos' common rate.
-        every: look at every so many slots of that rate only.
+        every: detect in every so many slots of that rate only.
         start_s: where slot 0 lies, in seconds after the common clock's zero.
         max_slots: at most so many slots; None for all.
         rotations: for each camera, by how many degrees clockwise its images are turned for the
@@ -30,7 +30,7 @@ class DetectSettings:
             seconds; 0 if not given.
         keep_videos: `refer` to the videos where they are, `link` or `copy` them into the recording.
         overwrite: replace a recording at the destination, and unfinished work of other settings.
-        feedback: look at the parts of images in which people are expected, by what all cameras
+        feedback: detect in the parts of images in which people are expected, by what all cameras
             found before; needs cameras whose places are known.
         whole_every: with feedback, one of so many detections uses the full frame.
     """

@@ -49,7 +49,7 @@ class NodeTable:
         meter: how its power is measured.
         profile: power profile, for what is not measured.
         state: file that remembers the charge of a battery without a gauge; empty for none.
-        pictures: whether operators may see small pictures of what it looks at.
+        pictures: whether operators may see small pictures of what it sees.
         videos: folder for videos of what it sees; without it none are recorded.
         videos_max_bytes: the most to keep, such as `10GB`; the oldest videos go first.
         videos_part_s: length of one video, such as `10min`, best that of the site's recordings.

@@ -79,7 +79,7 @@ class ViewTable:
         hosts: names by which browsers reach it, beside `localhost` and that of the machine.
         tokens: file of the tokens, made where it is missing.
         insecure: whether plain http beyond this machine is allowed.
-        pictures: whether operators may see small pictures of what cameras look at; each camera must
+        pictures: whether operators may see small pictures of what cameras see; each camera must
             allow it too, as those do that `e3pose up` runs.
     """
 

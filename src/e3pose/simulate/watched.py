@@ -49,7 +49,7 @@ def watched(
     """Return the recording as simulated detectors of its cameras see the people of its truth.
 
     Args:
-        recording: with truth; its views are not looked at.
+        recording: with truth; its views are not used.
         seed: of the detectors' errors.
         focus_m: distance at which the lenses are sharp.
         detector: how they err.

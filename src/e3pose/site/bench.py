@@ -25,7 +25,7 @@ class Cost:
 
     Attributes:
         name: of the network.
-        image_size: `(width, height)` of the images looked at.
+        image_size: `(width, height)` of the images.
         detect_s: seconds per detection, the median.
         first_s: seconds of the first detection, with whatever is built for it.
         energy_j: joules per detection beyond idling; None if nothing was measured.

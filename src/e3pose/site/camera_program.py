@@ -116,7 +116,7 @@ class Camera:
     """A camera at work, until it is closed. Use it as a context manager.
 
     Attributes:
-        node: what captures, looks and sends.
+        node: what captures, detects and sends.
     """
 
     def __init__(self, node: CameraNode, watch: EdgeWatch, clock: Clock, stack: ExitStack) -> None:
@@ -220,11 +220,11 @@ def make_camera(
     source = make_source(
         located(node.source, node.near), node.camera, clock, node.fps, node.pace, node.begin_s
     )
-    looks: LiveDetector
+    finds: LiveDetector
     if detector is None:
-        looks, joints, name = _detector(node, source)
+        finds, joints, name = _detector(node, source)
     else:
-        looks, joints = turned(detector, node.rotation), tuple(detector.skeleton.joints)
+        finds, joints = turned(detector, node.rotation), tuple(detector.skeleton.joints)
         name = node.detector
     settings = NodeSettings(
         site=node.site,
@@ -247,7 +247,7 @@ def make_camera(
         return fields
 
     return CameraNode(
-        settings, source, looks, transport, clock, metered, report, pictures, recorder
+        settings, source, finds, transport, clock, metered, report, pictures, recorder
     )
 
 
@@ -283,5 +283,5 @@ def _detector(node: NodeTable, source: Any) -> tuple[LiveDetector, tuple[str, ..
     model = None if node.model is None else node.near(node.model)
     made = make_detector(node.detector, model, node.provider, node.threads)
     detector = turned(made, node.rotation)
-    detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first look is slow: now, then
+    detector.detect(np.zeros((480, 640, 3), dtype=np.uint8))  # the first detection is slow
     return detector, detector.skeleton.joints, node.detector

@@ -43,7 +43,7 @@ class Finding:
 
     Attributes:
         level: how it is.
-        what: what was looked at.
+        what: what was checked.
         found: how it was found.
         advice: what to do about it; empty if nothing.
     """
@@ -62,7 +62,7 @@ def uncalibrated(site: SiteTable) -> Finding:
 
 
 def check_calibration(rig: Rig) -> Iterator[Finding]:
-    """Look at where the cameras are, and whether they see the same."""
+    """Check where the cameras are, and whether they see the same."""
     centres = np.array([camera.T_world_camera[:3, 3] for camera in rig.cameras])
     axes = np.array([camera.T_world_camera[:3, 2] for camera in rig.cameras])
     yield Finding("ok", "calibration", plural(len(rig), "camera"))
@@ -121,7 +121,7 @@ def _seen_by(rig: Rig, centres: Floats, axes: Floats) -> NDArray[np.int64]:
 
 
 def check_link_of(site: SiteTable, rig: Rig) -> Iterator[Finding]:
-    """Look at the endpoint and the certificates."""
+    """Check the endpoint and the certificates."""
     try:
         _, roll = edge_link(site)
     except InputError as error:
@@ -167,12 +167,12 @@ def check_link_of(site: SiteTable, rig: Rig) -> Iterator[Finding]:
 def _lasting(
     folder: Path, name: str, roll: Roll | None, now: datetime.datetime
 ) -> Iterator[Finding]:
-    """Look at the certificates of the edge, its authority, viewers, operators and routers."""
+    """Check the certificates of the edge, its authority, viewers, operators and routers."""
     from e3pose.wire.keys.authority import expires
 
     anew = f"e3pose keys init {name} --out {folder}-new, then copy all its folders"
     for what, file in (("authority", "authority.pem"), ("edge", "edge.pem")):
-        until = expires((folder / file).read_bytes())  # that they are valid now was looked at
+        until = expires((folder / file).read_bytes())  # that they are valid now was checked
         if until - now < datetime.timedelta(days=SOON_DAYS):
             yield Finding("warning", f"certificate {what}", f"expires on {until:%Y-%m-%d}", anew)
     kinds: dict[Kind, Mapping[str, str]] = {}
@@ -210,7 +210,7 @@ def _certificate(
 
 
 def check_places(site: SiteTable) -> Iterator[Finding]:
-    """Look at the folders that the edge writes to."""
+    """Check the folders that the edge writes to."""
     places = {"state": site.state, "store": site.store.path if site.store else ""}
     for what, name in places.items():
         if not name or "://" in name:
@@ -251,7 +251,7 @@ def _readers(what: str, file: Path) -> Iterator[Finding]:
 
 
 def check_store(file: Path) -> Iterator[Finding]:
-    """Look whether the database is whole, for some seconds, and for those that were not."""
+    """Check the integrity of the database for some seconds, and report damaged ones set aside."""
     from e3pose.store.integrity import problem_of
 
     if file.is_file() and (problem := problem_of(file, STORE_CHECK_S)):

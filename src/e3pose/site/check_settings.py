@@ -21,7 +21,7 @@ ENOUGH = 1e-6
 
 
 def check_skeletons(live: LiveSite) -> Iterator[Finding]:
-    """Look at what the cameras' detectors output, and what of it the site needs."""
+    """Check what the cameras' detectors output, and what of it the site needs."""
     known = camera_skeletons(live.site, live.cameras)
     own = "" if live.site.skeleton else ", that of the detectors"
     yield Finding("ok", "skeleton", f"{live.skeleton.name}{own if known else ', the default'}")
@@ -41,7 +41,7 @@ def check_skeletons(live: LiveSite) -> Iterator[Finding]:
 
 
 def check_feedback(live: LiveSite) -> Iterator[Finding]:
-    """Look which cameras could not use the feedback that the site sends them."""
+    """Check which cameras could not use the feedback that the site sends them."""
     if not live.loop.feedback:
         return
     for name, camera in live.cameras.items():
@@ -66,7 +66,7 @@ def _own_uses_feedback(detector: str) -> bool:
 
 
 def check_budgets(live: LiveSite, now: datetime) -> Iterator[Finding]:
-    """Look whether budgets pay for what cameras draw, by their power profiles.
+    """Check whether budgets pay for what cameras draw, by their power profiles.
 
     Args:
         live: the site.

@@ -25,7 +25,7 @@ def require_sources(site: SiteTable, rig: Rig) -> None:
 
 
 def check_sources(site: SiteTable, rig: Rig) -> Iterator[Finding]:
-    """Look at the sources and networks of cameras that `e3pose up` would run here."""
+    """Check the sources and networks of cameras that `e3pose up` would run here."""
     rotations = rotations_of(site, rig)
     for camera in site.cameras_of(rig).values():
         yield from _recording(camera)

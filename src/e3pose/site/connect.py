@@ -40,7 +40,7 @@ class LiveSlot:
         sigma_m: `(num_persons, num_joints)` standard deviation along an axis; NaN where unknown.
         measured: `(num_persons, num_joints)` whether a view of the slot measured the joint; the
             others are predicted from earlier slots.
-        selected: cameras that were ordered to look.
+        selected: cameras that were ordered to be active.
         arrived: those whose views the poses are made from.
         published_ns: when the edge sent it, by the same clock.
     """

@@ -27,7 +27,7 @@ from e3pose.site.check import Finding
 KEPT = "look-times.json"  # beside the site file
 MAX_BYTES = 10**5
 SPARE = 0.8  # of what a machine reaches, for what else it does: decoding, fusing, other programs
-WAIT_S = 0.04  # of a view for its frame and its way to the edge, beyond the look
+WAIT_S = 0.04  # of a view for its frame and its way to the edge, beyond the detection
 HOPELESS = 1.5  # times what is reached: a busy moment's measurement errs by less
 
 
@@ -116,8 +116,8 @@ def check_speed(site: SiteTable, times: DetectionTimes, num_selected: float) -> 
         num_selected: active cameras per slot.
     """
     alone_s, together_s = float(times.alone_s.max()), float(times.together_s.max())
-    looks = f"{1000 * alone_s:.0f} ms per detection, {1000 * together_s:.0f} ms with all cameras"
-    yield Finding("ok", "network", looks)
+    found = f"{1000 * alone_s:.0f} ms per detection, {1000 * together_s:.0f} ms with all cameras"
+    yield Finding("ok", "network", found)
     needed_ms = 1000 * (alone_s + WAIT_S)
     if site.deadline_ms < needed_ms:
         late = site.deadline_ms < 1000 * alone_s

@@ -47,7 +47,7 @@ def run_until_stopped(running: Callable[[], bool], every_s: float = 0.2) -> str:
 
     Args:
         running: whether the program still works.
-        every_s: how often to look.
+        every_s: seconds between two calls of `running`.
     """
     stop = threading.Event()
     signals: list[tuple[str, float]] = []

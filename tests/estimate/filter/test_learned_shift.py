@@ -35,7 +35,7 @@ def shifted(slots: Sequence[Views], camera: int, shift_px: Floats = SHIFT_PX) ->
 def relative(found_px: Floats, camera: int) -> tuple[Floats, Floats]:
     """Return what was found of one camera and of the others, beside the mean of those.
 
-    A shift of all cameras that moves people in the world cannot be told from people elsewhere.
+    A shift of all cameras that moves people in the world is the same as people elsewhere.
     """
     others = np.delete(found_px, camera, axis=0)
     return found_px[camera] - others.mean(axis=0), others - others.mean(axis=0)

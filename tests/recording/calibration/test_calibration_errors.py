@@ -143,7 +143,7 @@ def test_truncated_file_is_refused_or_whole_up_to_there(
         except InputError as error:
             refused += 1
             assert str(tmp_path) in str(error)
-        else:  # a cut between two cameras cannot be told from a smaller rig
+        else:  # a cut between two cameras looks like a smaller rig
             assert isinstance(rig, Rig)
             pixels = rig.project(files.points_m)
             for index in range(len(rig)):

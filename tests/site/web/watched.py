@@ -97,7 +97,7 @@ class Watched:
         return httpx.Client(base_url=self.view.url, headers=headers, timeout=30)
 
     def publish(self, slot: int) -> None:
-        """Say how the site is, and who is there."""
+        """Send the status of the site and its people."""
         self.edge.publish("e3pose/lab/status", encode(status(slot)))
         self.edge.publish("e3pose/lab/poses", encode(poses(slot)))
 

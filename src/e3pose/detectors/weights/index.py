@@ -184,8 +184,8 @@ def _fetch(
                 complaints.lines.append(_without_login(f"{where}: {_brief(error)}"))
         if not candidates:
             heard = f" ({'; '.join(complaints.lines)})" if complaints.lines else ""
-            looked = ", ".join(map(_without_login, settings.index_urls + settings.find_links))
-            raise InputError(f"{what}: not found in {looked}{heard}")
+            places = ", ".join(map(_without_login, settings.index_urls + settings.find_links))
+            raise InputError(f"{what}: not found in {places}{heard}")
 
         # The one whose announced checksum is right, else the first.
         def announced(candidate: Any) -> bool:

@@ -55,7 +55,7 @@ class Gathering:
     poses: int = 0
 
     def add(self, record: SlotRecord) -> None:
-        """Take in a slot; one in which no camera looked shows the past, and teaches nothing."""
+        """Take in a slot; one without an active camera shows the past, and is skipped."""
         if len(record.poses) and record.arrived.any():
             self.records.append(record)
             self.poses += len(record.poses)

@@ -74,7 +74,7 @@ def clips_of(
     Args:
         recording: with truth.
         shortest: slots of the shortest clip of use.
-        stretches: half-open ranges of slots to look at; all by default.
+        stretches: half-open ranges of slots to use; all by default.
 
     Raises:
         InputError: when the recording has no truth.

@@ -103,9 +103,9 @@ def estimated_clips(
     """Return the motion of everybody whom all cameras of a recording together can follow.
 
     Args:
-        recording: with detections of at least two cameras; its truth is not looked at.
+        recording: with detections of at least two cameras; its truth is not used.
         shortest: slots of the shortest clip of use.
-        stretches: half-open ranges of slots to look at; nothing else is read, and nobody is
+        stretches: half-open ranges of slots to use; nothing else is read, and nobody is
             followed from one into the next.
         settings: what to make of the cameras.
         workers: who does it; the result does not depend on them.

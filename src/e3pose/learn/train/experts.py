@@ -35,7 +35,7 @@ def start_experts(
         network: is changed.
         sampler: of windows.
         rng: random numbers.
-        windows: how many to look at per kind.
+        windows: how many to use per kind.
     """
     slots = network.settings.history_slots
     exact = Corruption(exact=1.0, missing=0.3, short=0.0)

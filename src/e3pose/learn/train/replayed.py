@@ -1,6 +1,6 @@
 """True motion -> what the filter makes of it: the histories that a running system hands over.
 
-Simulated detectors of the recording's cameras look at its people, the loop runs on what they see,
+Simulated detectors of the recording's cameras observe its people, the loop runs on what they see,
 and what it shows of somebody slot after slot is what a predictor is given; the truth is what it
 should say. Neither pace nor rate of such a clip can be changed afterwards, as the filter's errors
 depend on both: every replay has its own.
@@ -65,7 +65,7 @@ def replayed_clips(
     """Return the true motion of everybody with the errors of replays, one clip a replay.
 
     Args:
-        recording: with truth and at least two cameras; its views are not looked at.
+        recording: with truth and at least two cameras; its views are not used.
         shortest: slots of the shortest clip of use.
         stretches: half-open ranges of slots that may be learned from.
         settings: what is replayed.

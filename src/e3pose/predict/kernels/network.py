@@ -130,13 +130,13 @@ def _encode(
     """Read the slots one after another, each joint as the input attention weighs it."""
     num_slots, num_tracks, num_features = features.shape
     num_joints, num_context, size = len(weights.weigh_bias), context.shape[1], hidden.shape[1]
-    width, known = len(weights.attention_bias), num_features + num_context
+    width, width_in = len(weights.attention_bias), num_features + num_context
     all_scores = np.empty((num_slots * num_tracks, width), np.float32)
     linear(
         features.reshape(-1, num_features), weights.attention, weights.attention_bias, all_scores
     )
     shares = np.empty((num_tracks, num_joints), np.float32)
-    entry = np.empty((num_tracks, known + size), np.float32)
+    entry = np.empty((num_tracks, width_in + size), np.float32)
     gates = np.empty((num_tracks, 4 * size), np.float32)
     for slot in range(num_slots):
         scores = all_scores[slot * num_tracks : (slot + 1) * num_tracks]
@@ -154,8 +154,8 @@ def _encode(
                     share = np.float32(num_joints) * shares[track, joint]
                     entry[track, first + joint] = features[slot, track, first + joint] * share
         place_beside(context, num_features, entry)
-        place_beside(hidden, known, entry)
-        fed = known + size if slot else known
+        place_beside(hidden, width_in, entry)
+        fed = width_in + size if slot else width_in
         linear(entry[:, :fed], weights.encoder[:fed], weights.encoder_bias, gates)
         lstm_cell(gates, hidden, cell)
         for track in range(num_tracks):

@@ -42,7 +42,7 @@ def section(scale: Scale, made: Made) -> Section:
         why="The paper's argument holds: orders that go out ahead of time hide any delay that the "
         "lead covers. Distributed control is as fast, but loses accuracy (Table 1, ID).",
         how="Measured on this machine: a real edge (policy e3pose, the published network as "
-        f"predictor, C = {SELECTED} of {CAMERAS}) and real cameras that look at films, each a "
+        f"predictor, C = {SELECTED} of {CAMERAS}) and real cameras that detect in films, each a "
         "process of its own; their messages pass through a relay that delays each by half a round "
         "trip. A slot counts when the views of all selected cameras are in its poses. Emulated: a "
         "look takes 20 ms (it finds drawn people, and waits for the rest), a slow server waits "

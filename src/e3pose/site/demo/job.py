@@ -82,7 +82,7 @@ class Scene:
 
     Attributes:
         site_file: of the site that was written.
-        recording: its cameras, and for a simulated scene its truth; its views are not looked at.
+        recording: its cameras, and for a simulated scene its truth; its views are not used.
         film: what is played.
         num_slots: how long to run.
         alone_s: seconds of one detection on this machine without load; 0 if simulated.
@@ -244,7 +244,7 @@ def _alone_s(video: Path, weights: Path) -> float:
 
     detector = make_detector(NETWORK, weights, "cpu", 1)
     image = next(iter(open_video(video).frames(0.0))).image
-    detector.detect(image)  # the first look is slow
+    detector.detect(image)  # the first detection is slow
     began, detections = time.perf_counter(), 0
     while detections < TIMING_DETECTIONS or time.perf_counter() - began < TIMING_S:
         detector.detect(image)
@@ -257,9 +257,9 @@ def pace_for(alone_s: float, num_cameras: int, fps: float, cores: int) -> float:
 
     Args:
         alone_s: seconds of one detection on one core.
-        num_cameras: that look in every slot.
+        num_cameras: that are active in every slot.
         fps: slots per second of the scene.
-        cores: that look.
+        cores: that they share.
     """
     pace = SPARE * cores / (num_cameras * fps * alone_s)
     return 1.0 if pace >= 1 else max(0.01, float(f"{pace:.2g}"))

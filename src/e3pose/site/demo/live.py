@@ -50,7 +50,7 @@ class Heard:
         sent_bytes: by camera, of its views.
         order_bytes: of the orders to all cameras.
         beats: the newest heartbeat of each camera.
-        detect_s: how long each look took.
+        detect_s: seconds of each detection.
         delays_s: from the middle of each slot until its poses were published.
         status: the last of the edge at work.
         slots: slots whose poses were published.

@@ -41,8 +41,8 @@ class Film:
     def moments(self, heard: Heard, records: Sequence[SlotRecord], times: Sequence[int]) -> Floats:
         """Return `(num_slots,)` seconds: which moment of the scene each slot was about.
 
-        That is when the frame was taken that its cameras looked at; the middle of the slot where
-        nobody looked.
+        That is when the frames of its active cameras were taken; the middle of the slot without
+        any.
         """
         taken = {slot: view.captured_ns for (slot, _), view in heard.views.items()}
         pairs = zip(records, times, strict=True)

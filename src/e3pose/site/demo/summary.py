@@ -37,7 +37,7 @@ class LiveFigures:
         view_bytes: of all views.
         order_bytes: of all orders.
         video_bytes: of the videos of the same time; 0 if simulated.
-        detect_ms: median time of a look.
+        detect_ms: median time of a detection, in milliseconds.
         fuse_ms: median and 99th percentile from a slot's last view to its poses.
         delay_ms: median from the middle of a slot until its poses were published.
     """
