@@ -8,6 +8,7 @@ import os
 import socket
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -338,5 +339,8 @@ def test_unsafe_or_impossible_endpoints_are_refused(link: Link, orders: str) -> 
         check_link(link)
 
 
-def test_plain_tcp_needs_to_be_asked_for() -> None:
-    check_link(Link("edge", "lab", "tcp/0.0.0.0:7447", insecure=True))
+def test_plain_tcp_beyond_this_machine_needs_to_be_asked_for() -> None:
+    link = Link("edge", "lab", "tcp/0.0.0.0:7447")
+    with pytest.raises(InputError, match="plain tcp beyond this machine"):
+        check_link(link)
+    check_link(replace(link, insecure=True))

@@ -77,14 +77,19 @@ WRONG_FIELDS: dict[str, tuple[dict[str, Any], tuple[str, ...], tuple[str, ...]]]
 }
 
 
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("wrong", WRONG_FIELDS)
+@pytest.mark.parametrize(
+    ("wrong", "name"),
+    [
+        (wrong, name)
+        for wrong in WRONG_FIELDS
+        for name in NAMES
+        if name not in WRONG_FIELDS[wrong][2]
+    ],
+)
 def test_wrong_field_is_named_with_its_camera(
-    tmp_path: Path, files: Any, name: str, wrong: str
+    tmp_path: Path, files: Any, wrong: str, name: str
 ) -> None:
-    changes, words, impossible = WRONG_FIELDS[wrong]
-    if name in impossible:
-        return  # the format cannot say this
+    changes, words, _ = WRONG_FIELDS[wrong]
     message = refusal(files.write(name, tmp_path, files.with_second(**changes)), name)
     assert any(word in message for word in words), message
     if "not TOML" not in message:
@@ -102,13 +107,13 @@ def test_hostile_camera_name_is_refused(
 ) -> None:
     path = files.write(name, tmp_path, files.with_second(name=hostile))
     message = refusal(path, name)
-    assert "camera id" in message or "YAML" in message, message
+    assert "expected 1 to 64 letters" in message, message
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_two_cameras_of_one_name_are_refused(tmp_path: Path, files: Any, name: str) -> None:
     message = refusal(files.write(name, tmp_path, files.with_second(name="hall_1")), name)
-    assert "twice" in message or "ain" in message or "overwrite" in message, message
+    assert "twice" in message, message
 
 
 @pytest.mark.parametrize("name", NAMES)
