@@ -7,7 +7,8 @@ import time
 
 import psutil
 import pytest
-from tests.live.processes import CAMERAS, LiveSite, run
+from tests.cli import commands
+from tests.live.processes import CAMERAS, LiveSite
 from tests.waiting import eventually
 
 from e3pose.store import Store
@@ -42,14 +43,17 @@ def test_slots_follow_each_other(site: LiveSite) -> None:
     site.unbroken([poses.slot for poses in site.poses[begin:]], lost)
 
 
-def test_top_and_check_look_at_it(site: LiveSite) -> None:
+def test_top_and_check_look_at_it(
+    site: LiveSite, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
     site.whole()
-    code, out, err = run("top", str(site.path), "--once")
-    assert (code, err) == (0, "")
-    assert "3/3 cameras" in out and all(camera_id in out for camera_id in CAMERAS)
-    code, out, err = run("check", str(site.path))
-    assert (code, err) == (0, "")
-    assert "running, slot" in out and out.count("connected, clock") == 3
+    code, said = commands.run("top", site.path, "--once"), capsys.readouterr()
+    assert (code, said.err) == (0, "")
+    assert "3/3 cameras" in said.out and all(camera_id in said.out for camera_id in CAMERAS)
+    code, said = commands.run("check", site.path), capsys.readouterr()
+    assert (code, said.err) == (0, "")
+    assert "running, slot" in said.out and said.out.count("connected, clock") == 3
 
 
 def test_killed_camera_is_noticed_and_replaced_by_others(site: LiveSite) -> None:

@@ -7,7 +7,8 @@ import time
 
 import numpy as np
 import pytest
-from tests.live.processes import CAMERAS, LiveSite, run
+from tests.cli import commands
+from tests.live.processes import CAMERAS, LiveSite
 from tests.waiting import eventually
 
 from e3pose.edge.server import IDS_LEFT_OUT
@@ -64,8 +65,8 @@ def test_one_run_goes_on_in_the_store(site: LiveSite) -> None:
 
 
 def test_revoked_camera_is_shut_out_and_an_added_one_let_in(site: LiveSite) -> None:
-    keys = str(site.folder / "keys")
-    assert run("keys", "revoke", "cam2", "--keys", keys)[0] == 0
+    keys = site.folder / "keys"
+    assert commands.run("keys", "revoke", "cam2", "--keys", keys) == 0
     site.becomes("cam0", "cam1")
     since = len(site.statuses)
     site.flows(20)
@@ -75,7 +76,7 @@ def test_revoked_camera_is_shut_out_and_an_added_one_let_in(site: LiveSite) -> N
     assert shut_out[-1].why == "certificate revoked: e3pose keys add cam2"
     assert eventually(lambda: "does not admit this camera" in site.log("cam2").read_text())
     assert site.programs["cam2"].poll() is None  # it goes on trying
-    assert run("keys", "add", "cam2", "--keys", keys)[0] == 0
+    assert commands.run("keys", "add", "cam2", "--keys", keys) == 0
     site.send("cam2", signal.SIGINT)
     assert site.wait("cam2") == 0
     site.start_camera("cam2")  # with the folder that was carried to it
