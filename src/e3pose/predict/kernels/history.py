@@ -83,11 +83,11 @@ def _find_measured(history_m: Floats, track: int, measured: Flags) -> bool:
     everything = True
     for slot in range(measured.shape[0]):
         for joint in range(measured.shape[2]):
-            known = True
+            near = True
             for axis in range(3):
-                known &= abs(history_m[slot, track, joint, axis]) < FAR_M
-            measured[slot, track, joint] = known
-            everything &= known
+                near &= abs(history_m[slot, track, joint, axis]) < FAR_M
+            measured[slot, track, joint] = near
+            everything &= near
     return everything
 
 
@@ -209,9 +209,9 @@ def _face(newest_m: Floats, seen: Flags, sides: Integers, heading: Floats) -> No
             x += newest_m[left, 0] - newest_m[right, 0]
             y += newest_m[left, 1] - newest_m[right, 1]
     length = math.hypot(x, y)
-    known = length > LEAST_WIDTH_M
-    heading[0] = x / length if known else 1.0
-    heading[1] = y / length if known else 0.0
+    wide = length > LEAST_WIDTH_M
+    heading[0] = x / length if wide else 1.0
+    heading[1] = y / length if wide else 0.0
 
 
 @kernel

@@ -72,9 +72,9 @@ def predict_tracks(
         speed_m,
         seen,
     )
-    known = min(num_leads, most_leads)
-    places = np.empty((known, rows, 3 * num_common), np.float32)
-    log_error = np.empty((known, rows, num_common), np.float32)
+    used_leads = min(num_leads, most_leads)
+    places = np.empty((used_leads, rows, 3 * num_common), np.float32)
+    log_error = np.empty((used_leads, rows, num_common), np.float32)
     run_network(weights, features, context, places, log_error)
     place_tracks(
         places,

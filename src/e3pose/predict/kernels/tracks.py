@@ -61,19 +61,19 @@ def place_tracks(
         history_m: `(num_slots, num_tracks, num_joints, 3)` metres, NaN where missing.
         joints: of the skeleton.
         curves: of the expected errors.
-        joints_m: `(num_leads, num_tracks, num_joints, 3)` metres, filled; leads after the known
-            ones repeat the last.
+        joints_m: `(num_leads, num_tracks, num_joints, 3)` metres, filled; leads beyond those of
+            `places` repeat the last.
         error_m: `(num_leads, num_tracks, num_joints)` metres, filled.
     """
-    num_common, num_known = len(joints.columns), len(places)
+    num_common, num_leads = len(joints.columns), len(places)
     world, expected = np.empty((num_common, 3)), np.empty(num_common)
     others, measured = _others(history_m, joints.carried)
     for track in range(len(centre_m)):
         for lead in range(len(joints_m)):
-            known = min(lead, num_known - 1)
-            _to_world(places[known, track], centre_m[track], heading[track], world)
+            given = min(lead, num_leads - 1)
+            _to_world(places[given, track], centre_m[track], heading[track], world)
             for joint in range(num_common):
-                expected[joint] = calibrated(log_error[known, track, joint], known, curves)
+                expected[joint] = calibrated(log_error[given, track, joint], given, curves)
                 if not seen[track, joint]:
                     expected[joint] = world[joint, 0] = world[joint, 1] = world[joint, 2] = np.nan
                 own = joints.direct[joint]

@@ -31,8 +31,8 @@ def find_newest(history_m: Floats, position_m: Floats, age: Floats) -> None:
                 if _known(history_m[num_slots - 1 - back, track, joint]):
                     age[track, joint] = back
                     for axis in range(3):
-                        known = history_m[num_slots - 1 - back, track, joint, axis]
-                        position_m[track, joint, axis] = known
+                        place = history_m[num_slots - 1 - back, track, joint, axis]
+                        position_m[track, joint, axis] = place
                     break
 
 

@@ -199,7 +199,7 @@ def information(
         nats: filled, nats per joint.
     """
     num_tracks, num_joints, _ = prior.shape
-    known, after = np.empty((6, num_joints)), np.empty((6, num_joints))
+    first, after = np.empty((6, num_joints)), np.empty((6, num_joints))
     added = np.empty((len(views), 6, num_joints))
     before, dets = np.empty(num_joints), np.empty(num_joints)
     weight = 0.0
@@ -208,13 +208,13 @@ def information(
         weight += weights[track]
         for joint in range(num_joints):
             for entry in range(6):
-                known[entry, joint] = prior[track, joint, entry]
+                first[entry, joint] = prior[track, joint, entry]
                 for camera in range(len(views)):
                     share = counted[camera, track]
                     added[camera, entry, joint] = share * views[camera, track, joint, entry]
-        _determinants(known, before)
+        _determinants(first, before)
         for row in range(len(subsets)):
-            _add_all(known, added, subsets[row], after)
+            _add_all(first, added, subsets[row], after)
             _determinants(after, dets)
             logs, product = 0.0, 1.0
             for joint in range(num_joints):
@@ -244,15 +244,15 @@ def gains(
 
 
 @kernel
-def _add_all(known: Floats, added: Floats, subset: Flags, after: Floats) -> None:
+def _add_all(first: Floats, added: Floats, subset: Flags, after: Floats) -> None:
     """Fill `after` `(6, num_joints)`: prior information plus that of a set of cameras."""
     for entry in range(6):
-        for joint in range(known.shape[1]):
-            after[entry, joint] = known[entry, joint]
+        for joint in range(first.shape[1]):
+            after[entry, joint] = first[entry, joint]
     for camera in range(len(subset)):
         if subset[camera]:
             for entry in range(6):
-                for joint in range(known.shape[1]):
+                for joint in range(first.shape[1]):
                     after[entry, joint] += added[camera, entry, joint]
 
 

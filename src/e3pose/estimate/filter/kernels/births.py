@@ -214,7 +214,7 @@ def _is_human(joints_m: Floats, girdles: Integers) -> bool:
 @kernel
 def _is_apart(pair: int, num_tracks: int, joints_m: Floats, state: Floats) -> bool:
     for track in range(num_tracks):
-        known = 0
+        count = 0
         total = 0.0
         for joint in range(joints_m.shape[1]):
             if math.isnan(joints_m[pair, joint, 0]):
@@ -223,8 +223,8 @@ def _is_apart(pair: int, num_tracks: int, joints_m: Floats, state: Floats) -> bo
             for axis in range(3):
                 squares += (state[track, joint, axis] - joints_m[pair, joint, axis]) ** 2
             total += math.sqrt(squares)
-            known += 1
-        if total / known < APART_M:
+            count += 1
+        if total / count < APART_M:
             return False
     return True
 
@@ -254,15 +254,15 @@ def _start(
         squares = 0.0
         for axis in range(3):
             squares += (joints_m[pair, joint, axis] - middle[axis]) ** 2
-        known = math.sqrt(squares) < REACH_M  # False for NaN
-        spread = START_JOINT_M if known else START_UNSEEN_M
+        near = math.sqrt(squares) < REACH_M  # False for NaN
+        spread = START_JOINT_M if near else START_UNSEEN_M
         for a in range(6):
             for b in range(6):
                 tracks.covariance[track, joint, a, b] = 0.0
                 tracks.shared[track, joint, a, b] = 0.0
         speed = START_SPEED_MPS**2 + depths[joint] * START_TURN_MPS**2
         for axis in range(3):
-            place = joints_m[pair, joint, axis] if known else middle[axis]
+            place = joints_m[pair, joint, axis] if near else middle[axis]
             tracks.state[track, joint, axis] = place
             tracks.state[track, joint, axis + 3] = 0.0
             tracks.covariance[track, joint, axis, axis] = spread**2 + moved_m**2
@@ -270,7 +270,7 @@ def _start(
             if depths[joint] > 0:  # with the velocity of their parents, and all moved together
                 tracks.shared[track, joint, axis, axis] = moved_m**2
                 tracks.shared[track, joint, axis + 3, axis + 3] = speed - START_TURN_MPS**2
-        tracks.unmeasured_s[track, joint] = 0.0 if known else np.inf
+        tracks.unmeasured_s[track, joint] = 0.0 if near else np.inf
         tracks.drift_share[track, joint] = 1.0
     tracks.track_ids[track] = track_id
     tracks.existence[track] = START_EXISTENCE

@@ -115,8 +115,8 @@ def stated_factors(noise: Floats, weight: float, found: Floats) -> None:
     logs = np.empty(len(noise))
     find_logs(noise, weight, logs)
     for camera in range(len(found)):
-        known = noise[camera, COUNT] >= LEAST_KNOWN
-        found[camera] = math.exp(logs[camera]) / CAUTION if known else np.nan
+        enough = noise[camera, COUNT] >= LEAST_KNOWN
+        found[camera] = math.exp(logs[camera]) / CAUTION if enough else np.nan
 
 
 @kernel

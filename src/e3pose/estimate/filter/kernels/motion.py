@@ -117,19 +117,19 @@ def steer_all(
         for joint in order:
             parent, tau = parents[joint], lasts_s[joint]
             reach = tau * (1.0 - math.exp(-ahead_s / tau))
-            known = True
+            finite = True
             for a in range(3):
-                known = known and math.isfinite(joints_m[index, joint, a])
+                finite = finite and math.isfinite(joints_m[index, joint, a])
             for a in range(3):
                 above = apart[parent, a] if parent >= 0 else 0.0
                 turn = turned[parent, a] if parent >= 0 else 0.0
-                if known:
+                if finite:
                     apart[joint, a] = gain * (joints_m[index, joint, a] - moved[joint, a])
                     turned[joint, a] = turn + (apart[joint, a] - above) / reach
                 else:
                     apart[joint, a] = above - reach * turn
                     turned[joint, a] = 0.0
-            if known:
+            if finite:
                 shares[track, joint] = drift_share[index, joint]
         for joint in order:
             for a in range(3):
@@ -171,11 +171,11 @@ def foresee_joints(
 
 @kernel
 def _shows_anything(joints_m: Floats) -> bool:
-    """Return whether any joint `(num_joints, 3)` is known."""
+    """Return whether any joint `(num_joints, 3)` is finite."""
     for joint in range(len(joints_m)):
-        known = True
+        finite = True
         for axis in range(3):
-            known = known and math.isfinite(joints_m[joint, axis])
-        if known:
+            finite = finite and math.isfinite(joints_m[joint, axis])
+        if finite:
             return True
     return False

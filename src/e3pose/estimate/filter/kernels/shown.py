@@ -171,13 +171,13 @@ def show(
         track = rows[index]
         for joint in range(state.shape[1]):
             unmeasured = unmeasured_s[track, joint]
-            known = math.isfinite(unmeasured)
+            ever_measured = math.isfinite(unmeasured)
             measured[index, joint] = unmeasured == 0.0
             for a in range(3):
-                joints_m[index, joint, a] = state[track, joint, a] if known else np.nan
+                joints_m[index, joint, a] = state[track, joint, a] if ever_measured else np.nan
                 for b in range(3):
                     block = covariance[track, joint, a, b]
-                    covariance_m2[index, joint, a, b] = block if known else np.nan
+                    covariance_m2[index, joint, a, b] = block if ever_measured else np.nan
 
 
 @kernel

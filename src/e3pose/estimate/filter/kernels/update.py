@@ -311,18 +311,18 @@ def learn_bones(
     bones: Integers,
     bones_m: Floats,
     counts: Floats,
-    known: Flags,
+    accurate: Flags,
 ) -> None:
     """Learn bone lengths from joints that are accurate and just measured.
 
-    All of one track; `known` is scratch `(num_joints,)`.
+    All of one track; `accurate` is scratch `(num_joints,)`.
     """
     for joint in range(len(state)):
         spread = covariance[joint, 0, 0] + covariance[joint, 1, 1] + covariance[joint, 2, 2]
-        known[joint] = unmeasured_s[joint] == 0 and spread < 3 * BONE_KNOWN_M**2
+        accurate[joint] = unmeasured_s[joint] == 0 and spread < 3 * BONE_KNOWN_M**2
     for bone in range(len(bones_m)):
         first, second = bones[bone, 0], bones[bone, 1]
-        if not (known[first] and known[second]):
+        if not (accurate[first] and accurate[second]):
             continue
         squares = 0.0
         for axis in range(3):
