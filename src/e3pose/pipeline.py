@@ -158,18 +158,14 @@ def step(
     memory, people = pipeline.estimator.estimate(
         state.memory, views, slot * pipeline.interval_s, clock
     )
-    shown = people
-    if pipeline.holds and not selected.any() and state.shown is not None:
-        shown = replace(state.shown, measured=np.zeros_like(state.shown.measured))
+    shown = _shown(pipeline, state, people, selected)
     publish(shown)
     times = [clock()]
 
     memory, predicted_m, best = _predict(pipeline, memory, people.history_m)
     times.append(clock())
 
-    arrived = np.zeros(len(online), dtype=bool)
-    for camera in views:
-        arrived[camera] = True
+    arrived = np.array([camera in views for camera in range(len(online))])
     silence = listen(state.silence, slot, selected, arrived, pipeline.interval_s)
     occlusion, visibility = expected_views(pipeline.rig, predicted_m)
     spread = state.spread.after(occlusion, pipeline.interval_s)
@@ -183,14 +179,9 @@ def step(
     situation = _situation(
         pipeline, state, (occlusion, visibility), last_views, online, ordered, foresight
     )
-    deciding = slot if pipeline.as_published else situation.slot
-    if deciding < pipeline.warmup_slots:
-        decision, deficit = np.array(online), state.deficit  # Algorithm 1: not charged
-    else:
-        decision = pipeline.policy.select(situation)
-        deficit = advance_deficit(state.deficit, pipeline.budget, decision)
-    soon = deciding < pipeline.warmup_slots
-    focused, expected = _feedback(pipeline, state, soon, decision, best, people.history_ids)
+    warming_up = (slot if pipeline.as_published else situation.slot) < pipeline.warmup_slots
+    decision, deficit = _decide(pipeline, situation, online, warming_up)
+    focused, expected = _feedback(pipeline, state, warming_up, decision, best, people.history_ids)
     times.append(clock())
 
     record = SlotRecord(
@@ -211,19 +202,33 @@ def step(
         shifts_px=people.shifts_px,
         expected=expected,
     )
-    after = SlotState(
+    after = replace(
+        state,
         slot=slot + 1,
         selections=np.concatenate([state.selections[1:], decision[None]]),
         deficit=deficit,
-        silence=silence,
-        memory=memory,
         last_views=last_views,
-        spread=spread,
         shown=shown,
-        stated=stated,
         focused=focused,
     )
     return after, record
+
+
+def _shown(pipeline: Pipeline, state: SlotState, people: People, selected: Selection) -> People:
+    """Return the people to publish: those of the slot before where no camera was selected."""
+    if pipeline.holds and not selected.any() and state.shown is not None:
+        return replace(state.shown, measured=np.zeros_like(state.shown.measured))
+    return people
+
+
+def _decide(
+    pipeline: Pipeline, situation: Situation, online: Selection, warming_up: bool
+) -> tuple[Selection, Floats]:
+    """Return the cameras of the slot that is decided now, and the virtual queues after it."""
+    if warming_up:
+        return np.array(online), situation.deficit  # Algorithm 1: not charged
+    decision = pipeline.policy.select(situation)
+    return decision, advance_deficit(situation.deficit, pipeline.budget, decision)
 
 
 def _spent_s(times: Sequence[float]) -> dict[str, float]:

@@ -171,41 +171,69 @@ def fuse_slot(
         group = _take_strongest(num_poses, memory)
         if len(group) == 0:
             return people
-        joints_m = memory.joints_m[people]
-        found = triangulate_person(
-            group, cameras, memory.pixels, memory.scores, projections, memory.small, joints_m
+        people += _fuse_person(
+            group,
+            people,
+            projections,
+            -1.0 if epipolar else duplicate_m,
+            min_joints,
+            steps,
+            reject_outliers,
+            memory,
         )
-        if found < min_joints:
-            continue
-        if steps > 0:
-            refine_person(
-                group,
-                cameras,
-                memory.pixels,
-                memory.precisions,
-                projections,
-                steps,
-                reject_outliers,
-                joints_m,
-            )
-        if not epipolar and _is_duplicate(memory.joints_m, people, duplicate_m):
-            continue
-        score_person(
+
+
+@kernel
+def _fuse_person(
+    group: Integers,
+    person: int,
+    projections: Floats,
+    duplicate_m: float,
+    min_joints: int,
+    steps: int,
+    reject_outliers: bool,
+    memory: Memory,
+) -> bool:
+    """Triangulate a group of poses into row `person` of `memory`; return whether it is a person.
+
+    With fewer than `min_joints` it is none, nor within `duplicate_m`, if positive, of another one.
+    """
+    cameras, rows = memory.integers[CAMERA], memory.integers[ROW]
+    joints_m = memory.joints_m[person]
+    found = triangulate_person(
+        group, cameras, memory.pixels, memory.scores, projections, memory.small, joints_m
+    )
+    if found < min_joints:
+        return False
+    if steps > 0:
+        refine_person(
             group,
             cameras,
             memory.pixels,
-            memory.scores,
             memory.precisions,
             projections,
+            steps,
             reject_outliers,
             joints_m,
-            memory.joint_scores[people],
-            memory.errors_px[people],
         )
-        memory.members[people] = -1
-        for index in range(len(group)):
-            memory.members[people, cameras[group[index]]] = rows[group[index]]
-        people += 1
+    if duplicate_m > 0 and _is_duplicate(memory.joints_m, person, duplicate_m):
+        return False
+    score_person(
+        group,
+        cameras,
+        memory.pixels,
+        memory.scores,
+        memory.precisions,
+        projections,
+        reject_outliers,
+        joints_m,
+        memory.joint_scores[person],
+        memory.errors_px[person],
+    )
+    memory.members[person] = -1
+    for index in range(len(group)):
+        memory.members[person, cameras[group[index]]] = rows[group[index]]
+    return True
 
 
 @kernel

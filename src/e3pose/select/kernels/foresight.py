@@ -82,56 +82,71 @@ def foresee_views(
         shown: `(num_cameras, num_tracks)` of `HiddenPeople`.
         hidden: `(num_tracks,)` of `HiddenPeople`.
     """
-    num_cameras, num_tracks, num_joints, _ = views.shape
-    pixels = np.empty((num_tracks, num_joints, 2))
-    inside = np.empty((num_tracks, num_joints), np.bool_)
-    boxes, depths = np.empty((num_tracks, 4)), np.empty(num_tracks)
-    since_s = last_seen_s.copy()
     weights[:] = 0.0
-    for camera in range(num_cameras):
-        for track in range(num_tracks):
-            depths[track] = _look(
-                joints_m[track],
-                projections[camera],
-                sizes[camera],
-                pixels[track],
-                inside[track],
-                boxes[track],
-                views[camera, track],
-            )
-        for track in range(num_tracks):
-            expected = delivered[track, camera] * worth(shows[track, camera])
-            weights[track] = max(weights[track], expected)
-            weight = expected / sigma_px[camera] ** 2
-            count, front = 0, 0.0
-            for joint in range(num_joints):
-                u, v = pixels[track, joint, 0], pixels[track, joint, 1]
-                share = _in_front(u, v, depths[track], boxes, depths)
-                count += inside[track, joint]
-                front += share
-                for entry in range(6):
-                    views[camera, track, joint, entry] *= share * weight * inside[track, joint]
-            enough = count >= INSIDE_JOINTS
-            shown[camera, track] = PLAIN * shows[track, camera] * enough * front / num_joints
-    carry(
-        covariance,
-        drift_m2ps3,
-        velocity_lasts_s,
-        interval_s,
-        terms,
-        carried,
-        views,
-        since_s,
-        prior,
-    )
-    for camera in range(num_cameras):
-        for track in range(num_tracks):
+    for camera in range(len(views)):
+        _expect(
+            joints_m,
+            projections[camera],
+            sizes[camera],
+            sigma_px[camera],
+            delivered[:, camera],
+            shows[:, camera],
+            views[camera],
+            weights,
+            shown[camera],
+        )
+    since_s = last_seen_s.copy()
+    steps = (covariance, drift_m2ps3, velocity_lasts_s, interval_s, terms)
+    carry(*steps, carried, views, since_s, prior)
+    for camera in range(len(views)):
+        for track in range(len(weights)):
             counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
     hide(shown, needed, ordered, hidden)
 
 
 @kernel
-def _look(
+def _expect(
+    joints_m: Floats,
+    projection: Floats,
+    size: Floats,
+    sigma_px: float,
+    delivered: Floats,
+    shows: Floats,
+    information: Floats,
+    weights: Floats,
+    shown: Floats,
+) -> None:
+    """Fill what a camera is expected to show: `information` `(num_tracks, num_joints, 6)`, `shown`.
+
+    Raises `weights` to what it delivers. Joints outside the image or behind others count less.
+    """
+    num_tracks, num_joints, _ = joints_m.shape
+    pixels = np.empty((num_tracks, num_joints, 2))
+    inside = np.empty((num_tracks, num_joints), np.bool_)
+    boxes, depths = np.empty((num_tracks, 4)), np.empty(num_tracks)
+    for track in range(num_tracks):
+        at, row = pixels[track], information[track]
+        depths[track] = _project(
+            joints_m[track], projection, size, at, inside[track], boxes[track], row
+        )
+    for track in range(num_tracks):
+        expected = delivered[track] * worth(shows[track])
+        weights[track] = max(weights[track], expected)
+        weight = expected / sigma_px**2
+        count, front = 0, 0.0
+        for joint in range(num_joints):
+            u, v = pixels[track, joint, 0], pixels[track, joint, 1]
+            share = _in_front(u, v, depths[track], boxes, depths)
+            count += inside[track, joint]
+            front += share
+            for entry in range(6):
+                information[track, joint, entry] *= share * weight * inside[track, joint]
+        enough = count >= INSIDE_JOINTS
+        shown[track] = PLAIN * shows[track] * enough * front / num_joints
+
+
+@kernel
+def _project(
     joints_m: Floats,
     projection: Floats,
     size: Floats,
