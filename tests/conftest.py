@@ -37,7 +37,8 @@ import sys
 from e3pose.evaluate.replay import ReplaySettings, replay
 from e3pose.simulate import SceneSettings, simulate
 recording = simulate(SceneSettings(people=2, seconds=0.5, cameras=3), 0)
-list(replay(recording, ReplaySettings(pipeline=sys.argv[1], num_selected=3)))
+for policy in ("information", "independent"):  # these two use all kernels of selection
+    list(replay(recording, ReplaySettings(pipeline=sys.argv[1], policy=policy, num_selected=3)))
 """
 
 # `make test` looks for these marks in these rooms only.

@@ -49,6 +49,7 @@ def gone(children: list[psutil.Process]) -> bool:
 
 
 def test_killed_up_leaves_nobody_behind(tmp_path: Path) -> None:
+    """What `e3pose demo` starts ends in the same way; `tests/site/test_demo.py` looks at how."""
     folder = tmp_path / "try"
     command = e3pose("up", str(folder), "--example", "--quiet")
     logs = [folder / "logs" / name for name in ("edge.log", "cam0.log", "cam3.log")]
@@ -66,10 +67,3 @@ def test_killed_up_leaves_nobody_behind(tmp_path: Path) -> None:
     for log in logs:
         assert "Traceback" not in log.read_text(), log.read_text()
     assert [each.run.site for each in Store(folder / "live.db").runs()] == ["example"]
-
-
-def test_killed_demo_leaves_nobody_behind(tmp_path: Path) -> None:
-    command = e3pose("demo", str(tmp_path / "demo"), "--offline")
-    with killed(command, tmp_path / "demo.log", 3) as children:
-        psutil.Process(children[0].ppid()).send_signal(signal.SIGKILL)
-        assert eventually(lambda: gone(children), GONE_S), children

@@ -7,7 +7,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ import numpy as np
 import psutil
 import pytest
 from tests.site.left_by_demo import BEGIN_NS, canned, nobody
+from tests.waiting import eventually
 
 from e3pose.camera.source import open_video
 from e3pose.detectors.weights import Progress
@@ -98,13 +98,20 @@ def test_offline_runs_live_on_a_simulated_scene(tmp_path: Path) -> None:
 def test_interrupt_leaves_no_process_and_no_file(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "e3pose", "demo", "demo", "--offline"]
     demo = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    watched, end_s = psutil.Process(demo.pid), time.monotonic() + 120
-    while len(watched.children()) < 5:  # an edge and four cameras
-        assert time.monotonic() < end_s and demo.poll() is None
-        time.sleep(0.1)
-    children = watched.children(recursive=True)
-    demo.send_signal(signal.SIGINT)
-    _, output = demo.communicate(timeout=60)
+    watched = psutil.Process(demo.pid)
+
+    def started() -> bool:
+        """Return whether an edge and four cameras run, which end with the demo if it is killed."""
+        commands = [child.cmdline() for child in watched.children()]
+        return sum("--end-with-parent" in command for command in commands) == 5
+
+    try:
+        assert eventually(lambda: demo.poll() is not None or started(), 120.0)
+        children = watched.children(recursive=True)
+        demo.send_signal(signal.SIGINT)
+        _, output = demo.communicate(timeout=60)
+    finally:
+        demo.kill()
     assert demo.returncode == 130 and output.decode().strip().endswith("e3pose: interrupted")
     _, alive = psutil.wait_procs(children, timeout=0)
     assert not [child for child in alive if child.status() != psutil.STATUS_ZOMBIE]
