@@ -123,6 +123,7 @@ def evaluate(
     """
     from e3pose.cli.placed import load_placed
     from e3pose.cli.progress import track_progress
+    from e3pose.edge.precompile import warm_up
     from e3pose.evaluate.compare import compare, rows
     from e3pose.evaluate.detect_again import open_pixels, replay_stored
     from e3pose.evaluate.lead_picture import draw_leads
@@ -141,12 +142,14 @@ def evaluate(
     ):
         plan = energy.settings().plan(source.rig.camera_ids, source.interval_s, source.battery_wh)
         settings = grid.settings(loop, plan, faults.day(source, plan.watts))
-        for each in settings[:: grid.seeds]:  # a wrong option fails before hours of work, not after
-            make_pipeline(source, each)
+        # A wrong option fails before hours of work, not after.
+        pipelines = [make_pipeline(source, each) for each in settings[:: grid.seeds]]
         feedback = any(each.feedback for each in settings)
         if detector is not None or feedback:
             open_pixels(source, recording, detector, threads=1, feedback=feedback)
     warn(noise_warning(source, settings[0]))
+    if jobs != 1 and len(settings) > 1:
+        warm_up(pipelines[0])  # compiled once, and not in each of the processes
     summaries = compare(
         source,
         settings,
