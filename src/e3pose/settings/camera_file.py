@@ -130,6 +130,10 @@ def load_node(path: Path | None, options: Mapping[str, Any] | None = None) -> No
     asked = options or {}
     table: dict[str, Any] = {"format": CAMERA_FORMAT, "version": 1}
     if path is not None:
+        if not path.exists():
+            raise InputError(
+                f"{path}: file not found, expected a camera file; docs/how-to/live-site.md has one"
+            )
         table = read_toml(path, MAX_BYTES)
     try:
         node = replace(read_table(NodeTable, {**table, **asked}), path=path)

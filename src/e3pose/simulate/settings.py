@@ -130,5 +130,5 @@ def check_number(name: str, value: float, low: float, high: float, whole: bool =
         return
     kind = "a whole number" if whole else "a number"
     raise InputError(
-        f"simulate: {name}: found {value!r}, expected {kind} from {low:g} to {high:.10g}"
+        f"simulate: {name}: found {value:g}, expected {kind} from {low:g} to {high:.10g}"
     )
