@@ -66,7 +66,7 @@ def one(
 
 
 def missed_in(true_m: Any, shown_m: Sequence[Any]) -> Any:
-    """Return `(num_slots, num_persons)`: who is there and nobody is shown near the person."""
+    """Return `(num_slots, num_persons)`: whether a person is present with nobody shown nearby."""
     missed = np.zeros(true_m.shape[:2], dtype=bool)
     for slot, joints_m in enumerate(shown_m):
         for person in np.flatnonzero(np.isfinite(true_m[slot]).any(axis=(1, 2))):
