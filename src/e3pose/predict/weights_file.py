@@ -5,13 +5,14 @@ The network is run by own kernels (`kernels.network`); of ONNX only the file for
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.predict.kernels.half import in_half
 from e3pose.predict.kernels.network import Weights
 from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
 
@@ -100,7 +101,7 @@ def network_weights(file: WeightsFile) -> Weights:
     encoder = _lstm(next(given), next(given), next(given))
     some += [*encoder, *(next(given) for _ in range(15))]
     some += _lstm(next(given), next(given), next(given))
-    return Weights(*(np.ascontiguousarray(tensor) for tensor in (*some, *given)))
+    return _held([*some, *given])
 
 
 def history_slots(file: WeightsFile) -> int:
@@ -137,7 +138,7 @@ def _published(file: WeightsFile) -> Weights:
     attention[3 * C :] = 0
     encoder[3 * C : NUM_FEATURES + NUM_CONTEXT] = 0
     entry[3 * C : 6 * C] = 0
-    parts = Weights(
+    return _held([
         attention, attention_bias, attention_hidden, weigh, weigh_bias, encoder,
         encoder_bias, key, key_bias,
         _none(NUM_CONTEXT + H, 2 * (slots - 1) * C), _none(2 * (slots - 1) * C),
@@ -145,8 +146,19 @@ def _published(file: WeightsFile) -> Weights:
         0 * entry_context, entry_bias, _none(NUM_CONTEXT, A), _none(A), query, energy, entry,
         decoder, decoder_bias, read, read_bias, regress, regress_bias,
         _none(2 * H, A), _none(A, C), _none(C), _none(0, 3 * C),
-    )  # fmt: skip
-    return Weights(*(np.ascontiguousarray(part, dtype=np.float32) for part in parts))
+    ])  # fmt: skip
+
+
+def _held(parts: Sequence[Floats32]) -> Weights:
+    """Return weights as the kernels take them: matrices in half precision, as training rounds them.
+
+    A slot reads all of them, mostly from memory that other programs have used since the last one.
+    """
+    held: list[Any] = [
+        in_half(part) if part.ndim == 2 else np.ascontiguousarray(part, dtype=np.float32)
+        for part in parts
+    ]
+    return Weights(*held)
 
 
 def _none(*shape: int) -> Floats32:

@@ -13,6 +13,7 @@ import e3pose.runtime.kernel as compiling
 from e3pose.model.skeleton import COCO17
 from e3pose.predict.attention_lstm import AttentionLstm
 from e3pose.predict.calibration import read_curves
+from e3pose.predict.kernels.half import in_half
 from e3pose.predict.kernels.layers import linear, sigmoid, soften, tanh
 from e3pose.predict.kernels.network import run_network
 from e3pose.predict.kernels.tracks import calibrated
@@ -59,8 +60,9 @@ def test_a_linear_layer_of_any_size(num_rows: int, num_inputs: int) -> None:
 
     rows, weight, bias = drawn(num_rows, num_inputs), drawn(num_inputs, 5), drawn(5)
     out = np.full((num_rows, 5), np.nan, dtype=np.float32)
-    linear(rows, weight, bias, out)
-    np.testing.assert_allclose(out, rows @ weight + bias, atol=1e-5)
+    linear(rows, in_half(weight), bias, out)
+    rounded = weight.astype(np.float16).astype(np.float32)
+    np.testing.assert_allclose(out, rows @ rounded + bias, atol=1e-5)
 
 
 def test_softmax_of_large_numbers() -> None:

@@ -92,7 +92,7 @@ def _work(folder: Path, job: Job) -> None:
     from e3pose.learn.train.attention_lstm import Training, TrainSettings
     from e3pose.learn.train.card import model_card
     from e3pose.learn.train.clips import hold_out_ends
-    from e3pose.learn.train.export import export
+    from e3pose.learn.train.export import export, halved
     from e3pose.learn.train.validation import error_curves, examine, make_exams
     from e3pose.learn.train.weights import network_of
     from e3pose.learn.train.windows import Corruption, Sampler
@@ -135,10 +135,11 @@ def _work(folder: Path, job: Job) -> None:
         raise InputError("the edge has ended")
 
     new = run.averaged()
+    halved(new)
     curves = error_curves(examine(new, make_exams([("calibration", calibration)], *shape)))
     exams = make_exams([("the newest minutes", held_back)], *shape)
     (after,), (before,) = examine(new, exams), examine(running, exams)
-    content = export(new, [1.0] * leads, curves)
+    content = export(new, [1.0] * leads, curves, half=True)
     with atomic_file(folder / WEIGHTS) as temporary:
         temporary.write_bytes(content)
     with atomic_file(folder / CARD) as temporary:

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.predict.kernels.half import Halves, widen
 from e3pose.runtime.kernel import kernel
 
 Floats32 = NDArray[np.float32]
@@ -44,7 +45,7 @@ def sigmoid(x: np.float32) -> np.float32:
 
 
 @kernel
-def add_product(rows: Floats32, weight: Floats32, out: Floats32) -> None:
+def add_product(rows: Floats32, weight: Halves, out: Floats32) -> None:
     """Add `rows @ weight` to `out`.
 
     Args:
@@ -60,7 +61,7 @@ def add_product(rows: Floats32, weight: Floats32, out: Floats32) -> None:
 
 
 @kernel
-def _add_four(rows: Floats32, weight: Floats32, out: Floats32) -> None:
+def _add_four(rows: Floats32, weight: Halves, out: Floats32) -> None:
     a, b, c, d = out[0], out[1], out[2], out[3]
     num_inputs, num_outputs = weight.shape
     whole = num_inputs - num_inputs % INPUTS
@@ -71,7 +72,7 @@ def _add_four(rows: Floats32, weight: Floats32, out: Floats32) -> None:
         c0, c1, c2 = rows[2, k], rows[2, k + 1], rows[2, k + 2]
         d0, d1, d2 = rows[3, k], rows[3, k + 1], rows[3, k + 2]
         for j in range(num_outputs):
-            u0, u1, u2 = w0[j], w1[j], w2[j]
+            u0, u1, u2 = widen(w0[j]), widen(w1[j]), widen(w2[j])
             a[j] += a0 * u0 + a1 * u1 + a2 * u2
             b[j] += b0 * u0 + b1 * u1 + b2 * u2
             c[j] += c0 * u0 + c1 * u1 + c2 * u2
@@ -79,25 +80,25 @@ def _add_four(rows: Floats32, weight: Floats32, out: Floats32) -> None:
     for k in range(whole, num_inputs):
         for row in range(4):
             for j in range(num_outputs):
-                out[row, j] += rows[row, k] * weight[k, j]
+                out[row, j] += rows[row, k] * widen(weight[k, j])
 
 
 @kernel
-def _add_one(row: Floats32, weight: Floats32, out: Floats32) -> None:
+def _add_one(row: Floats32, weight: Halves, out: Floats32) -> None:
     num_inputs, num_outputs = weight.shape
     whole = num_inputs - num_inputs % INPUTS
     for k in range(0, whole, INPUTS):
         w0, w1, w2 = weight[k], weight[k + 1], weight[k + 2]
         x0, x1, x2 = row[k], row[k + 1], row[k + 2]
         for j in range(num_outputs):
-            out[j] += x0 * w0[j] + x1 * w1[j] + x2 * w2[j]
+            out[j] += x0 * widen(w0[j]) + x1 * widen(w1[j]) + x2 * widen(w2[j])
     for k in range(whole, num_inputs):
         for j in range(num_outputs):
-            out[j] += row[k] * weight[k, j]
+            out[j] += row[k] * widen(weight[k, j])
 
 
 @kernel
-def linear(rows: Floats32, weight: Floats32, bias: Floats32, out: Floats32) -> None:
+def linear(rows: Floats32, weight: Halves, bias: Floats32, out: Floats32) -> None:
     """Fill `out` with `rows @ weight + bias`, a linear layer."""
     for row in range(len(rows)):
         for j in range(len(bias)):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.predict.kernels.half import Halves, widen
 from e3pose.predict.kernels.layers import (
     add_product,
     linear,
@@ -26,7 +27,7 @@ HUNDREDTH, TEN = np.float32(0.01), np.float32(10)
 
 
 class Weights(NamedTuple):
-    """All weights in single precision; matrices are `(inputs, outputs)`, gates as `lstm_cell` has.
+    """All weights; matrices are `(inputs, outputs)` in half precision, gates as `lstm_cell` has.
 
     With `A` outputs of an attention, `H` the width of the LSTMs, `C` common joints, `M` slots of
     history and `E` experts.
@@ -35,38 +36,38 @@ class Weights(NamedTuple):
     row in `couple`, places alone in `regress`, and zeros for the parts that it lacks.
     """
 
-    attention: Floats32  # (7 C, A) input attention, of features
+    attention: Halves  # (7 C, A) input attention, of features
     attention_bias: Floats32  # (A,)
-    attention_hidden: Floats32  # (H, A) of the encoder's state
-    weigh: Floats32  # (A, C)
+    attention_hidden: Halves  # (H, A) of the encoder's state
+    weigh: Halves  # (A, C)
     weigh_bias: Floats32  # (C,)
-    encoder: Floats32  # (7 C + 4 + H, 4 H) of attended features, context and state
+    encoder: Halves  # (7 C + 4 + H, 4 H) of attended features, context and state
     encoder_bias: Floats32  # (4 H,)
-    key: Floats32  # (H, A) temporal attention
+    key: Halves  # (H, A) temporal attention
     key_bias: Floats32  # (A,)
-    smooth: Floats32  # (4 + H, 2 (M - 1) C)
+    smooth: Halves  # (4 + H, 2 (M - 1) C)
     smooth_bias: Floats32
-    expert: Floats32  # (3 C M, 6 C E)
+    expert: Halves  # (3 C M, 6 C E)
     expert_bias: Floats32
-    gate: Floats32  # (4 + H, E)
+    gate: Halves  # (4 + H, E)
     gate_bias: Floats32
-    entry_context: Floats32  # (4, H)
+    entry_context: Halves  # (4, H)
     entry_bias: Floats32  # (H,)
-    error_context: Floats32  # (4, A)
+    error_context: Halves  # (4, A)
     error_entry_bias: Floats32  # (A,)
-    query: Floats32  # (2 H, A)
-    energy: Floats32  # (A, 1)
-    entry: Floats32  # (6 C + H, H)
-    decoder: Floats32  # (2 H, 4 H) of entry and state
+    query: Halves  # (2 H, A)
+    energy: Halves  # (A, 1)
+    entry: Halves  # (6 C + H, H)
+    decoder: Halves  # (2 H, 4 H) of entry and state
     decoder_bias: Floats32  # (4 H,)
-    read: Floats32  # (2 H, H)
+    read: Halves  # (2 H, H)
     read_bias: Floats32  # (H,)
-    regress: Floats32  # (H, 4 C); as published (H, 3 C)
+    regress: Halves  # (H, 4 C); as published (H, 3 C)
     regress_bias: Floats32  # (4 C,); as published (3 C,)
-    error_hidden: Floats32  # (2 H, A)
-    error: Floats32  # (A, C)
+    error_hidden: Halves  # (2 H, A)
+    error: Halves  # (A, C)
     error_bias: Floats32  # (C,)
-    couple: Floats32  # (6 C, 3 C); as published (0, 3 C)
+    couple: Halves  # (6 C, 3 C); as published (0, 3 C)
 
 
 @kernel
@@ -233,7 +234,7 @@ def _attend(
                 hidden[j] = tanh(key[j] + query[track, j])
             share[slot] = np.float32(0)
             for j in range(len(hidden)):
-                share[slot] += hidden[j] * weights.energy[j, 0]
+                share[slot] += hidden[j] * widen(weights.energy[j, 0])
         soften(share)
         for j in range(size):
             attended[track, j] = np.float32(0)
