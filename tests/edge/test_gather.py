@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 
 import numpy as np
+import pytest
 from tests.manual_clock import ManualClock
 
 from e3pose.edge.gather import MAX_AHEAD_SLOTS, Arrival, Gather
@@ -114,6 +116,57 @@ class Naps(threading.Condition):
 
     def notify_all(self) -> None:
         self.woken += 1
+
+
+class Arrivals(Naps):
+    """Naps that end when the next view comes, and move the clock there."""
+
+    def __init__(self, clock: ManualClock, views: Sequence[tuple[float, int]]) -> None:
+        super().__init__()
+        self.clock, self.views = clock, list(views)
+        self.gather = Gather(3, _lock=self)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        assert timeout is not None
+        end_s = self.clock.now_ns() / 1e9 + timeout
+        while self.views and self.views[0][0] <= end_s:
+            came_s, camera = self.views.pop(0)
+            self.clock.time_ns, woken = round(came_s * 1e9), self.woken
+            self.gather.add(0, camera, arrival())
+            if self.woken > woken:
+                return super().wait(timeout)
+        self.clock.time_ns = round(end_s * 1e9)
+        return super().wait(timeout)
+
+
+@pytest.mark.parametrize(
+    ("views", "able", "closed_s", "naps"),
+    [
+        ([(1.03, 0), (1.04, 1)], [0, 1], 1.04, 1),  # one nap until the last view
+        ([(0.996, 0), (0.998, 1)], [0, 1], 1.0, 2),  # not before the middle of the slot
+        ([(1.03, 0)], [0, 1], 1.045, 1),  # the deadline
+        ([(1.03, 0)], [0], 1.03, 1),  # nobody waits for a camera that is offline
+        ([], [], 1.0, 1),
+    ],
+)
+def test_slot_closes_with_its_last_view_between_middle_and_deadline(
+    views: list[tuple[float, int]], able: list[int], closed_s: float, naps: int
+) -> None:
+    clock = ManualClock(995_000_000)
+    lock = Arrivals(clock, views)
+    span_ns = 1_000_000_000, 1_045_000_000
+    stopping = threading.Event()
+    assert lock.gather.wait(
+        clock, stopping, span_ns, [0, 1], lambda missing: [c for c in missing if c in able]
+    )
+    assert clock.now_ns() == pytest.approx(closed_s * 1e9, abs=2)
+    assert len(lock.seconds) == naps
+
+
+def test_nobody_waits_once_the_program_ends() -> None:
+    stopping = threading.Event()
+    stopping.set()
+    assert not Gather(1).wait(ManualClock(), stopping, (10**12, 10**12), [0], lambda missing: [0])
 
 
 def test_nobody_sleeps_past_the_deadline() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -86,6 +86,35 @@ class Gather:
         with self._lock:
             here = self._slots.get(self.slot, {})
             return [camera for camera in wanted if camera not in here]
+
+    def wait(
+        self,
+        clock: Clock,
+        stopping: threading.Event,
+        span_ns: tuple[int, int],
+        ordered: Sequence[int],
+        awaited: Callable[[Sequence[int]], Sequence[int]],
+    ) -> bool:
+        """Wait for the views of the oldest open slot; return False when the program ends.
+
+        The thread is usually woken once, by the last view: in the middle of the slot there is
+        nothing to do unless all views are here.
+
+        Args:
+            clock: the edge's.
+            stopping: set when the program ends, with `wake`.
+            span_ns: the middle of the slot, before which it is not closed, and its deadline.
+            ordered: cameras whose views belong to the slot.
+            awaited: returns those of some cameras that can still send one.
+        """
+        middle_ns, deadline_ns = span_ns
+        while not stopping.is_set():
+            cameras = awaited(self.missing(ordered))
+            end_ns = deadline_ns if cameras else middle_ns
+            if clock.now_ns() >= end_ns:
+                return True
+            self.sleep(clock, end_ns, cameras)
+        return False
 
     def sleep(self, clock: Clock, until_ns: int, awaited: Collection[int] = ()) -> None:
         """Wait until the oldest open slot has the views of some cameras, but not past a time.

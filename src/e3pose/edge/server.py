@@ -267,18 +267,15 @@ class EdgeServer:
 
     def _wait_for_views(self, times: SlotTimes, slot: int) -> bool:
         """Wait for all views or the deadline; return False when the edge stops."""
-        middle_ns, deadline_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
-        while not self.threads.stopping.is_set() and self.clock.now_ns() < middle_ns:
-            self.gather.sleep(self.clock, middle_ns)
-        ordered = np.flatnonzero(self._ordered(times, slot)).tolist()  # later orders are too late
-        while not self.threads.stopping.is_set():
-            now_ns, missing = self.clock.now_ns(), self.gather.missing(ordered)
+
+        def awaited(missing: Sequence[int]) -> list[int]:
             problems = self.inbox.problems_of(missing)
-            awaited = [camera for camera, why in zip(missing, problems, strict=True) if not why]
-            if now_ns >= deadline_ns or not awaited:
-                return True
-            self.gather.sleep(self.clock, deadline_ns, awaited)
-        return False
+            return [camera for camera, why in zip(missing, problems, strict=True) if not why]
+
+        stopping, ordered = self.threads.stopping, self._ordered(times, slot)
+        span_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
+        orders = np.flatnonzero(ordered).tolist()  # later orders are too late
+        return self.gather.wait(self.clock, stopping, span_ns, orders, awaited)
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
