@@ -14,6 +14,7 @@ from e3pose.edge.lead import (
     MAX_DELAY_S,
     MAX_SAMPLES,
     MIN_SAMPLES,
+    QUANTILE,
     Lead,
     adapt,
     cautious,
@@ -31,6 +32,15 @@ def settled(delay_s: float, wake_s: float = 0.0, start: int = 1) -> Lead:
     for _ in range(CALM_SLOTS * (start + 2)):
         lead = adapt(lead, INTERVAL_S, wake_s)
     return lead
+
+
+@pytest.mark.parametrize("count", [MIN_SAMPLES, 11, MAX_SAMPLES])
+def test_longest_delay_is_a_quantile_of_the_newest(count: int) -> None:
+    delays_s = np.random.default_rng(count).uniform(0, 0.2, size=count)
+    lead = Lead()
+    for delay_s in delays_s.tolist():
+        lead = take_in_delay(lead, 0, delay_s)
+    assert lead.longest_s[0] == pytest.approx(np.quantile(delays_s, QUANTILE))
 
 
 @pytest.mark.parametrize(
