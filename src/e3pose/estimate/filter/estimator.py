@@ -176,8 +176,11 @@ def _factor(
 
     What is reported besides the belief's own covariance is thus expected of slots to come.
     """
-    spreads_m = [
-        np.sqrt(np.einsum("...aa->...", each)[np.isfinite(each[..., 0, 0])]).sum()
-        for each in (covariance_m2, stated_m2)
-    ]
-    return float(spreads_m[1] / spreads_m[0]) if spreads_m[0] > 0 else stated_factor(belief)
+    own_m, stated_m = _spread_m(covariance_m2), _spread_m(stated_m2)
+    return stated_m / own_m if own_m > 0 else stated_factor(belief)
+
+
+def _spread_m(covariance_m2: NDArray[np.float64]) -> float:
+    """Return the sum of the standard deviations of all joints, without NaN."""
+    variances_m2 = covariance_m2[..., 0, 0] + covariance_m2[..., 1, 1] + covariance_m2[..., 2, 2]
+    return float(np.sqrt(variances_m2[np.isfinite(variances_m2)]).sum())

@@ -141,7 +141,7 @@ def identify(
             departed = _take(departed, np.flatnonzero(fresh)[-MAX_DEPARTED:])
     if len(departed.track_ids):
         undecided = present.since_s > belief.time_s - DECIDE_S
-        rows = np.flatnonzero(undecided & (present.tracks == present.track_ids))
+        (rows,) = (undecided & (present.tracks == present.track_ids)).nonzero()
         if len(rows):
             present, departed = _recognise(present, departed, rows, belief, model)
     return Identities(present, departed)

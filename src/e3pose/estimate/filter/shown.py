@@ -57,7 +57,7 @@ def shown(belief: Belief, model: Model) -> Flags:
 
 def estimate_of(belief: Belief, model: Model) -> Estimate:
     """Return the published people and their positions."""
-    rows = np.flatnonzero(shown(belief, model))
+    (rows,) = shown(belief, model).nonzero()
     shape = len(rows), len(model.skeleton)
     joints_m, covariance_m2 = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
     measured = np.empty(shape, dtype=bool)
