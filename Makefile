@@ -90,6 +90,7 @@ bench: $(VENV)/.all  ## run the speed benchmarks
 	$(BIN)/python benchmarks/bench_store.py
 	$(BIN)/python benchmarks/bench_batteries.py
 	$(BIN)/python benchmarks/bench_live.py
+	$(BIN)/python benchmarks/bench_floor.py
 	$(BIN)/python benchmarks/bench_view.py
 
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
