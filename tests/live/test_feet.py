@@ -84,7 +84,7 @@ def test_feet_are_followed_where_one_detector_knows_none(
 
 
 def whole_poses(store: Path) -> int:
-    """Return how many poses are stored so far, of slots in which all views came."""
+    """Return how many poses are stored so far, of slots with enough views."""
     try:
         return int(in_whole_slots(store).sum())
     except InputError:  # it is being made
