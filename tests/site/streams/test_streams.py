@@ -185,7 +185,7 @@ def test_mqtt_is_read_by_paho() -> None:
     [
         ("smoke://x", "target: found 'smoke://x', expected osc"),
         ("osc", "target: found 'osc'"),
-        ("osc://127.0.0.1:port", "HOST:PORT, 127.0.0.1:9000"),
+        ("osc://127.0.0.1:port", "HOST:PORT, such as 127.0.0.1:9000"),
         ("mcap:today.bag", r"mcap:FILE\.mcap in a folder that exists"),
         ("mqtt://127.0.0.1:1", "a broker that runs"),
     ],
