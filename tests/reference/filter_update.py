@@ -18,6 +18,7 @@ from e3pose.estimate.filter.kernels.update import (
     ITERATIONS,
     MEASURED_SIGMAS,
     OUTLIER_SIGMAS,
+    USUAL_SLACK_M,
 )
 from e3pose.estimate.filter.motion import places
 from e3pose.estimate.filter.state import MIN_SCORE, Belief, Ints, Model
@@ -125,11 +126,14 @@ def _links(belief: Belief, moved: Floats, model: Model) -> Links:
     length = np.maximum(np.linalg.norm(between, axis=-1), 1e-6)
     along = between / length[..., None]
     turned = ((moved[..., :3] - moved[:, parents, :3]) * along).sum(axis=-1)
+    usual_m = np.broadcast_to(model.tree.usual_m, length.shape)
     held = np.flatnonzero(rows >= 0)
     known = belief.bone_counts[:, rows[held]] > BONE_TEACHERS
-    excess, weights = np.zeros_like(length), np.zeros_like(length)
-    excess[:, held] = length[:, held] - belief.bones_m[:, rows[held]] - turned[:, held]
-    weights[:, held] = np.where(known, 1 / model.slacks_m[rows[held]] ** 2, 0.0)
+    excess = length - usual_m - turned
+    weights = np.where(usual_m > 0, 1 / USUAL_SLACK_M**2, 0.0)
+    learned = length[:, held] - belief.bones_m[:, rows[held]] - turned[:, held]
+    excess[:, held] = np.where(known, learned, excess[:, held])
+    weights[:, held] = np.where(known, 1 / model.slacks_m[rows[held]] ** 2, weights[:, held])
     return Links(along, excess, weights)
 
 

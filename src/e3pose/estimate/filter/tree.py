@@ -31,11 +31,13 @@ class Habit(NamedTuple):
         acceleration_mps2: how strongly it accelerates, as white noise drawn anew every 1/25 s.
         lasts_s: until a velocity that nobody sees again is down to 1/e.
         swing_per_s2: how strongly it is drawn below its parent while the person walks.
+        usual_m: how far it usually is from its parent, where that is not learned; else 0.
     """
 
     acceleration_mps2: float
     lasts_s: float
     swing_per_s2: float = 0.0
+    usual_m: float = 0.0
 
 
 TRUNK, SPINE, GIRDLE = Habit(4.3, 0.78), Habit(3.0, 0.4), Habit(2.4, 0.4)
@@ -43,8 +45,11 @@ HEAD, FACE = Habit(2.9, 0.4), Habit(1.6, 0.4)
 ELBOW, WRIST = Habit(6.2, 0.25, 6.0), Habit(8.2, 0.2, 12.0)
 KNEE, ANKLE = Habit(6.2, 0.25, 12.0), Habit(8.2, 0.2, 12.0)
 # A foot turns as CMU's motion capture does beside the ankle, by the distance from it, half as
-# strongly again, as the ankle's habit is to CMU's.
-TOE, SMALL_TOE, HEEL = Habit(9.0, 0.15), Habit(4.0, 0.15), Habit(3.5, 0.15)
+# strongly again, as the ankle's habit is to CMU's. Their bones are too short to be learned; usual
+# lengths keep feet near ankles that are better known than they, as feet are seen less often.
+TOE = Habit(9.0, 0.15, usual_m=0.2)
+SMALL_TOE = Habit(4.0, 0.15, usual_m=0.09)
+HEEL = Habit(3.5, 0.15, usual_m=0.08)
 OTHER = Habit(8.2, 0.2)  # a joint of no name known here
 # Each joint's parent, the first one that the skeleton has, and how it moves beside it.
 PARENTS: dict[str, tuple[tuple[str, ...], Habit]] = {
@@ -79,6 +84,7 @@ class Tree:
         drift_m2ps4: `(num_joints,)` variance of a joint's acceleration beside its parent.
         lasts_s: `(num_joints,)` life of its velocity beside its parent.
         swing_per_s2: `(num_joints,)` how strongly it swings below its parent.
+        usual_m: `(num_joints,)` its usual distance from its parent; 0 where none is known.
     """
 
     parents: Ints
@@ -87,6 +93,7 @@ class Tree:
     drift_m2ps4: Floats
     lasts_s: Floats
     swing_per_s2: Floats
+    usual_m: Floats
 
 
 def grow(skeleton: Skeleton) -> Tree:
@@ -105,7 +112,7 @@ def grow(skeleton: Skeleton) -> Tree:
         depth[joint] = depth[parents[joint]] + 1
     levels = tuple(np.flatnonzero(depth == d) for d in range(depth.max() + 1))
     habits = np.array([TRUNK if n == root else own[n][1] for n in names])
-    lasts_s, swing_per_s2 = np.ascontiguousarray(habits[:, 1:].T)
+    lasts_s, swing_per_s2, usual_m = np.ascontiguousarray(habits[:, 1:].T)
     return Tree(
         np.array(parents, dtype=np.int64),
         levels,
@@ -113,4 +120,5 @@ def grow(skeleton: Skeleton) -> Tree:
         habits[:, 0] ** 2,
         lasts_s,
         swing_per_s2,
+        usual_m,
     )

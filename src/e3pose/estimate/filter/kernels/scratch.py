@@ -44,6 +44,7 @@ class Site(NamedTuple):
     drift_m2ps4: Floats  # (num_joints,)
     lasts_s: Floats  # (num_joints,)
     swing_per_s2: Floats  # (num_joints,)
+    usual_m: Floats  # (num_joints,) distance from the parent; 0 where none is known
     opposites: Integers  # (num_joints,) the joint of the other side, or itself
     limbs: Integers  # (num_joints,) of arms 1, of legs 2, else 0
     corner_m: Floats  # (2,) of the cells of `Belief.detection_map`
@@ -79,6 +80,7 @@ def make_site(model: Model) -> Site:
         np.ascontiguousarray(tree.drift_m2ps4),
         np.ascontiguousarray(tree.lasts_s),
         np.ascontiguousarray(tree.swing_per_s2),
+        np.ascontiguousarray(tree.usual_m),
         *model.sides,
         np.ascontiguousarray(model.corner_m),
         float(model.wait_s),

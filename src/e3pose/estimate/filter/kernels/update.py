@@ -23,6 +23,7 @@ OUTLIER_SIGMAS = 2.0  # where the weight of a keypoint is halved
 MEASURED_SIGMAS = 3.0  # a joint counts as measured if a keypoint was this near
 ROBUST = 1.0 / OUTLIER_SIGMAS**2
 ITERATIONS = 3
+USUAL_SLACK_M = 0.05  # of a length that is not learned
 BONE_TEACHERS, BONE_MEMORY = 5, 100  # slots before a length is trusted, and that it averages over
 BONE_KNOWN_M = 0.05  # both ends must be known better than this, per axis, to teach a length
 
@@ -87,6 +88,7 @@ def update(
             site.links,
             site.parents,
             site.slacks_m,
+            site.usual_m,
             passes.own,
             passes.across,
             passes.pull,
@@ -273,6 +275,7 @@ def _pull_links(
     links: Integers,
     parents: Integers,
     slacks_m: Floats,
+    usual_m: Floats,
     own: Floats,
     across: Floats,
     pull: Floats,
@@ -280,7 +283,11 @@ def _pull_links(
     """Add the information of the bones of the tree to both ends jointly."""
     for joint in range(len(links)):
         bone, parent = links[joint], parents[joint]
-        if bone < 0 or not counts[bone] > BONE_TEACHERS:
+        if bone >= 0 and counts[bone] > BONE_TEACHERS:
+            bone_m, slack_m = bones_m[bone], slacks_m[bone]
+        elif usual_m[joint] > 0:
+            bone_m, slack_m = usual_m[joint], USUAL_SLACK_M
+        else:
             continue
         squares = turned = 0.0
         for axis in range(3):
@@ -289,8 +296,8 @@ def _pull_links(
             turned += (moved[joint, axis] - moved[parent, axis]) * between
         length = math.sqrt(squares)
         length = length if length > 1e-6 else 1e-6
-        weight = 1.0 / slacks_m[bone] ** 2
-        excess = length - bones_m[bone] - turned / length
+        weight = 1.0 / slack_m**2
+        excess = length - bone_m - turned / length
         for a in range(3):
             along = (places[joint, a] - places[parent, a]) / length
             pull[joint, a] -= weight * excess * along
