@@ -192,7 +192,7 @@ def report(rows: Sequence[Row], scenes: Sequence[str], leads: Sequence[int]) -> 
                 switches = np.mean(of(mine, name, 2, "switches_per_person_minute"))
                 yield (
                     f"| {scene} | 2 | {lead} | | {name}: {false:.2f} % of the estimates are "
-                    f"nobody, {switches:.2f} identity switches a person-minute | | | | | |"
+                    f"nobody, {switches:.2f} identity switches per person-minute | | | | | |"
                 )
     yield ""
     yield "Gain over spread turns, %, mean of the scenes; counting misses; and recall, difference:"
