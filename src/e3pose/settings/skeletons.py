@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TypeVar
 
 from e3pose.detectors import DETECTORS, skeleton_of
 from e3pose.errors import InputError
@@ -10,6 +12,8 @@ from e3pose.model.skeleton import COCO17, Skeleton, lacking, skeleton_by_name
 from e3pose.recording.folder import read_detector, read_skeleton
 from e3pose.settings.site_file import DEFAULT_DETECTOR, CameraTable, SiteTable
 from e3pose.settings.sources import is_recorded, place_of
+
+Found = TypeVar("Found")
 
 
 def detector_of(camera: CameraTable) -> str | None:
@@ -24,21 +28,14 @@ def detector_of(camera: CameraTable) -> str | None:
 def camera_detector(site: SiteTable, camera: CameraTable) -> str | None:
     """Return the detector of a camera, of a recorded one that of its recording; None if unknown."""
     if camera.detector is None and is_recorded(camera.source or ""):
-        try:
-            return read_detector(site.near(place_of(camera.source or "") or "")) or None
-        except InputError:
-            return None  # an error when the camera starts
+        return _of_recording(site, camera, read_detector) or None
     return detector_of(camera)
 
 
 def camera_skeleton(site: SiteTable, camera: CameraTable) -> Skeleton | None:
     """Return what a camera's detector outputs; None where that shows only when it runs."""
-    source = camera.source or ""
-    if is_recorded(source):
-        try:
-            return read_skeleton(site.near(place_of(source) or ""))
-        except InputError:
-            return None  # an error when the camera starts
+    if is_recorded(camera.source or ""):
+        return _of_recording(site, camera, read_skeleton)
     name = detector_of(camera)
     if name is None:
         return None
@@ -48,6 +45,16 @@ def camera_skeleton(site: SiteTable, camera: CameraTable) -> Skeleton | None:
         return skeleton_of(str(site.near(name)) if own else name, model)
     except (InputError, ImportError):  # an error of the camera, which runs it
         return None
+
+
+def _of_recording(
+    site: SiteTable, camera: CameraTable, read: Callable[[Path], Found]
+) -> Found | None:
+    """Return what is read of the recording that a camera plays; None where that fails."""
+    try:
+        return read(site.near(place_of(camera.source or "") or ""))
+    except InputError:
+        return None  # an error when the camera starts
 
 
 def camera_skeletons(site: SiteTable, cameras: Mapping[str, CameraTable]) -> dict[str, Skeleton]:
