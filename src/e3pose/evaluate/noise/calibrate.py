@@ -146,8 +146,7 @@ def all_camera_tracks(
     """
     from e3pose.evaluate.replay import ReplaySettings, replay
 
-    views = _cut(recording, num_slots)
-    part = replace(recording, truth=None, num_slots=num_slots, views=views, scored_slots=None)
+    part = first_slots(recording, num_slots)
     settings = ReplaySettings(
         pipeline="memory", policy="all", num_selected=len(recording.rig), predictor="zero-velocity"
     )
@@ -219,8 +218,8 @@ def _noise(scores: Floats, sigma_px: Floats, image_px: float) -> Noise:
     return Noise(scores, np.maximum(sigma_px, LEAST_SIGMA_PX * image_px / 1000), image_px)
 
 
-def _cut(recording: Recording, num_slots: int) -> tuple[ViewSeries, ...]:
-    """Return the views before `num_slots`."""
+def first_slots(recording: Recording, num_slots: int) -> Recording:
+    """Return the slots before `num_slots`, without truth."""
     cut = []
     for series in recording.views:
         frames = int(np.searchsorted(series.slots, num_slots))
@@ -234,4 +233,5 @@ def _cut(recording: Recording, num_slots: int) -> tuple[ViewSeries, ...]:
                 series.scores[:poses],
             )
         )
-    return tuple(cut)
+    views = tuple(cut)
+    return replace(recording, truth=None, num_slots=num_slots, views=views, scored_slots=None)
