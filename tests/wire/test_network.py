@@ -149,6 +149,30 @@ def test_operators_alone_control_the_edge_and_see_what_viewers_see(site: Site) -
     edge.close()
 
 
+def test_operators_ask_cameras_through_the_edge_however_often_it_ends(site: Site) -> None:
+    topic, asked = "e3pose/lab/camera/cam1/picture", list[bytes]()
+
+    def answer(_: str, payload: bytes) -> bytes:
+        asked.append(payload)
+        return b"picture"
+
+    operator, viewer = site.operator(), site.viewer()  # before there is an edge
+    assert operator.ask(topic, b"nobody there", 0.1) is None and not operator.connected()
+    for life in (b"first", b"second"):
+        edge = site.edge()
+        camera, other, third = (site.camera(name) for name in ("cam1", "cam2", "cam2"))
+        camera.answer(topic, answer)
+        other.answer(topic, lambda _, payload: b"forged")
+        assert eventually(lambda: operator.ask(topic, b"soon", 2.0) == b"picture")
+        assert operator.connected()
+        asked.clear()
+        for stranger in (viewer, third):
+            assert stranger.ask(topic, b"not allowed", SILENCE_S) is None
+        assert operator.ask(topic, life, 10.0) == b"picture" and asked == [life]
+        for program in (camera, other, third, edge):
+            program.close()
+
+
 def test_edge_that_comes_back_is_found_again(site: Site) -> None:
     camera = site.camera("cam1")
     orders: list[bytes] = []

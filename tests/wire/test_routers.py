@@ -35,6 +35,7 @@ class Site:
             add_keys(folder, camera, NOW)
         for viewer in ("wall", "house"):
             add_keys(folder, viewer, NOW, kind="viewer")
+        add_keys(folder, "desk", NOW, kind="operator")
         add_keys(folder, "hall", NOW, kind="router")
         revoke_keys(folder, "cam3")
         self.open: list[NetworkTransport] = []
@@ -42,7 +43,9 @@ class Site:
     def edge(self) -> NetworkTransport:
         roll, files = read_roll(self.folder), certificates_in(self.folder, "edge")
         link = Link("edge", self.name, f"tls/127.0.0.1:{self.port}", files)
-        return self.keep(open_network(link, roll.cameras, roll.viewers, roll.routers))
+        return self.keep(
+            open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators)
+        )
 
     def router(self) -> NetworkTransport:
         place = self.folder / "routers" / "hall"  # all that is carried there
@@ -54,12 +57,18 @@ class Site:
             certificates_in(place, "router"),
             upstream,
         )
-        return self.keep(open_network(link, roll.cameras, roll.viewers, roll.routers))
+        return self.keep(
+            open_network(link, roll.cameras, roll.viewers, roll.routers, roll.operators)
+        )
 
-    def camera(self, name: str) -> NetworkTransport:
+    def camera(self, name: str, port: int | None = None) -> NetworkTransport:
         files = certificates_in(self.folder / "cameras" / name, "camera")
-        endpoint = f"tls/localhost:{self.router_port}"
+        endpoint = f"tls/localhost:{port or self.router_port}"
         return self.keep(open_network(Link("camera", self.name, endpoint, files)))
+
+    def operator(self, port: int) -> NetworkTransport:
+        files = certificates_in(self.folder / "operators" / "desk", "operator")
+        return self.keep(open_network(Link("viewer", self.name, f"tls/localhost:{port}", files)))
 
     def viewer(self) -> NetworkTransport:
         files = certificates_in(self.folder / "viewers" / "wall", "viewer")
@@ -132,6 +141,24 @@ def test_camera_reaches_its_edge_through_a_router_and_nobody_else_speaks_for_it(
     assert {payload for _, payload in spied} <= {b"people"}  # which the viewer may hear
     cam1.close()
     assert eventually(lambda: ("e3pose/lab/camera/cam1/alive", False) in there)
+
+
+def test_operators_ask_cameras_on_either_side_of_a_router(made: Callable[[str], Site]) -> None:
+    site = made("lab")
+    edge, _ = site.edge(), site.router()
+    edge.answer("e3pose/lab/control", lambda _, payload: b"done")
+    near, far = site.camera("cam1", site.port), site.camera("cam2")
+    for name, camera in (("cam1", near), ("cam2", far)):
+        camera.answer(f"e3pose/lab/camera/{name}/picture", lambda t, _: t.encode())
+    for operator in (site.operator(site.port), site.operator(site.router_port)):
+        for name in ("cam1", "cam2"):
+            topic = f"e3pose/lab/camera/{name}/picture"
+
+            def pictured(operator: NetworkTransport = operator, topic: str = topic) -> bool:
+                return operator.ask(topic, b"", 2.0) == topic.encode()
+
+            assert eventually(pictured)
+        assert operator.ask("e3pose/lab/control", b"", 2.0) == b"done"
 
 
 def test_router_that_was_revoked_hears_and_passes_nothing(made: Callable[[str], Site]) -> None:

@@ -21,6 +21,7 @@ WAITING_MESSAGES = 16
 # session holds two such messages at most.
 MESSAGE_BYTES = MAX_BYTES + 2**12  # with its topic
 MAX_SESSIONS = 256  # programs of a site that may be connected
+CLIENT_MS = 2000  # of one attempt of a client to join, which nothing can end before
 JOIN_MS = 5000  # who has shown a certificate and says nothing more is given up after it
 WORD_BYTES = 2**15  # hello and heartbeat: some hundred bytes, and the names of many joints
 VIEW_BYTES = 2**19  # 256 people with 133 keypoints
@@ -139,9 +140,9 @@ def zenoh_config(
     check_link(link)
     protocol, _, _ = split_endpoint(link.endpoint)
     config: dict[str, Any] = {
-        # A client would wait for an edge before it does anything else; a peer that does not listen
-        # connects, and connects again, in the background.
-        "mode": "router" if routes(link) else "peer",
+        # A router passes nothing from one peer to another. So a viewer, who asks cameras for
+        # pictures, is a client; a camera is a peer, which needs no edge to open.
+        "mode": "router" if routes(link) else "client" if link.role == "viewer" else "peer",
         "listen": {"endpoints": [link.endpoint] if routes(link) else []},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
@@ -163,7 +164,7 @@ def zenoh_config(
         },
     }
     connect = {
-        "timeout_ms": -1,
+        "timeout_ms": CLIENT_MS if link.role == "viewer" else -1,
         "exit_on_failure": False,
         "retry": {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5},
     }

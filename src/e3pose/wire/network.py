@@ -6,7 +6,8 @@ import errno
 import json
 import re
 import socket
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -16,18 +17,61 @@ from e3pose.errors import InputError
 from e3pose.wire.access import Link, split_endpoint, zenoh_config
 from e3pose.wire.transport import Answer, Presence, Receive
 
+RETRY_S = 0.2  # between two attempts of a client to join
+
 
 class NetworkTransport:
-    """See `Transport`. Make it with `open_network`."""
+    """See `Transport`. Make it with `open_network`.
 
-    def __init__(self, session: Any) -> None:
-        self._session = session
+    A client of Zenoh opens only where an edge answers. It then joins on a thread of its own: until
+    it has, what is published is dropped, and what is declared is declared once it has joined.
+    """
+
+    def __init__(self, session: Any | None, join: Callable[[], Any] | None = None) -> None:
+        """Own a session, or open it in the background.
+
+        Args:
+            session: of Zenoh; None to open it.
+            join: returns one, or raises `zenoh.ZError`; it is called until it returns one.
+        """
+        self._session: Any = session
         self._declared: list[Any] = []  # what is not held is undeclared
+        self._due: list[Callable[[Any], Any]] = []
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        if session is None and join is not None:
+            # No daemon: an interpreter that ends inside of Zenoh aborts.
+            threading.Thread(target=self._join, args=(join,), name="join", daemon=False).start()
+
+    def _join(self, join: Callable[[], Any]) -> None:
+        session = None
+        while session is None:
+            try:
+                session = join()
+            except zenoh.ZError:
+                if self._closed.wait(RETRY_S) or not threading.main_thread().is_alive():
+                    return
+        with self._lock:
+            if not self._closed.is_set():
+                self._session = session
+                self._declared += [declare(session) for declare in self._due]
+                self._due.clear()
+                return
+        session.close()
+
+    def _declare(self, declare: Callable[[Any], Any]) -> None:
+        with self._lock:
+            if self._session is None:
+                self._due.append(declare)
+            else:
+                self._declared.append(declare(self._session))
 
     def publish(self, topic: str, payload: bytes) -> None:
         """See `Transport.publish`: dropped, not waited for, where the network is full."""
+        if (session := self._session) is None:
+            return
         with suppress(zenoh.ZError):  # closed meanwhile: lost, like anything that cannot be sent
-            self._session.put(
+            session.put(
                 topic, payload, congestion_control=zenoh.CongestionControl.DROP, express=True
             )
 
@@ -38,8 +82,8 @@ class NetworkTransport:
             if sample.kind == zenoh.SampleKind.PUT:
                 receive(str(sample.key_expr), sample.payload.to_bytes())
 
-        self._declared.append(
-            self._session.declare_subscriber(
+        self._declare(
+            lambda session: session.declare_subscriber(
                 topic,
                 take,
                 allowed_origin=zenoh.Locality.REMOTE,  # a program does not hear itself
@@ -48,9 +92,9 @@ class NetworkTransport:
 
     def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
         """See `Transport.ask`."""
-        if self._session.is_closed():
+        if (session := self._session) is None or session.is_closed():
             return None
-        for reply in self._session.get(topic, payload=payload, timeout=timeout_s):
+        for reply in session.get(topic, payload=payload, timeout=timeout_s):
             if reply.ok is not None:
                 return bytes(reply.ok.payload.to_bytes())
         return None
@@ -65,11 +109,11 @@ class NetworkTransport:
                 if answered is not None:
                     query.reply(query.key_expr, answered)
 
-        self._declared.append(self._session.declare_queryable(topic, reply))
+        self._declare(lambda session: session.declare_queryable(topic, reply))
 
     def be_present(self, topic: str) -> None:
         """See `Transport.be_present`."""
-        self._declared.append(self._session.liveliness().declare_token(topic))
+        self._declare(lambda session: session.liveliness().declare_token(topic))
 
     def watch(self, topic: str, presence: Presence) -> None:
         """See `Transport.watch`."""
@@ -77,20 +121,23 @@ class NetworkTransport:
         def notify(sample: Any) -> None:
             presence(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-        self._declared.append(
-            self._session.liveliness().declare_subscriber(topic, notify, history=True)
+        self._declare(
+            lambda session: session.liveliness().declare_subscriber(topic, notify, history=True)
         )
 
     def connected(self) -> bool:
         """See `Transport.connected`."""
-        if self._session.is_closed():
+        if (session := self._session) is None or session.is_closed():
             return False
-        return bool(self._session.info.routers_zid() or self._session.info.peers_zid())
+        return bool(session.info.routers_zid() or session.info.peers_zid())
 
     def close(self) -> None:
         """See `Transport.close`."""
-        self._declared.clear()
-        if not self._session.is_closed():
+        with self._lock:
+            self._closed.set()
+            self._due.clear()
+            self._declared.clear()
+        if self._session is not None and not self._session.is_closed():
             self._session.close()
 
 
@@ -101,7 +148,7 @@ def open_network(
     routers: Mapping[str, str] | None = None,
     operators: Mapping[str, str] | None = None,
 ) -> NetworkTransport:
-    """Join the site; a camera that finds no edge keeps trying in the background.
+    """Join the site; a camera or viewer that finds no edge keeps trying in the background.
 
     Args:
         link: how to join.
@@ -114,12 +161,14 @@ def open_network(
         InputError: when the endpoint or a certificate cannot be used.
     """
     zenoh.init_log_from_env_or("off")
-    config = zenoh_config(link, cameras, viewers, routers, operators)
+    text = json.dumps(zenoh_config(link, cameras, viewers, routers, operators))
     try:
-        session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+        config = zenoh.Config.from_json5(text)
+        if link.role == "viewer":
+            return NetworkTransport(None, lambda: zenoh.open(config))
+        return NetworkTransport(zenoh.open(config))
     except zenoh.ZError as error:
         raise InputError(f"endpoint {link.endpoint}: {_reason(link, str(error))}") from None
-    return NetworkTransport(session)
 
 
 def check_port(endpoint: str) -> None:
