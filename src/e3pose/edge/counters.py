@@ -45,6 +45,7 @@ class Counts:
         views: views that arrived in time.
         ordered: `(num_cameras,)` slots for which each camera was selected.
         missed: `(num_cameras,)` of those, slots without a view in time.
+        blind: blind slots by cause; replaced whole, as another thread reads it.
         first_ns: when the first slot was computed.
         latency: from the last view's arrival to the poses.
         stepping: computing of a slot.
@@ -57,17 +58,18 @@ class Counts:
     views: int = 0
     ordered: NDArray[np.int64] = field(init=False)
     missed: NDArray[np.int64] = field(init=False)
+    blind: dict[str, int] = field(default_factory=dict)
     first_ns: int | None = None
     latency: Durations = field(default_factory=Durations)
     stepping: Durations = field(default_factory=Durations)
-    _selected: deque[NDArray[np.bool_]] = field(init=False)
-    _active: NDArray[np.int64] = field(init=False)
+    # Of the last minute's slots: whether each camera was active, then whether the slot was blind.
+    _minute: deque[NDArray[np.int64]] = field(default_factory=deque)
+    _sums: NDArray[np.int64] = field(init=False)
 
     def __post_init__(self) -> None:
         self.ordered = np.zeros(self.num_cameras, dtype=np.int64)
         self.missed = np.zeros(self.num_cameras, dtype=np.int64)
-        self._selected = deque()
-        self._active = np.zeros(self.num_cameras, dtype=np.int64)
+        self._sums = np.zeros(self.num_cameras + 1, dtype=np.int64)
 
     def count_slot(
         self,
@@ -92,19 +94,29 @@ class Counts:
         self.ordered += wanted
         self.missed += wanted & ~record.arrived
         self.stepping.add(took_ns)
-        self.add_selection(record.selected)
+        if record.blind:
+            self.blind = {**self.blind, record.blind: self.blind.get(record.blind, 0) + 1}
+        self.add_selection(record.selected, blind=bool(record.blind))
 
-    def add_selection(self, selected: NDArray[np.bool_]) -> None:
+    def add_selection(self, selected: NDArray[np.bool_], blind: bool = False) -> None:
         """Add the selection of a slot."""
-        self._selected.append(selected)
-        change = selected.astype(np.int64)
-        if len(self._selected) > max(1, round(MINUTE_S / self.interval_s)):
-            change = change - self._selected.popleft()
-        self._active = self._active + change  # replaced whole: another thread reads it
+        counted = np.append(selected & (not blind), blind).astype(np.int64)
+        self._minute.append(counted)
+        if len(self._minute) > max(1, round(MINUTE_S / self.interval_s)):
+            counted = counted - self._minute.popleft()
+        self._sums = self._sums + counted  # replaced whole: another thread reads it
 
     def duty(self) -> NDArray[np.float64]:
-        """Return `(num_cameras,)`: share of the last minute's slots in which each was active."""
-        return np.asarray(self._active / max(len(self._selected), 1))
+        """Return `(num_cameras,)`: share of the last minute's slots in which each was active.
+
+        Blind slots are left out, as in `blind_slot.duty`.
+        """
+        sums = self._sums
+        return np.asarray(sums[:-1] / max(len(self._minute) - int(sums[-1]), 1))
+
+    def blind_share(self) -> float:
+        """Return the share of the last minute's slots that were blind."""
+        return float(self._sums[-1] / max(len(self._minute), 1))
 
     def fps(self, now_ns: int) -> float:
         """Return slots per second since the first."""

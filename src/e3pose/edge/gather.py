@@ -41,11 +41,13 @@ class Gather:
         num_cameras: of the rig.
         slot: the oldest slot that is still open.
         late: `(num_cameras,)` views that arrived after their slot was closed.
+        newest_late: `(num_cameras,)` whether the newest view of each was one of these.
     """
 
     num_cameras: int
     slot: int = 0
     late: NDArray[np.int64] = field(init=False)
+    newest_late: NDArray[np.bool_] = field(init=False)
     _late_by_s: list[deque[float]] = field(init=False)
     _slots: dict[int, dict[int, Arrival]] = field(default_factory=dict)
     _awaited: frozenset[int] = frozenset()
@@ -53,11 +55,13 @@ class Gather:
 
     def __post_init__(self) -> None:
         self.late = np.zeros(self.num_cameras, dtype=np.int64)
+        self.newest_late = np.zeros(self.num_cameras, dtype=bool)
         self._late_by_s = [deque(maxlen=LATEST) for _ in range(self.num_cameras)]
 
     def add(self, slot: int, camera: int, arrival: Arrival) -> bool:
         """Add a view, replacing an older one of its slot; return whether the slot is open."""
         with self._lock:
+            self.newest_late[camera] = slot < self.slot
             if slot < self.slot:
                 self.late[camera] += 1
                 age_ns = arrival.arrived_ns - arrival.captured_ns

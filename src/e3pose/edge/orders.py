@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.edge.outbox import Outbox
+from e3pose.model.blind_slot import blind_cause
 from e3pose.model.expected import ExpectedView
 from e3pose.runtime.clock import Clock, SlotTimes
 from e3pose.wire import topics
@@ -28,6 +29,7 @@ class Orders:
         session: of the edge.
         outbox: where orders go.
         clock: the edge's.
+        no_choice: by slot, why no camera could be selected for it; only such slots.
     """
 
     site: str
@@ -36,6 +38,7 @@ class Orders:
     session: int
     outbox: Outbox
     clock: Clock
+    no_choice: dict[int, str] = field(default_factory=dict)
     _sent_ns: dict[int, int] = field(default_factory=dict)
     _topics: list[str] = field(init=False)
 
@@ -49,6 +52,7 @@ class Orders:
         decision: NDArray[np.bool_],
         lead: int,
         expected: Sequence[ExpectedView] | None = None,
+        no_choice: str = "",
     ) -> None:
         """Send every camera its order for a slot.
 
@@ -59,7 +63,10 @@ class Orders:
             lead: current lead in slots.
             expected: `(num_cameras,)` expected view of each active camera; None for full-frame
                 detection.
+            no_choice: why no camera could be selected; empty if one could.
         """
+        if no_choice:
+            self.no_choice[slot] = no_choice
         sent_ns = self._sent_ns[slot] = self.clock.now_ns()
         payloads: dict[str, bytes] = {}
         for index, camera_id in enumerate(self.camera_ids):
@@ -89,7 +96,28 @@ class Orders:
         begin_ns = times.begin_ns(slot)
         return self._sent_ns.get(slot, begin_ns + 1) <= begin_ns
 
+    def why_blind(
+        self,
+        times: SlotTimes,
+        slot: int,
+        decided: NDArray[np.bool_],
+        online: NDArray[np.bool_],
+        orders_late: NDArray[np.bool_],
+        views_late: NDArray[np.bool_],
+    ) -> str:
+        """Return why a slot without a view is blind; see `blind_slot.blind_cause`."""
+        return blind_cause(
+            decided,
+            online,
+            arrived=False,
+            no_choice=self.no_choice.get(slot, ""),
+            in_time=self.in_time(times, slot),
+            orders_late=orders_late,
+            views_late=views_late,
+        )
+
     def forget_before(self, slot: int) -> None:
         """Drop the send times of slots that are over."""
-        for old in [s for s in self._sent_ns if s < slot]:
-            del self._sent_ns[old]
+        for kept in (self._sent_ns, self.no_choice):
+            for old in [s for s in kept if s < slot]:
+                del kept[old]

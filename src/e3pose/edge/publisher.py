@@ -54,6 +54,7 @@ class Publisher:
         people: People,
         came_ns: Mapping[int, int],
         selected: NDArray[np.bool_],
+        blind: str = "",
     ) -> None:
         """Publish the people of a slot.
 
@@ -63,6 +64,7 @@ class Publisher:
             people: its people.
             came_ns: camera to arrival time of its view, of those selected.
             selected: `(num_cameras,)` selected cameras.
+            blind: why the slot is blind; empty if it is not.
         """
         self._newest = slot, time_ns, people
         self._last_in_ns = {slot: max(*came_ns.values(), time_ns)} if came_ns else {}
@@ -75,6 +77,7 @@ class Publisher:
             now_ns,
             self._camera_ids[selected].tolist(),
             self._camera_ids[sorted(came_ns)].tolist(),
+            blind,
         )
         self._outbox.put(self._topic, encode(message), slot)
 

@@ -29,6 +29,7 @@ def poses_message(
     published_ns: int,
     selected: Sequence[str] = (),
     arrived: Sequence[str] = (),
+    blind: str = "",
 ) -> Poses:
     """Return the message of a slot's people."""
     return Poses(
@@ -42,6 +43,7 @@ def poses_message(
         published_edge_ns=published_ns,
         selected=tuple(selected),
         arrived=tuple(arrived),
+        blind=blind,
     )
 
 
@@ -84,6 +86,7 @@ def camera_status(
     why: ShownReason = NOTHING,
     budget: float | None = None,
     turned_deg: float | None = None,
+    ordered: int = 0,
 ) -> CameraStatus:
     """Return the status of a camera.
 
@@ -101,6 +104,7 @@ def camera_status(
         why: it was or was not selected.
         budget: share of the slots in which it may be active.
         turned_deg: rotation since its calibration; None if it was not turned.
+        ordered: views ordered in time.
     """
     beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
     charge = beat.battery_j if beat else None
@@ -133,6 +137,7 @@ def camera_status(
         paused=problem == PAUSED,
         budget=None if budget is None else min(max(budget, 0.0), 1.0),
         turned_deg=turned_deg,
+        ordered=ordered,
     )
 
 
@@ -155,6 +160,7 @@ class SiteSnapshot:
         counts: of slots, views and times.
         events: the latest messages.
         turned: index of a knocked camera, and degrees; None if there is none.
+        overload: that the edge is too slow; empty if it is not.
     """
 
     site: str
@@ -171,6 +177,7 @@ class SiteSnapshot:
     counts: Counts
     events: Sequence[str]
     turned: tuple[int, float] | None = None
+    overload: str = ""
 
 
 def site_status(snapshot: SiteSnapshot) -> Status:
@@ -198,6 +205,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
             shown_reason(record, index),
             float(snapshot.pipeline.budget[index]),
             snapshot.turned[1] if snapshot.turned and snapshot.turned[0] == index else None,
+            int(counts.ordered[index]),
         )
         for index, camera in enumerate(snapshot.cameras)
     )
@@ -220,6 +228,10 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         num_selected=_number(policy, "num_selected"),
         target_error_mm=None if target_m is None else 1000 * target_m,
         quality_weight=_number(policy, "quality_weight"),
+        slots=counts.slots,
+        blind=counts.blind,
+        blind_share=counts.blind_share(),
+        overload=one_line(snapshot.overload),
     )
 
 

@@ -37,6 +37,7 @@ from e3pose.edge.roster import slowest_wake_s
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.threads import ThreadGroup
 from e3pose.estimate.base import People
+from e3pose.model.blind_slot import no_choice
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.quantities import plural
 from e3pose.runtime.clock import Clock, SlotTimes
@@ -292,16 +293,21 @@ class EdgeServer:
         # A camera presumed offline that delivered a view was online.
         online[list(views)] = True
         used = {camera: a.arrived_ns for camera, a in arrivals.items() if ordered[camera]}
-        time_ns = times.middle_ns(slot)
+        time_ns, decided = times.middle_ns(slot), self.state.selections[0]
+        lately = orders_late, self.gather.newest_late
+        blind = "" if used else self.orders.why_blind(times, slot, decided, online, *lately)
 
         def publish(people: People) -> None:
-            self.publisher.publish(slot, time_ns, people, used, ordered & online)
+            self.publisher.publish(slot, time_ns, people, used, ordered & online, blind)
 
         pipeline = shed_load(self.pipeline, self.load)
         self.state, record = step(pipeline, state, views, online, publish)
+        record = replace(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
         lead = self.pipeline.lead_slots
-        self.orders.give(times, slot + lead, record.next_selection, lead, record.expected)
+        answering = self.state.silence.answering(slot + lead)
+        none = no_choice(online, answering, self.gather.newest_late)
+        self.orders.give(times, slot + lead, record.next_selection, lead, record.expected, none)
         self.orders.forget_before(slot)
         self.newest = record
         self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
@@ -332,9 +338,8 @@ class EdgeServer:
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"
-            self.event_log.report(
-                "lead", f"lead {changed} from {before} to {plural(self.lead.slots, 'slot')}"
-            )
+            change = f"lead {changed} from {before} to {plural(self.lead.slots, 'slot')}"
+            self.event_log.report("lead", change)
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
             for ahead in range(before, self.lead.slots):  # slots without orders yet

@@ -59,6 +59,8 @@ class SlotRecord:
         expected: `(num_cameras,)` what each camera is expected to see in slot + lead, for those
             selected to look in part of their image; None without feedback, and where they look at
             all of it.
+        blind: why no view arrived although one was due, a `blind_slot.Cause`; empty where one
+            arrived, where no camera was to detect, and in replays.
     """
 
     slot: int
@@ -77,6 +79,7 @@ class SlotRecord:
     noise_factors: Floats | None = None
     shifts_px: Floats | None = None
     expected: tuple[ExpectedView, ...] | None = None
+    blind: str = ""
 
     def __post_init__(self) -> None:
         shape = self.poses.scores.shape

@@ -43,6 +43,7 @@ class LiveSlot:
         selected: cameras that were ordered to be active.
         arrived: those whose views the poses are made from.
         published_ns: when the edge sent it, by the same clock.
+        blind: why no view arrived although one was due, such as `orders-late`; empty otherwise.
     """
 
     slot: int
@@ -55,6 +56,7 @@ class LiveSlot:
     selected: tuple[str, ...]
     arrived: tuple[str, ...]
     published_ns: int
+    blind: str = ""
 
     def __len__(self) -> int:
         """Return how many people there are."""
@@ -74,6 +76,7 @@ def live_slot(poses: Poses) -> LiveSlot:
         poses.selected,
         poses.arrived,
         poses.published_edge_ns,
+        poses.blind,
     )
 
 

@@ -26,6 +26,8 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
         published_edge_ns: when the message left.
         selected: cameras selected for the slot; empty for delayed poses.
         arrived: those of them whose views are in the poses.
+        blind: why no view arrived although one was due, one of `blind_slot.CAUSES`; empty if the
+            slot is not blind.
     """
 
     slot: int
@@ -38,6 +40,7 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
     published_edge_ns: int = 0
     selected: tuple[str, ...] = ()
     arrived: tuple[str, ...] = ()
+    blind: str = ""
 
 
 class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
@@ -49,7 +52,7 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         why: why it is not; else its impairment.
         mode: of its last heartbeat.
         last_seen_s: seconds since its last message; None if never.
-        duty: share of the last minute's slots in which it was selected.
+        duty: share of the last minute's slots in which it was selected, blind slots left out.
         power_w: reported power.
         measured: whether that was measured.
         battery: state of charge in [0, 1]; None on mains or where unknown.
@@ -68,6 +71,10 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
         budget: share of the slots in which it may be active, as a mean.
         turned_deg: lower bound of its rotation since calibration; None if none is detected.
         focused: frames with an expected view, since it started.
+        ordered: views ordered in time, since the edge was started.
+        delivered: share of the newest of these that arrived in time, [0, 1]; None while they are
+            too few.
+        source_fps: frames per second that its source brings, measured; None where unknown.
     """
 
     camera_id: str
@@ -94,6 +101,9 @@ class CameraStatus(msgspec.Struct, array_like=True, frozen=True):
     budget: float | None = None
     turned_deg: float | None = None
     focused: int = 0
+    ordered: int = 0
+    delivered: float | None = None
+    source_fps: float | None = None
 
 
 class Control(msgspec.Struct, array_like=True, frozen=True, tag="control"):
@@ -169,6 +179,10 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         num_selected: cameras a slot that the policy is to wake; None where it has no number.
         target_error_mm: the expected error that it aims at instead; None where it does not.
         quality_weight: its V; None where it has none.
+        slots: that were computed since the edge was started.
+        blind: of these, blind slots by cause, one of `blind_slot.CAUSES`.
+        blind_share: of the last minute's slots, [0, 1].
+        overload: that the edge is too slow for its slots, for operators; empty if it is not.
     """
 
     site: str
@@ -186,3 +200,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     num_selected: float | None = None
     target_error_mm: float | None = None
     quality_weight: float | None = None
+    slots: int = 0
+    blind: dict[str, int] = {}
+    blind_share: float = 0.0
+    overload: str = ""

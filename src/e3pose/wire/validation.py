@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ MAX_PIXEL = 1e6
 MAX_FIGURE = 1e15  # of a status: watts, milliseconds, millimetres; clocks that were set go far
 MAX_CAMERAS = 1000
 MAX_EVENTS = 1000
+MAX_CAUSES = 32  # of blind slots
+CAUSE = re.compile(r"[a-z-]{0,32}")
 TEMPERATURES_C = (-273.15, 1000.0)
 
 
@@ -66,6 +69,12 @@ def _check_text(where: str, *texts: str) -> None:
     for text in texts:
         if len(text) > 500 or not text.isprintable():
             raise InputError(f"{where}: found text {text[:40]!r}, expected one printable line")
+
+
+def _check_cause(cause: str, where: str) -> None:
+    """Check why a slot is blind: one of `blind_slot.CAUSES`, or one that a newer edge knows."""
+    if not CAUSE.fullmatch(cause):
+        raise InputError(f"{where}: blind: found {cause[:40]!r}, expected words such as views-late")
 
 
 def _check_hello(hello: Hello, where: str) -> None:
@@ -181,6 +190,7 @@ def _check_poses(poses: Poses, where: str) -> None:
     _check_text(where, *poses.joints)
     for camera_id in (*poses.selected, *poses.arrived):
         check_camera_id(camera_id)
+    _check_cause(poses.blind, where)
     if len(poses.selected) > MAX_CAMERAS or len(poses.arrived) > MAX_CAMERAS:
         raise InputError(f"{where}: cameras: found more than {MAX_CAMERAS}")
     persons, joints = _check_persons(poses.track_ids, where), len(poses.joints)
@@ -223,14 +233,20 @@ def _check_status(status: Status, where: str) -> None:
         lead=status.lead,
         people=status.people,
         slots_lost=status.slots_lost,
+        slots=status.slots,
     )
+    for cause, slots in status.blind.items():
+        _check_cause(cause, where)
+        _check_whole(where, blind=slots)
     for name, found, most in (
         ("cameras", len(status.cameras), MAX_CAMERAS),
+        ("blind", len(status.blind), MAX_CAUSES),
         ("events", len(status.events), MAX_EVENTS),
     ):
         if found > most:
             raise InputError(f"{where}: {name}: found {found}, expected at most {most}")
-    _check_text(where, status.site, *status.events)
+    _check_text(where, status.site, status.overload, *status.events)
+    _check_numbers(where, 0, 1, blind_share=status.blind_share)
     _check_numbers(where, 0, MAX_FIGURE, fps=status.fps, error=status.expected_error_mm)
     _check_numbers(
         where,
@@ -251,9 +267,17 @@ def _check_status(status: Status, where: str) -> None:
 
 def _check_camera_status(camera: CameraStatus, where: str) -> None:
     _check_text(where, camera.why)
-    _check_whole(where, late=camera.late, lost=camera.lost, focused=camera.focused)
-    _check_numbers(where, 0, 1, duty=camera.duty, battery=camera.battery)
-    _check_numbers(where, 0, MAX_FIGURE, power_w=camera.power_w)
+    _check_whole(
+        where,
+        late=camera.late,
+        lost=camera.lost,
+        focused=camera.focused,
+        ordered=camera.ordered,
+    )
+    _check_numbers(
+        where, 0, 1, duty=camera.duty, battery=camera.battery, delivered=camera.delivered
+    )
+    _check_numbers(where, 0, MAX_FIGURE, power_w=camera.power_w, source_fps=camera.source_fps)
     _check_numbers(
         where,
         -MAX_FIGURE,

@@ -102,6 +102,7 @@ def event_of_slot(slot: LiveSlot, zones: Mapping[str, int]) -> Encoded:
         "joints": slot.joints,
         "selected": slot.selected,
         "arrived": slot.arrived,
+        "blind": slot.blind,
         "people": people(slot.track_ids, slot.joints_m, slot.sigma_m, slot.measured),
         "zones": dict(zones),
     }
