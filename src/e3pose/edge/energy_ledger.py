@@ -104,11 +104,11 @@ class EnergyLedger:
     def estimate(self) -> tuple[EnergyEstimate, bool]:
         """Return budgets and costs, recomputed once a minute, and whether they are new."""
         now_ns = self._now_ns()
-        if self._estimated_ns is not None and now_ns - self._estimated_ns < UPDATE_S * 1e9:
-            return self._estimate, False
-        with self._lock:
+        with self._lock:  # `change` resets the time, on another thread
+            if self._estimated_ns is not None and now_ns - self._estimated_ns < UPDATE_S * 1e9:
+                return self._estimate, False
             self._estimate, self._estimated_ns = self._estimated(), now_ns
-        return self._estimate, True
+            return self._estimate, True
 
     def updated(self, pipeline: Pipeline) -> tuple[Pipeline, list[tuple[str | None, str]]]:
         """Return a pipeline with the current budgets and costs; call it between slots.

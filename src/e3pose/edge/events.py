@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from collections.abc import Callable
 
@@ -22,24 +23,35 @@ class EventLog:
             clock: stamps the events.
             shown: called with every event, for logs.
         """
-        self.recent: deque[Event] = deque(maxlen=KEEP_EVENTS)
+        self._recent: deque[Event] = deque(maxlen=KEEP_EVENTS)
         self._clock, self._shown = clock, shown
         self._sink: Sink | None = None
+        self._lock = threading.Lock()
+
+    @property
+    def recent(self) -> tuple[Event, ...]:
+        """The newest events, oldest first; a copy, as other threads add events meanwhile."""
+        with self._lock:
+            return tuple(self._recent)
 
     def report(self, kind: str, message: str, camera_id: str | None = None) -> None:
         """Log and store an event of now."""
         event = Event(self._clock.now_ns(), kind, message, camera_id)
-        self.add(event)
-        if self._sink is not None:
-            self._sink.event(event)
+        with self._lock:  # or an event of now could miss a sink that is attached now
+            self._recent.append(event)
+            if self._sink is not None:
+                self._sink.event(event)
+        self._shown(event)
 
     def add(self, event: Event) -> None:
         """Log an event that the store reported and has stored itself."""
-        self.recent.append(event)
+        with self._lock:
+            self._recent.append(event)
         self._shown(event)
 
     def attach(self, sink: Sink) -> None:
         """Store the events so far, and all later ones."""
-        for event in self.recent:
-            sink.event(event)
-        self._sink = sink
+        with self._lock:
+            for event in self._recent:
+                sink.event(event)
+            self._sink = sink

@@ -140,7 +140,7 @@ class Inbox:
         """
         index = self._topics.get(topic)
         if index is None:
-            self.unknown_senders += 1
+            self._count_unknown()
             return None
         now_ns = self.clock.now_ns()
         if self._floods(index, now_ns):
@@ -150,18 +150,25 @@ class Inbox:
             self._flood_until_ns[index] = (now_ns // 10**9 + 1) * 10**9
         return index
 
+    def _count_unknown(self) -> None:
+        with self._lock:  # several threads of the transport count
+            self.unknown_senders += 1
+
     def _floods(self, index: int, now_ns: int) -> bool:
         """Return whether a camera exceeds the message rate this second, and count it."""
         if now_ns >= self._flood_until_ns[index]:
             return False
-        self.flooded += 1
-        if self.flooded % FLOOD_WRONG == 0:
+        with self._lock:
+            self.flooded += 1
+            counts = self.flooded % FLOOD_WRONG == 0
+        if counts:
             self._change(index, lambda state: with_invalid_message(state, "too many", now_ns))
         return True
 
     def _refuse(self, index: int, error: InputError) -> None:
         now_ns = self.clock.now_ns()
-        self.wrong += 1
+        with self._lock:
+            self.wrong += 1
         self._change(index, lambda state: with_invalid_message(state, str(error), now_ns))
 
     def _view(self, topic: str, payload: bytes) -> None:
@@ -220,7 +227,7 @@ class Inbox:
         except InputError:
             index = None
         if index is None:
-            self.unknown_senders += 1
+            self._count_unknown()
             return
         now_ns = self.clock.now_ns()
         self._change(index, lambda state: with_presence(state, there, now_ns))

@@ -147,6 +147,7 @@ class StoreWriter:
         self._wake = threading.Event()
         self._stop = threading.Event()
         self._shed = self._reported_shed = self._events = self._corrupt = 0
+        self._shed_lock = threading.Lock()  # counted here and by those who hand over
         self._acknowledged = NO_SLOT
         self._problem: str | None = None
         self._next_try_s = 0.0
@@ -232,12 +233,16 @@ class StoreWriter:
     def _hand_over(self, item: _Item, wait: bool) -> bool:
         while len(self._items) >= self.settings.queue_slots:
             if not wait or not self._thread.is_alive():
-                self._shed += 1
+                self._count_shed(1)
                 return False
             self._wake.set()
             time.sleep(0.002)
         self._items.append(item)
         return True
+
+    def _count_shed(self, records: int) -> None:
+        with self._shed_lock:
+            self._shed += records
 
     # What follows runs in the writer's thread.
 
@@ -255,7 +260,7 @@ class StoreWriter:
                 self._deliver(rows, newest)
                 self._keep_house()
             except Exception as error:  # whatever it is, the slots that follow must find a writer
-                self._shed += len(rows)
+                self._count_shed(len(rows))
                 self._say("store-error", f"{type(error).__name__}: {error}")
             for done in waiting:
                 done.set()
@@ -334,7 +339,7 @@ class StoreWriter:
     def _commit(self, rows: Sequence[Row], run: Run | None = None) -> None:
         refused = self._delivery.commit(rows, run or self.run)
         if refused:
-            self._shed += refused
+            self._count_shed(refused)
             self._say("store-refused", f"the database rejected {plural(refused, 'row')}")
 
     def _fail(self, error: Exception) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 
 from e3pose.site.connect import LiveSlot, live_slot
@@ -98,8 +98,10 @@ class Feed:
             self._hand_on(event_of_status(status))
 
     def _hand_on(self, event: Encoded) -> None:
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._put, event)
+        loop = self._loop  # read once: another thread detaches it
+        if loop is not None:
+            with suppress(RuntimeError):  # closed
+                loop.call_soon_threadsafe(self._put, event)
 
     def _put(self, event: Encoded) -> None:
         for queue in self._queues:
