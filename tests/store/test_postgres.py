@@ -43,7 +43,7 @@ def test_nothing_is_lost_while_the_server_is_away(
             assert status.spooled >= 3 * 150  # a slot and two people, and events
             assert status.shed == 0
             assert [e.kind for e in events] == ["store-trouble"]
-            assert "spooling to a file" in events[0].message
+            assert f"spooling to the file {tmp_path / 'lab.spool-1'}" in events[0].message
             with pytest.raises(InputError, match="cannot be read"):
                 Store(url).query()
             server.start()

@@ -124,7 +124,8 @@ def test_damage_that_no_commit_meets_is_found(
         with sqlite3.connect(path) as connection:  # all of it is in the file
             connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         connection.close()
-        wait_for(lambda: writer._watch is not None and writer._watch._thread is None)
+        watch = writer._saver._watch
+        wait_for(lambda: watch is not None and watch._thread is None)
         assert writer.status().corrupt == 0 and not reported
         harm(path)
         slot = 600

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import signal
@@ -15,8 +16,10 @@ from pathlib import Path
 import pytest
 from tests.store.writers import QUICK, Records, Runs, limit_connections, stored_slots, wait_for
 
+from e3pose.errors import InputError
 from e3pose.store import Event, Run, Store, StoreWriter, WriterSettings
-from e3pose.store.spool import spools_of
+from e3pose.store.rows import Row, slot_rows
+from e3pose.store.spool import LeftSpool, Spool, spools_of
 
 pytestmark = pytest.mark.slow
 
@@ -176,7 +179,6 @@ def test_spool_of_a_killed_process_is_delivered_at_the_next_start(
         copy = tmp_path / "left"
         shutil.copy(spool, copy)  # as a kill would leave it
     shutil.move(copy, spool)
-    damaged = spool.read_bytes()
     (tmp_path / "live.db.spool-7").write_bytes(b"no spool at all" * 10)
     page_limit[0] = 2**30
     events: list[Event] = []
@@ -188,15 +190,6 @@ def test_spool_of_a_killed_process_is_delivered_at_the_next_start(
     assert any("20 slots" in e.message or "rows" in e.message for e in events)
     assert any("no spool that e3pose wrote" in e.message for e in events)
     assert (tmp_path / "live.db.spool-7").exists(), "what is not ours is not deleted"
-    # Cut off anywhere, it is read up to there and never raises.
-    from e3pose.store.spool import left_behind
-
-    cut = tmp_path / "cut"
-    for size in (len(damaged) - 1, 70_000, 66_000):
-        cut.write_bytes(damaged[:size])
-        found = left_behind(cut)
-        assert found is not None
-        assert all(name in {"slots", "poses", "events"} for rows in found[1] for name, _ in rows)
 
 
 def test_lock_of_another_is_waited_out(tmp_path: Path, record: Records, run: Runs) -> None:
@@ -233,3 +226,129 @@ def test_full_queue_sheds_and_says_so(tmp_path: Path, record: Records, run: Runs
         assert writer.flush()
     assert any(event.kind == "store-shed" for event in events)
     assert stored_slots(path) == [s for s, ok in enumerate(taken) if ok] + [100]
+
+
+ROWS: list[Row] = [("events", {"number": number}) for number in range(30)]
+
+
+def test_spool_gives_back_what_it_was_given_in_order(tmp_path: Path, run: Runs) -> None:
+    for path in (tmp_path / "live.db.spool-1", None):
+        spool = Spool(run(), path, 20_000)
+        given = []
+        for number in range(600):  # both halves are used in turn
+            spool.add([("events", {"number": number})])
+            if number % 3:
+                given += [row["number"] for _, row in spool.oldest()]
+                spool.drop()
+        while rows := spool.oldest():
+            given += [row["number"] for _, row in rows]
+            spool.drop()
+        assert given == list(range(600)) and spool.lost_rows == 0 and len(spool) == 0
+        assert spool.oldest() == []
+        spool.close(keep=False)
+
+
+@pytest.mark.parametrize("place", range(115_600, 117_400, 97))
+def test_damage_of_a_spool_costs_the_rows_that_it_hits_alone(
+    tmp_path: Path, run: Runs, place: int
+) -> None:
+    path = tmp_path / "live.db.spool-1"
+    spool = Spool(run(), path, 100_000)
+    for row in ROWS * 3:
+        spool.add([row])
+    spool.close(keep=True)
+    content = bytearray(path.read_bytes())
+    content[place] ^= 0x10
+    path.write_bytes(content)
+    left = LeftSpool(path)
+    found = list(left.frames())
+    left.close()
+    assert left.run == run()
+    assert found.count(None) >= 1
+    readable = [row for rows in found if rows is not None for row in rows]
+    assert all(row in ROWS for row in readable)
+
+
+@pytest.mark.parametrize("kept", [0, 10, 30, 60_000, 66_000, 115_600, 120_000])
+def test_spool_that_was_cut_off_is_read_up_to_there(tmp_path: Path, run: Runs, kept: int) -> None:
+    path = tmp_path / "live.db.spool-1"
+    spool = Spool(run(), path, 100_000)
+    for _ in range(80):
+        spool.add(ROWS)
+    spool.close(keep=True)
+    os.truncate(path, kept)
+    try:
+        left = LeftSpool(path)
+    except InputError as error:
+        assert kept < 100 and str(path) in str(error)
+        return
+    found = list(left.frames())
+    left.close()
+    assert found[-1] is None, "it is said that some is missing"
+    assert all(rows == ROWS for rows in found if rows is not None)
+
+
+def test_damaged_spool_is_kept_and_what_can_be_read_is_stored(
+    tmp_path: Path, record: Records, run: Runs
+) -> None:
+    path = tmp_path / "live.db"
+    spool = Spool(run("yard"), tmp_path / "live.db.spool-1", 1_000_000)
+    for slot in range(20):
+        spool.add(slot_rows(record(slot), slot))
+    spool.close(keep=True)
+    content = bytearray((tmp_path / "live.db.spool-1").read_bytes())
+    content[570_000] ^= 0x10
+    (tmp_path / "live.db.spool-1").write_bytes(content)
+    events: list[Event] = []
+    with StoreWriter(path, run(), QUICK, report=events.append):
+        wait_for(lambda: len(events) > 0)
+    (event,) = events
+    aside = tmp_path / "live.db.damaged-spool-1"
+    assert event.kind == "store-adopted" and str(aside) in event.message
+    assert "recovered 57 rows" in event.message and "1 part of it cannot be read" in event.message
+    assert len(stored_slots(path)) == 19
+    assert aside.read_bytes() == bytes(content) and spools_of(path) == []
+
+
+def test_disk_of_the_spool_that_fails_leaves_memory(
+    tmp_path: Path, run: Runs, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "live.db.spool-1"
+    spool = Spool(run(), path, 100_000)
+    spool.add(ROWS[:10])
+
+    def refused(*_: object) -> int:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr(os, "pwrite", refused)
+    spool.add(ROWS[10:])
+    assert not spool.in_file and spool.lost_rows == 0 and len(spool) == 30
+    assert spool.oldest() == ROWS[:10]
+    spool.drop()
+    assert spool.oldest() == ROWS[10:]
+    assert path.exists(), "for the next start"
+
+
+def test_disk_that_turns_read_only_goes_to_memory_and_comes_back(
+    small_disk: Path, record: Records, run: Runs
+) -> None:
+    events: list[Event] = []
+    path = small_disk / "live.db"
+    with StoreWriter(path, run(), QUICK, report=events.append) as writer:
+        writer.append(record(0))
+        assert writer.flush()
+        writer._saver._delivery.close()
+        writer._saver.spool.close(keep=True)  # what is open for writing keeps a disk from it
+        mounted = ["mount", "-o", "remount,ro", str(small_disk)]
+        if subprocess.run(mounted, capture_output=True).returncode:
+            pytest.skip("the disk cannot be made read-only")
+        for slot in range(1, 50):
+            assert writer.append(record(slot))
+        assert writer.flush()
+        status = writer.status()
+        assert status.problem and "read" in status.problem and status.shed == 0
+        assert [event.kind for event in events] == ["store-trouble"]
+        assert "spooling to memory" in events[0].message
+        subprocess.run(["mount", "-o", "remount,rw", str(small_disk)], check=True)
+        wait_for(lambda: writer.status().problem is None)
+    assert stored_slots(path) == list(range(50))

@@ -292,6 +292,7 @@ def open_store(
         retention=Retention(site.store.keep_s, site.store.max_bytes),
         spool_bytes=site.store.spool_bytes,
         spool_beside=site.near(site.name),
+        one_writer=True,
     )
     return stack.enter_context(StoreWriter(place, run, keeping, report=event_log.add))
 

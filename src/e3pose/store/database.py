@@ -21,7 +21,16 @@ from e3pose.errors import InputError
 from e3pose.files.private import make_file
 from e3pose.store import schema
 from e3pose.store.migrations import prepare
-from e3pose.store.postgres import FORM, NAMES, engine_settings, shown_url, with_driver
+from e3pose.store.postgres import (
+    FORM,
+    NAMES,
+    OF_READERS,
+    SESSION,
+    engine_settings,
+    set_deadlines,
+    shown_url,
+    with_driver,
+)
 
 MAGIC = b"SQLite format 3\0"
 ENDINGS = (".db", ".sqlite", ".sqlite3")  # of files that may be taken for a damaged database
@@ -228,7 +237,10 @@ def _engine(url: str, read_only: bool) -> Engine:
         made = with_driver(make_url(url))
         postgres = made.get_backend_name() == "postgresql"
         settings = engine_settings(made, read_only) if postgres else {}
-        return create_engine(made, poolclass=NullPool, **settings)
+        engine = create_engine(made, poolclass=NullPool, **settings)
+        if postgres:
+            set_deadlines(engine, made, OF_READERS if read_only else SESSION)
+        return engine
     except ModuleNotFoundError as error:
         advice = f"pip install 'e3pose[postgres]' and write {FORM}"
         raise InputError(

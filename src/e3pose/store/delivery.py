@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,30 +16,43 @@ from sqlalchemy.exc import DBAPIError
 from e3pose.errors import InputError
 from e3pose.quantities import plural
 from e3pose.store import schema
-from e3pose.store.database import database_path, identity, is_of_rows, shown, writing_engine
+from e3pose.store.database import (
+    database_path,
+    identity,
+    is_of_rows,
+    reason_of,
+    shown,
+    writing_engine,
+)
 from e3pose.store.migrations import prepare
+from e3pose.store.postgres import Line, take_site
 from e3pose.store.retention import Retention, give_back, trim
 from e3pose.store.rows import Row, Run, track_rows
-from e3pose.store.spool import left_behind, spools_of
+from e3pose.store.spool import LeftSpool, spools_of
+
+ADOPTED_FRAMES = 5  # delivered at a time: those that come in meanwhile must not wait long
 
 
 class Delivery:
     """A connection that writes, opened when it is needed; used by one thread."""
 
-    def __init__(self, url: str, spools: Path | None = None) -> None:
+    def __init__(self, url: str, spools: Path | None = None, site: str | None = None) -> None:
         """Remember where to deliver; nothing is opened yet.
 
         Args:
             url: of the store.
             spools: what spools of processes that were killed lie beside; None where none can.
+            site: of which this is the only writer on a server; None where others may write.
         """
         self.opened = False  # whether the tables are known to be there
-        self._path, self._where = database_path(url), shown(url)
+        self._path, self._where, self._site = database_path(url), shown(url), site
         self._engine = writing_engine(url)
+        self._line = Line(self._engine) if self._path is None else None
         self._connection: Connection | None = None
         self._file: tuple[int, int] | None = None
         self._run_ids: dict[tuple[str, int], int] = {}
         self._left = [] if spools is None else spools_of(spools)
+        self._adopted: Adopted | None = None
 
     def commit(self, rows: Sequence[Row], run: Run) -> int:
         """Write rows in one transaction; a row that is there already stays as it is.
@@ -61,29 +77,35 @@ class Delivery:
         middle = len(rows) // 2
         return self.commit(rows[:middle], run) + self.commit(rows[middle:], run)
 
-    def adopt(self) -> Iterable[str]:
-        """Deliver a spool that a killed process left; yield messages about it."""
-        if not self._left:
-            return
-        path = self._left.pop()
-        try:
-            found = left_behind(path)
-            if found is None:
-                return
-            run, frames = found
-            for rows in frames:
-                self.commit(known(rows), run)
-        except (InputError, FileNotFoundError) as error:
-            yield str(error)
-            return
-        except DBAPIError:
-            self._left.append(path)
-            raise
-        path.unlink(missing_ok=True)
-        count = sum(map(len, frames))
-        if count:
-            how_many = plural(count, "row")
-            yield f"recovered {how_many} from the spool of run {run.name!r}"
+    @property
+    def adopting(self) -> bool:
+        """Whether spools of killed processes may be left to deliver."""
+        return bool(self._left) or self._adopted is not None
+
+    def adopt(self) -> str | None:
+        """Deliver a little of what killed processes left; return a message about it, if any."""
+        if self._adopted is None:
+            if not self._left:
+                return None
+            path = self._left.pop()
+            try:
+                self._adopted = Adopted(LeftSpool(path))
+            except (BlockingIOError, FileNotFoundError):  # its owner is running, or was faster
+                return None
+            except InputError as error:
+                return str(error)
+            except OSError as error:
+                return f"{path}: cannot be read ({reason_of(error)}): its rows are not in the store"
+        adopted = self._adopted
+        for _ in range(ADOPTED_FRAMES):
+            if adopted.pending is None and not adopted.advance():
+                self._adopted = None
+                return adopted.finish()
+            if adopted.pending is not None:
+                self.commit(known(adopted.pending), adopted.spool.run)
+                adopted.rows += len(adopted.pending)
+                adopted.pending = None
+        return None
 
     def trim(self, retention: Retention, now_ns: int) -> None:
         """Remove a few slots beyond the retention."""
@@ -104,15 +126,36 @@ class Delivery:
                 connection.close()
             except (DBAPIError, OSError):  # it is in trouble: the next connection is a new one
                 connection.invalidate()
+        if self._line is not None:
+            self._line.close()
         self._engine.dispose()
+
+    def cut(self) -> None:
+        """End the connection to a server that does not answer; on any thread."""
+        if self._line is not None:
+            self._line.cut()
+
+    def connect(self) -> None:
+        """Connect, and take the lock of the site on a server.
+
+        Raises:
+            InputError: when another edge of the site holds it.
+        """
+        self._connected()
 
     def _connected(self) -> Connection:
         if self._connection is not None and self._file != identity(self._path):
             self.close()  # somebody moved the file away: what we hold has no name any more
         if self._connection is None:
             self._connection = self._engine.connect()
-            with self._connection.begin():
-                prepare(self._connection, self._where)
+            try:
+                with self._connection.begin():
+                    prepare(self._connection, self._where)
+                if self._site is not None and self._path is None:
+                    take_site(self._connection, self._site, self._where)
+            except BaseException:
+                self.close()  # without the lock it must not be used
+                raise
             self._file = identity(self._path)
         return self._connection
 
@@ -130,6 +173,51 @@ class Delivery:
                 connection.execute(new_rows(connection.dialect.name, schema.ROWS[name]), content)
             _extend_tracks(connection, run_id, track_rows(rows))
         self._run_ids[key] = run_id
+
+
+@dataclass(eq=False)
+class Adopted:
+    """A spool of a killed process on its way into the store.
+
+    Attributes:
+        spool: the file.
+        rows: delivered so far.
+        damaged: places that could not be read.
+        pending: read and not yet delivered.
+    """
+
+    spool: LeftSpool
+    rows: int = 0
+    damaged: int = 0
+    pending: list[Row] | None = None
+
+    def __post_init__(self) -> None:
+        self._frames = self.spool.frames()
+
+    def advance(self) -> bool:
+        """Read on; return whether there was anything."""
+        for rows in self._frames:
+            self.pending = rows
+            self.damaged += rows is None
+            return True
+        return False
+
+    def finish(self) -> str | None:
+        """Remove the file, or set it aside where parts cannot be read; return a message."""
+        path, run = self.spool.path, self.spool.run
+        self.spool.close()
+        line = f"recovered {plural(self.rows, 'row')} from the spool of run {run.name!r}"
+        if self.damaged:
+            aside = path.with_name(f"{path.name.replace('.spool-', '.damaged-spool-')}")
+            with suppress(OSError):
+                os.replace(path, aside)
+            parts = plural(self.damaged, "part")
+            return f"{line}; {parts} of it cannot be read: kept as {aside}"
+        with suppress(
+            OSError
+        ):  # of a read-only disk: delivered again at the next start, to no harm
+            path.unlink(missing_ok=True)
+        return line if self.rows else None
 
 
 def known(rows: Sequence[Row]) -> list[Row]:

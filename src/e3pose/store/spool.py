@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import fcntl
 import glob
+import mmap
 import os
 import struct
 import zlib
+from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,18 +28,30 @@ FRAME = struct.Struct("<II")  # bytes of the content, its CRC-32
 HEADER_BYTES = 64 * 1024  # the run, so that whoever finds the file knows where its rows belong
 MAGIC = b"e3pose spool 1\n"
 DEFAULT_BYTES = 32_000_000  # some 15 minutes of four people at 25 slots per second
+MAX_BYTES = 1_000_000_000
 ENDING = ".spool-"
 MAX_SPOOLS = 64  # writers of one store at a time, and what they left when they were killed
 END = b"\0" * FRAME.size
+Rows = list[Row] | None  # of a frame; None of a damaged one
 
 
 @dataclass
 class _Half:
-    """One half of the room: frames one after the other from `begin`."""
+    """One half of the room: frames one after the other from `begin`.
+
+    Attributes:
+        begin: where its first frame is in the file.
+        used: bytes of all its frames.
+        read: bytes of those that were delivered.
+        waiting: bytes and rows of each of the others.
+        rows: of the others.
+    """
 
     begin: int
     used: int = 0
+    read: int = 0
     rows: int = 0
+    waiting: deque[tuple[int, int]] = field(default_factory=deque)
 
 
 @dataclass
@@ -47,7 +62,7 @@ class Spool:
         run: whose rows they are.
         path: the file, which must not exist, or None for memory.
         capacity_bytes: of both halves.
-        lost_rows: given up because more came than fits.
+        lost_rows: given up because more came than fits, or because they cannot be read back.
     """
 
     run: Run
@@ -70,11 +85,12 @@ class Spool:
             fcntl.flock(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
             os.posix_fallocate(self._handle, 0, HEADER_BYTES + self.capacity_bytes)
             head = MAGIC + frame(msgspec.msgpack.encode(self.run))
+            head += frame(msgspec.msgpack.encode(self.capacity_bytes))
             if len(head) > HEADER_BYTES:
                 raise OSError("the run does not fit the head of a spool")
-            self._put(0, head)
+            os.pwrite(self._handle, head, 0)
             for part in self._halves:
-                self._put(part.begin, END)
+                os.pwrite(self._handle, END, part.begin)
         except OSError:
             self.close(keep=False)
 
@@ -102,27 +118,44 @@ class Spool:
             return
         if self._halves[-1].used + len(content) > room:
             older, newer = self._halves
-            if older.used:
-                self.lost_rows += older.rows
+            self.lost_rows += older.rows
             # Marked empty before it is the newer one: read back in the order of its frames.
             self._halves = [newer, _Half(older.begin)]
         half = self._halves[-1]
         self._put(half.begin + half.used, content + END)
         half.used += len(content)
         half.rows += len(rows)
+        half.waiting.append((len(content), len(rows)))
         if self._handle is not None:
-            os.fdatasync(self._handle)
+            try:
+                os.fdatasync(self._handle)
+            except OSError:
+                self._leave_file()
 
-    def take(self) -> Iterator[list[Row]]:
-        """Yield the rows, oldest first; `clear` them once the database has them."""
-        for half in self._halves:
-            if half.used:
-                yield from frames(self._get(half.begin, half.used))
+    def oldest(self) -> list[Row]:
+        """Return the oldest rows that were added together; empty when none wait.
 
-    def clear(self) -> None:
-        """Drop all rows."""
-        for half in self._halves:
-            half.used = half.rows = 0
+        They stay until `drop`. Rows that cannot be read back are given up, and counted.
+        """
+        while (half := self._oldest_half()) is not None:
+            size, count = half.waiting[0]
+            rows = next(frames(self._get(half.begin + half.read, size)), None)
+            if rows is not None:
+                return rows
+            self.lost_rows += count
+            self.drop()
+        return []
+
+    def drop(self) -> None:
+        """Drop the oldest rows that were added together."""
+        half = self._oldest_half()
+        if half is None:
+            return
+        size, rows = half.waiting.popleft()
+        half.read += size
+        half.rows -= rows
+        if not half.waiting:
+            half.used = half.read = 0
             self._put(half.begin, END)
 
     def close(self, keep: bool) -> None:
@@ -134,18 +167,36 @@ class Spool:
         os.close(self._handle)
         self._handle = None
 
+    def _oldest_half(self) -> _Half | None:
+        return next((half for half in self._halves if half.waiting), None)
+
     def _put(self, offset: int, content: bytes) -> None:
         if self._handle is not None:
-            os.pwrite(self._handle, content, offset)
-            return
+            try:
+                os.pwrite(self._handle, content, offset)
+                return
+            except OSError:
+                self._leave_file()
         if len(self._memory) < offset + len(content):
             self._memory.extend(bytes(offset + len(content) - len(self._memory)))
         self._memory[offset : offset + len(content)] = content
 
     def _get(self, offset: int, size: int) -> bytes:
-        if self._handle is not None:
+        if self._handle is None:
+            return bytes(self._memory[offset : offset + size])
+        try:
             return os.pread(self._handle, size, offset)
-        return bytes(self._memory[offset : offset + size])
+        except OSError:
+            return b""
+
+    def _leave_file(self) -> None:
+        """Go on in memory where the disk takes no more; the file stays for the next start."""
+        for half in self._halves:
+            content = self._get(half.begin, half.used)
+            missing = half.begin + half.used - len(self._memory)
+            self._memory.extend(bytes(max(missing, 0)))
+            self._memory[half.begin : half.begin + len(content)] = content
+        self.close(keep=True)
 
 
 def new_spool(run: Run, store: Path | None, capacity_bytes: int) -> Spool:
@@ -170,47 +221,77 @@ def frame(content: bytes) -> bytes:
     return FRAME.pack(len(content), zlib.crc32(content)) + content
 
 
-def frames(content: bytes) -> Iterator[list[Row]]:
-    """Yield the rows of every whole frame; ends at the first that is empty, cut off or damaged."""
-    at = 0
-    while (part := _frame_at(content, at)) is not None:
-        at += FRAME.size + len(part)
-        try:
-            yield msgspec.msgpack.decode(part, type=list[Row])
-        except (msgspec.DecodeError, UnicodeDecodeError):
-            return
-
-
-def left_behind(path: Path, limit_bytes: int = 2**30) -> tuple[Run, list[list[Row]]] | None:
-    """Return the spool of a killed process; None while its owner is running.
-
-    Raises:
-        InputError: when the file is not a spool.
-    """
-    with path.open("r+b") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            return None
-        size = os.fstat(file.fileno()).st_size
-        if size > limit_bytes:
-            raise InputError(f"{path}: found {size} bytes, expected a spool of {limit_bytes}")
-        content = file.read()
-    head = _frame_at(content, len(MAGIC)) if content.startswith(MAGIC) else None
-    if head is None:
-        raise InputError(f"{path}: found no spool that e3pose wrote")
-    try:
-        run = msgspec.msgpack.decode(head, type=Run)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: found a spool of another version ({error})") from None
-    body = content[HEADER_BYTES:]
-    middle = len(body) // 2
-    return run, [*frames(body[:middle]), *frames(body[middle:])]
-
-
-def _frame_at(content: bytes, at: int) -> bytes | None:
+def content_at(
+    content: bytes | mmap.mmap, at: int, end: int | None = None
+) -> tuple[bytes | None, int]:
+    """Return what a frame holds, None if it is damaged, and where the next one begins."""
     if at + FRAME.size > len(content):
-        return None
-    size, checksum = FRAME.unpack_from(content, at)
-    part = content[at + FRAME.size : at + FRAME.size + size]
-    return part if size and len(part) == size and zlib.crc32(part) == checksum else None
+        return None, at
+    size, checksum = FRAME.unpack(content[at : at + FRAME.size])
+    begin = at + FRAME.size
+    part = content[begin : min(begin + size, len(content) if end is None else end)]
+    return part if zlib.crc32(part) == checksum and len(part) == size else None, begin + size
+
+
+def frames(content: bytes | mmap.mmap, at: int = 0) -> Iterator[Rows]:
+    """Yield the rows of every frame up to the first that is empty; None for a damaged one."""
+    while at + FRAME.size <= len(content) and content[at : at + 4] != END[:4]:
+        part, at = content_at(content, at)
+        rows = None
+        if part is not None:
+            with suppress(msgspec.DecodeError, UnicodeDecodeError):
+                rows = msgspec.msgpack.decode(part, type=list[Row])
+        yield rows
+
+
+class LeftSpool:
+    """The spool of a killed process, open and locked until it is closed."""
+
+    def __init__(self, path: Path) -> None:
+        """Open and lock it.
+
+        Raises:
+            BlockingIOError: while its owner is running.
+            InputError: when the file is not a spool.
+        """
+        self.path = path
+        with path.open("r+b") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            size = os.fstat(file.fileno()).st_size
+            if not 0 < size <= HEADER_BYTES + MAX_BYTES:
+                raise InputError(f"{path}: found {size} bytes, expected a spool that e3pose wrote")
+            self._content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            self._lock = os.dup(file.fileno())  # the lock is held while a handle is open
+        try:
+            self.run, self._capacity_bytes = self._read_head()
+        except InputError:
+            self.close()
+            raise
+
+    def frames(self) -> Iterator[Rows]:
+        """Yield rows that were added together, by half; None where content is damaged."""
+        size = len(self._content) - HEADER_BYTES
+        yield from frames(self._content, HEADER_BYTES)
+        yield from frames(self._content, HEADER_BYTES + (self._capacity_bytes or size) // 2)
+        if self._capacity_bytes not in (0, size):
+            yield None  # it was cut off
+
+    def close(self) -> None:
+        """Let the file go."""
+        self._content.close()
+        os.close(self._lock)
+
+    def _read_head(self) -> tuple[Run, int]:
+        """Return whose rows these are and the bytes of both halves; 0 if not stated."""
+        if self._content[: len(MAGIC)] != MAGIC:
+            raise InputError(f"{self.path}: found no spool that e3pose wrote")
+        run, after = content_at(self._content, len(MAGIC), HEADER_BYTES)
+        if run is None:
+            raise InputError(f"{self.path}: found a damaged head, expected whose rows these are")
+        capacity, _ = content_at(self._content, after, HEADER_BYTES)
+        try:
+            found = msgspec.msgpack.decode(run, type=Run)
+            stated = msgspec.msgpack.decode(capacity, type=int) if capacity else 0
+            return found, min(max(stated, 0), MAX_BYTES)
+        except (msgspec.DecodeError, UnicodeDecodeError) as error:
+            raise InputError(f"{self.path}: found a spool of another version ({error})") from None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,18 +19,7 @@ from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
 from e3pose.quantities import plural
 from e3pose.runtime.thread_name import show_thread_name
-from e3pose.store.database import (
-    REFUSALS,
-    damage,
-    database_path,
-    database_url,
-    is_damage,
-    open_checked,
-    reason_of,
-    set_aside,
-)
-from e3pose.store.delivery import Delivery
-from e3pose.store.integrity import Watch
+from e3pose.store.database import database_path, database_url
 from e3pose.store.retention import SIZE_OF_SERVER, Retention
 from e3pose.store.rows import (
     NS,
@@ -44,10 +33,8 @@ from e3pose.store.rows import (
     slot_rows,
     zone_row,
 )
-from e3pose.store.spool import DEFAULT_BYTES, new_spool
-
-RETRY_S = 1.0
-NO_SLOT = -1
+from e3pose.store.saver import NO_SLOT, Saver
+from e3pose.store.spool import DEFAULT_BYTES
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +50,7 @@ class WriterSettings:
             None for memory.
         check_s: how often to check the integrity of the file.
         retention: what to keep.
+        one_writer: refuse to be the second writer of a site on a database server.
     """
 
     commit_s: float = 0.5  # with the commit itself well within the second that is promised
@@ -72,6 +60,7 @@ class WriterSettings:
     spool_beside: Path | None = None
     check_s: float = 60.0
     retention: Retention = field(default_factory=Retention)
+    one_writer: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +68,15 @@ class WriterStatus:
     """How a writer is doing.
 
     Attributes:
-        acknowledged_slot: newest slot that is in the database with all before it that were not
-            spooled or shed; -1 before the first.
+        acknowledged_slot: newest slot that is in the database, with all from `first_slot` on that
+            are not counted in `shed`; -1 before the first.
         waiting: records handed over and not yet delivered.
         spooled: rows waiting for room in the database.
         shed: records and rows given up.
         problem: what keeps the database from taking more, or None.
         corrupt: files that were set aside because their content was wrong.
+        first_slot: the oldest slot that was handed over, and is not in a file that was set aside;
+            -1 before the first.
     """
 
     acknowledged_slot: int
@@ -94,6 +85,7 @@ class WriterStatus:
     shed: int
     problem: str | None
     corrupt: int = 0
+    first_slot: int = NO_SLOT
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,31 +129,26 @@ class StoreWriter:
         self.settings = settings or WriterSettings()
         self._report, self._wall_ns = report, wall_ns
         self._url = database_url(store)
-        self._path = database_path(self._url)
-        if self._path is None and self.settings.retention.max_bytes is not None:
+        path = database_path(self._url)
+        if path is None and self.settings.retention.max_bytes is not None:
             raise InputError(SIZE_OF_SERVER)
-        beside = self._path or self.settings.spool_beside
         # No lock and nobody woken when a slot is appended: one deque operation, and the thread
         # looks for itself. A queue's lock made the loop wait for the thread now and then.
         self._items: deque[_Item] = deque()
         self._wake = threading.Event()
         self._stop = threading.Event()
-        self._shed = self._reported_shed = self._events = self._corrupt = 0
-        self._shed_lock = threading.Lock()  # counted here and by those who hand over
-        self._acknowledged = NO_SLOT
-        self._problem: str | None = None
-        self._next_try_s = 0.0
+        self._shed = self._reported_shed = self._reported_lost = self._events = 0
+        self._shed_lock = threading.Lock()  # for those who hand over
+        self._given_up = 0  # by the writer's thread, each with an event of its own
         self._notes: list[Event] = []
-        self._delivery = Delivery(self._url, beside)
-        self._watch = None if self._path is None else Watch(self._path, self.settings.check_s)
-        unable: Exception | None = None
-        try:
-            self._open()
-        except (*REFUSALS, OSError) as error:
-            unable = error
-        self._spool = new_spool(run, beside, self.settings.spool_bytes)
-        if unable is not None:
-            self._fail(unable)
+        self._saver = Saver(
+            self._url,
+            run,
+            self._say,
+            (path or self.settings.spool_beside, self.settings.spool_bytes),
+            self.settings.check_s,
+            self.settings.one_writer,
+        )
         self._thread = threading.Thread(target=self._work, name="store", daemon=True)
         self._thread.start()
 
@@ -202,13 +189,15 @@ class StoreWriter:
 
     def status(self) -> WriterStatus:
         """Return how the writer is doing; cheap enough for every slot."""
+        saver = self._saver
         return WriterStatus(
-            acknowledged_slot=self._acknowledged,
+            acknowledged_slot=saver.acknowledged,
             waiting=len(self._items),
-            spooled=len(self._spool),
-            shed=self._shed + self._spool.lost_rows,
-            problem=self._problem,
-            corrupt=self._corrupt,
+            spooled=len(saver.spool),
+            shed=self._shed + self._given_up + saver.refused + saver.spool.lost_rows,
+            problem=saver.problem,
+            corrupt=saver.corrupt,
+            first_slot=saver.first,
         )
 
     def flush(self, timeout_s: float = 10.0) -> bool:
@@ -233,16 +222,13 @@ class StoreWriter:
     def _hand_over(self, item: _Item, wait: bool) -> bool:
         while len(self._items) >= self.settings.queue_slots:
             if not wait or not self._thread.is_alive():
-                self._count_shed(1)
+                with self._shed_lock:
+                    self._shed += 1
                 return False
             self._wake.set()
             time.sleep(0.002)
         self._items.append(item)
         return True
-
-    def _count_shed(self, records: int) -> None:
-        with self._shed_lock:
-            self._shed += records
 
     # What follows runs in the writer's thread.
 
@@ -255,25 +241,22 @@ class StoreWriter:
                 self._wake.clear()
             # Asked before taking: whatever was handed over by then is still taken.
             stopping = self._stop.is_set() and len(self._items) <= self.settings.commit_slots
-            rows, newest, waiting = self._gather()
+            rows, slots, waiting = self._gather()
             try:
-                self._deliver(rows, newest)
-                self._keep_house()
+                self._saver.save(rows, *slots)
+                self._saver.keep_house(self.settings.retention, self._wall_ns())
             except Exception as error:  # whatever it is, the slots that follow must find a writer
-                self._count_shed(len(rows))
+                self._given_up += len(rows)
                 self._say("store-error", f"{type(error).__name__}: {error}")
             for done in waiting:
                 done.set()
-        if self._watch is not None:
-            self._watch.close()
-        self._delivery.close()
-        self._spool.close(keep=len(self._spool) > 0)
+        self._saver.close()
 
-    def _gather(self) -> tuple[list[Row], int, list[threading.Event]]:
-        """Return the rows of one commit, the newest slot in them, and who waits for them."""
+    def _gather(self) -> tuple[list[Row], tuple[int, int], list[threading.Event]]:
+        """Return the rows of one commit, the first and last slot in them, and who waits."""
         rows: list[Row] = []
         waiting: list[threading.Event] = []
-        newest = NO_SLOT
+        first = newest = NO_SLOT
         for _ in range(min(len(self._items), self.settings.commit_slots)):
             item = self._items.popleft()
             if isinstance(item, threading.Event):
@@ -281,18 +264,24 @@ class StoreWriter:
                 continue
             if isinstance(item, _Slot):
                 newest = max(newest, item.record.slot)
+                first = item.record.slot if first == NO_SLOT else first
             rows += self._encode(item)
             time.sleep(0)  # lets the loop have the interpreter in the middle of a batch
-        if self._shed + self._spool.lost_rows > self._reported_shed:
-            count = self._shed + self._spool.lost_rows
-            self._say(
-                "store-shed", f"{plural(count - self._reported_shed, 'record')} dropped: spool full"
-            )
-            self._reported_shed = count
+        self._report_losses()
         notes, self._notes = self._notes, []
         for note in notes:
             rows += self._encode(note)
-        return rows, newest, waiting
+        return rows, (first, newest), waiting
+
+    def _report_losses(self) -> None:
+        lost_rows = self._saver.spool.lost_rows
+        shed, lost = self._shed - self._reported_shed, lost_rows - self._reported_lost
+        if shed:
+            self._reported_shed += shed
+            self._say("store-shed", f"{plural(shed, 'record')} dropped: writer too slow")
+        if lost:
+            self._reported_lost += lost
+            self._say("store-shed", f"{plural(lost, 'row')} dropped: spool full or unreadable")
 
     def _encode(self, item: _Slot | Event | EnergyReading | ZoneEvent) -> list[Row]:
         try:
@@ -306,78 +295,8 @@ class StoreWriter:
             return [event_row(item, self._events)]
         except (InputError, ValueError, TypeError) as error:
             self._say("store-refused", str(error))
+            self._given_up += 1
             return []
-
-    def _deliver(self, rows: list[Row], newest: int) -> None:
-        """Commit rows, or spool them while the database refuses them."""
-        if self._problem is not None and time.monotonic() < self._next_try_s:
-            self._spool.add(rows)
-            return
-        if not rows and self._problem is None:
-            return
-        try:
-            if not self._delivery.opened:
-                self._open()
-            self._commit(rows)
-            if len(self._spool):
-                for kept in self._spool.take():
-                    self._commit(kept)
-        except (*REFUSALS, OSError, InputError) as error:
-            self._spool.add(rows)
-            self._fail(error)
-            return
-        self._acknowledged = max(self._acknowledged, newest)
-        if self._problem is not None:
-            kept_rows = len(self._spool)
-            self._spool.clear()
-            self._problem = None
-            self._say(
-                "store-recovered",
-                f"the store is writable again, {plural(kept_rows, 'row')} written from the spool",
-            )
-
-    def _commit(self, rows: Sequence[Row], run: Run | None = None) -> None:
-        refused = self._delivery.commit(rows, run or self.run)
-        if refused:
-            self._count_shed(refused)
-            self._say("store-refused", f"the database rejected {plural(refused, 'row')}")
-
-    def _fail(self, error: Exception) -> None:
-        self._delivery.close()
-        self._next_try_s = time.monotonic() + RETRY_S
-        reason = reason_of(error)
-        known, self._problem = self._problem is not None, reason
-        if self._path is not None and is_damage(error):
-            try:
-                self._corrupt += 1
-                self._say("store-corrupt", set_aside(self._path, reason))
-                self._delivery.opened = False
-            except OSError as refused:
-                if not known:
-                    self._say("store-corrupt", f"damaged ({reason}), cannot be moved ({refused})")
-        elif not known:
-            where = "file" if self._spool.in_file else "memory"
-            kind = "store-full" if "full" in reason or "space" in reason else "store-trouble"
-            self._say(kind, f"the store is not writable ({reason}): spooling to a {where}")
-
-    def _open(self) -> None:
-        for kind, message in open_checked(self._url):
-            self._corrupt += kind == "store-corrupt"
-            self._say(kind, message)
-        self._delivery.opened = True
-
-    def _keep_house(self) -> None:
-        """Do what can wait, a little after every commit."""
-        if self._problem is not None:
-            return
-        try:
-            for adopted in self._delivery.adopt():
-                self._say("store-adopted", adopted)
-            self._delivery.trim(self.settings.retention, self._wall_ns())
-            if self._watch is not None and (wrong := self._watch.check()):
-                raise damage(wrong)
-        except (*REFUSALS, OSError) as error:
-            self._fail(error)
 
     def _say(self, kind: str, message: str) -> None:
         event = Event(self._wall_ns(), kind, message)
