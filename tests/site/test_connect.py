@@ -39,6 +39,9 @@ def poses(slot: int, *track_ids: int) -> Poses:
         pack(np.ones(joints_m.shape[:2], dtype=bool)),
         selected=("cam1", "cam2"),
         arrived=("cam2",),
+        stored_from=1,
+        stored_to=slot - 1,
+        store_shed=5,
     )
 
 
@@ -57,6 +60,7 @@ def test_slots_come_in_order_as_arrays() -> None:
     assert second.track_ids.tolist() == [7, 9]
     np.testing.assert_array_equal(second.joints_m[1, 5], [9, 4, 5])
     assert second.selected == ("cam1", "cam2") and second.arrived == ("cam2",)
+    assert (second.stored_from, second.stored_to, second.store_shed) == (1, 3, 5)
     assert second.time_ns == 10**18 + 4 * INTERVAL_NS and second.measured.all()
 
 

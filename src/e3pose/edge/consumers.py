@@ -121,6 +121,10 @@ class Consumers:
         if self.watch is not None:
             self.watch.observe(record, {camera: one.poses for camera, one in arrivals.items()})
 
+    def stored(self) -> WriterStatus | None:
+        """Return how the store is doing; None without one."""
+        return None if self.sink is None else self.sink.status()
+
     @property
     def turned(self) -> tuple[int, float] | None:
         """The knocked camera and its rotation in degrees, or None."""

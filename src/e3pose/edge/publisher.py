@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ from e3pose.runtime.clock import Clock
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
+
+if TYPE_CHECKING:
+    from e3pose.store.writer import WriterStatus
 
 
 class Publisher:
@@ -55,6 +59,7 @@ class Publisher:
         came_ns: Mapping[int, int],
         selected: NDArray[np.bool_],
         blind: str = "",
+        stored: WriterStatus | None = None,
     ) -> None:
         """Publish the people of a slot.
 
@@ -65,6 +70,7 @@ class Publisher:
             came_ns: camera to arrival time of its view, of those selected.
             selected: `(num_cameras,)` selected cameras.
             blind: why the slot is blind; empty if it is not.
+            stored: how the store is doing; None without one.
         """
         self._newest = slot, time_ns, people
         self._last_in_ns = {slot: max(*came_ns.values(), time_ns)} if came_ns else {}
@@ -78,6 +84,7 @@ class Publisher:
             self._camera_ids[selected].tolist(),
             self._camera_ids[sorted(came_ns)].tolist(),
             blind,
+            stored,
         )
         self._outbox.put(self._topic, encode(message), slot)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from e3pose.wire.arrays import pack
 from e3pose.wire.codec import one_line
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
 
+if TYPE_CHECKING:
+    from e3pose.store.writer import WriterStatus
+
 
 def poses_message(
     slot: int,
@@ -30,8 +33,9 @@ def poses_message(
     selected: Sequence[str] = (),
     arrived: Sequence[str] = (),
     blind: str = "",
+    stored: WriterStatus | None = None,
 ) -> Poses:
-    """Return the message of a slot's people."""
+    """Return the message of a slot's people; `stored` says what the store holds."""
     return Poses(
         slot=slot,
         time_edge_ns=time_ns,
@@ -44,6 +48,9 @@ def poses_message(
         selected=tuple(selected),
         arrived=tuple(arrived),
         blind=blind,
+        stored_from=-1 if stored is None else stored.first_slot,
+        stored_to=-1 if stored is None else stored.acknowledged_slot,
+        store_shed=0 if stored is None else stored.shed,
     )
 
 

@@ -298,7 +298,8 @@ class EdgeServer:
         blind = "" if used else self.orders.why_blind(times, slot, decided, online, *lately)
 
         def publish(people: People) -> None:
-            self.publisher.publish(slot, time_ns, people, used, ordered & online, blind)
+            stored = self.consumers.stored()
+            self.publisher.publish(slot, time_ns, people, used, ordered & online, blind, stored)
 
         pipeline = shed_load(self.pipeline, self.load)
         self.state, record = step(pipeline, state, views, online, publish)

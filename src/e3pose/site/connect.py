@@ -44,6 +44,10 @@ class LiveSlot:
         arrived: those whose views the poses are made from.
         published_ns: when the edge sent it, by the same clock.
         blind: why no view arrived although one was due, such as `orders-late`; empty otherwise.
+        stored_from: oldest slot of this edge program that its store holds or is to hold; -1 where
+            nothing is stored yet.
+        stored_to: the store holds all slots from there to this one; none while it is smaller.
+        store_shed: records that the store gave up since the edge was started.
     """
 
     slot: int
@@ -57,6 +61,9 @@ class LiveSlot:
     arrived: tuple[str, ...]
     published_ns: int
     blind: str = ""
+    stored_from: int = -1
+    stored_to: int = -1
+    store_shed: int = 0
 
     def __len__(self) -> int:
         """Return how many people there are."""
@@ -77,6 +84,9 @@ def live_slot(poses: Poses) -> LiveSlot:
         poses.arrived,
         poses.published_edge_ns,
         poses.blind,
+        poses.stored_from,
+        poses.stored_to,
+        poses.store_shed,
     )
 
 

@@ -28,6 +28,11 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
         arrived: those of them whose views are in the poses.
         blind: why no view arrived although one was due, one of `blind_slot.CAUSES`; empty if the
             slot is not blind.
+        stored_from: oldest slot of this edge program that its store holds or is to hold; -1 where
+            nothing is stored yet, and for delayed poses.
+        stored_to: newest slot up to which the store holds all that were published from
+            `stored_from` on; smaller than `stored_from` while it holds none.
+        store_shed: records that the store gave up since the edge was started.
     """
 
     slot: int
@@ -41,6 +46,9 @@ class Poses(msgspec.Struct, array_like=True, frozen=True, tag="poses"):
     selected: tuple[str, ...] = ()
     arrived: tuple[str, ...] = ()
     blind: str = ""
+    stored_from: int = -1
+    stored_to: int = -1
+    store_shed: int = 0
 
 
 class CameraStatus(msgspec.Struct, array_like=True, frozen=True):

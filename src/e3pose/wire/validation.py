@@ -187,6 +187,11 @@ def _check_answer(answer: ClockAnswer, where: str) -> None:
 
 def _check_poses(poses: Poses, where: str) -> None:
     _check_whole(where, slot=poses.slot, time_edge_ns=poses.time_edge_ns)
+    for name in ("stored_from", "stored_to", "store_shed"):
+        if not -1 <= getattr(poses, name) <= MAX_SLOT:
+            raise InputError(
+                f"{where}: {name}: found {getattr(poses, name)}, expected a slot or -1"
+            )
     _check_text(where, *poses.joints)
     for camera_id in (*poses.selected, *poses.arrived):
         check_camera_id(camera_id)

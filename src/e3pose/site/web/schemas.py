@@ -103,6 +103,9 @@ def event_of_slot(slot: LiveSlot, zones: Mapping[str, int]) -> Encoded:
         "selected": slot.selected,
         "arrived": slot.arrived,
         "blind": slot.blind,
+        "stored_from": slot.stored_from,
+        "stored_to": slot.stored_to,
+        "store_shed": slot.store_shed,
         "people": people(slot.track_ids, slot.joints_m, slot.sigma_m, slot.measured),
         "zones": dict(zones),
     }
