@@ -16,7 +16,7 @@ from e3pose.cli import main
 from e3pose.errors import InputError
 from e3pose.store import EnergyReading, Event, Store, StoreWriter, migrations, schema
 from e3pose.store.database import database_url, writing_engine
-from e3pose.store.delivery import Delivery
+from e3pose.store.delivery import Delivery, known
 from e3pose.store.rows import energy_row, event_row, slot_rows
 
 Place = Path | str
@@ -35,6 +35,7 @@ def old(place: Place, record: Records, run: Runs, monkeypatch: pytest.MonkeyPatc
             connection.exec_driver_sql(statement)
         connection.execute(text("INSERT INTO e3pose_store (version) VALUES (1)"))
     rows = [r for s in range(SLOTS) for r in slot_rows(record(s), STARTED_NS + s * 40_000_000)]
+    rows = [(name, {key: row[key] for key in row if key != "blind"}) for name, row in rows]
     rows.append(event_row(Event(STARTED_NS, "start", "begun"), 1))
     rows.append(energy_row(EnergyReading(STARTED_NS, "north", 1.0, 1.0, "measured")))
     monkeypatch.setattr("e3pose.store.delivery.prepare", lambda *_: 1)
@@ -67,7 +68,8 @@ def version(place: Place) -> int:
 
 def test_store_of_version_1_is_read_as_it_is(old: Place) -> None:
     assert len(Store(old).query()) == 2 * SLOTS
-    assert len(Store(old).rows("slots")) == SLOTS
+    rows = Store(old).rows("slots")
+    assert len(rows) == SLOTS and all(row["blind"] is None for row in rows)
     assert Store(old).rows("zones") == []
     assert version(old) == 1
 
@@ -81,7 +83,7 @@ def test_writer_upgrades_a_store_of_version_1(
         writer.append(record(5), wait=True)  # is there already
     assert version(old) == schema.VERSION
     assert [e.kind for e in reported] == ["store-upgraded"]
-    assert reported[0].message.endswith("upgraded from schema 1 to 2")
+    assert reported[0].message.endswith("upgraded from schema 1 to 3")
     after = Store(old).query()
     assert after.slots.tolist() == sorted([*range(SLOTS + 1)] * 2)
     for name in ("joints_m", "scores", "sigma_m", "measured", "time_ns", "track_ids"):
@@ -120,7 +122,7 @@ def test_upgrade_without_room_is_refused(
         pytest.skip("the disk of a server is not ours")
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage(1, 1, 10))
-    with pytest.raises(InputError, match=r"from schema 1 to 2: found 0\.00 GB of free disk space"):
+    with pytest.raises(InputError, match=r"from schema 1 to 3: found 0\.00 GB of free disk space"):
         StoreWriter(old, run())
     assert version(old) == 1
 
@@ -134,7 +136,7 @@ def test_newer_version_is_refused_and_untouched(
         connection.execute(update(schema.about).values(version=7))
     before = tables(place), place.read_bytes() if isinstance(place, Path) else b""
     for use in (lambda: StoreWriter(place, run()), lambda: Store(place).query()):
-        with pytest.raises(InputError, match=r"version: found 7, expected 1 to 2; read it with"):
+        with pytest.raises(InputError, match=r"version: found 7, expected 1 to 3; read it with"):
             use()
     with pytest.raises(SystemExit) as stop:
         main(["query", str(place)])
@@ -149,3 +151,10 @@ def test_every_step_is_there_and_every_growing_table_has_the_time_in_its_key() -
     for name, table in schema.ROWS.items():
         keys = {column.name for column in table.primary_key}
         assert "time_ns" in keys or name == "tracks", name
+
+
+def test_rows_that_an_earlier_version_spooled_are_delivered(record: Records) -> None:
+    rows = slot_rows(record(0), STARTED_NS)
+    earlier = [(name, {key: row[key] for key in row if key != "blind"}) for name, row in rows]
+    found = known([*earlier, ("slots", {"slot": 1}), ("other", {}), *rows])
+    assert found == [*[(n, {**r, "blind": None} if n == "slots" else r) for n, r in earlier], *rows]

@@ -22,6 +22,7 @@ from e3pose.store.database import (
     writing_engine,
 )
 from e3pose.store.migrations import prepare
+from e3pose.store.query import columns_of
 
 CHUNK_ROWS = 5000
 TABLES = (schema.runs, *schema.ROWS.values())
@@ -90,7 +91,7 @@ def _copy_table(
 ) -> int:
     total = found.scalar(select(func.count()).select_from(table)) or 0
     done = 0
-    asked = select(table).order_by(*table.primary_key)
+    asked = select(*columns_of(found, table)).order_by(*table.primary_key)
     with found.execution_options(yield_per=CHUNK_ROWS).execute(asked) as result:
         for rows in result.mappings().partitions():
             made.execute(insert(table), [dict(row) for row in rows])

@@ -221,12 +221,21 @@ class Adopted:
 
 
 def known(rows: Sequence[Row]) -> list[Row]:
-    """Return those rows that belong to a table of this version; files may hold anything."""
+    """Return those rows that belong to a table of this version; files may hold anything.
+
+    Those of an earlier version lack columns, all of which may be empty.
+    """
     columns = {
-        name: {column.name for column in table.columns} - {"run_id"}
+        name: {column.name: column.nullable for column in table.columns if column.name != "run_id"}
         for name, table in schema.ROWS.items()
     }
-    return [(name, row) for name, row in rows if columns.get(name) == set(row)]
+    found = []
+    for name, row in rows:
+        wanted = columns.get(name, {})
+        missing = wanted.keys() - row.keys()
+        if wanted and row.keys() <= wanted.keys() and all(wanted[column] for column in missing):
+            found.append((name, {**dict.fromkeys(missing), **row}))
+    return found
 
 
 def _run_id(connection: Connection, run: Run) -> int:

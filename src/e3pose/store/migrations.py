@@ -86,4 +86,9 @@ def _extend_key(connection: Connection, table: str, key: str, column: str) -> No
             connection.exec_driver_sql(sql)
 
 
-STEPS = {2: _to_2}
+def _to_3(connection: Connection) -> None:
+    """Make a column for why slots are blind; of slots that are there it is not known."""
+    connection.exec_driver_sql("ALTER TABLE slots ADD COLUMN blind TEXT")
+
+
+STEPS = {2: _to_2, 3: _to_3}

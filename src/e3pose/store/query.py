@@ -9,7 +9,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Select, func, inspect, select
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    Select,
+    Table,
+    func,
+    inspect,
+    null,
+    select,
+)
 
 from e3pose.errors import InputError
 from e3pose.store import schema
@@ -143,13 +153,16 @@ class Store:
             offset: rows to leave out at the beginning.
             limit: the most to return.
         """
+        if table not in TABLES:
+            raise InputError("table", repr(table[:40]), f"one of {', '.join(TABLES)}")
         found: list[dict[str, Any]] = []
         with reading(self._store, self._engines) as connection:
             spans = self._spans(connection, start, end, site, run)
             if table == "zones" and not inspect(connection).has_table(table):
                 return []  # a store of version 1
+            columns = columns_of(connection, schema.ROWS[table])
             for span in spans:
-                asked = _of_table(table, span)
+                asked = _of_table(table, span, columns)
                 if offset:
                     count = connection.scalar(select(func.count()).select_from(asked.subquery()))
                     if (count or 0) <= offset:
@@ -267,11 +280,15 @@ def _bounds(first: When | None, last: When | None, started_ns: int) -> tuple[int
     )
 
 
-def _of_table(table: str, span: Span) -> Select[Any]:
-    if table not in TABLES:
-        raise InputError("table", repr(table[:40]), f"one of {', '.join(TABLES)}")
+def columns_of(connection: Connection, table: Table) -> list[ColumnElement[Any]]:
+    """Return the columns of a table; those that a store of an earlier version lacks are null."""
+    there = {column["name"] for column in inspect(connection).get_columns(table.name)}
+    return [each if each.name in there else null().label(each.name) for each in table.c]
+
+
+def _of_table(table: str, span: Span, wanted: Sequence[ColumnElement[Any]]) -> Select[Any]:
     columns = schema.ROWS[table].c
-    asked = select(schema.ROWS[table]).where(columns.run_id == span.stored.run_id)
+    asked = select(*wanted).where(columns.run_id == span.stored.run_id)
     if table == "tracks":  # whoever was there at some time between
         asked = asked.where(columns.last_ns >= span.start_ns, columns.first_ns <= span.end_ns)
         return asked.order_by(columns.track_id)

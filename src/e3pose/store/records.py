@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.model.blind_slot import blind_cause
 from e3pose.model.pose import Poses3D
 from e3pose.model.slot_record import SlotRecord
 from e3pose.store.answers import StoredPoses
@@ -49,7 +50,16 @@ def _record(
         covariance_m2=sigma_m[..., None, None] ** 2 * np.eye(3),
         measured=poses.measured[here],
         stage_s={"step": row["took_s"]},
+        blind=_blind(row),
     )
+
+
+def _blind(row: Mapping[str, Any]) -> str:
+    """Return why a slot is blind; of one that was stored before that was noted, what is known."""
+    if row["blind"] is not None:
+        return str(row["blind"])
+    selected, arrived = _flags(row["selected"]), _flags(row["arrived"])
+    return blind_cause(selected, np.ones_like(selected), bool(arrived.any()))
 
 
 def _flags(text: str) -> NDArray[np.bool_]:

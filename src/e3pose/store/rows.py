@@ -138,6 +138,7 @@ def slot_rows(
         "deficit": _blob(record.deficit, "<f4"),
         "energy_j": None if energy_j is None else _blob(energy_j, "<f4"),
         "took_s": float(sum(record.stage_s.values())),
+        "blind": record.blind,
     }
     rows: list[Row] = [("slots", slot)]
     joints_m = record.poses.joints_m.astype("<f4")

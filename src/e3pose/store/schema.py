@@ -24,8 +24,8 @@ from sqlalchemy import (
 
 from e3pose.errors import InputError
 
-VERSION = 2  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2)  # of which columns that questions use have the same names and meaning
+VERSION = 3  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2, 3)  # columns have the same names and meaning; earlier ones have fewer
 
 metadata = MetaData()
 
@@ -68,6 +68,7 @@ slots = Table(
     Column("deficit", LargeBinary, nullable=False),  # (num_cameras,) float32
     Column("energy_j", LargeBinary),  # (num_cameras,) float32 joules charged for the slot
     Column("took_s", Float, nullable=False),
+    Column("blind", Text),  # why no view arrived although one was due; empty: not blind
     Index("slots_by_time", "time_ns"),
     sqlite_with_rowid=False,
 )
