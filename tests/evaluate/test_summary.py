@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,7 @@ def test_selection_energy_deficits_and_times() -> None:
     assert figures["settings"]["seed"] == 3
     assert figures["metrics"] == {}
     assert figures["selection"] == {
-        "mean_cameras": 1.25, "mean_views": 1.0, "duty": {"left": 0.75, "right": 0.5}
+        "mean_cameras": 1.25, "mean_views": 1.0, "duty": {"left": 0.75, "right": 0.5}, "blind": {}
     }  # fmt: skip
     assert figures["deficits"]["final"] == {"left": 3.0, "right": 1.0}
     assert figures["deficits"]["highest"] == {"left": 3.0, "right": 1.0}
@@ -106,6 +107,27 @@ def test_selection_energy_deficits_and_times() -> None:
     assert figures["stage_ms"]["fuse"]["median"] == pytest.approx(2.5)
     assert figures["stage_ms"]["fuse"]["p99"] == pytest.approx(3.97)
     assert figures["stage_ms"]["slot"]["median"] == pytest.approx(3.0)
+
+
+def test_blind_slots_save_nothing() -> None:
+    source, settings = recording(None), ReplaySettings(policy="random", num_selected=1, seed=3)
+    seen = [record(slot, []) for slot in range(4)]
+    nobody = np.zeros(2, dtype=bool)
+    blind = [
+        replace(seen[0], slot=slot, selected=nobody, arrived=nobody, blind="orders-late")
+        for slot in range(4, 8)
+    ]
+    generic = load_profile("generic")
+    alone, both = (summarise(source, settings, rows, generic) for rows in (seen, [*seen, *blind]))
+    assert alone.energy is not None and both.energy is not None
+    assert alone.selection is not None and both.selection is not None
+    assert both.energy.saving_percent == alone.energy.saving_percent
+    assert both.selection.duty == alone.selection.duty
+    assert both.selection.mean_cameras == alone.selection.mean_cameras
+    assert both.selection.blind == {"orders-late": 4} and alone.selection.blind == {}
+    spent_j = [each.energy.cameras["left"].energy_j for each in (alone, both) if each.energy]
+    assert spent_j[1] == pytest.approx(2 * spent_j[0])  # they are charged like the others
+    assert summarise(source, settings, blind, generic).energy is None
 
 
 def test_complete_truth_of_the_same_skeleton() -> None:

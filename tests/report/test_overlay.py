@@ -26,6 +26,7 @@ from e3pose.report.overlay import (
     write_image,
     write_movie,
 )
+from e3pose.report.overlay.panels import AWAKE_COLOR, BLIND_COLOR, camera_word
 
 STICK = Skeleton("stick", ("top", "bottom"), ((0, 1),))
 SIZE = (96, 128)  # width, height
@@ -54,6 +55,7 @@ class Drawing:
     poses: Poses3D
     track_ids: NDArray[np.int64]
     selected: NDArray[np.bool_]
+    blind: str = ""
 
 
 def standing(slot: int, selected: list[bool], track_id: int = 0) -> Drawing:
@@ -136,6 +138,17 @@ def test_panels_show_each_slots_frame_with_its_skeleton(tmp_path: Path) -> None:
     assert np.abs(first[64, 48] - color).max() < 40  # the stick's middle in camera a
     assert np.abs(first[64, width + 4 + 38] - color).max() < 40  # 10 px to the left in camera b
     assert np.abs(first[64, width + 4 + 48].astype(int) - color).max() > 60
+
+
+def test_blind_slot_is_drawn_in_a_colour_of_its_own(tmp_path: Path) -> None:
+    files = {"a": video(tmp_path / "a.mp4", [180] * 4)}
+    drawings = [standing(0, [True]), standing(1, [True]), standing(2, [False])]
+    drawings[1].blind = "views-late"
+    active, blind, idle = overlay_images(recording(tmp_path, **files), drawings, height_px=SIZE[1])
+    assert active[64, 1].tolist() == list(AWAKE_COLOR)
+    assert blind[64, 1].tolist() == list(BLIND_COLOR)
+    assert int(blind[110, 20, 0]) < 100 and int(idle[64, 1, 0]) < 100
+    assert camera_word(drawings[1], 0) == "blind: views late"
 
 
 def test_video_start_moves_the_frames(tmp_path: Path) -> None:

@@ -19,10 +19,20 @@ from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import Reasons, SlotRecord
 from e3pose.recording import Recording, Truth, ViewSeries
+from e3pose.report import figures, write_report
 from e3pose.report import scene as scenes
-from e3pose.report import write_report
 from e3pose.report.page import embed, render
-from e3pose.report.scene import AWAKE, LOST, MAX_SLOTS, NUM_COLOURS, colours, frustum, scene
+from e3pose.report.scene import (
+    ASLEEP,
+    AWAKE,
+    BLIND,
+    LOST,
+    MAX_SLOTS,
+    NUM_COLOURS,
+    colours,
+    frustum,
+    scene,
+)
 from e3pose.report.summary import cards, sentences
 from e3pose.settings.loop import ReplaySettings
 
@@ -208,6 +218,33 @@ def test_sentences_say_how_many_cameras_and_what_it_saved() -> None:
     assert "2 calibrated cameras, 2 slots of 40 ms" in text
     assert "Up to 2 people at a time; people present in 50 % of the slots" in text
     assert "1.0 of 2 cameras are active" in text and "saves 31 %" in text
+
+
+def test_blind_slots_are_named_and_drawn_and_are_no_rest() -> None:
+    nobody = np.zeros(2, dtype=bool)
+    blind = replace(record(1), selected=nobody, arrived=nobody, blind="orders-late")
+    run = [record(0), blind, record(2), record(3)]
+    drawn = scene(recording(4), run)
+    assert drawn["states"] == [[1, 4, 1, 1], [0, 4, 0, 0]] and drawn["blind"] == {1: "orders late"}
+    shown = page(recording(4), run, summary())
+    charts = json.loads(shown.scripts["figures"])
+    strip = charts["strips"]["data"][0]
+    assert strip["text"][1] == ["idle", "blind slot, orders late", "idle", "idle"]
+    assert charts["duty"]["data"][1]["x"] == [100.0, 0.0]  # not 75 %
+    said = " ".join(sentences(recording(4), run, summary()))
+    assert "In 1 of 4 slots (25 %) no view arrived (1 orders late)" in said
+    assert ("1 of 4", "blind slots: no view arrived") in cards(recording(4), run, summary())
+    assert "blind slot: no view arrived" in render(recording(4), run, summary())
+    assert "blind slot: no view arrived" not in render(recording(1), [record(0)], summary())
+
+
+def test_strip_gives_each_state_its_colour() -> None:
+    def colour(state: int) -> str:
+        share = state / 4
+        return [str(name) for at, name in figures.STATE_COLOURS if float(str(at)) <= share][-1]
+
+    wanted = [figures.PALE, figures.INK, figures.LOST, figures.BLIND]
+    assert [colour(state) for state in (ASLEEP, AWAKE, LOST, BLIND)] == wanted
 
 
 def test_energy_bars_compare_with_always_awake() -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import pytest
 from tests.cli.commands import run
@@ -44,12 +46,21 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def store(path: Path, recording: Recording, began_ns: int, slots: int) -> None:
+def store(
+    path: Path,
+    recording: Recording,
+    began_ns: int,
+    slots: int,
+    blind: Mapping[int, str] = MappingProxyType({}),
+) -> None:
     cameras, skeleton = recording.rig.camera_ids, recording.skeleton
     one = Run("lab", "lab", began_ns, 1 / FPS, skeleton.name, skeleton.joints, cameras, "test")
     settings = ReplaySettings(num_selected=2, predictor="zero-velocity")
     with StoreWriter(path, one) as writer:
         for record in list(replay(recording, settings))[:slots]:
+            if cause := blind.get(record.slot, ""):
+                nobody = record.selected & False
+                record = replace(record, selected=nobody, arrived=nobody, blind=cause)
             writer.append(record, wait=True)
 
 
@@ -70,6 +81,17 @@ def test_page_shows_the_newest_run(site: Path, capsys: pytest.CaptureFixture[str
     assert "On average" in text and "Stored live by the site lab, run 2." in text
     assert shown(page)["numSlots"] == 40
     assert "<td>adaptive: follows the delays</td>" in text
+
+
+def test_page_of_a_store_shows_its_blind_slots(site: Path, tmp_path: Path) -> None:
+    recording = simulate(SceneSettings(people=2, seconds=4, fps=FPS, cameras=3), seed=702)
+    for name in ("site.toml", "rig.toml"):
+        (tmp_path / name).write_text((site / name).read_text())
+    store(tmp_path / "live.db", recording, BEGIN_NS, 40, {12: "orders-late", 13: "views-late"})
+    assert run("report", tmp_path, tmp_path / "blind.html") == 0
+    text = (tmp_path / "blind.html").read_text()
+    assert "In 2 of 40 slots (5 %) no view arrived (1 orders late, 1 views late)" in text
+    assert shown(tmp_path / "blind.html")["blind"] == {"12": "orders late", "13": "views late"}
 
 
 def test_page_can_be_smoothed(site: Path) -> None:

@@ -46,6 +46,7 @@ HELLO_EVERY = 4  # heartbeats
 CLOCK_TIMEOUT_S = 0.5
 REOPEN_S = 1.0  # after a source failed
 SOURCE_WAIT_NS = 100_000_000
+MISSED_FRAMES = 3  # a film that is played slowly has more than a second between two frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,7 +185,7 @@ class CameraNode:
     # Capturing.
 
     def _run_capture(self) -> None:
-        is_open = False
+        is_open, frame_ns = False, self.clock.now_ns()
         while not self._stop.is_set():
             if self._may_sleep():
                 if is_open:
@@ -195,12 +196,15 @@ class CameraNode:
                 self._order.clear()
                 continue
             if not is_open:
-                is_open = self._open()
+                is_open, frame_ns = self._open(), self.clock.now_ns()
                 continue
             frame = self.source.read()
+            now_ns = self.clock.now_ns()
             if frame is None:
-                self._find("no frames from the source")
+                if now_ns - frame_ns > MISSED_FRAMES * 1e9 / self.source.fps:
+                    self._find("no frames from the source")
                 continue
+            frame_ns = now_ns
             self._find("")
             self._take(frame)
 

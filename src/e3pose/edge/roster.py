@@ -21,6 +21,7 @@ RIVAL_RETURNS = 3  # of a session after another one: a restart has none, a slow 
 RIVAL_S = 10.0  # window of these
 SESSIONS = 4  # kept per camera
 FROZEN_S = 5.0  # active, but without a new frame
+FROZEN_FRAMES = 3  # of a film that is played slowly, where that is longer
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +196,8 @@ def _ailing(camera: CameraState, beat: Heartbeat, now_ns: int) -> str:
         return "battery empty" if beat.gauge else "battery empty (modelled)"
     if beat.clock_error_ns > CLOCK_ERROR_NS:
         return f"clock uncertain by {beat.clock_error_ns / 1e6:.0f} ms"
-    if now_ns - camera.frame_ns > FROZEN_S * 1e9:
+    slow_s = FROZEN_FRAMES / camera.hello.fps if camera.hello else 0.0
+    if now_ns - camera.frame_ns > max(FROZEN_S, slow_s) * 1e9:
         return "no new frames"
     return ""
 

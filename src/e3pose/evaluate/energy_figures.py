@@ -10,6 +10,8 @@ import numpy as np
 from e3pose.energy.profiles import GROUPS, DeviceProfile, Mode, load_profile
 from e3pose.energy.queues import savings
 from e3pose.evaluate.figures import CameraEnergy, DeviceSaving, Energy, Saving
+from e3pose.model.blind_slot import duty as duty_of
+from e3pose.model.blind_slot import seeing
 from e3pose.recording import Recording
 
 if TYPE_CHECKING:
@@ -29,15 +31,18 @@ def energy_figures(
     battery_wh: float | Sequence[float],
     sends_boxes: bool = False,
 ) -> Energy | None:
-    """Return the figures of `docs/explanation/energy.md`; None without a slot.
+    """Return the figures of `docs/explanation/energy.md`; None without a slot, or if all are blind.
+
+    Blind slots are charged as the mean of the others is.
 
     With `sends_boxes` every idle camera sends in each slot that is decided for: its WiFi draws what
     it does in an active slot.
     """
-    if not records:
+    counted = seeing(records)
+    if not counted:
         return None
-    selected = np.stack([record.selected for record in records])
-    duty = selected.mean(axis=0)
+    duty = duty_of(counted, len(recording.rig))
+    selected = np.stack([record.selected for record in counted])
     decided = selected.any(axis=1, keepdims=True) & ~selected
     sending = decided.mean(axis=0) if sends_boxes else np.zeros(len(duty))
     profiles = [profile] * len(duty) if isinstance(profile, DeviceProfile) else list(profile)

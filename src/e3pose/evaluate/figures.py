@@ -7,7 +7,7 @@ a record and absent in JSON, never 0.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from typing import Any
 
 from e3pose.settings.faults import Faults
@@ -69,11 +69,19 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Selected:
-    """Selection; shares of the slots by camera."""
+    """Selection; shares of the slots by camera.
+
+    Attributes:
+        mean_cameras: cameras selected per slot, blind slots left out.
+        mean_views: views that arrived per slot.
+        duty: share of the slots in which each camera was selected, blind slots left out.
+        blind: blind slots by cause; causes that did not occur are absent.
+    """
 
     mean_cameras: float
     mean_views: float
     duty: Mapping[str, float]
+    blind: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

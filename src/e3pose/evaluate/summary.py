@@ -23,6 +23,7 @@ from e3pose.evaluate.figures import (
     Summary,
 )
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
+from e3pose.model.blind_slot import count_blind, duty
 from e3pose.model.noises import detector_of
 from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 from e3pose.recording import Recording
@@ -159,12 +160,13 @@ def _has_root(joints_m: Floats, skeleton: Skeleton) -> NDArray[np.bool_]:
 def _selection(recording: Recording, records: Sequence[SlotRecord]) -> Selected | None:
     if not records:
         return None
-    selected = np.stack([record.selected for record in records])
+    shares = duty(records, len(recording.rig))
     arrived = np.stack([record.arrived for record in records])
     return Selected(
-        mean_cameras=float(selected.sum(axis=1).mean()),
+        mean_cameras=float(shares.sum()),
         mean_views=float(arrived.sum(axis=1).mean()),
-        duty=_by_camera(recording, selected.mean(axis=0)),
+        duty=_by_camera(recording, shares),
+        blind=count_blind(records),
     )
 
 

@@ -6,7 +6,7 @@ skips and never computes. Everything that counts, draws or stores blind slots us
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -80,12 +80,17 @@ def no_choice(online: Flags, answering: Flags, views_late: Flags) -> Cause | Lit
     return "views-late" if (online & views_late).any() else "views-missing"
 
 
-def duty(records: Sequence[SlotRecord], num_cameras: int) -> NDArray[np.float64]:
-    """Return `(num_cameras,)`: the share of the slots in which each camera was selected.
+def seeing(records: Sequence[SlotRecord]) -> list[SlotRecord]:
+    """Return the slots that duty and savings are computed from: all that are not blind.
 
-    Blind slots are left out: cameras that were not asked in time, or gave nothing, saved nothing.
+    In a blind slot cameras did not rest on purpose, so that it is no saving, whatever they drew.
     """
-    selected = [record.selected for record in records if not record.blind]
+    return [record for record in records if not record.blind]
+
+
+def duty(records: Sequence[SlotRecord], num_cameras: int) -> NDArray[np.float64]:
+    """Return `(num_cameras,)`: share of the slots in which each was selected, of those `seeing`."""
+    selected = [record.selected for record in seeing(records)]
     return np.asarray(np.mean(selected, axis=0)) if selected else np.zeros(num_cameras)
 
 
@@ -95,6 +100,6 @@ def count_blind(records: Sequence[SlotRecord]) -> dict[str, int]:
     return {cause: found.count(cause) for cause in CAUSES if cause in found}
 
 
-def blind_words(blind: dict[str, int]) -> str:
+def blind_words(blind: Mapping[str, int]) -> str:
     """Return counts of blind slots in words: `3 orders late, 1 views missing`."""
     return ", ".join(f"{count} {WORDS.get(cause, cause)}" for cause, count in blind.items())

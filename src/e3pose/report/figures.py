@@ -10,16 +10,18 @@ from e3pose.evaluate.figures import Energy
 INK = "#1f2937"
 PALE = "#e6e9ee"
 LOST = "#b91c1c"
+BLIND = "#d97706"
 FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#374151"}
-# What a camera did: asleep, awake, or ordered while no view came (the codes of `scene.py`).
+# What a camera did: asleep, awake, ordered while no view came, blind (the codes of `scene.py`).
 STATE_COLOURS = [
-    [0, PALE], [1 / 3, PALE], [1 / 3, INK], [2 / 3, INK], [2 / 3, LOST], [1, LOST],
+    [0, PALE], [1 / 8, PALE], [1 / 8, INK], [3 / 8, INK], [3 / 8, LOST], [7 / 8, LOST],
+    [7 / 8, BLIND], [1, BLIND],
 ]  # fmt: skip
 # One hue each, light to dark, so that they read without colour vision too.
 OCCLUSION_COLOURS = [[0, "#f4f1ee"], [0.5, "#d9905a"], [1, "#7c2d12"]]
 GAIN_COLOURS = [[0, "#f0f5f1"], [0.5, "#66b08a"], [1, "#0b4f31"]]
 DEFICIT_COLOURS = [[0, "#f0f2f8"], [0.5, "#7b8fd0"], [1, "#1e2f7a"]]
-STATE_WORDS = ("idle", "active", "selected, view lost")
+STATE_WORDS = {0: "idle", 1: "active", 2: "selected, view lost"}
 HEAD_PX = 34  # above each strip, for its title
 FOOT_PX = 44  # below the last, for the time axis
 GAPS_UNTIL = 160  # slots that are still wide enough for a gap between them
@@ -33,7 +35,7 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
     row_px = 22 if len(cameras) <= 8 else 13
     strip_px = row_px * len(cameras)
     rows = [
-        ("Active cameras", "states", STATE_COLOURS, 2.0, ""),
+        ("Active cameras", "states", STATE_COLOURS, 4.0, ""),
         ("Predicted occlusion per camera (overlap of the people)", "occlusion",
          OCCLUSION_COLOURS, max(0.05, _highest(scene["occlusion"])), ".2f"),
         ("Energy deficit per camera (spent beyond the budget), slots", "deficit",
@@ -100,10 +102,21 @@ def strips(scene: Mapping[str, Any]) -> dict[str, Any]:
         }  # fmt: skip
         if key == "states":
             trace["showscale"] = False
-            trace["text"] = [[STATE_WORDS[int(v)] for v in row] for row in scene[key]]
+            trace["text"] = _state_words(scene)
             trace["hovertemplate"] = "%{y}, slot %{x}: %{text}<extra></extra>"
         data.append(trace)
     return {"data": data, "layout": layout}
+
+
+def _state_words(scene: Mapping[str, Any]) -> list[list[str]]:
+    """Return in words what each camera did in each slot."""
+    return [
+        [
+            STATE_WORDS.get(int(state), f"blind slot, {scene['blind'].get(slot, '')}")
+            for slot, state in zip(scene["slots"], row, strict=True)
+        ]
+        for row in scene["states"]
+    ]
 
 
 def energy_bars(energy: Energy, cameras: Sequence[str]) -> dict[str, Any]:

@@ -12,15 +12,17 @@ from html import escape
 from importlib import resources
 from pathlib import Path
 from string import Template
+from types import MappingProxyType
 from typing import Any
 
 from e3pose.evaluate.figures import Summary, settings_json
 from e3pose.files.atomic import atomic_file
+from e3pose.model.blind_slot import duty
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 from e3pose.report import figures
 from e3pose.report.scene import scene
-from e3pose.report.summary import budget, cards, duty, sentences, thinning
+from e3pose.report.summary import budget, cards, sentences, thinning
 
 MAX_TEXT = 300  # characters of a name or description
 # What settings are called in the page; those that are not here say little to most readers.
@@ -37,6 +39,9 @@ SETTING_WORDS = {
     "seed": "random seed",
     "smooth": "smoothing",
 }
+BLIND_KEY = (
+    f" &nbsp; <i class='swatch' style='background:{figures.BLIND}'></i>blind slot: no view arrived"
+)
 # Filled in by player.js.
 WHY = (
     "<div class='soft'>Selection: information gain (nats per joint) and energy price</div>"
@@ -53,6 +58,7 @@ def write_report(
     summary: Summary,
     path: Path,
     lead: str | None = None,
+    details: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
     """Write the page that shows a run to `path`.
 
@@ -63,8 +69,9 @@ def write_report(
         path: the `.html` file to write, replaced if it exists.
         lead: what the page says of the lead where it changed during the run; that of the
             settings by default.
+        details: further rows of the settings, by name.
     """
-    text = render(recording, records, summary, lead)
+    text = render(recording, records, summary, lead, details)
     with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
@@ -74,6 +81,7 @@ def render(
     records: Sequence[SlotRecord],
     summary: Summary,
     lead: str | None = None,
+    details: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
     """Return the page as text; arguments are those of `write_report`."""
     from plotly.offline import get_plotlyjs
@@ -93,10 +101,11 @@ def render(
         cell=_cell(drawn),
         truth_box=_truth_box(drawn),
         sure_box=_sure_box(drawn),
+        blind_key=BLIND_KEY if drawn["blind"] else "",
         why=WHY if "gain" in drawn else "",
         energy_words=_text(_energy_words(summary), 1000),
         energy_boxes="".join(boxes),
-        settings=_settings(recording, summary, lead),
+        settings=_settings(recording, summary, lead, details),
         source=_text(recording.source),
         data=embed(drawn),
         figures=embed(charts),
@@ -122,7 +131,7 @@ def _charts(
     if not records:
         return {}
     cameras = recording.rig.camera_ids
-    shares = duty(recording, records).tolist()
+    shares = duty(records, len(cameras)).tolist()
     charts = {
         "strips": figures.strips(drawn),
         "energy": summary.energy and figures.energy_bars(summary.energy, cameras),
@@ -134,7 +143,7 @@ def _charts(
 def _energy_words(summary: Summary) -> str:
     energy = summary.energy
     if energy is None:
-        return "Share of slots in which each camera was active."
+        return "Share of slots in which each camera was active, blind slots left out."
     hours = [camera.battery_hours for camera in energy.cameras.values()]
     return (
         f"Dark: energy of each camera in this run; light: the same camera always active. "
@@ -145,7 +154,9 @@ def _energy_words(summary: Summary) -> str:
     )
 
 
-def _settings(recording: Recording, summary: Summary, lead: str | None) -> str:
+def _settings(
+    recording: Recording, summary: Summary, lead: str | None, details: Mapping[str, str]
+) -> str:
     rows: dict[str, Any] = {
         "cameras": ", ".join(recording.rig.camera_ids),
         "slots per second": f"{recording.fps:g}",
@@ -158,6 +169,7 @@ def _settings(recording: Recording, summary: Summary, lead: str | None) -> str:
     rows |= {
         SETTING_WORDS[key]: _setting(settings[key]) for key in SETTING_WORDS if key in settings
     }
+    rows |= details
     return "".join(
         f"<tr><td class='soft'>{_text(key)}</td><td>{_text(value, 2000)}</td></tr>"
         for key, value in rows.items()

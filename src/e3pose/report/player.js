@@ -44,7 +44,8 @@ function showPeople() {
   if (!tracks.length) list.append("no people");
   if (tracks.length > MAX_LISTED) list.append(`and ${tracks.length - MAX_LISTED} more`);
   const awake = DATA.cameras.filter((_, camera) => DATA.states[camera][frame] === AWAKE);
-  byId("awake").textContent = awake.length ? awake.join(", ") : "none";
+  const blind = DATA.blind[DATA.slots[frame]];
+  byId("awake").textContent = blind ? `none: blind slot, ${blind}` : awake.length ? awake.join(", ") : "none";
 }
 
 // Why the cameras of this slot were chosen: what each tells beyond the others, what its queue asks.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Camera, Rig
+from e3pose.model.blind_slot import WORDS
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.uncertainty import distance_within_m
 from e3pose.pipeline import SlotRecord
@@ -24,7 +25,8 @@ MAX_COORDINATE_M = 1000.0  # a joint further out is a mistake, and nothing to lo
 FRUSTUM_SHARE = 0.06  # of the scene's size: how large cameras are drawn
 NUM_COLOURS = 8  # of `COLOURS` in scene.js
 BAND = 0.9  # share of cases in which a joint lies within its drawn distance
-ASLEEP, AWAKE, LOST = 0, 1, 2  # what a camera did in a slot, as the strip's codes
+# What a camera did in a slot, as the codes of scene.js; in a blind slot no view arrived at all.
+ASLEEP, AWAKE, LOST, BLIND = 0, 1, 2, 4
 
 
 def stride(records: Sequence[SlotRecord]) -> int:
@@ -70,6 +72,9 @@ def scene(recording: Recording, records: Sequence[SlotRecord]) -> dict[str, Any]
         "high": millimetres(high),
         "floor": round(1000 * floor_m(shown)),
         "states": _by_camera(recording, [_states(record) for record in shown], digits=0),
+        "blind": {
+            record.slot: WORDS.get(record.blind, record.blind) for record in shown if record.blind
+        },
         "occlusion": _by_camera(recording, [record.occlusion for record in shown]),
         "deficit": _by_camera(recording, [record.deficit for record in shown]),
         **_reasons(recording, records, shown),
@@ -180,6 +185,8 @@ def _truth(truth: Truth | None, slot: int) -> list[list[int | None]]:
 
 
 def _states(record: SlotRecord) -> Floats:
+    if record.blind:
+        return np.full(len(record.selected), float(BLIND))
     return np.where(record.arrived, AWAKE, np.where(record.selected, LOST, ASLEEP)).astype(float)
 
 

@@ -5,20 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from e3pose.evaluate.figures import Summary
+from e3pose.model.blind_slot import blind_words, count_blind, duty
 from e3pose.pipeline import SlotRecord
 from e3pose.quantities import plural
 from e3pose.recording import Recording
 from e3pose.settings.parts import row_of
-
-
-def duty(recording: Recording, records: Sequence[SlotRecord]) -> NDArray[np.float64]:
-    """Return `(num_cameras,)`: the share of slots each camera was active."""
-    if not records:
-        return np.zeros(len(recording.rig))
-    return np.asarray(np.stack([record.selected for record in records]).mean(axis=0))
 
 
 def budget(summary: Summary, num_cameras: int) -> float | None:
@@ -50,7 +43,14 @@ def sentences(recording: Recording, records: Sequence[SlotRecord], summary: Summ
             f"Up to {plural(max(counts), 'person', 'people')} at a time; "
             f"people present in {100 * share:.0f} % of the slots."
         )
-    mean = duty(recording, records).sum()
+    if blind := count_blind(records):
+        count = sum(blind.values())
+        said.append(
+            f"In {count} of {plural(len(records), 'slot')} ({100 * count / len(records):.0f} %) no "
+            f"view arrived ({blind_words(blind)}): these blind slots are no rest, and are left out "
+            "of the shares and savings."
+        )
+    mean = duty(records, num_cameras).sum()
     by = f" (policy {summary.policy})"
     said.append(f"On average {mean:.1f} of {num_cameras} cameras are active per slot{by}.")
     energy = summary.energy
@@ -69,8 +69,10 @@ def cards(
     """Return the large figures as (value, what it is); one that cannot be had is left out."""
     found: list[tuple[str, str]] = []
     if records:
-        mean = duty(recording, records).sum()
+        mean = duty(records, len(recording.rig)).sum()
         found.append((f"{mean:.1f} of {len(recording.rig)}", "active cameras per slot, mean"))
+        if blind := sum(count_blind(records).values()):
+            found.append((f"{blind} of {len(records)}", "blind slots: no view arrived"))
     metrics, energy, slot_ms = summary.metrics, summary.energy, summary.stage_ms.get("slot")
     pcp = None if metrics.pcp is None else metrics.pcp.actors.get("average")
     saved = "energy saved (processors, WiFi, memory; modelled)"

@@ -12,14 +12,17 @@ from numpy.typing import NDArray
 from e3pose.camera.slot_reader import SlotReader, video_path
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Camera
+from e3pose.model.blind_slot import WORDS
 from e3pose.model.pose import Poses3D
 from e3pose.recording import Recording
+from e3pose.report.figures import BLIND
 from e3pose.report.overlay.draw import Image, draw_poses, reproject, track_color
 
 ASLEEP_BRIGHTNESS = 0.45
 BORDER_PX = 4
 GAP_PX = 4
 AWAKE_COLOR = (80, 220, 100)
+BLIND_COLOR = tuple(bytes.fromhex(BLIND.removeprefix("#")))
 LABEL_HEIGHT = 0.035  # of the panel
 CAPITAL_PX = 22  # height of OpenCV's capitals at size 1
 
@@ -47,6 +50,11 @@ class SlotDrawing(Protocol):
         """`(num_cameras,)` whether the camera was awake."""
         ...
 
+    @property
+    def blind(self) -> str:
+        """Why no view arrived although one was due; empty if the slot is not blind."""
+        ...
+
 
 def overlay_images(
     recording: Recording,
@@ -58,8 +66,9 @@ def overlay_images(
 ) -> Iterator[Image]:
     """Yield one image per drawing: a panel per camera, left to right.
 
-    An awake camera has a green frame; one that sleeps is dark, and its frame was not used. The
-    skeletons are the slot's 3D poses, drawn where each camera sees them.
+    An awake camera has a green frame; one that sleeps is dark, and its frame was not used. In a
+    blind slot all are dark with an amber frame. The skeletons are the slot's 3D poses, drawn where
+    each camera sees them.
 
     Args:
         recording: with videos.
@@ -95,6 +104,13 @@ def overlay_images(
         yield _side_by_side(panels)
 
 
+def camera_word(drawing: SlotDrawing, camera: int) -> str:
+    """Return what a camera, by its index, did in a slot: `active`, `idle` or why it is blind."""
+    if drawing.blind:
+        return f"blind: {WORDS.get(drawing.blind, drawing.blind)}"
+    return "active" if drawing.selected[camera] else "idle"
+
+
 def stack_strip(images: Sequence[Image]) -> Image:
     """Return one image with `images`, all of one width, below each other."""
     rows: list[Image] = []
@@ -117,23 +133,23 @@ def _panel(
 
     scale = height_px / image.shape[0]
     width_px = max(1, round(image.shape[1] * scale))
-    awake = bool(drawing.selected[index])
+    awake = bool(drawing.selected[index]) and not drawing.blind
     if not awake:
         image = (image * ASLEEP_BRIGHTNESS).astype(np.uint8)
     # Lines are drawn at full size and shrink with the picture.
     colors = [track_color(int(track_id)) for track_id in drawing.track_ids]
     drawn = draw_poses(image, reproject(drawing.poses, camera), recording.skeleton, colors)
     panel = cv2.resize(drawn, (width_px, height_px), interpolation=cv2.INTER_AREA)
-    text = f"{camera.camera_id} {'active' if awake else 'idle'}"
+    text = f"{camera.camera_id} {camera_word(drawing, index)}"
     size = LABEL_HEIGHT * height_px / CAPITAL_PX
     height = round(LABEL_HEIGHT * height_px)
     band = panel[BORDER_PX : 6 * BORDER_PX + height]
     band[:] = band // 2  # so that the label is read on any picture
     place = (4 * BORDER_PX, 3 * BORDER_PX + height)
     cv2.putText(panel, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, (255, 255, 255))
-    if awake:
-        corner = (width_px - 1, height_px - 1)
-        cv2.rectangle(panel, (0, 0), corner, AWAKE_COLOR, 2 * BORDER_PX)
+    if awake or drawing.blind:
+        corner, color = (width_px - 1, height_px - 1), AWAKE_COLOR if awake else BLIND_COLOR
+        cv2.rectangle(panel, (0, 0), corner, color, 2 * BORDER_PX)
     return np.asarray(panel, dtype=np.uint8)
 
 

@@ -23,10 +23,18 @@ from numpy.typing import NDArray
 from e3pose.detectors.weights import Progress, find_weights, is_installed, pull_weights
 from e3pose.errors import InputError
 from e3pose.files.atomic import atomic_folder, check_free
+from e3pose.model.blind_slot import count_blind
 from e3pose.simulate import SceneSettings, simulate
 from e3pose.site.demo.clip import SOURCE, TITLE, Clip, fetch_clip, find_clip
 from e3pose.site.demo.pictures import draw
-from e3pose.site.demo.summary import DemoReport, LiveFigures, about, delivery_words, pace_words
+from e3pose.site.demo.summary import (
+    DemoReport,
+    LiveFigures,
+    about,
+    delivery_words,
+    latency_words,
+    pace_words,
+)
 
 if TYPE_CHECKING:
     from e3pose.evaluate.figures import Summary
@@ -141,7 +149,7 @@ def run_demo(
             records, times = stored_records(
                 store, scene.recording.interval_s, film, scene.num_slots
             )
-            figures = _figures(scene, heard, len(records), inputs)
+            figures = _figures(scene, heard, records, inputs)
             summary = _write_results(
                 scene.recording,
                 heard,
@@ -278,10 +286,10 @@ def _simulated(stand_in: SceneSettings | None, folder: Path, phase: Phase) -> Sc
 
 
 def _figures(
-    scene: Scene, heard: Heard, num_slots: int, inputs: tuple[Clip, Path] | None
+    scene: Scene, heard: Heard, records: Sequence[SlotRecord], inputs: tuple[Clip, Path] | None
 ) -> LiveFigures:
     status = heard.status
-    played_s = num_slots * scene.recording.interval_s
+    played_s = len(records) * scene.recording.interval_s
     video_bytes = 0.0
     if inputs is not None:
         whole = sum(video.stat().st_size for video in inputs[0].videos)
@@ -302,6 +310,7 @@ def _figures(
         detect_ms=1000 * float(np.median(heard.detect_s)) if heard.detect_s else 0.0,
         fuse_ms=(0.0, 0.0) if status is None else status.latency_ms,
         delay_ms=1000 * float(np.median(heard.delays_s)) if heard.delays_s else 0.0,
+        blind=count_blind(records),
     )
 
 
@@ -340,6 +349,7 @@ def _write_results(
         write_poses(records, recording.skeleton, folder / name)
     table = as_json(summary, live=asdict(figures))
     (folder / "summary.json").write_text(json.dumps(table, indent=2) + "\n")
-    write_report(recording, records, summary, folder / "report.html")
+    details = {"latency": latency_words(figures)}
+    write_report(recording, records, summary, folder / "report.html", details=details)
     draw(recording, records, moments_s, folder, folder / SITE, progress)
     return summary

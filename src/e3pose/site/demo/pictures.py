@@ -95,12 +95,13 @@ def _sketch(recording: Recording, record: SlotRecord) -> Image:
     import cv2
 
     from e3pose.report.overlay import draw_poses, reproject, track_color
+    from e3pose.report.overlay.panels import BLIND_COLOR, camera_word
 
     colors = [track_color(int(track_id)) for track_id in record.track_ids]
     panels: list[Image] = []
     for index, camera in enumerate(recording.rig.cameras):
         width, height = camera.image_size
-        awake = bool(record.selected[index])
+        awake = bool(record.selected[index]) and not record.blind
         image: Image = np.full((height, width, 3), AWAKE_GREY if awake else ASLEEP_GREY, np.uint8)
         view = recording.view(record.slot, index)
         if view is not None and awake:
@@ -110,7 +111,9 @@ def _sketch(recording: Recording, record: SlotRecord) -> Image:
         image = draw_poses(image, poses, recording.skeleton, colors, LIMB_PX)
         size = (max(1, round(width * SKETCH_PX / height)), SKETCH_PX)
         panel = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
-        text = f"{camera.camera_id} {'active' if awake else 'idle'}"
+        text = f"{camera.camera_id} {camera_word(record, index)}"
         cv2.putText(panel, text, (10, 24), 0, 0.6, (40, 40, 40), 1, cv2.LINE_AA)
+        if record.blind:
+            cv2.rectangle(panel, (0, 0), (size[0] - 1, size[1] - 1), BLIND_COLOR, 6)
         panels += [panel, np.full((SKETCH_PX, GAP_PX, 3), 255, np.uint8)]
     return np.concatenate(panels[:-1], axis=1)

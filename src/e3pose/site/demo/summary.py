@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from e3pose.model.blind_slot import blind_words
 
 if TYPE_CHECKING:
     from e3pose.evaluate.figures import Summary
@@ -40,6 +43,7 @@ class LiveFigures:
         detect_ms: median time of a detection, in milliseconds.
         fuse_ms: median and 99th percentile from a slot's last view to its poses.
         delay_ms: median from the middle of a slot until its poses were published.
+        blind: blind slots by cause.
     """
 
     pace: float
@@ -57,6 +61,7 @@ class LiveFigures:
     detect_ms: float
     fuse_ms: tuple[float, float]
     delay_ms: float
+    blind: Mapping[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,13 +155,23 @@ def delivery_words(live: LiveFigures) -> list[str]:
     in_time = live.orders - live.late_orders
     said = (
         f"Timing: {in_time} of {live.orders} orders and {live.views - live.late_views} of "
-        f"{live.views} views arrived in time; {live.slots_lost} slots lost. Poses are published "
-        f"{live.fuse_ms[0]:.1f} ms after the last view (99 %: {live.fuse_ms[1]:.1f} ms)."
+        f"{live.views} views arrived in time; {live.slots_lost} slots lost{_blind(live)}. Poses "
+        f"are published {live.fuse_ms[0]:.1f} ms after the last view, median."
     )
     sizes = f"Network: {live.view_bytes / 1e3:.0f} kB of keypoints"
     if live.video_bytes:
         return [said, f"{sizes}; the same video is {live.video_bytes / 1e3:.0f} kB."]
     return [said, f"{sizes}, {live.order_bytes / 1e3:.0f} kB of orders."]
+
+
+def _blind(live: LiveFigures) -> str:
+    count = sum(live.blind.values())
+    return f", {count} blind ({blind_words(live.blind)})" if count else ""
+
+
+def latency_words(live: LiveFigures) -> str:
+    """Say how long poses take after the last view, in detail."""
+    return f"{live.fuse_ms[0]:.1f} ms after the last view, 99 %: {live.fuse_ms[1]:.1f} ms"
 
 
 def _accuracy(summary: Summary) -> list[str]:
