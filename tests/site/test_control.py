@@ -19,7 +19,7 @@ from e3pose.pipeline import Pipeline
 from e3pose.recording.calibration import save_rig
 from e3pose.select.policies.information import Information
 from e3pose.settings.live import live_site
-from e3pose.site.control import SiteControls
+from e3pose.site.control import BURST, COUNT_S, TOO_MANY, SiteControls
 from e3pose.site.edge_program import make_edge
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Control, Controlled
@@ -61,7 +61,7 @@ def test_number_of_cameras_and_its_budget_change_with_the_next_slot(tmp_path: Pa
     with edge(tmp_path) as (made, hub):
         before, _ = next_pipeline(made.consumers, made.pipeline)
         assert policy(before).num_selected == 2 and before.budget.tolist() == [0.7] * 4
-        answer = hub.join().ask("e3pose/lab/control", encode(Control(cameras=3)), 1.0)
+        answer = hub.join().ask("e3pose/lab/control/desk", encode(Control(cameras=3)), 1.0)
         assert answer is not None
         assert decode(answer, Controlled, "edge") == Controlled(said="3 cameras per slot")
         after, messages = next_pipeline(made.consumers, before)
@@ -127,7 +127,7 @@ def test_what_cannot_be_had_is_refused_and_changes_nothing(
     with edge(tmp_path) as (made, hub):
         with pytest.raises(InputError, match=messages):
             controls(made).take(control)
-        answer = hub.join().ask("e3pose/lab/control", encode(control), 1.0)
+        answer = hub.join().ask("e3pose/lab/control/desk", encode(control), 1.0)
         assert answer is not None and messages in decode(answer, Controlled, "edge").problem
         assert controls(made).applied(made.pipeline) == (made.pipeline, [])
         assert not controls(made).paused
@@ -140,9 +140,39 @@ def test_policy_without_a_number_cannot_be_given_one(tmp_path: Path) -> None:
         assert made.status().num_selected is None
 
 
+def test_operator_who_floods_is_refused_and_counted_in_one_event(tmp_path: Path) -> None:
+    with edge(tmp_path) as (made, _):
+        now_s = [0.0]
+        assert made.consumers.ledger is not None
+        asked = SiteControls(controls(made)._live, made.consumers.ledger, lambda: now_s[0])
+
+        def ask(operator: str) -> str:
+            answer = asked.answer(operator, encode(Control(cameras=3)))
+            return decode(answer, Controlled, "edge").problem
+
+        problems = [ask("desk") for _ in range(2000)]
+        assert problems[: int(BURST)] == [""] * int(BURST)
+        assert all("more than 2 requests per second" in one for one in problems[int(BURST) :])
+        assert ask("hall") == ""  # another operator is heard
+        _, lines = asked.applied(made.pipeline)
+        assert len(lines) == BURST + 1
+        now_s[0] = COUNT_S
+        assert asked.applied(made.pipeline)[1] == [
+            "1980 requests refused, most of operator desk: too many per second"
+        ]
+        assert asked.applied(made.pipeline)[1] == [] and ask("desk") == ""
+
+
+def test_many_names_of_operators_have_a_rate_together(tmp_path: Path) -> None:
+    with edge(tmp_path) as (made, _):  # without certificates, anybody may use any name
+        request = encode(Control(cameras=3))
+        answers = [controls(made).answer(f"desk{i}", request) for i in range(500)]
+        assert 400 < answers.count(TOO_MANY) < 500
+
+
 def test_garbage_is_answered_with_its_problem(tmp_path: Path) -> None:
     with edge(tmp_path) as (_, hub):
-        answer = hub.join().ask("e3pose/lab/control", b"garbage", 1.0)
+        answer = hub.join().ask("e3pose/lab/control/desk", b"garbage", 1.0)
         assert answer is not None and decode(answer, Controlled, "edge").problem
 
 

@@ -209,6 +209,22 @@ def test_lock_of_another_is_waited_out(tmp_path: Path, record: Records, run: Run
     assert stored_slots(path) == list(range(100))
 
 
+def test_flood_of_events_leaves_room_for_slots(tmp_path: Path, record: Records, run: Runs) -> None:
+    path = tmp_path / "live.db"
+    settings = WriterSettings(commit_s=0.02, queue_slots=100)
+    with StoreWriter(path, run(), settings) as writer:
+        blocker = sqlite3.connect(path, isolation_level=None)
+        blocker.execute("BEGIN IMMEDIATE")
+        time.sleep(0.1)  # the thread waits for the lock
+        taken = [writer.event(Event(1, "control", "again")) for _ in range(10_000)]
+        assert taken.count(True) < 400  # those that the thread took meanwhile, and half the queue
+        assert all(writer.append(record(slot)) for slot in range(40))
+        blocker.execute("ROLLBACK")
+        blocker.close()
+        assert writer.flush()
+    assert stored_slots(path) == list(range(40))
+
+
 def test_full_queue_sheds_and_says_so(tmp_path: Path, record: Records, run: Runs) -> None:
     path = tmp_path / "live.db"
     events: list[Event] = []

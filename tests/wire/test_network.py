@@ -131,20 +131,20 @@ def test_operators_alone_control_the_edge_and_see_what_viewers_see(site: Site) -
         asked.append(payload)
         return b"done"
 
-    edge.answer("e3pose/lab/control", answer)
+    edge.answer("e3pose/lab/control/desk", answer)
     operator, viewer, camera = site.operator(), site.viewer(), site.camera("cam1")
     operator.subscribe("e3pose/lab/poses", lambda t, p: seen.append(p))
 
     def ready() -> bool:
         edge.publish("e3pose/lab/poses", b"people")
-        return bool(seen) and operator.ask("e3pose/lab/control", b"mine", 0.5) == b"done"
+        return bool(seen) and operator.ask("e3pose/lab/control/desk", b"mine", 0.5) == b"done"
 
     assert eventually(ready)
     asked.clear()
     for other in (viewer, camera):
-        assert other.ask("e3pose/lab/control", b"not allowed", SILENCE_S) is None
+        assert other.ask("e3pose/lab/control/desk", b"not allowed", SILENCE_S) is None
     operator.publish("e3pose/lab/order/cam1", b"forged")
-    assert operator.ask("e3pose/lab/control", b"again", 10.0) == b"done"
+    assert operator.ask("e3pose/lab/control/desk", b"again", 10.0) == b"done"
     assert asked == [b"again"]
     edge.close()
 

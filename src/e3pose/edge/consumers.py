@@ -14,7 +14,7 @@ from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.predict.base import Predictor
 from e3pose.store.rows import Event
 from e3pose.wire.messages import Heartbeat
-from e3pose.wire.topics import of_site
+from e3pose.wire.topics import ANY, of_control
 from e3pose.wire.transport import Transport
 
 if TYPE_CHECKING:
@@ -67,8 +67,8 @@ class Controls(Protocol):
         """Cameras that operators paused."""
         ...
 
-    def answer(self, payload: bytes) -> bytes:
-        """Answer a `Control`; on a thread of the transport."""
+    def answer(self, operator: str, payload: bytes) -> bytes:
+        """Answer a `Control` of an operator; on a thread of the transport."""
         ...
 
     def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
@@ -106,7 +106,10 @@ class Consumers:
         """Start to answer operators."""
         controls = self.controls
         if controls is not None:
-            transport.answer(of_site(site, "control"), lambda _, asked: controls.answer(asked))
+            transport.answer(
+                of_control(site, ANY),
+                lambda topic, asked: controls.answer(topic.rpartition("/")[2], asked),
+            )
 
     def take(self, beat: Heartbeat) -> None:
         """Pass on a heartbeat; on a thread of the transport."""

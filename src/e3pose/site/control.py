@@ -6,6 +6,8 @@ Nothing of it is written down: an edge that is restarted runs as its site file s
 from __future__ import annotations
 
 import threading
+import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
@@ -15,6 +17,7 @@ from e3pose.energy.budgets import Budget, parse_budget
 from e3pose.errors import InputError
 from e3pose.pipeline import Pipeline
 from e3pose.quantities import plural
+from e3pose.runtime.rate_limit import Rate
 from e3pose.select.policies import Policy
 from e3pose.settings.live import LiveSite
 from e3pose.settings.loop import LoopSettings
@@ -23,23 +26,37 @@ from e3pose.wire.codec import decode, encode, one_line
 from e3pose.wire.site_messages import Control, Controlled
 
 Chosen = tuple[Policy, Callable[[float], Policy] | None]
+PER_S, BURST = 2.0, 20.0  # requests of an operator
+ALL_PER_S, ALL_BURST = 10.0, 60.0  # of all of them
+COUNT_S = 10.0  # how long refused requests are counted before they are reported
+TOO_MANY = encode(Controlled(problem=f"more than {PER_S:g} requests per second: ask again later"))
 
 
 class SiteControls:
     """What operators asked of an edge; see `edge.consumers.Controls`."""
 
-    def __init__(self, live: LiveSite, ledger: EnergyLedger) -> None:
+    def __init__(
+        self,
+        live: LiveSite,
+        ledger: EnergyLedger,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
         """Start with the settings of the site file.
 
         Args:
             live: the site.
             ledger: takes other budgets.
+            now_s: a clock, for the rates of requests.
         """
         self._live, self._ledger, self._loop = live, ledger, live.loop
         self._own: dict[str, Budget] = {}  # camera to the budget that an operator gave it
         self._paused: frozenset[str] = frozenset()
         self._chosen: Chosen | None = None  # to be used from the next slot on
         self._reported: list[str] = []
+        self._now_s = now_s
+        self._rate, self._rate_of_all = Rate(PER_S, BURST, now_s), Rate(ALL_PER_S, ALL_BURST, now_s)
+        self._refused: Counter[str] = Counter()  # requests by operator
+        self._refused_since_s = 0.0
         self._lock = threading.Lock()
 
     @property
@@ -47,8 +64,10 @@ class SiteControls:
         """Cameras that are left out."""
         return self._paused
 
-    def answer(self, payload: bytes) -> bytes:
+    def answer(self, operator: str, payload: bytes) -> bytes:
         """Apply a `Control`, or answer why not; on a thread of the transport."""
+        if self._too_many(operator):
+            return TOO_MANY
         try:
             said = self.take(decode(payload, Control, "control"))
         except InputError as error:
@@ -70,14 +89,31 @@ class SiteControls:
 
     def applied(self, pipeline: Pipeline) -> tuple[Pipeline, list[str]]:
         """See `edge.consumers.Controls`."""
-        if not self._reported:  # nearly always
+        if not self._reported and not self._refused:  # nearly always
             return pipeline, []
         with self._lock:
-            lines, self._reported = self._reported, []
+            lines, self._reported = [*self._reported, *self._refusals()], []
             chosen, self._chosen = self._chosen, None
         if chosen is not None:
             pipeline = replace(pipeline, policy=chosen[0], waking=chosen[1])
         return pipeline, lines
+
+    def _too_many(self, operator: str) -> bool:
+        """Return whether an operator asks too often, and count that."""
+        with self._lock:
+            if not (self._rate.wait_s(operator) or self._rate_of_all.wait_s("")):
+                return False
+            if not self._refused:
+                self._refused_since_s = self._now_s()
+            self._refused[operator[:64]] += 1
+        return True
+
+    def _refusals(self) -> list[str]:
+        if not self._refused or self._now_s() < self._refused_since_s + COUNT_S:
+            return []
+        (most, _), *_ = self._refused.most_common(1)
+        count, self._refused = self._refused.total(), Counter()
+        return [f"{plural(count, 'request')} refused, most of operator {most}: too many per second"]
 
     def _of_loop(self, control: Control) -> str:
         if control.paused is not None or control.budget:

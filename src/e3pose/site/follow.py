@@ -9,15 +9,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from e3pose.errors import InputError
+from e3pose.files.bounded import read_bytes
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire import topics
-from e3pose.wire.access import Link, split_endpoint
+from e3pose.wire.access import Link, holder_of, split_endpoint
 from e3pose.wire.codec import decode
-from e3pose.wire.keys.folder import Kind, certificates_in, check_certificates
+from e3pose.wire.keys.folder import (
+    MAX_PEM_BYTES,
+    Kind,
+    certificates_in,
+    check_certificates,
+)
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
 ANY_HOST = ("0.0.0.0", "[::]", "*")
+LOCAL_OPERATOR = "local"
 
 
 @dataclass(eq=False)
@@ -67,6 +74,23 @@ class Follower:
 
         transport.subscribe(topics.of_site(self.site, "status"), take_status)
         transport.subscribe(topics.of_site(self.site, "poses"), take_poses)
+
+
+def operator_of(link: Link) -> str | None:
+    """Return the operator whose link it is; None for a viewer's.
+
+    Where a site has no certificates, whoever reaches it operates it.
+
+    Raises:
+        InputError: for a certificate that cannot be read.
+    """
+    if link.certificates is None:
+        return LOCAL_OPERATOR
+    if link.certificates.certificate.name != "operator.pem":
+        return None
+    from e3pose.wire.keys.authority import common_name
+
+    return holder_of(common_name(read_bytes(link.certificates.certificate, MAX_PEM_BYTES)))
 
 
 def viewer_link(site: SiteTable, viewer: Path | None, operates: bool = False) -> Link:

@@ -176,7 +176,13 @@ class StoreWriter:
         return self._hand_over(_Slot(record, time_ns, energy_j), wait)
 
     def event(self, event: Event) -> bool:
-        """Hand over an event; return whether it was taken."""
+        """Hand over an event; return whether it was taken.
+
+        A flood of events leaves half of the queue to slots.
+        """
+        if len(self._items) >= self.settings.queue_slots // 2:
+            self._shed += 1
+            return False
         return self._hand_over(event, wait=False)
 
     def energy(self, reading: EnergyReading) -> bool:

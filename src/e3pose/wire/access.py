@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from e3pose.errors import InputError
 from e3pose.wire.codec import MAX_BYTES
-from e3pose.wire.topics import ANY, of_camera, of_order, of_site
+from e3pose.wire.topics import ANY, of_camera, of_control, of_order, of_site
 
 LEASE_MS = 1500  # a frozen peer is given up after it; Zenoh's own 10 s is too long
 # Zenoh lets 2 messages wait for its own sending thread and drops the next after a millisecond: a
@@ -201,6 +201,11 @@ def edge_name(site: str) -> str:
     return f"{site}#edge"
 
 
+def holder_of(common_name: str) -> str:
+    """Return to whom a certificate was given, `cam1` for `cam1#2`."""
+    return common_name.rpartition("#")[0]
+
+
 def _limits(site: str) -> list[dict[str, Any]]:
     """Return the size limits of camera messages; Zenoh drops larger ones."""
     sizes = {"view": VIEW_BYTES, "hello": WORD_BYTES, "heartbeat": WORD_BYTES, "clock": WORD_BYTES}
@@ -242,8 +247,8 @@ def _access(
             "listens": ("ingress", LISTEN, shown),
             "hears": ("egress", HEAR, shown),
         })  # fmt: skip
-    control = [of_site(site, "control"), of_camera(site, ANY, "picture")]
     for operator, common_name in operators.items():
+        control = [of_control(site, holder_of(common_name)), of_camera(site, ANY, "picture")]
         _grant(rules, policies, subjects, f"operator-{operator}", common_name, {
             "listens": ("ingress", LISTEN, shown),
             "hears": ("egress", HEAR, shown),

@@ -5,7 +5,7 @@ e3pose/SITE/camera/CAMERA/clock                          a camera asks, the edge
 e3pose/SITE/camera/CAMERA/picture                        an operator asks, the camera answers
 e3pose/SITE/order/CAMERA                                 the edge writes, that camera reads
 e3pose/SITE/{poses,poses-delayed,status}                 the edge writes, viewers read
-e3pose/SITE/control                                      an operator asks, the edge answers
+e3pose/SITE/control/OPERATOR                             that operator asks, the edge answers
 e3pose/SITE/alive                                        that the edge is there
 """
 
@@ -38,8 +38,14 @@ def of_order(site: str, camera_id: str) -> str:
 
 
 def of_site(site: str, what: str) -> str:
-    """Return a topic of the edge: `poses`, `poses-delayed`, `status`, `control` or `alive`."""
+    """Return a topic of the edge: `poses`, `poses-delayed`, `status` or `alive`."""
     return f"{ROOT}/{check_site(site)}/{what}"
+
+
+def of_control(site: str, operator: str) -> str:
+    """Return the topic on which an operator controls the edge; `ANY` stands for all operators."""
+    name = operator if operator == ANY else check_camera_id(operator)
+    return f"{ROOT}/{check_site(site)}/control/{name}"
 
 
 def sender(topic: str) -> str:

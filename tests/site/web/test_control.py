@@ -24,7 +24,7 @@ def asked(watched: Watched) -> list[Control]:
         return encode(Controlled(said="done"))
 
     watched.edge.answers.clear()
-    watched.edge.answer("e3pose/lab/control", answer)
+    watched.edge.answer("e3pose/lab/control/local", answer)
     return found
 
 

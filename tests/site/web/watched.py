@@ -17,10 +17,10 @@ from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import COCO17
 from e3pose.pipeline import SlotRecord
 from e3pose.recording.calibration import save_rig
+from e3pose.runtime.rate_limit import Rate
 from e3pose.settings.live import live_site
 from e3pose.settings.site_file import load_site
 from e3pose.site.web.program import View, open_view
-from e3pose.site.web.rate_limit import Rate
 from e3pose.store import EnergyReading, Event, Run, StoreWriter
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
