@@ -9,7 +9,7 @@ import tempfile
 import threading
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,11 +22,12 @@ from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.site.example import free_port
 from e3pose.site.follow import Follower, viewer_link
-from e3pose.site.up import Program, camera_command, edge_command, end
+from e3pose.site.up import Program, camera_command, edge_command, end, view_command
 from e3pose.wire.keys.folder import add_keys, init_keys
 from e3pose.wire.network import open_network
 
 SETTLE_S = 4.0
+PAGE = "page"
 # Names of the edge's threads, and what they do.
 PARTS = {
     "fusion": "step, encoding",
@@ -46,6 +47,8 @@ class Sample:
     edge_threads: int
     camera_rss: int
     camera_threads: int
+    page_rss: int = 0
+    page_threads: int = 0
 
 
 @dataclass
@@ -56,6 +59,7 @@ class Site:
     programs: list[Program]
     follower: Follower
     metrics_port: int
+    page_port: int | None = None
     cpu_begin_s: float = 0.0
     begun_s: float = 0.0
     samples: list[Sample] = field(default_factory=list)
@@ -75,7 +79,15 @@ class Site:
         return psutil.Process(program.process.pid)
 
     def cameras(self) -> list[psutil.Process]:
-        return [psutil.Process(p.process.pid) for p in self.programs[1:] if p.process is not None]
+        return self._processes(lambda name: name not in ("edge", PAGE))
+
+    def page(self) -> list[psutil.Process]:
+        """Return the process of the page, if it runs."""
+        return self._processes(lambda name: name == PAGE)
+
+    def _processes(self, wanted: Callable[[str], bool]) -> list[psutil.Process]:
+        running = [p for p in self.programs if wanted(p.name) and p.process is not None]
+        return [psutil.Process(p.process.pid) for p in running if p.process is not None]
 
     def begin_count(self) -> None:
         times = self.edge().cpu_times()
@@ -105,13 +117,15 @@ class Site:
         return sum(float(line.split()[-1]) for line in lines if re.match(rf"{name}[ {{]", line))
 
     def sample(self) -> Sample:
-        edge, cameras = self.edge(), self.cameras()
+        edge, cameras, page = self.edge(), self.cameras(), self.page()
         made = Sample(
             time.monotonic() - self.begun_s,
             edge.memory_info().rss,
             edge.num_threads(),
             sum(c.memory_info().rss for c in cameras),
             sum(c.num_threads() for c in cameras),
+            sum(p.memory_info().rss for p in page),
+            sum(p.num_threads() for p in page),
         )
         self.samples.append(made)
         return made
@@ -139,8 +153,22 @@ def live_site(
     loop: str = "cameras = 2",
     store: bool = True,
     tls: bool = True,
+    page: bool = False,
+    spare: int = 0,
 ) -> Iterator[Site]:
-    """Start a site and wait until its slots flow; end it at the end."""
+    """Start a site and wait until its slots flow; end it at the end.
+
+    Args:
+        cameras: of the rig.
+        people: in the scene.
+        fps: slots per second.
+        seconds: of the scene, which repeats.
+        loop: lines below `[loop]`.
+        store: whether slots are stored.
+        tls: whether the link is encrypted.
+        page: whether its page runs too.
+        spare: so many cameras, the last ones, have no program.
+    """
     with tempfile.TemporaryDirectory(prefix="e3pose-live-") as name:
         folder = Path(name)
         scene = SceneSettings("ring", people=people, seconds=seconds, fps=fps, cameras=cameras)
@@ -158,8 +186,12 @@ def live_site(
         command = [*edge_command(path), "--json-logs"]
         programs = [Program("edge", command, folder / "edge.log")] + [
             Program(i, camera_command(site, i, recording.rig), folder / f"{i}.log")
-            for i in recording.rig.camera_ids
+            for i in recording.rig.camera_ids[: cameras - spare]
         ]
+        page_port = free_port() if page else None
+        if page:
+            command = [*view_command(path), "--listen", f"127.0.0.1:{page_port}"]
+            programs.append(Program(PAGE, command, folder / "page.log"))
         follower = Follower("bench")
         transport = open_network(viewer_link(site, None))
         follower.listen(transport)
@@ -168,7 +200,7 @@ def live_site(
         try:
             _wait_until_it_runs(follower, programs)
             time.sleep(SETTLE_S)
-            made = Site(folder, programs, follower, metrics_port)
+            made = Site(folder, programs, follower, metrics_port, page_port)
             made.begin_count()
             yield made
         finally:

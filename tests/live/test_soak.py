@@ -19,7 +19,17 @@ MAY_BE_LOST = 75  # of 750: what an edge gives up when the machine stands still 
 
 def test_nothing_grows_in_half_a_minute() -> None:
     program = subprocess.Popen(
-        [sys.executable, str(SOAK), "--minutes", "0.5", "--every", "1", "--growth", "5"],
+        [
+            sys.executable,
+            str(SOAK),
+            "--minutes",
+            "0.5",
+            "--every",
+            "1",
+            "--growth",
+            "5",
+            "--no-churn",
+        ],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
