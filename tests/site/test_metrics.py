@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import socket
+import threading
 import urllib.request
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,8 @@ from tests.waiting import eventually
 from e3pose.edge.consumers import Consumers
 from e3pose.errors import InputError
 from e3pose.pipeline import SlotRecord
-from e3pose.site.metrics import serve_metrics
+from e3pose.site.listener import open_socket
+from e3pose.site.metrics import MetricsServer, http_answer, serve_metrics
 from e3pose.store import Event, WriterStatus
 
 pytest.importorskip("prometheus_client")
@@ -58,8 +62,7 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
             assert eventually(lambda: edge.inbox.roster.cameras[0].beat is not None)
             before, found, after = edge.counts.slots, scraped(port), edge.counts.slots
         finally:
-            server.shutdown()
-            server.server_close()
+            server.close()
         assert before <= found["e3pose_slots_total"] <= after
         assert found["e3pose_wrong_messages_total"] == 3
         assert found["e3pose_unknown_messages_total"] == 3
@@ -80,3 +83,42 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
             assert 0 <= of["lost_views"] <= of["ordered_views"]
             assert 0 <= of["late_orders"] < of["orders"]
             assert "battery" not in of  # on mains
+
+
+def test_crowd_at_the_metrics_makes_no_threads_and_keeps_no_scrape_out(tmp_path: Path) -> None:
+    with site_at_work(tmp_path) as site, ExitStack() as stack:
+        assert site.edge is not None
+        port = free_port()
+        server = serve_metrics(site.edge, port)
+        stack.callback(server.close)
+        assert scraped(port)["e3pose_lead_slots"] >= 1
+        threads = threading.active_count()
+        for _ in range(200):
+            one = stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20))
+            one.sendall(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\nX: ")
+        assert threading.active_count() <= threads
+        assert scraped(port)["e3pose_lead_slots"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("request_line", "host", "status"),
+    [
+        ("GET /metrics HTTP/1.1", "localhost:9", "200"),
+        ("GET / HTTP/1.0", "127.0.0.1", "200"),
+        ("GET /metrics?name[]=x HTTP/1.1", "[::1]:9", "200"),
+        ("GET /metrics HTTP/1.1", "evil.example", "421"),  # a page pointed its name here
+        ("POST /metrics HTTP/1.1", "localhost", "404"),
+        ("GET /etc/passwd HTTP/1.1", "localhost", "404"),
+        ("GET /" + "x" * 9000, "localhost", "431"),
+        ("\x16\x03\x01", "localhost", "404"),
+    ],
+)
+def test_only_scrapes_are_answered(request_line: str, host: str, status: str) -> None:
+    listening = open_socket("127.0.0.1", 0)
+    server = MetricsServer(listening, lambda headers: http_answer("200 OK", body=b"x 1\n"))
+    try:
+        with socket.create_connection(listening.getsockname(), timeout=20) as one:
+            one.sendall(f"{request_line}\r\nHost: {host}\r\n\r\n".encode("latin-1"))
+            assert one.recv(1000).split(b" ")[1] == status.encode()
+    finally:
+        server.close()

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from e3pose.cli.options import warn
 from e3pose.quantities import check_seconds
 
 
@@ -53,7 +54,7 @@ def view(
     if end_with_parent:
         look_after_parent()
     table = load_site(site)
-    with open_view(live_site(table), listen, keys) as opened:
+    with open_view(live_site(table), listen, keys, report=warn) as opened:
         print("\n".join(page_links(table, opened.address)), flush=True)
         reduce_pauses()
         end_s = None if for_s is None else time.monotonic() + for_s

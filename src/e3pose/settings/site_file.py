@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -77,6 +78,8 @@ class ViewTable:
     Attributes:
         listen: `HOST:PORT`; beyond loopback it needs keys or `insecure`, and every reader a token.
         hosts: names by which browsers reach it, beside `localhost` and that of the machine.
+        proxies: addresses of reverse proxies before it, such as 127.0.0.1: the clients that they
+            name are believed, and every reader needs a token.
         tokens: file of the tokens, made where it is missing.
         insecure: whether plain http beyond this machine is allowed.
         pictures: whether operators may see small pictures of what cameras see; each camera must
@@ -85,6 +88,7 @@ class ViewTable:
 
     listen: str = "127.0.0.1:8470"
     hosts: tuple[str, ...] = ()
+    proxies: tuple[str, ...] = ()
     tokens: str = "view-tokens.toml"
     insecure: bool = False
     pictures: bool = False
@@ -95,6 +99,11 @@ class ViewTable:
         except InputError:
             wanted = "HOST:PORT, such as 127.0.0.1:8470"
             raise InputError("listen", repr(self.listen[:100]), wanted) from None
+        for proxy in self.proxies:
+            try:
+                ipaddress.ip_address(proxy)
+            except ValueError:
+                raise InputError("proxies", repr(proxy[:100]), "addresses") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -185,7 +185,7 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
         if site.metrics_port is not None:
             from e3pose.site.metrics import serve_metrics
 
-            stack.callback(serve_metrics(server, site.metrics_port).shutdown)
+            stack.callback(serve_metrics(server, site.metrics_port).close)
         stack.callback(server.stop)
         log.info("getting ready; the very first time this compiles for a minute or two")
         server.start()

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import asyncio
+import contextlib
+import ipaddress
+import socket
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
+from e3pose.site.listener import Bounds, Listener, open_socket
 from e3pose.wire.site_messages import CameraStatus
+
+CONNECTIONS = 16
+MAX_REQUEST_BYTES = 8192
+END_S = 5.0
 
 
 class EdgeCollector:
@@ -70,21 +80,111 @@ def _store(edge: EdgeServer) -> Iterator[Any]:
         yield GaugeMetricFamily(f"e3pose_{name}", text, value=level)
 
 
-def serve_metrics(edge: EdgeServer, port: int) -> Any:
-    """Serve the metrics on `http://127.0.0.1:PORT/metrics`; return the server, to be shut down.
+class MetricsServer:
+    """Answers scrapes on one thread, until `close`."""
+
+    def __init__(self, listening: socket.socket, answer: Callable[[dict[str, str]], bytes]) -> None:
+        """Start to answer.
+
+        Args:
+            listening: the socket, which is closed at the end.
+            answer: returns an HTTP answer to a request for the metrics with these headers.
+        """
+        self._loop, self._listening = asyncio.new_event_loop(), listening
+        bounds = Bounds(CONNECTIONS, CONNECTIONS)
+        self._listener = Listener(listening, lambda: _Scrape(self._loop, answer), bounds)
+        self._thread = threading.Thread(target=self._run, name="metrics", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End."""
+        self._loop.call_soon_threadsafe(lambda: self._accepting.cancel())
+        self._thread.join(END_S)
+        self._listening.close()
+
+    def _run(self) -> None:
+        self._accepting = self._loop.create_task(self._listener.run())
+        with contextlib.suppress(asyncio.CancelledError), contextlib.closing(self._loop):
+            self._loop.run_until_complete(self._accepting)
+
+
+class _Scrape(asyncio.Protocol):
+    """One request for the metrics, its answer, and the end."""
+
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, answer: Callable[[dict[str, str]], bytes]
+    ) -> None:
+        self.waiting_since_s: float = loop.time()
+        self._answer, self._head = answer, b""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        self._head += data
+        if b"\r\n\r\n" not in self._head and len(self._head) <= MAX_REQUEST_BYTES:
+            return
+        self._transport.write(self._reply())
+        self._transport.close()
+
+    def _reply(self) -> bytes:
+        head, ended, _ = self._head.partition(b"\r\n\r\n")
+        if not ended or len(head) > MAX_REQUEST_BYTES:
+            return http_answer("431 Request Header Fields Too Large")
+        first, *lines = head.decode("latin-1").split("\r\n")
+        headers = {
+            name.strip().lower(): value.strip()
+            for name, _, value in (line.partition(":") for line in lines)
+        }
+        method, _, target = first.partition(" ")
+        if not _is_ours(headers.get("host", "")):
+            return http_answer("421 Misdirected Request")
+        if method != "GET" or target.split(" ")[0].split("?")[0] not in ("/", "/metrics"):
+            return http_answer("404 Not Found")
+        return self._answer(headers)
+
+
+def _is_ours(host: str) -> bool:
+    """Return whether a page of the internet cannot have had the browser use this host."""
+    name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
+    try:
+        ipaddress.ip_address(name.strip("[]"))
+    except ValueError:
+        return name.lower() == "localhost"
+    return True
+
+
+def http_answer(status: str, kind: str = "text/plain", body: bytes = b"") -> bytes:
+    """Return an HTTP answer after which the connection ends."""
+    head = (
+        f"HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {len(body)}\r\n"
+        "X-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n"
+    )
+    return head.encode() + body
+
+
+def serve_metrics(edge: EdgeServer, port: int) -> MetricsServer:
+    """Serve the metrics on `http://127.0.0.1:PORT/metrics` until the server is closed.
 
     Raises:
         InputError: when the port is taken.
     """
-    from prometheus_client import CollectorRegistry, start_http_server
+    from prometheus_client import CollectorRegistry
+    from prometheus_client.exposition import choose_encoder
 
     registry = CollectorRegistry()
     registry.register(EdgeCollector(edge))
+
+    def answer(headers: dict[str, str]) -> bytes:
+        encode, kind = choose_encoder(headers.get("accept", ""))
+        return http_answer("200 OK", kind, encode(registry))
+
     try:
-        server, _thread = start_http_server(port, addr="127.0.0.1", registry=registry)
+        listening = open_socket("127.0.0.1", port)
     except OSError as error:
         raise InputError(f"metrics_port: {port}: {error.strerror}, expected a free port") from None
-    return server
+    return MetricsServer(listening, answer)
 
 
 def _of_cameras(

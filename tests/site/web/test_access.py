@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.site.web.access import Rules
-from e3pose.site.web.rate_limit import MAX_CLIENTS, Rate
+from e3pose.runtime.rate_limit import MAX_CLIENTS, Rate
+from e3pose.site.web.access import Client, Rules
 from e3pose.site.web.tokens import Tokens, make_tokens, open_tokens
 
 TOKENS = Tokens("e3pose-view-tokens", 1, "r" * 20, "w" * 20)
@@ -22,7 +23,7 @@ def rules(open_reading: bool = True, secure: bool = False) -> Rules:
 def refused(made: Rules, path: str = "/api/status", **headers: str) -> int:
     """Return the status with which a request is refused; 0 for one that comes in."""
     named = {name.replace("_", "-"): value for name, value in ({"host": HOST} | headers).items()}
-    _, refusal = made.judge(path, named, "10.0.0.1")
+    _, refusal = made.judge(path, named, Client("10.0.0.1", made.secure))
     return 0 if refusal is None else refusal.status
 
 
@@ -110,11 +111,33 @@ def test_body_has_a_length_and_it_is_small(headers: dict[str, str], status: int)
     assert refused(rules(), "/api/control/loop", authorization=authorization, **headers) == status
 
 
-def test_guessing_tokens_ends_soon() -> None:
+@pytest.mark.parametrize(
+    ("address", "said", "client"),
+    [
+        ("127.0.0.1", "10.1.2.3", "10.1.2.3"),
+        ("127.0.0.1", "1.1.1.1, 10.1.2.3", "10.1.2.3"),  # what the client itself said is hearsay
+        ("127.0.0.1", "10.1.2.3, 127.0.0.1", "10.1.2.3"),
+        ("127.0.0.1", "", "127.0.0.1"),
+        ("10.9.9.9", "10.1.2.3", "10.9.9.9"),  # anybody can say so
+    ],
+)
+def test_only_proxies_say_for_whom_they_ask(address: str, said: str, client: str) -> None:
+    made = Rules(TOKENS, frozenset(), False, proxies=frozenset({"127.0.0.1"}))
+    named = {"x-forwarded-for": said, "x-forwarded-proto": "https"}
+    found = made.client_of(address, named)
+    assert (found.address, found.secure) == (client, address == "127.0.0.1")
+
+
+def test_page_without_tokens_is_not_passed_on_by_a_proxy_that_is_not_named() -> None:
+    assert refused(rules(), x_forwarded_for="10.1.2.3") == 403
+    assert refused(rules(open_reading=False), x_forwarded_for="10.1.2.3") == 401
+
+
+def test_who_has_a_token_has_a_rate_apart_from_others_at_the_address() -> None:
     made = rules()
-    found = [refused(made, authorization=bearer("x" * 20)) for _ in range(20)]
-    assert found[0] == 401 and found[-1] == 429
-    assert refused(made, authorization=bearer(TOKENS.read)) == 0  # who knows one is let in
+    made.reads = Rate(0.001, 3.0, time.monotonic)
+    assert [refused(made) for _ in range(4)] == [0, 0, 0, 429]
+    assert refused(made, authorization=bearer(TOKENS.read)) == 0
 
 
 def test_rate_is_a_mean_with_a_burst_for_each_client() -> None:

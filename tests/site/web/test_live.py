@@ -19,7 +19,7 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
 
 from e3pose.settings.site_file import ZoneTable
-from e3pose.site.web.feed import MAX_FOLLOWERS, MAX_WAITING, Feed, TooMany
+from e3pose.site.web.feed import MAX_FOLLOWERS, MAX_OF_ADDRESS, MAX_WAITING, Feed, TooMany
 from e3pose.site.web.schemas import event_of_status
 from e3pose.site.zones import Zones
 from e3pose.wire.codec import encode
@@ -94,7 +94,7 @@ def test_who_is_slow_gets_the_newest() -> None:
         feed.listen(hub.join())
         feed.attach(asyncio.get_running_loop())
         edge = hub.join()
-        async with feed.follow() as queue:
+        async with feed.follow("10.0.0.1") as queue:
             for slot in range(MAX_WAITING + 10):
                 edge.publish("e3pose/lab/poses", encode(poses(slot)))
             await asyncio.sleep(0)
@@ -107,10 +107,13 @@ def test_so_many_and_no_more_follow() -> None:
     async def crowd() -> None:
         feed = Feed("lab")
         async with AsyncExitStack() as stack:
-            for _ in range(MAX_FOLLOWERS):
-                await stack.enter_async_context(feed.follow())
+            for address in range(MAX_FOLLOWERS // MAX_OF_ADDRESS):
+                for _ in range(MAX_OF_ADDRESS):
+                    await stack.enter_async_context(feed.follow(f"10.0.0.{address}"))
+                with pytest.raises(TooMany):  # one address leaves places for others
+                    await stack.enter_async_context(feed.follow(f"10.0.0.{address}"))
             with pytest.raises(TooMany):
-                await stack.enter_async_context(feed.follow())
+                await stack.enter_async_context(feed.follow("10.0.1.1"))
         assert feed.followers == 0
 
     asyncio.run(crowd())
@@ -137,7 +140,7 @@ def test_zone_events_and_counts_are_reported() -> None:
         feed, hub = Feed("lab", zones=Zones((zone,))), Hub()
         feed.listen(hub.join())
         feed.attach(asyncio.get_running_loop())
-        async with feed.follow() as queue:
+        async with feed.follow("10.0.0.1") as queue:
             hub.join().publish("e3pose/lab/poses", encode(poses(3)))
             await asyncio.sleep(0)
             return [json.loads(queue.get_nowait().json) for _ in range(queue.qsize())]

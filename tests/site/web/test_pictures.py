@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from tests.site.web.watched import RIG, Watched, poses, record
 
 from e3pose.site.connect import live_slot
-from e3pose.site.web.access import Rules
+from e3pose.site.web.access import Client, Rules
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.pictures import make_pictures, reprojected
 from e3pose.wire.codec import encode
@@ -64,9 +64,9 @@ def test_without_a_picture_it_is_said_why(path: str, answer: bytes | None, statu
 def test_only_operators_see_pictures_and_only_where_the_site_allows_it(watched: Watched) -> None:
     rules: Rules = watched.view.rules
     headers = {"host": "localhost"}
-    assert rules.judge("/api/pictures/c0", headers, "a")[1] is not None
+    assert rules.judge("/api/pictures/c0", headers, Client("a"))[1] is not None
     read = headers | {"authorization": f"Bearer {rules.tokens.read}"}
-    refusal = rules.judge("/api/pictures/c0", read, "a")[1]
+    refusal = rules.judge("/api/pictures/c0", read, Client("a"))[1]
     assert refusal is not None and refusal.status == 403
     with watched.client(rules.tokens.write) as client:
         assert client.get("/api/site").json()["pictures"] is False

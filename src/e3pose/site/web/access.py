@@ -8,6 +8,7 @@ something.
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import time
 from collections.abc import Mapping
@@ -19,7 +20,9 @@ from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Send
 from starlette.types import Scope as Connection
 
-from e3pose.site.web.rate_limit import Rate
+from e3pose.runtime.rate_limit import Rate
+from e3pose.site.listener import network_of
+from e3pose.site.web.guesses import Guesses
 from e3pose.site.web.tokens import Scope, Tokens
 
 PROTOCOL = "e3pose"  # of WebSockets; a token may come as a second one, as browsers send no header
@@ -29,7 +32,6 @@ OPEN_PATHS = ("/", "/view.js", "/past.js", "/scene.js", "/view.css", "/favicon.i
 WRITE_PREFIX, PICTURE_PREFIX = "/api/control", "/api/pictures"
 READS_PER_S, READ_BURST = 50.0, 100.0
 WRITES_PER_S, WRITE_BURST = 5.0, 10.0
-GUESSES_PER_S, GUESS_BURST = 0.2, 10.0
 MAX_BODY_BYTES = 4096
 CLOSED = 4403  # what a WebSocket that was refused would be closed with
 HEADERS = {
@@ -60,6 +62,24 @@ class Refusal:
     headers: Mapping[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class Client:
+    """Who sends a request.
+
+    Attributes:
+        address: that its rates are kept by.
+        secure: whether it reaches this server by https.
+    """
+
+    address: str
+    secure: bool = False
+
+    @property
+    def scheme(self) -> str:
+        """Of the addresses that it sees."""
+        return "https" if self.secure else "http"
+
+
 @dataclass(slots=True, eq=False)
 class Rules:
     """The access rules.
@@ -70,52 +90,75 @@ class Rules:
             page can have the browser believe that an address is its own.
         open_reading: whether reading needs no token: on loopback alone.
         secure: whether it is reached by https.
+        proxies: addresses of reverse proxies, which say for whom they ask.
         reads: how often each client may read.
         writes: how often each may change something.
-        guesses: how often each may come with a wrong token.
+        guesses: slows down clients with wrong tokens.
     """
 
     tokens: Tokens
     hosts: frozenset[str]
     open_reading: bool
     secure: bool = False
+    proxies: frozenset[str] = frozenset()
     reads: Rate = field(default_factory=lambda: Rate(READS_PER_S, READ_BURST, time.monotonic))
     writes: Rate = field(default_factory=lambda: Rate(WRITES_PER_S, WRITE_BURST, time.monotonic))
-    guesses: Rate = field(default_factory=lambda: Rate(GUESSES_PER_S, GUESS_BURST, time.monotonic))
+    guesses: Guesses = field(default_factory=lambda: Guesses(time.monotonic))
+
+    def client_of(self, address: str, headers: Mapping[str, str]) -> Client:
+        """Return who sends a request.
+
+        Args:
+            address: that it comes from.
+            headers: by lower-case name; they count where the address is that of a proxy.
+        """
+        if address not in self.proxies:
+            return Client(network_of(address), self.secure)
+        secure = headers.get("x-forwarded-proto", "http").strip().lower() == "https"
+        # Each proxy appends who asked it; what stands before the first foreign one is hearsay.
+        for said in reversed(headers.get("x-forwarded-for", "").split(",")):
+            if said.strip() and said.strip() not in self.proxies:
+                return Client(network_of(said.strip()[:64]), secure)
+        return Client(network_of(address), secure)
 
     def judge(
-        self, path: str, headers: Mapping[str, str], client: str
+        self, path: str, headers: Mapping[str, str], client: Client
     ) -> tuple[Scope | None, Refusal | None]:
         """Return the scope of a request, and why it is refused; None if it is not.
 
         Args:
             path: of the request.
             headers: by lower-case name.
-            client: address that it comes from.
+            client: who sends it.
         """
         host = headers.get("host", "")
         if not self._ours(host):
             return None, Refusal(421, f"host {host[:80]!r} is not this server: see [view] hosts")
-        if refusal := self._foreign(path, headers, host):
+        if refusal := self._foreign(path, headers, f"{client.scheme}://{host}"):
             return None, refusal
         if refusal := _large(headers):
             return None, refusal
+        if self.open_reading and not self.proxies and "x-forwarded-for" in headers:
+            return None, Refusal(403, "asked through a proxy: see [view] proxies")
         if path in OPEN_PATHS:
-            return None, _late(self.reads.wait_s(client))
+            return None, _late(self.reads.wait_s(client.address))
         scope: Scope | None = "read" if self.open_reading else None
+        who = client.address
         if token := token_of(headers):
             found = self.tokens.scope(token)
             if found is None:
-                late = _late(self.guesses.wait_s(client))
-                return None, late or Refusal(401, "wrong token", BEARER)
-            scope = found
+                self.guesses.wrong(client.address)
+                return None, Refusal(401, "wrong token", BEARER)
+            self.guesses.right(client.address, token)
+            # Others at the same address do not use up the rate of who has a token.
+            who, scope = f"{found} {client.address}", found
         if scope is None:
             return None, Refusal(401, "a token is needed: `e3pose view` prints it", BEARER)
         writes = path.startswith(WRITE_PREFIX)
         if (writes or path.startswith(PICTURE_PREFIX)) and scope != "write":
             why = "the token for writing is needed: `e3pose view` prints it"
             return scope, Refusal(403 if token else 401, why, {} if token else BEARER)
-        return scope, _late((self.writes if writes else self.reads).wait_s(client))
+        return scope, _late((self.writes if writes else self.reads).wait_s(who))
 
     def _ours(self, host: str) -> bool:
         name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() else host
@@ -125,9 +168,8 @@ class Rules:
             return name.lower() in self.hosts
         return True
 
-    def _foreign(self, path: str, headers: Mapping[str, str], host: str) -> Refusal | None:
+    def _foreign(self, path: str, headers: Mapping[str, str], own: str) -> Refusal | None:
         origin = headers.get("origin")
-        own = f"{'https' if self.secure else 'http'}://{host}"
         if origin is not None and origin.lower() != own.lower():
             return Refusal(403, f"origin {origin[:80]!r} is not this page")
         # A link that somebody follows to the page is not a request by the page it stands on.
@@ -177,11 +219,14 @@ class Door:
         """Pass a request on, with its `scope` in the state, or refuse it."""
         if connection["type"] not in ("http", "websocket"):
             return await self.app(connection, receive, send)
-        client = str((connection.get("client") or ("", 0))[0])
         headers = Headers(scope=connection)
-        scope, refusal = self.rules.judge(connection["path"], headers, client)
+        client = self.rules.client_of(str((connection.get("client") or ("", 0))[0]), headers)
+        refusal = await self._delay(client.address, token_of(headers))
+        scope = None
         if refusal is None:
-            connection.setdefault("state", {})["scope"] = scope
+            scope, refusal = self.rules.judge(connection["path"], headers, client)
+        if refusal is None:
+            connection.setdefault("state", {}).update(scope=scope, client=client.address)
             return await self.app(connection, receive, _with_headers(send))
         if connection["type"] == "websocket":
             await receive()
@@ -191,6 +236,20 @@ class Door:
             {"detail": refusal.why}, refusal.status, {**HEADERS, **refusal.headers}
         )
         return await answer(connection, receive, send)
+
+    async def _delay(self, address: str, token: str) -> Refusal | None:
+        """Wait before a token is compared where somebody guesses."""
+        guesses = self.rules.guesses
+        wait_s = guesses.wait_s(address, token) if token else 0.0
+        if not wait_s:
+            return None
+        if not guesses.enter(address):
+            return _late(wait_s)
+        try:
+            await asyncio.sleep(wait_s)
+        finally:
+            guesses.leave(address)
+        return None
 
 
 def _with_headers(send: Send) -> Send:

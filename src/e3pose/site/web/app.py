@@ -8,7 +8,9 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
 from starlette.types import ASGIApp
 
 from e3pose import __version__
@@ -23,6 +25,8 @@ from e3pose.store import Store
 TEXT = """Poses, slots and status of a site. Lengths are in metres, z is up, times are nanoseconds
 since 1970 by the edge's clock, missing is null. The WebSocket `/api/live?format=json|msgpack` sends
 the same events as `GET /api/live`."""
+
+MAX_FAULTS = 5  # named in an answer
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +67,7 @@ def inner_app(site: Site) -> FastAPI:
         title="e3pose", version=__version__, description=TEXT, lifespan=life,
         docs_url=None, redoc_url=None, openapi_url="/api/openapi.json",
     )  # fmt: skip
+    app.add_exception_handler(RequestValidationError, _unreadable)
     app.include_router(make_page())
     app.include_router(make_live(site.feed))
     if site.ask is not None:
@@ -71,3 +76,13 @@ def inner_app(site: Site) -> FastAPI:
         app.include_router(site.pictures)
     app.include_router(make_api(site.feed, site.store, site.describe, site.ask is not None))
     return app
+
+
+async def _unreadable(_: Request, error: Exception) -> JSONResponse:
+    """Say what cannot be read, without repeating it: NaN cannot be, nor lists in lists in lists."""
+    assert isinstance(error, RequestValidationError)
+    faults = [
+        f"{'.'.join(str(part)[:60] for part in fault['loc'][1:]) or 'body'}: {fault['msg'][:120]}"
+        for fault in error.errors()[:MAX_FAULTS]
+    ]
+    return JSONResponse({"detail": "; ".join(faults)}, 422)

@@ -15,12 +15,12 @@ from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
 MAX_WAITING = 32  # messages that a slow follower has not taken yet
-MAX_FOLLOWERS = 64
+MAX_FOLLOWERS, MAX_OF_ADDRESS = 64, 16
 MAX_RECENT = 100
 
 
 class TooMany(Exception):
-    """There are as many followers as the server takes."""
+    """There are as many followers as the server takes, in all or from one address."""
 
 
 @dataclass(eq=False)
@@ -40,7 +40,7 @@ class Feed:
     status: Status | None = None
     zones: Zones = field(default_factory=lambda: Zones(()))
     recent: dict[int, LiveSlot] = field(default_factory=dict)
-    _queues: set[asyncio.Queue[Encoded]] = field(default_factory=set)
+    _queues: dict[asyncio.Queue[Encoded], str] = field(default_factory=dict)  # to addresses
     _loop: asyncio.AbstractEventLoop | None = None
 
     def listen(self, transport: Transport) -> None:
@@ -56,30 +56,33 @@ class Feed:
         """How many follow."""
         return len(self._queues)
 
-    @property
-    def full(self) -> bool:
-        """Whether no more can follow."""
-        return len(self._queues) >= MAX_FOLLOWERS
+    def full(self, address: str) -> bool:
+        """Return whether no more can follow from an address."""
+        held = list(self._queues.values())
+        return len(held) >= MAX_FOLLOWERS or held.count(address) >= MAX_OF_ADDRESS
 
     @asynccontextmanager
-    async def follow(self) -> AsyncIterator[asyncio.Queue[Encoded]]:
+    async def follow(self, address: str) -> AsyncIterator[asyncio.Queue[Encoded]]:
         """Yield a queue with the newest status and slot first, and then all that comes.
 
+        Args:
+            address: of the follower.
+
         Raises:
-            TooMany: when there are `MAX_FOLLOWERS` already.
+            TooMany: when there are `MAX_FOLLOWERS` already, or `MAX_OF_ADDRESS` of the address.
         """
-        if self.full:
+        if self.full(address):
             raise TooMany
         queue: asyncio.Queue[Encoded] = asyncio.Queue(MAX_WAITING)
         if self.status is not None:
             queue.put_nowait(event_of_status(self.status))
         if self.slot is not None:
             queue.put_nowait(event_of_slot(self.slot, self.zones.counts()))
-        self._queues.add(queue)
+        self._queues[queue] = address
         try:
             yield queue
         finally:
-            self._queues.discard(queue)
+            del self._queues[queue]
 
     def _take_poses(self, poses: Poses) -> None:
         self.slot = live_slot(poses)

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Any, Literal
 
-from fastapi import APIRouter, HTTPException, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, HTTPException, Request, WebSocket, WebSocketDisconnect
 from fastapi.responses import StreamingResponse
 
 from e3pose.site.web.access import PROTOCOL
@@ -15,7 +15,7 @@ from e3pose.site.web.feed import Feed, TooMany
 from e3pose.site.web.schemas import Encoded
 
 KEEP_ALIVE_S = 15.0  # a comment for proxies between that close what is silent
-FULL = "as many followers as the server takes: close another"
+FULL = "as many live views as the server takes, in all or from one address: close another"
 FULL_CODE = 1013  # of a WebSocket: try again later
 EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
@@ -32,12 +32,13 @@ def make_live(feed: Feed) -> APIRouter:
 
     @live.get("/live", summary="Slots and status as they come", response_class=StreamingResponse,
               responses=EVENTS)  # fmt: skip
-    async def events() -> StreamingResponse:
-        if feed.full:
+    async def events(request: Request) -> StreamingResponse:
+        address = _address(request.state)
+        if feed.full(address):
             raise HTTPException(503, FULL)
 
         async def stream() -> AsyncIterator[bytes]:
-            async with feed.follow() as queue:
+            async with feed.follow(address) as queue:
                 yield b"retry: 1000\n\n"
                 while True:
                     try:
@@ -53,12 +54,17 @@ def make_live(feed: Feed) -> APIRouter:
         offered = websocket.scope.get("subprotocols") or []
         await websocket.accept(PROTOCOL if PROTOCOL in offered else None)
         try:
-            async with feed.follow() as queue:
+            async with feed.follow(_address(websocket.state)) as queue:
                 await _serve(websocket, queue, format)
         except TooMany:
             await websocket.close(FULL_CODE, FULL)
 
     return live
+
+
+def _address(state: Any) -> str:
+    """Return whose request it is, as the door found."""
+    return str(getattr(state, "client", ""))
 
 
 async def _serve(websocket: WebSocket, queue: asyncio.Queue[Encoded], form: str) -> None:

@@ -2,40 +2,35 @@
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import socket
-import threading
+import ssl
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import uvicorn
-
 from e3pose.errors import InputError
 from e3pose.settings.live import LiveSite
 from e3pose.settings.site_file import SiteTable
-from e3pose.site.follow import ANY_HOST, viewer_link
+from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
+from e3pose.site.listener import Bounds, open_socket
 from e3pose.site.web.access import Rules
 from e3pose.site.web.app import Site, make_app
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.layout import describe
 from e3pose.site.web.pictures import make_pictures
-from e3pose.site.web.tokens import open_tokens
+from e3pose.site.web.serving import CONNECTIONS, PER_ADDRESS, Serving
+from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store
 from e3pose.wire.access import is_loopback, split_endpoint
 from e3pose.wire.network import open_network
-from e3pose.wire.topics import of_camera, of_site
+from e3pose.wire.topics import of_camera, of_control
 from e3pose.wire.transport import Transport
 
-START_S = 20.0
-END_S = 5.0
 ASK_S = 3.0  # for the edge to answer
-MAX_CONNECTIONS = 256
-PING_S = 60.0  # for a browser on a busy machine to answer a ping
-MAX_MESSAGE_BYTES = 4096  # of a WebSocket, to us
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +100,8 @@ def page_links(site: SiteTable, address: Address) -> list[str]:
         address: where its view listens.
     """
     tokens = open_tokens(site.near(site.view.tokens))
-    token = "" if is_loopback(address.host) else f"#token={tokens.read}"
+    reading = rules_of(site, address, tokens).open_reading
+    token = "" if reading else f"#token={tokens.read}"
     return [
         f"See the site:     {address.url}{token}",
         f"Control the site: {address.url}#token={tokens.write}",
@@ -137,26 +133,12 @@ class View:
 
     def running(self) -> bool:
         """Return whether it serves."""
-        return self._thread.is_alive()
+        return self._serving.running()
 
-    def serve(self, server: uvicorn.Server, listening: socket.socket) -> None:
-        """Begin to serve on a thread of its own; return once it does."""
-        self._thread = threading.Thread(
-            target=lambda: asyncio.run(server.serve([listening])), name="view", daemon=True
-        )
-        self._thread.start()
-        started = threading.Event()
-        while not server.started and self._thread.is_alive():
-            started.wait(0.01)
-
-        def end() -> None:
-            server.should_exit = True
-            self._thread.join(END_S)
-            server.force_exit = True
-            self._thread.join(END_S)
-            listening.close()
-
-        self._stack.callback(end)
+    def serve(self, serving: Serving) -> None:
+        """Go on until `serving` ends, which is closed first."""
+        self._serving = serving
+        self._stack.callback(serving.close)
 
     def close(self) -> None:
         """End."""
@@ -168,6 +150,7 @@ def open_view(
     listen: str | None = None,
     keys: Path | None = None,
     transport: Transport | None = None,
+    report: Callable[[str], object] = lambda line: None,
 ) -> View:
     """Serve a site over HTTP until the view is closed.
 
@@ -176,6 +159,7 @@ def open_view(
         listen: in place of the file's `HOST:PORT`.
         keys: folder of a viewer's certificate.
         transport: how to reach the edge; by default that of the site file.
+        report: called with lines for operators.
 
     Raises:
         InputError: for a port that is taken, and all that is wrong in the file.
@@ -185,67 +169,71 @@ def open_view(
     tokens = open_tokens(site.near(site.view.tokens))
     listening = _listen(address)
     address = replace(address, port=listening.getsockname()[1])
-    rules = Rules(tokens, address.hosts, is_loopback(address.host), address.certificate is not None)
+    rules = rules_of(site, address, tokens)
+    rules.guesses.report = report
     feed = Feed(site.name, zones=Zones(site.zone))
     view = View(address, rules, feed)
     with ExitStack() as stack:
         stack.callback(listening.close)
         place = site.store_place
-        operates = True
+        operator: str | None = LOCAL_OPERATOR
         if transport is None:
             link = viewer_link(site, keys, operates=True)
-            files = link.certificates
-            operates = files is None or files.certificate.name == "operator.pem"
-            transport = open_network(link)
+            operator, transport = operator_of(link), open_network(link)
         stack.callback(transport.close)
         feed.listen(transport)
         body = describe(live)
-        store, topic = None if place is None else Store(place), of_site(site.name, "control")
+        store = None if place is None else Store(place)
 
         def asking(topic: str) -> Ask:
             return lambda payload: transport.ask(topic, payload, ASK_S)
 
-        pictures = None
-        if site.view.pictures and operates:
+        ask = pictures = None
+        if operator is not None:
+            ask = asking(of_control(site.name, operator))
+        if site.view.pictures and operator is not None:
             names = {i: of_camera(site.name, i, "picture") for i in live.rig.camera_ids}
             asks = {camera_id: asking(topic) for camera_id, topic in names.items()}
             pictures = make_pictures(live.rig, feed, asks)
-        made = Site(feed, store, lambda: body, asking(topic) if operates else None, pictures)
+        made = Site(feed, store, lambda: body, ask, pictures)
         view._stack.push(stack.pop_all())
-    view.serve(_server(make_app(made, rules), address), listening)
+    bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
+    view.serve(Serving(make_app(made, rules), listening, bounds, _https(address)))
     return view
 
 
-def _server(app: object, address: Address) -> uvicorn.Server:
-    return uvicorn.Server(
-        uvicorn.Config(
-            app,  # type: ignore[arg-type]
-            log_level="error",
-            access_log=False,
-            server_header=False,
-            proxy_headers=False,  # anybody could say to be somebody else, whose rate is not used up
-            ws="websockets-sansio",
-            ws_max_size=MAX_MESSAGE_BYTES,
-            ws_ping_timeout=PING_S,
-            limit_concurrency=MAX_CONNECTIONS,
-            timeout_graceful_shutdown=1,
-            ssl_certfile=None if address.certificate is None else str(address.certificate),
-            ssl_keyfile=None if address.key is None else str(address.key),
-        )
+def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules:
+    """Return the access rules of a view.
+
+    Args:
+        site: its file.
+        address: where it listens.
+        tokens: of the site.
+    """
+    proxies = frozenset(site.view.proxies)
+    return Rules(
+        tokens,
+        address.hosts,
+        # Behind a proxy, those on loopback are from anywhere.
+        is_loopback(address.host) and not proxies,
+        address.certificate is not None,
+        proxies,
     )
+
+
+def _https(address: Address) -> ssl.SSLContext | None:
+    if address.certificate is None:
+        return None
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(address.certificate, address.key)
+    return context
 
 
 def _listen(address: Address) -> socket.socket:
     """Return a socket that listens; raise `InputError` naming a port that is taken."""
-    family = socket.AF_INET6 if address.host.startswith("[") else socket.AF_INET
-    # Named TCP: asyncio lets only sockets that are send small parts at once, not 40 ms later.
-    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((address.host.strip("[]"), address.port))
-        listening.listen(128)
+        return open_socket(address.host, address.port)
     except OSError as error:
-        listening.close()
         if error.errno == errno.EADDRINUSE:
             raise InputError(
                 f"port {address.port} is in use: stop the program that has it (`ss -ltnp 'sport = "
@@ -254,4 +242,3 @@ def _listen(address: Address) -> socket.socket:
         raise InputError(
             "--listen", f"{address.host}:{address.port}", "an address of this machine"
         ) from None
-    return listening

@@ -1,0 +1,180 @@
+"""Accept connections to a port: so many in all and from one address, none silent for long.
+
+An idle connection costs nothing to open, so places are never lost to one: when they run out, the
+connection that has waited longest for a request is closed for the new one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import socket
+import ssl
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+REQUEST_S = 10.0  # for the TLS handshake, and then for each whole request
+SWEEP_S = 0.5
+RETRY_S = 0.1  # after the system could not accept a connection
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """How many connections a port serves.
+
+    Attributes:
+        connections: in all.
+        per_address: from one address.
+        request_s: seconds that a client has to complete a request, and to take some of an answer.
+        proxies: addresses of reverse proxies, which only the bound in all holds for.
+    """
+
+    connections: int
+    per_address: int
+    request_s: float = REQUEST_S
+    proxies: frozenset[str] = frozenset()
+
+
+def network_of(address: str) -> str:
+    """Return what counts as one address: an IPv4 address, or the /64 of an IPv6 address."""
+    try:
+        found = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if isinstance(found, ipaddress.IPv6Address):
+        if found.ipv4_mapped is not None:
+            return str(found.ipv4_mapped)
+        return str(ipaddress.ip_network((found, 64), strict=False))
+    return str(found)
+
+
+def open_socket(host: str, port: int) -> socket.socket:
+    """Return a socket that listens; raise `OSError` where that is not possible."""
+    family = socket.AF_INET6 if host.startswith("[") else socket.AF_INET
+    # Named TCP: asyncio lets only sockets that are send small parts at once, not 40 ms later.
+    listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host.strip("[]"), port))
+        listening.listen(128)
+    except OSError:
+        listening.close()
+        raise
+    return listening
+
+
+@dataclass(slots=True, eq=False)
+class _Held:
+    """An accepted connection."""
+
+    address: str
+    accepted: socket.socket
+    since_s: float
+    opening: asyncio.Task[None] | None = None
+    transport: Any = None
+
+    def opened(self) -> None:
+        if self.transport is None:  # it failed, or was closed before
+            self.accepted.close()
+
+    def gone(self) -> bool:
+        return self.accepted.fileno() < 0
+
+    def waiting_since_s(self) -> float | None:
+        """Return since when it waits for its client; None while a request is answered."""
+        if self.transport is None:
+            return self.since_s
+        since_s: float | None = getattr(self.transport.get_protocol(), "waiting_since_s", None)
+        return since_s
+
+    def close(self) -> None:
+        if self.opening is not None:
+            self.opening.cancel()
+        if self.transport is not None:
+            self.transport.abort()
+
+
+@dataclass(eq=False)
+class Listener:
+    """Accepts connections for as long as `run` does.
+
+    Attributes:
+        listening: the socket.
+        make: returns the protocol of a new connection. Its attribute `waiting_since_s` is the
+            loop's time since which it waits for its client, or None while it works; a protocol
+            without one always works.
+        bounds: see `Bounds`.
+        secure: of TLS; None for none.
+    """
+
+    listening: socket.socket
+    make: Callable[[], asyncio.BaseProtocol]
+    bounds: Bounds
+    secure: ssl.SSLContext | None = None
+    _held: list[_Held] = field(default_factory=list)
+
+    async def run(self) -> None:
+        """Accept connections until cancelled; then close those that are left."""
+        loop = asyncio.get_running_loop()
+        self.listening.setblocking(False)
+        sweeping = loop.create_task(self._sweep())
+        try:
+            while True:
+                try:
+                    accepted, address = await loop.sock_accept(self.listening)
+                except OSError:  # no file left, or the client is gone already
+                    await asyncio.sleep(RETRY_S)
+                    continue
+                self._take(accepted, network_of(str(address[0])))
+        finally:
+            sweeping.cancel()
+            for one in self._held:
+                one.close()
+
+    def _take(self, accepted: socket.socket, address: str) -> None:
+        self._held = [one for one in self._held if not one.gone()]
+        same = [one for one in self._held if one.address == address]
+        full: list[_Held] = []
+        if len(same) >= self.bounds.per_address and address not in self.bounds.proxies:
+            full = same
+        elif len(self._held) >= self.bounds.connections:
+            full = self._held
+        if full and not self._close_one(full):
+            accepted.close()
+            return
+        loop = asyncio.get_running_loop()
+        one = _Held(address, accepted, loop.time())
+        one.opening = loop.create_task(self._open(one))
+        one.opening.add_done_callback(lambda _: one.opened())
+        self._held.append(one)
+
+    def _close_one(self, held: list[_Held]) -> bool:
+        """Close the connection that has waited longest; return whether there is one."""
+        waiting = [(since_s, one) for one in held if (since_s := one.waiting_since_s()) is not None]
+        if not waiting:
+            return False
+        _, oldest = min(waiting, key=lambda pair: pair[0])
+        oldest.close()
+        self._held.remove(oldest)
+        return True
+
+    async def _open(self, one: _Held) -> None:
+        loop = asyncio.get_running_loop()
+        handshake_s = None if self.secure is None else self.bounds.request_s
+        with suppress(OSError):  # ssl.SSLError is one, and so is a timeout
+            one.transport, _ = await loop.connect_accepted_socket(
+                self.make, one.accepted, ssl=self.secure, ssl_handshake_timeout=handshake_s
+            )
+
+    async def _sweep(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(SWEEP_S)
+            self._held = [one for one in self._held if not one.gone()]
+            latest_s = loop.time() - self.bounds.request_s
+            for one in self._held:
+                since_s = one.waiting_since_s()
+                if since_s is not None and since_s < latest_s:
+                    one.close()
