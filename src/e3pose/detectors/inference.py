@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.detectors.external_data import check_external_data
 from e3pose.errors import InputError
 
 # Best first; `auto` takes every one that this installation of ONNX Runtime has, in this order.
@@ -164,6 +165,7 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
 
     from e3pose.detectors.weights import cache_folder
 
+    check_external_data(path)
     engine_cache = cache_folder() / "engines"
     providers = choose_providers(provider, onnxruntime.get_available_providers(), engine_cache)
     if any(isinstance(entry, tuple) for entry in providers):

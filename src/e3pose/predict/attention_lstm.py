@@ -115,6 +115,8 @@ def _load(path: Path) -> tuple[Weights, Curves, int]:
     content = read_bytes(path, MAX_WEIGHTS_BYTES)
     try:
         file = read_file(content)
+    except InputError as error:
+        raise error.at(path) from None
     except (ValueError, KeyError) as error:
         raise InputError(f"{path}: found no readable network, expected ONNX") from error
     _check(path, file)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.errors import InputError
 from e3pose.predict.kernels.half import in_half
 from e3pose.predict.kernels.network import Weights
 from e3pose.predict.normalise import NUM_COMMON, NUM_CONTEXT, NUM_FEATURES
@@ -21,6 +22,10 @@ Floats32 = NDArray[np.float32]
 ATTENTION = 48  # outputs of the attentions
 LEAST, MOST_HIDDEN, MOST_EXPERTS = 2, 4096, 1000
 LOOK_HIDDEN, EXPERT, GATE = 2, 15, 17  # of the weights, those that tell the sizes of all
+ELSEWHERE = (
+    "found weights in other files, expected all in one: "
+    "python -c \"import onnx; onnx.save(onnx.load('FILE.onnx'), 'ONE.onnx')\""
+)
 CONSTANT = (1,)  # the shape of those that the exporter writes between the weights
 CONSTANTS = (NUM_COMMON, 0.01, 10, 1, 1, 1, 0.5, 0.002)
 
@@ -46,6 +51,7 @@ def read_file(content: bytes) -> WeightsFile:
     """Return what an ONNX file holds.
 
     Raises:
+        InputError: when its weights are in other files, which may be anywhere.
         ValueError: for content that is no such file.
     """
     import onnx
@@ -68,6 +74,8 @@ def tensors_of(graph: Any) -> Iterator[Floats32]:
     from onnx import AttributeProto, TensorProto, numpy_helper
 
     for tensor in graph.initializer:
+        if tensor.data_location == TensorProto.EXTERNAL:
+            raise InputError(ELSEWHERE)
         if tensor.data_type in (TensorProto.FLOAT, TensorProto.FLOAT16):
             yield np.atleast_1d(numpy_helper.to_array(tensor)).astype(np.float32)
     for node in graph.node:
