@@ -14,8 +14,9 @@ from tests.exports.takes import FPS, MISSING_FRAMES, MISSING_JOINT, STARTED_NS, 
 
 from e3pose.errors import InputError
 from e3pose.exports import EXPORTS, ExportSettings, export, format_of
+from e3pose.exports.c3d import CHUNK_FRAMES, MAX_FRAMES
 from e3pose.model.skeleton import COCO17
-from e3pose.model.take import Take
+from e3pose.model.take import MEASURED, Take, motion_of
 
 Floats = NDArray[np.float64]
 
@@ -97,6 +98,64 @@ def test_c3d_holds_everybody_and_says_what_is_missing(tmp_path: Path) -> None:
         assert (residual[: motion.first, person] == -1).all()
         assert (residual[rows, person][20:25][known[20:25]] == 0).all()
         assert residual[rows, person][0] == pytest.approx(12.0, abs=0.1)
+
+
+@pytest.mark.parametrize("units", ["mm", "m"])
+def test_c3d_in_pieces_is_what_its_library_writes_at_once(tmp_path: Path, units: str) -> None:
+    import ezc3d
+
+    rng, frames = np.random.default_rng(3), 2 * CHUNK_FRAMES + 77
+    joints_m = rng.normal(size=(frames, 17, 3))
+    joints_m[rng.random((frames, 17)) < 0.2] = np.nan
+    # Residuals that both can hold: whole millimetres.
+    sigma_m, measured = rng.integers(1, 120, (frames, 17)) / 1000, rng.random((frames, 17)) > 0.3
+    motions = [
+        motion_of(track, slots, joints_m[:length], sigma_m[:length], np.ones((length, 17)), there)
+        for track, slots, length, there in (
+            (1, np.arange(frames), frames, measured),
+            (2, np.arange(CHUNK_FRAMES - 5, CHUNK_FRAMES + 35), 40, measured[:40]),
+        )
+    ]
+    take = Take("long", COCO17, 1 / FPS, tuple(motions))
+    asked = ExportSettings(units="mm" if units == "mm" else "m")
+    ((path, _),) = export(take, tmp_path / "pieces.c3d", "c3d", asked)
+    pieces = ezc3d.c3d(str(path))
+    per_metre = 1000 if units == "mm" else 1
+    whole = ezc3d.c3d(str(path))  # the same parameters, and all of the data by the library
+    places = np.zeros((frames, 2, 17, 3))
+    residual = np.full((frames, 2, 17), -1.0)
+    for person, motion in enumerate(take.motions):
+        rows = slice(motion.first, motion.first + len(motion))
+        places[rows, person] = np.where(motion.known[..., None], per_metre * motion.joints_m, 0.0)
+        steps = np.where(motion.origin == MEASURED, np.round(1000 * motion.sigma_m), 0.0)
+        residual[rows, person] = np.where(motion.known, steps, -1.0)
+    points = np.ones((4, 34, frames))
+    points[:3] = places.reshape(frames, 34, 3).transpose(2, 1, 0)
+    whole["data"]["points"] = points
+    whole["data"]["meta_points"]["residuals"] = residual.reshape(frames, 34).T[None]
+    if units == "mm":
+        whole.write(str(tmp_path / "whole.c3d"))
+        assert (tmp_path / "whole.c3d").read_bytes() == path.read_bytes()
+        whole = ezc3d.c3d(str(tmp_path / "whole.c3d"))
+        np.testing.assert_array_equal(
+            pieces["data"]["meta_points"]["residuals"], whole["data"]["meta_points"]["residuals"]
+        )
+    else:  # the library writes residuals as multiples of 1 m, which are all 0
+        found = pieces["data"]["meta_points"]["residuals"][0].T.reshape(frames, 2, 17)
+        expected = np.where(residual < 0, -1.0, residual / 1000)
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+    known = residual.reshape(frames, 34).T >= 0
+    np.testing.assert_array_equal(
+        pieces["data"]["points"][:3, known], points[:3, known].astype(np.float32)
+    )
+
+
+def test_c3d_of_more_frames_than_the_format_counts_is_refused(tmp_path: Path) -> None:
+    far = replace(FIRST, first=MAX_FRAMES)
+    long = replace(TAKE, motions=(FIRST, far))
+    with pytest.raises(InputError, match="found 65575 frames, expected at most 65535"):
+        list(export(long, tmp_path / "long.c3d", "c3d"))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_c3d_of_many_people_keeps_all_labels(tmp_path: Path) -> None:
