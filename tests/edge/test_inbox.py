@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub
 from tests.rigs import looking
 
 from e3pose.edge.gather import Gather
-from e3pose.edge.inbox import Inbox
+from e3pose.edge.inbox import NEAR_S, Inbox
 from e3pose.model.skeleton import BODY25, COCO17, COCO18, Skeleton
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import encode
-from e3pose.wire.messages import Hello, View
+from e3pose.wire.messages import Heartbeat, Hello, View
 
 RIG = looking((4, 0), (0, 4))
 
@@ -67,3 +68,42 @@ def test_view_with_other_joints_than_were_announced_is_refused() -> None:
     inbox, gather = received(COCO18, COCO17, sent=17)
     assert inbox.wrong == 1 and not gather.close()
     assert "found 17 joints, expected 18" in inbox.roster.cameras[0].fault
+
+
+def test_times_of_cameras_are_moved_to_the_edge_s() -> None:
+    beats, clock = list[Heartbeat](), ManualClock(10**18)
+    inbox = Inbox(
+        "lab", RIG, COCO17.joints, 0.05, gather := Gather(2), clock, lambda i, s: None, beats.append
+    )
+    inbox.listen((hub := Hub()).join())
+    camera, near_ns = hub.join(), round(NEAR_S * 1e9)
+    for slot, (said_ns, taken_ns) in enumerate((
+        (0, -near_ns), (2**62, near_ns), (10**18 - 10**9, -(10**9)), (10**18 + 1, 1)
+    )):  # fmt: skip
+        clock.advance(1.0)
+        moved_ns = 0 if said_ns in (0, 2**62) else 10**9 * (slot + 1)
+        said = replace(view(17), slot=slot, captured_edge_ns=said_ns + moved_ns)
+        camera.publish("e3pose/lab/camera/c0/view", encode(said))
+        beat = Heartbeat("c0", 5, said_ns + moved_ns, "active")
+        camera.publish("e3pose/lab/camera/c0/heartbeat", encode(beat))
+        assert gather.close()[0].captured_ns - clock.now_ns() == taken_ns
+        assert beats[-1].sent_edge_ns - clock.now_ns() == taken_ns
+    assert inbox.wrong == 0 and inbox.roster.cameras[0].beat == beats[-1]
+
+
+def test_heartbeats_beyond_five_per_second_are_not_passed_on() -> None:
+    beats, clock = list[Heartbeat](), ManualClock(10**18)
+    inbox = Inbox(
+        "lab", RIG, COCO17.joints, 0.05, Gather(2), clock, lambda i, s: None, beats.append
+    )
+    inbox.listen((hub := Hub()).join())
+    camera = hub.join()
+    for count in range(100):
+        clock.advance(0.02)
+        beat = Heartbeat("c0", 5, clock.now_ns(), "active", captured=count)
+        camera.publish("e3pose/lab/camera/c0/heartbeat", encode(beat))
+    assert len(beats) == 10
+    newest = inbox.roster.cameras[0].beat
+    assert newest is not None and newest.captured == 99
+    camera.publish("e3pose/lab/camera/c0/heartbeat", encode(replace(newest, ends=True)))
+    assert beats[-1].ends  # the last one always is

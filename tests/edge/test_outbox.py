@@ -30,6 +30,37 @@ def test_what_nobody_takes_does_not_grow() -> None:
     assert len(drained(outbox)) == MAX_WAITING
 
 
+def test_later_sender_takes_over_from_one_that_hangs() -> None:
+    outbox, sent, hanging, go_on = Outbox(), list[str](), threading.Event(), threading.Event()
+
+    def hang(topic: str, payload: bytes, slot: int) -> None:
+        hanging.set()
+        go_on.wait(5)
+
+    first = threading.Thread(target=outbox.run, args=(hang,))
+    first.start()
+    outbox.put_all({"a": b"1", "b": b"2"})
+    assert hanging.wait(5)
+    outbox.put("old", b"3")
+    arrived = threading.Event()
+
+    def send(topic: str, payload: bytes, slot: int) -> None:
+        sent.append(topic)
+        arrived.set()
+
+    second = threading.Thread(target=outbox.run, args=(send,))
+    second.start()
+    while outbox._runs < 2:
+        pass
+    outbox.put("new", b"4")
+    assert arrived.wait(5)
+    go_on.set()
+    first.join(5)
+    assert not first.is_alive() and sent == ["new"]
+    outbox.close()
+    second.join(5)
+
+
 def test_sender_waits_and_ends_when_closed() -> None:
     outbox, sent = Outbox(), threading.Event()
     thread = threading.Thread(target=outbox.run, args=(lambda topic, payload, slot: sent.set(),))

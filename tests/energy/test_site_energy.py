@@ -220,3 +220,32 @@ def test_battery_that_cannot_last_is_reported_once() -> None:
     assert "budget below its idle power of 5.2 W" in line
     now_ns[0] = 61 * 10**9
     assert ledger.updated(pipeline)[1] == []
+
+
+def other_power(times: float) -> CameraEnergy:
+    """Return a camera whose meter says so many times the power of the others."""
+    return lived(new_camera(PROFILE), active_w=7.0 * times, idle_w=3.0 * times, beats=600)
+
+
+@pytest.mark.parametrize("times", [1e-9, 0.1, 5.0, 1e9])
+@pytest.mark.parametrize("liars", [1, 2])
+def test_made_up_costs_do_not_change_the_price_of_others(times: float, liars: int) -> None:
+    cameras = [*[lived(new_camera(PROFILE))] * (4 - liars), *[other_power(times)] * liars]
+    estimate = estimate_energy(cameras, [Budget("duty", 0.5)] * 4, 0.04, 0.0, 2)
+    relative = estimate.cost_j / estimate.cost_j.mean()
+    np.testing.assert_allclose(relative[: 4 - liars], 1.0, rtol=0.05)
+    np.testing.assert_allclose(estimate.budget[: 4 - liars], 0.5)
+
+
+def test_devices_that_all_differ_from_their_profile_are_believed() -> None:
+    estimate = estimate_energy([other_power(0.3)] * 3, [Budget("duty", 0.5)] * 3, 0.04, 0.0, 2)
+    np.testing.assert_allclose(estimate.cost_j, 0.3 * 0.16, rtol=0.05)
+
+
+def test_no_battery_holds_more_than_its_capacity() -> None:
+    boasting = lived(new_camera(PROFILE, capacity_j=3600.0), battery_j=1e12)
+    assert boasting.supply().battery_j == 3600.0
+    together = [Budget("together")] * 3
+    cameras = [lived(new_camera(PROFILE, capacity_j=3600.0), battery_j=3600.0)] * 2
+    estimate = estimate_energy([*cameras, boasting], together, 0.04, 0.0, 1.5)
+    np.testing.assert_allclose(estimate.budget, 0.5, atol=0.02)

@@ -36,7 +36,7 @@ def edge(folder: Path, more: str = "") -> Iterator[tuple[EdgeServer, Hub]]:
     with ExitStack() as stack:
         pipeline = live.pipeline()
         made = make_edge(live, pipeline, hub.join(), ManualClock(10**18), lambda _: None, stack)
-        made.consumers.listen(made.transport, "lab")
+        made.consumers.listen(made.membership.transport, "lab")
         yield made, hub
 
 

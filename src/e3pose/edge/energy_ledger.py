@@ -43,6 +43,7 @@ class EnergyLedger:
         num_selected: float,
         now_ns: Callable[[], int],
         keep: Callable[[EnergyReading], Any] | None = None,
+        capacities_j: Sequence[float] = (),
     ) -> None:
         """Start from the power profiles.
 
@@ -55,10 +56,15 @@ class EnergyLedger:
             num_selected: cameras that are to be active in a slot.
             now_ns: nanoseconds since 1970.
             keep: called with meter readings, such as `StoreWriter.energy`.
+            capacities_j: `(num_cameras,)` of their batteries, infinite where unknown; by default
+                all are.
         """
         self._index = {camera_id: index for index, camera_id in enumerate(camera_ids)}
         self._cameras: list[CameraEnergy] = [
-            new_camera(profile, mode) for profile, mode in zip(profiles, idle_modes, strict=True)
+            new_camera(profile, mode, capacity_j)
+            for profile, mode, capacity_j in zip(
+                profiles, idle_modes, capacities_j or [np.inf] * len(profiles), strict=True
+            )
         ]
         self._budgets, self._interval_s = tuple(budgets), interval_s
         self._num_selected, self._now_ns, self._keep = num_selected, now_ns, keep
@@ -82,7 +88,7 @@ class EnergyLedger:
             from e3pose.store.rows import EnergyReading
 
             source = "measured" if beat.measured else "modelled"
-            spent_j = beat.energy_j - before.energy_j
+            spent_j = max(beat.energy_j - before.energy_j, 0.0)
             video_j = min(max(beat.recording_j - before.recording_j, 0.0), spent_j)
             rest_j = spent_j - video_j
             self._keep(EnergyReading(beat.sent_edge_ns, beat.camera_id, rest_j, span_s, source))

@@ -40,12 +40,14 @@ class Gather:
     Attributes:
         num_cameras: of the rig.
         slot: the oldest slot that is still open.
+        views: `(num_cameras,)` views that arrived, in time or not.
         late: `(num_cameras,)` views that arrived after their slot was closed.
         newest_late: `(num_cameras,)` whether the newest view of each was one of these.
     """
 
     num_cameras: int
     slot: int = 0
+    views: NDArray[np.int64] = field(init=False)
     late: NDArray[np.int64] = field(init=False)
     newest_late: NDArray[np.bool_] = field(init=False)
     _late_by_s: list[deque[float]] = field(init=False)
@@ -54,6 +56,7 @@ class Gather:
     _lock: threading.Condition = field(default_factory=threading.Condition)
 
     def __post_init__(self) -> None:
+        self.views = np.zeros(self.num_cameras, dtype=np.int64)
         self.late = np.zeros(self.num_cameras, dtype=np.int64)
         self.newest_late = np.zeros(self.num_cameras, dtype=bool)
         self._late_by_s = [deque(maxlen=LATEST) for _ in range(self.num_cameras)]
@@ -61,6 +64,7 @@ class Gather:
     def add(self, slot: int, camera: int, arrival: Arrival) -> bool:
         """Add a view, replacing an older one of its slot; return whether the slot is open."""
         with self._lock:
+            self.views[camera] += 1
             self.newest_late[camera] = slot < self.slot
             if slot < self.slot:
                 self.late[camera] += 1

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +34,8 @@ from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, V
 from e3pose.wire.transport import Transport
 
 PAUSED = "paused"  # a problem, so that the camera is not selected
+NEAR_S = 5.0  # times that cameras state are moved to within so much of the edge's
+BEAT_S = 0.2  # heartbeats that come sooner after the one before say nothing new of energy and delay
 FLOOD_WRONG = 64  # one in so many unread messages of a flood counts as invalid
 
 
@@ -75,6 +78,7 @@ class Inbox:
     _index: dict[str, int] = field(init=False)
     _topics: dict[str, int] = field(init=False)  # of all messages of cameras
     _flood_until_ns: list[int] = field(init=False)
+    _beat_ns: list[int] = field(init=False)  # arrival of the heartbeat last passed on
     _sizes: list[tuple[int, int] | None] = field(init=False)  # required; None: not known yet
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -91,6 +95,7 @@ class Inbox:
             for camera in self.rig.cameras
         ]
         self._flood_until_ns = [0] * len(self._index)
+        self._beat_ns = [-(2**62)] * len(self._index)
 
     def listen(self, transport: Transport) -> None:
         """Start to receive."""
@@ -190,7 +195,8 @@ class Inbox:
         except InputError as error:
             self._refuse(index, error)
             return
-        self.gather.add(view.slot, index, Arrival(poses, view.captured_edge_ns, arrived_ns))
+        captured_ns = near(view.captured_edge_ns, arrived_ns)
+        self.gather.add(view.slot, index, Arrival(poses, captured_ns, arrived_ns))
 
     def _hello(self, topic: str, payload: bytes) -> None:
         index = self._camera(topic)
@@ -216,7 +222,11 @@ class Inbox:
             self._refuse(index, error)
             return
         now_ns = self.clock.now_ns()
+        beat = msgspec.structs.replace(beat, sent_edge_ns=near(beat.sent_edge_ns, now_ns))
         self._change(index, lambda state: with_heartbeat(state, beat, now_ns))
+        if now_ns - self._beat_ns[index] < BEAT_S * 1e9 and not beat.ends:
+            return
+        self._beat_ns[index] = now_ns
         if beat.order_delay_ns > 0:
             self.on_delay(index, beat.order_delay_ns / 1e9)
         self.on_beat(beat)
@@ -244,6 +254,12 @@ class Inbox:
             self._refuse(index, error)
             return None
         return encode(ClockAnswer(question.sent_ns, received_ns, self.clock.now_ns()))
+
+
+def near(stated_ns: int, now_ns: int) -> int:
+    """Return a time that a camera states, moved to within `NEAR_S` of the edge's time."""
+    near_ns = round(NEAR_S * 1e9)
+    return min(max(stated_ns, now_ns - near_ns), now_ns + near_ns)
 
 
 def _with_joints(poses: Poses2D, found: tuple[str, ...], wanted: tuple[str, ...]) -> Poses2D:

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.edge.inbox import NEAR_S
 from e3pose.pipeline import SlotState
 from e3pose.select.failure_detector import Silence, acknowledge_late, patience
 
 # A camera without views is reported after so many failures in a row, which take 3 s: a camera that
 # is disconnected is known to be offline by then.
 REPORTED_FAILURES = 3
-LONG_S = 60.0  # an older view comes from a wrong clock
 
 
 def without_late_failures(
@@ -53,6 +53,6 @@ def impairments(silence: Silence, late_by_s: NDArray[np.float64], interval_s: fl
 
 
 def _impairment(failures: int, alive: bool, age_s: float) -> str:
-    if failures and alive and age_s < LONG_S:
+    if failures and alive and age_s < NEAR_S:  # otherwise its clock is wrong
         return f"views arrive too late, {age_s * 1e3:.0f} ms after capture"
     return "no views arrive in time" if failures >= REPORTED_FAILURES else ""

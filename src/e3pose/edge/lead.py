@@ -22,7 +22,7 @@ MAX_LEAD = 60  # slots; the horizon of the predictor
 # Orders from two seconds ago are useless: a longer delay is not worth following, and a camera that
 # reports one is not believed.
 MAX_DELAY_S = 2.0
-# A camera is excluded if its delay is so many times that of the next one, and so much longer.
+# A camera is excluded if its delay is so many times that of the others' median, and so much longer.
 FAR_TIMES, FAR_S = 4.0, 0.5
 
 
@@ -148,12 +148,8 @@ def _needed(delay_s: float, interval_s: float) -> int:
 def _limit_s(delays_s: Sequence[float]) -> float:
     """Return the delay above which cameras are too slow to be followed.
 
-    That is `MAX_DELAY_S`, or the lower end of the widest gap between delays, which rise, if fewer
-    than half of the cameras are above it.
+    It is measured from the lower median of the delays, which rise: half of the cameras can
+    neither raise it nor be followed against the other half, one a little slower than the next.
     """
-    limit_s = MAX_DELAY_S
-    for above in range(len(delays_s) // 2 + 1, len(delays_s)):
-        below_s = delays_s[above - 1]
-        if delays_s[above] > max(FAR_TIMES * below_s, below_s + FAR_S):
-            limit_s = min(limit_s, below_s)
-    return limit_s
+    typical_s = delays_s[(len(delays_s) - 1) // 2]
+    return min(MAX_DELAY_S, max(FAR_TIMES * typical_s, typical_s + FAR_S))

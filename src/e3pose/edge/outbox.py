@@ -16,6 +16,7 @@ class Outbox:
     _waiting: dict[tuple[str, int], bytes] = field(default_factory=dict)
     _change: threading.Condition = field(default_factory=threading.Condition)
     _closed: bool = False
+    _runs: int = 0
 
     def put(self, topic: str, payload: bytes, slot: int = -1) -> None:
         """Queue a message; it replaces one of the same topic and slot."""
@@ -38,13 +39,24 @@ class Outbox:
             self._change.notify()
 
     def run(self, publish: Callable[[str, bytes, int], None]) -> None:
-        """Send until closed; the body of the sending thread. `publish` also gets the slot."""
+        """Send until closed; the body of the sending thread. `publish` also gets the slot.
+
+        A later call takes over and drops what has waited meanwhile: one whose `publish` hangs
+        ends when that returns.
+        """
+        with self._change:
+            self._runs += 1
+            run = self._runs
+            if run > 1:
+                self._waiting = {}
         while True:
             with self._change:
-                while not self._waiting and not self._closed:
+                while not self._waiting and not self._closed and run == self._runs:
                     self._change.wait()
-                if not self._waiting:
+                if not self._waiting or run != self._runs:
                     return
                 batch, self._waiting = self._waiting, {}
             for (topic, slot), payload in batch.items():
                 publish(topic, payload, slot)
+                if run != self._runs:
+                    return

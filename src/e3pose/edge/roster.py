@@ -202,16 +202,14 @@ def _ailing(camera: CameraState, beat: Heartbeat, now_ns: int) -> str:
     return ""
 
 
-def slowest_wake_s(cameras: Sequence[CameraState], idle_modes: Sequence[CameraMode]) -> float:
-    """Return the wake-up time of the slowest camera that may sleep."""
-    return max(
-        (
-            camera.hello.wake_s
-            for camera, mode in zip(cameras, idle_modes, strict=True)
-            if camera.hello is not None and mode == "aggressive-power-saving"
-        ),
-        default=0.0,
-    )
+def wakes_s(cameras: Sequence[CameraState], idle_modes: Sequence[CameraMode]) -> list[float | None]:
+    """Return for each camera the wake-up time that it reports; None for one that never sleeps."""
+    return [
+        camera.hello.wake_s
+        if camera.hello is not None and mode == "aggressive-power-saving"
+        else None
+        for camera, mode in zip(cameras, idle_modes, strict=True)
+    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,37 +3,37 @@
     receiving (the transport's threads -> Inbox -> Gather)
     fusion and selection (`_run_slots`: close a slot, step, pass on)
     sending (Outbox)
-    housekeeping (`_run_housekeeping`: status, checkpoint, events)
+    housekeeping (Housekeeping: status, checkpoint, events, watchdog)
 
 It contains no mathematics: it owns the clock, the threads and the counters.
 """
 
 from __future__ import annotations
 
-import threading
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.edge.checkpoint import Checkpoint
 from e3pose.edge.consumers import NO_CONSUMERS, Consumers
 from e3pose.edge.counters import Counts
+from e3pose.edge.credibility import Credibility, followed
 from e3pose.edge.events import EventLog
 from e3pose.edge.gather import Arrival, Gather
+from e3pose.edge.housekeeping import Housekeeping
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lateness import impairments, without_late_failures
-from e3pose.edge.lead import Lead, adapt, cautious, lagging, take_in_delay
+from e3pose.edge.lead import Lead, adapt, cautious, lagging
 from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
+from e3pose.edge.membership import Membership
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.overload import Load, after_slot, level_change, shed_load
 from e3pose.edge.precompile import warm_up
 from e3pose.edge.publisher import Publisher
-from e3pose.edge.reports import SiteSnapshot, camera_changes, site_status
-from e3pose.edge.roster import slowest_wake_s
+from e3pose.edge.reports import SiteSnapshot, site_status
+from e3pose.edge.roster import wakes_s
 from e3pose.edge.state_file import StateFile
 from e3pose.edge.threads import ThreadGroup
 from e3pose.estimate.base import People
@@ -41,17 +41,15 @@ from e3pose.model.blind_slot import no_choice
 from e3pose.pipeline import Pipeline, SlotRecord, SlotState, initial_state, step
 from e3pose.quantities import plural
 from e3pose.runtime.clock import Clock, SlotTimes
+from e3pose.select.failure_detector import Silence
 from e3pose.settings.edge import EdgeSettings
 from e3pose.wire import topics
-from e3pose.wire.codec import encode
 from e3pose.wire.site_messages import Status
 from e3pose.wire.transport import Transport
 
 BACKLOG_S = 2.0  # an edge that is farther behind skips slots
 IDS_LEFT_OUT = 100  # ids given after the last checkpoint of a killed edge
-KEEPING_S = 1.0  # status, checkpoint
 END_S = 5.0  # to end a thread
-LOOK_S = 0.1  # interval of checks for connected cameras
 
 
 class EdgeServer:
@@ -79,14 +77,14 @@ class EdgeServer:
             consumers: of slots and heartbeats.
         """
         self.pipeline, self.settings, self.clock = pipeline, settings, clock
-        self.transport, self.consumers = transport, consumers
-        self.event_log = event_log or EventLog(clock)
+        self.consumers, self.event_log = consumers, event_log or EventLog(clock)
+        self.membership = Membership(transport, clock, self._listen)
         self.interval_ns = round(pipeline.interval_s / settings.pace * 1e9)
         interval_s = self.interval_ns / 1e9
         self.started_ns = clock.now_ns()
         num_cameras = len(pipeline.rig)
         self.counts, self.gather = Counts(num_cameras, interval_s), Gather(num_cameras)
-        self._delays: deque[tuple[int, float]] = deque(maxlen=512)
+        self.credibility = Credibility(num_cameras, interval_s, settings.wakes_s)
         self.inbox = Inbox(
             settings.site,
             pipeline.rig,
@@ -94,8 +92,7 @@ class EdgeServer:
             interval_s,
             self.gather,
             clock,
-            # Deques are safe to append to from any thread.
-            lambda camera, delay_s: self._delays.append((camera, delay_s)),
+            self.credibility.claim,
             consumers.take,
             consumers.paused,
         )
@@ -120,8 +117,8 @@ class EdgeServer:
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
         self.publisher = Publisher(settings, pipeline.rig, interval_s, self.outbox, clock)
-        self._quiet = threading.Event()  # a slot was just done
         self.threads = ThreadGroup(self._wake)
+        self.housekeeping = Housekeeping(self)
         self._resume()
 
     def __enter__(self) -> EdgeServer:
@@ -135,14 +132,11 @@ class EdgeServer:
         """Start to receive, and to compute slots once cameras are connected."""
         if self.consumers.sink is not None:
             self.event_log.attach(self.consumers.sink)
-        self._join()  # cameras find the edge again while it gets ready
+        self.membership.join()  # cameras find the edge again while it gets ready
         warm_up(self.pipeline)
-        for name, body in (
-            ("fusion", self._run_slots),
-            ("sending", lambda: self.outbox.run(self._publish)),
-            ("keeping", self._run_housekeeping),
-        ):
-            self.threads.start(name, body)
+        self.threads.start("fusion", self._run_slots)
+        self.start_sending()
+        self.threads.start("keeping", self.housekeeping.run)
 
     def stop(self) -> None:
         """Finish the current slot, save the state, leave the site."""
@@ -150,24 +144,22 @@ class EdgeServer:
             return
         self.gather.wake()
         self.threads.join(END_S, without="sending")
-        self._keep_checkpoint()
+        self.housekeeping.keep_checkpoint()
         self.outbox.close()
         self.threads.join(END_S)
-        self.transport.close()
+        self.membership.leave()
 
-    def rejoin(self, open_transport: Callable[[], Transport]) -> None:
-        """Leave the site and join it with other access rules; cameras reconnect by themselves."""
-        self.transport.close()  # the new one listens at the same place
-        self.transport = open_transport()
-        self._join()
+    def _listen(self, transport: Transport) -> None:
+        self.inbox.listen(transport)
+        self.consumers.listen(transport, self.settings.site)
+        transport.be_present(topics.of_site(self.settings.site, "alive"))
 
-    def _join(self) -> None:
-        self.inbox.listen(self.transport)
-        self.consumers.listen(self.transport, self.settings.site)
-        self.transport.be_present(topics.of_site(self.settings.site, "alive"))
+    def start_sending(self) -> None:
+        """Start the thread that sends; it takes over from one that hangs."""
+        self.threads.start("sending", lambda: self.outbox.run(self._publish))
 
     def _publish(self, topic: str, payload: bytes, slot: int) -> None:
-        self.transport.publish(topic, payload)
+        self.membership.publish(topic, payload)
         if (latency_ns := self.publisher.latency_ns(topic, slot)) is not None:
             self.counts.latency.add(latency_ns)
 
@@ -216,6 +208,7 @@ class EdgeServer:
         times = self.times = self._begin()
         while not self.threads.stopping.is_set():
             self._catch_up(times)
+            self._forgive()
             slot = self.state.slot
             if not self._wait_for_views(times, slot):
                 return
@@ -259,6 +252,13 @@ class EdgeServer:
         self.event_log.report("slots-lost", f"skipped {skipped}: the edge was behind")
         self._skip(self.state.slot + lost)
 
+    def _forgive(self) -> None:
+        """Presume that all cameras answer once the edge, and no camera, was to blame."""
+        if self.housekeeping.rejoined.is_set():
+            self.housekeeping.rejoined.clear()
+            self.state = replace(self.state, silence=Silence.none(len(self.pipeline.rig)))
+            self.credibility.forgive()
+
     def _skip(self, slot: int) -> None:
         self.state = skip_to(self.state, slot, self.pipeline.budget)
         self.gather.skip_to(slot)
@@ -275,7 +275,7 @@ class EdgeServer:
 
         stopping, ordered = self.threads.stopping, self._ordered(times, slot)
         span_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
-        orders = np.flatnonzero(ordered).tolist()  # later orders are too late
+        orders = np.flatnonzero(self.credibility.awaited(ordered, slot)).tolist()
         return self.gather.wait(self.clock, stopping, span_ns, orders, awaited)
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
@@ -284,7 +284,8 @@ class EdgeServer:
         online = reachable.copy()
         ordered = self._ordered(times, slot)
         wanted = ordered & online
-        late, orders_late = self.gather.late.copy(), self.inbox.orders_late()
+        late = self.gather.late.copy()
+        orders_late = self.credibility.excused(self.inbox.orders_late())
         interval_s = self.pipeline.interval_s
         state = without_late_failures(self.state, late > self._late, orders_late, interval_s)
         self._late = late
@@ -311,20 +312,21 @@ class EdgeServer:
         self.orders.give(times, slot + lead, record.next_selection, lead, record.expected, none)
         self.orders.forget_before(slot)
         self.newest = record
+        self.credibility.observe(slot, ordered, reachable, record.arrived)
         self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
         self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
         took_ns += self.publisher.publish_delayed(busy=self.load.level > 0)
-        self._update_pipeline(times, record, reachable.tolist())
+        self._update_pipeline(times, record, reachable)
         self._adapt_load(took_ns / 1e9, record)
-        self._quiet.set()
+        self.housekeeping.quiet.set()
 
     def _ordered(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: cameras selected for a slot whose order was in time."""
         return np.asarray(self.state.selections[0] & self.orders.in_time(times, slot))
 
     def _update_pipeline(
-        self, times: SlotTimes, record: SlotRecord, online: Sequence[bool]
+        self, times: SlotTimes, record: SlotRecord, online: NDArray[np.bool_]
     ) -> None:
         """Update lead, predictor and budgets between two slots."""
         self.pipeline, events = self.consumers.improved(self.pipeline, record)
@@ -332,11 +334,11 @@ class EdgeServer:
             self.event_log.report(kind, line, camera_id)
         if not self.settings.adaptive_lead:
             return
-        while self._delays:
-            self.lead = take_in_delay(self.lead, *self._delays.popleft())
-        before = self.lead.slots
-        wake_s = slowest_wake_s(self.inbox.roster.cameras, self.settings.idle_modes)
-        self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online)
+        claims_s = wakes_s(self.inbox.roster.cameras, self.settings.idle_modes)
+        wake_s = self.credibility.wake_s(claims_s, before := self.lead.slots)
+        self.lead = self.credibility.lead_after_claims(self.lead)
+        counted = (followed(self.state.silence.failures) & online).tolist()
+        self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, counted)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"
             change = f"lead {changed} from {before} to {plural(self.lead.slots, 'slot')}"
@@ -353,35 +355,6 @@ class EdgeServer:
         self.load = after_slot(before, took_s, self.interval_ns / 1e9, awake)
         if message := level_change(before, self.load):
             self.event_log.report("overload", message)
-
-    # The housekeeping thread.
-
-    def _run_housekeeping(self) -> None:
-        ids, due_ns = self.pipeline.rig.camera_ids, 0
-        problems, odd = ["never connected"] * len(ids), [""] * len(ids)
-        while not self.threads.stopping.is_set():
-            before = problems, odd
-            problems, odd = self.inbox.problems(), self.impairments()
-            events = camera_changes(ids, before, (problems, odd))
-            for kind, message, camera_id in events:
-                self.event_log.report(kind, message, camera_id)
-            if events or self.clock.now_ns() >= due_ns:
-                due_ns = self.clock.now_ns() + round(KEEPING_S * 1e9)
-                topic = topics.of_site(self.settings.site, "status")
-                self.outbox.put(topic, encode(self.status()))
-                self._keep_checkpoint()
-            self.clock.wait(self.threads.stopping, self.clock.now_ns() + round(LOOK_S * 1e9))
-            # Two threads of Python work at half the speed: not while a slot is computed.
-            self._quiet.clear()
-            self._quiet.wait(LOOK_S)
-
-    def _keep_checkpoint(self) -> None:
-        times, pipeline, state = self.times, self.pipeline, self.state  # values: they stay
-        if times is None:
-            return
-        made_ns, run_ns = self.clock.now_ns(), self.state_file.run_ns
-        made = Checkpoint(state, times.origin_ns, len(state.selections), made_ns, run_ns)
-        self.state_file.keep(made, pipeline)
 
     def _resume(self) -> None:
         found = self.state_file.take_up(self.pipeline)

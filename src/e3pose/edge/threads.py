@@ -41,7 +41,7 @@ class ThreadGroup:
 
     def join(self, timeout_s: float, without: str = "") -> None:
         """Wait until all but one have ended, at most so long for each."""
-        for name, thread in self._threads.items():
+        for name, thread in list(self._threads.items()):  # one may be started anew meanwhile
             if name != without:
                 thread.join(timeout=timeout_s)
 

@@ -45,6 +45,10 @@ class LearnedCost:
     noise: float
     spans: int
 
+    def profile_watts(self) -> Floats:
+        """Return `(2,)` power when active and when idle before anything was measured."""
+        return np.asarray(np.sqrt(np.diag(self.prior)) / PRIOR_SHARE)
+
 
 @dataclass(frozen=True, slots=True)
 class SlotCost:

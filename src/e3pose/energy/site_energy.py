@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 
 SUN_S = 600.0  # over which charging is averaged: a cloud is no evening
 LEAST_COST_J = 1e-6
+# Measured costs beside a profile's, of most cameras: what differs from it by more is not believed.
+STRANGE_TIMES = 2.0
 AFFORD_SHARE = 0.95  # of what budgets pay for: queues that are always full leave no choice
 
 
@@ -76,11 +78,13 @@ class CameraEnergy:
     Attributes:
         cost: what was learned of its power.
         beat: the newest heartbeat.
+        capacity_j: of its battery, as configured; infinite where it is not.
         charging_w: what goes into its battery, averaged over ten minutes.
         recording_w: what recording video draws in slots of every kind, averaged likewise.
     """
 
     cost: LearnedCost
+    capacity_j: float = np.inf
     beat: Beat | None = None
     charging_w: float = 0.0
     recording_w: float = 0.0
@@ -89,7 +93,7 @@ class CameraEnergy:
         """Return what the camera has to spend from; without a battery it is on mains."""
         if self.beat is None or self.beat.battery_j is None:
             return Supply()
-        return Supply(max(self.beat.battery_j, 0.0), self.charging_w)
+        return Supply(min(max(self.beat.battery_j, 0.0), self.capacity_j), self.charging_w)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +102,8 @@ class EnergyEstimate:
 
     Attributes:
         budget: `(num_cameras,)` the paper's E_n, for the queues.
-        cost_j: `(num_cameras,)` of an active slot beyond an idle one, for their price.
+        cost_j: `(num_cameras,)` of an active slot beyond an idle one, for their price, as far as
+            it is credible.
         slots: what slots cost each camera, and whether that was measured.
         num_selected: mean cameras per slot: the number requested, or fewer if the budgets do not
             pay for it.
@@ -118,9 +123,17 @@ class EnergyEstimate:
         return np.where(selected, active, idle)
 
 
-def new_camera(profile: DeviceProfile, idle_mode: Mode = "power-saving") -> CameraEnergy:
-    """Return what a profile says of a camera that was not heard of yet."""
-    return CameraEnergy(unlearned(profile, idle_mode))
+def new_camera(
+    profile: DeviceProfile, idle_mode: Mode = "power-saving", capacity_j: float = np.inf
+) -> CameraEnergy:
+    """Return what a profile says of a camera that was not heard of yet.
+
+    Args:
+        profile: of its device.
+        idle_mode: what it does in slots without an order.
+        capacity_j: of its battery; infinite where it is not known.
+    """
+    return CameraEnergy(unlearned(profile, idle_mode), capacity_j)
 
 
 def observe(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
@@ -131,7 +144,7 @@ def observe(camera: CameraEnergy, beat: Beat) -> CameraEnergy:
     """
     before, cost = camera.beat, camera.cost
     if before is None or before.session != beat.session:
-        return CameraEnergy(cost, beat, max(beat.charging_w, 0.0))
+        return CameraEnergy(cost, camera.capacity_j, beat, max(beat.charging_w, 0.0))
     span_s = (beat.sent_edge_ns - before.sent_edge_ns) / 1e9
     if span_s <= 0:
         return camera
@@ -164,6 +177,21 @@ def _slot_cost(camera: CameraEnergy, interval_s: float) -> SlotCost:
     return replace(cost, active_j=cost.active_j + video_j, idle_j=cost.idle_j + video_j)
 
 
+def _credible_cost_j(cameras: Sequence[CameraEnergy], cost_j: Floats, interval_s: float) -> Floats:
+    """Return `(num_cameras,)` costs of active slots, without those that one camera makes up.
+
+    Prices are relative to the mean cost of all cameras, so that one that reports a megawatt would
+    make the others' free. Devices may all differ from their profiles by the same factor; one that
+    differs from the others by more than `STRANGE_TIMES` is taken to cost what theirs do.
+    """
+    profile_w = np.array([camera.cost.profile_watts() for camera in cameras])
+    assumed_j = np.maximum((profile_w[:, 0] - profile_w[:, 1]) * interval_s, LEAST_COST_J)
+    times = np.maximum(cost_j, LEAST_COST_J) / assumed_j
+    typical = np.sort(times)[(len(times) - 1) // 2]
+    strange = (times > STRANGE_TIMES * typical) | (times < typical / STRANGE_TIMES)
+    return np.asarray(np.where(strange, typical, times) * assumed_j)
+
+
 def estimate_energy(
     cameras: Sequence[CameraEnergy],
     budgets: Sequence[Budget],
@@ -190,7 +218,7 @@ def estimate_energy(
     enough = affordable >= num_selected - 1e-6
     return EnergyEstimate(
         budget=budget,
-        cost_j=np.maximum(active_j - idle_j, LEAST_COST_J),
+        cost_j=_credible_cost_j(cameras, active_j - idle_j, interval_s),
         slots=slots,
         num_selected=num_selected if enough else AFFORD_SHARE * affordable,
         starved=(allowed_j <= idle_j) & (active_j > idle_j),

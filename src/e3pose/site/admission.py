@@ -78,10 +78,7 @@ class Admission:
         if seen == self._seen:
             return
         try:
-            link, roll = edge_link(self.site)
-            inbox = self.server.inbox
-            inbox.not_admitted = not_admitted(roll, inbox.rig.camera_ids)
-            self.server.rejoin(lambda: self.join(link, roll))
+            self.server.membership.rejoin(self.prepare())
         except InputError as error:  # tried again: the edge goes on by the rules it has
             if str(error) != self._refused:
                 self.report(f"cannot reload the certificates: {error}")
@@ -89,6 +86,17 @@ class Admission:
             return
         self._seen, self._refused = seen, ""
         self.report("certificates reloaded")
+
+    def prepare(self) -> Callable[[], Transport]:
+        """Return what opens the network by the present list of certificates.
+
+        Raises:
+            InputError: for certificates that cannot be used.
+        """
+        link, roll = edge_link(self.site)
+        inbox = self.server.inbox
+        inbox.not_admitted = not_admitted(roll, inbox.rig.camera_ids)
+        return lambda: self.join(link, roll)
 
     def _version(self) -> tuple[int, int]:
         if self.site.link.keys is None:

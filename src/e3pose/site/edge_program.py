@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from e3pose import __version__
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
@@ -46,6 +48,8 @@ from e3pose.wire.transport import Transport
 
 if TYPE_CHECKING:
     from e3pose.store.writer import StoreWriter
+
+WH_J = 3600.0
 
 
 class Edge:
@@ -187,10 +191,13 @@ def _start(live: LiveSite, pipeline: Pipeline, log: Log, clock: Clock) -> Edge:
 
             stack.callback(serve_metrics(server, site.metrics_port).close)
         stack.callback(server.stop)
+        admission = Admission(site, server, join_as_edge, log.info)
+        watchdog = server.housekeeping.watchdog
+        watchdog.prepare, watchdog.folder = admission.prepare, site.near("logs")
         log.info("getting ready; the very first time this compiles for a minute or two")
         server.start()
         log.info("waiting for cameras", endpoint=link.endpoint, cameras=len(live.rig))
-        return Edge(server, Admission(site, server, join_as_edge, log.info), stack.pop_all())
+        return Edge(server, admission, stack.pop_all())
     raise AssertionError("an exit stack lets no error pass")
 
 
@@ -241,6 +248,7 @@ def make_edge(
         live.loop.num_selected or 0.0,
         clock.now_ns,
         None if sink is None else sink.energy,
+        [WH_J * (camera.battery_wh or np.inf) for camera in live.cameras.values()],
     )
     settings = EdgeSettings(
         site=site.name,
@@ -250,6 +258,7 @@ def make_edge(
         adaptive_lead=site.lead == "adaptive",
         pace=site.pace,
         smooth_delay_s=site.smooth_delay_ms / 1e3,
+        wakes_s=[camera.wake_s for camera in live.cameras.values()],
     )
     controls = SiteControls(live, ledger)
     recorder = open_recorder(live, event_log, stack)

@@ -1,0 +1,72 @@
+"""What an edge does beside its slots: status, checkpoint, events of cameras, and its watchdog."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+from e3pose.edge.checkpoint import Checkpoint
+from e3pose.edge.reports import camera_changes
+from e3pose.edge.watchdog import Watchdog
+from e3pose.wire import topics
+from e3pose.wire.codec import encode
+
+if TYPE_CHECKING:
+    from e3pose.edge.server import EdgeServer
+
+KEEPING_S = 1.0  # status, checkpoint
+LOOK_S = 0.1  # interval of checks for connected cameras
+
+
+class Housekeeping:
+    """Looks after an edge on a thread of its own.
+
+    Attributes:
+        watchdog: makes a stuck edge join its network again.
+        quiet: set when a slot was just computed.
+        rejoined: set when the network was joined again, to be cleared by the fusion thread.
+    """
+
+    def __init__(self, edge: EdgeServer) -> None:
+        """Look after an edge that has all its parts but this one."""
+        self.watchdog = Watchdog(edge.membership, edge.clock, edge.event_log.report)
+        self.quiet, self.rejoined = threading.Event(), threading.Event()
+        self._edge, self._due_ns = edge, 0
+        num_cameras = len(edge.pipeline.rig)
+        self._conditions = ["never connected"] * num_cameras, [""] * num_cameras
+
+    def run(self) -> None:
+        """Look until the edge stops."""
+        clock, stopping = self._edge.clock, self._edge.threads.stopping
+        while not stopping.is_set():
+            self.look()
+            clock.wait(stopping, clock.now_ns() + round(LOOK_S * 1e9))
+            # Two threads of Python work at half the speed: not while a slot is computed.
+            self.quiet.clear()
+            self.quiet.wait(LOOK_S)
+
+    def look(self) -> None:
+        """Do what is due."""
+        edge = self._edge
+        counts = edge.gather.views, edge.counts.ordered, edge.counts.slots
+        if self.watchdog.look(edge.inbox.roster.cameras, *counts):
+            self.rejoined.set()
+            edge.start_sending()  # the thread before may hang
+        before, self._conditions = self._conditions, (edge.inbox.problems(), edge.impairments())
+        events = camera_changes(edge.pipeline.rig.camera_ids, before, self._conditions)
+        for kind, message, camera_id in events:
+            edge.event_log.report(kind, message, camera_id)
+        if events or edge.clock.now_ns() >= self._due_ns:
+            self._due_ns = edge.clock.now_ns() + round(KEEPING_S * 1e9)
+            edge.outbox.put(topics.of_site(edge.settings.site, "status"), encode(edge.status()))
+            self.keep_checkpoint()
+
+    def keep_checkpoint(self) -> None:
+        """Save the state of the loop."""
+        edge = self._edge
+        times, pipeline, state = edge.times, edge.pipeline, edge.state  # values: they stay
+        if times is None:
+            return
+        made_ns, run_ns = edge.clock.now_ns(), edge.state_file.run_ns
+        made = Checkpoint(state, times.origin_ns, len(state.selections), made_ns, run_ns)
+        edge.state_file.keep(made, pipeline)

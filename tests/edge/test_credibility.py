@@ -1,0 +1,124 @@
+"""A camera's word moves the lead as far as the edge sees no reason to doubt it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from e3pose.edge.credibility import (
+    EXCUSED_S,
+    MEMORY_ORDERS,
+    PROBE_SLOTS,
+    RELIABLE,
+    Credibility,
+    followed,
+    lower_median,
+    worth_waiting,
+)
+from e3pose.edge.lead import FAR_S, MAX_DELAY_S, Lead, adapt
+
+INTERVAL_S = 0.04
+ALL = np.ones(4, dtype=bool)
+
+
+def leads(
+    claims_s: list[float], answers: list[float], seconds: float = 60.0, start: int = 2
+) -> list[int]:
+    """Return the lead over time while four cameras say their delays and answer so many orders."""
+    credibility, lead, found = Credibility(4, INTERVAL_S), Lead(start), []
+    rng = np.random.default_rng(1)
+    for slot in range(round(seconds / INTERVAL_S)):
+        if slot % 12 == 0:
+            for camera, claim_s in enumerate(claims_s):
+                credibility.claim(camera, claim_s)
+        credibility.observe(slot, ALL, ALL, rng.uniform(size=4) < answers)
+        lead = adapt(credibility.lead_after_claims(lead), INTERVAL_S, online=[True] * 4)
+        found.append(lead.slots)
+    return found
+
+
+HONEST_S = [0.01, 0.02, 0.015, 0.03]
+
+
+@pytest.mark.parametrize("lie_s", [0.1, 0.3, 0.5, 0.6, 1.9, 3600.0])
+@pytest.mark.parametrize("liars", [1, 2])
+def test_delays_of_cameras_that_answer_do_not_move_the_lead(lie_s: float, liars: int) -> None:
+    usual = leads(HONEST_S, [1.0] * 4)
+    lied = leads([*HONEST_S[: 4 - liars], *[lie_s] * liars], [1.0] * 4)
+    assert max(lied) <= max(usual) + 1
+
+
+@pytest.mark.parametrize("liars", [1, 2])
+def test_delays_far_from_the_others_do_not_move_the_lead(liars: int) -> None:
+    lied = leads([*HONEST_S[: 4 - liars], *[1.9] * liars], [*[1.0] * (4 - liars), *[0.0] * liars])
+    assert max(lied) <= max(leads(HONEST_S, [1.0] * 4)) + 1
+
+
+def test_one_slower_than_the_next_is_measured_from_the_others() -> None:
+    limit = round((HONEST_S[1] + FAR_S) / INTERVAL_S) + 2
+    assert max(leads([0.01, 0.02, 0.4, 0.9], [1.0, 1.0, 0.0, 0.0])) <= limit
+
+
+def test_camera_that_misses_orders_is_followed() -> None:
+    assert leads([0.01, 0.02, 0.015, 0.3], [1.0, 1.0, 1.0, 0.3])[-1] == 9
+    assert leads([0.3] * 4, [1.0] * 4)[-1] == 9  # what all say is usual
+
+
+def test_lead_that_only_a_word_holds_shrinks() -> None:
+    held = leads([*HONEST_S[:3], 0.4], [1.0] * 4, seconds=120.0, start=11)
+    assert held[-1] <= 6
+
+
+def test_camera_that_is_given_up_again_and_again_is_followed_for_rare_attempts() -> None:
+    counts = np.flatnonzero(followed(np.arange(300)))
+    assert counts.tolist() == [0, 1, 2, 4, 16, 64, 256]
+
+
+def test_late_orders_excuse_a_camera_for_some_seconds() -> None:
+    credibility, late = Credibility(4, INTERVAL_S), np.array([True, False, False, True])
+    excused = []
+    for slot in range(400):
+        credibility.observe(slot, ALL, ALL, np.array([False, False, True, True]))
+        excused.append(credibility.excused(late))
+    assert excused[0].tolist() == late.tolist()
+    assert sum(each[0] for each in excused) == pytest.approx(EXCUSED_S / INTERVAL_S, abs=1)
+    assert all(each[3] for each in excused)  # its views arrive
+
+
+def test_slots_wait_for_cameras_that_answer_and_for_others_now_and_then() -> None:
+    share = np.array([1.0, 0.9, RELIABLE - 0.1, 0.0])
+    waits = np.array([worth_waiting(share, ALL, slot) for slot in range(8 * PROBE_SLOTS)])
+    np.testing.assert_allclose(waits.mean(axis=0), [1, 1, 1 / PROBE_SLOTS, 1 / PROBE_SLOTS])
+    alone = np.array([False, False, True, True])
+    assert worth_waiting(share, alone, 1).tolist() == alone.tolist()  # nobody else to wait for
+
+
+def test_camera_that_answers_again_is_waited_for_again() -> None:
+    credibility = Credibility(4, INTERVAL_S)
+    three = np.array([True, True, True, False])
+    for slot in range(2 * MEMORY_ORDERS):
+        credibility.observe(slot, ALL, ALL, three)
+    assert credibility.share[3] < RELIABLE
+    for slot in range(20 * MEMORY_ORDERS):
+        credibility.observe(slot, ALL, ALL, ALL)
+    assert credibility.share[3] > RELIABLE
+
+
+@pytest.mark.parametrize("lie_s", [0.6, 3.0, 3600.0])
+@pytest.mark.parametrize("liars", [1, 2])
+def test_wake_up_times_are_those_of_the_site(lie_s: float, liars: int) -> None:
+    credibility = Credibility(4, INTERVAL_S, [0.5] * 4)
+    claims_s = [*[0.4] * (4 - liars), *[lie_s] * liars]
+    assert credibility.wake_s(claims_s, 12) == pytest.approx(0.5)
+    credibility.share[-liars:] = 0.0  # they answer nothing
+    assert credibility.wake_s(claims_s, 12) <= MAX_DELAY_S
+
+
+def test_cameras_that_never_sleep_need_no_time_to_wake() -> None:
+    assert Credibility(2, INTERVAL_S).wake_s([None, None], 3) == 0.0
+
+
+def test_lower_median_is_not_raised_by_half() -> None:
+    assert lower_median([1.0]) == 1.0
+    assert lower_median([9.0, 1.0]) == 1.0
+    assert lower_median([9.0, 1.0, 9.0, 2.0]) == 2.0
