@@ -58,7 +58,7 @@ def stream(
     if not target:
         raise InputError("TARGET", "none", "one at least, such as osc://127.0.0.1:9000")
     table = load_site(site)
-    source = Source(table.name, live_site(table).skeleton, table.fps)
+    source = Source(table.name, live_site(table).skeleton, table.fps, warn)
     link = viewer_link(table, keys)
     with ExitStack() as stack:
         streams = []

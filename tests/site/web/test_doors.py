@@ -16,9 +16,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect as connect_socket
 
 from e3pose.site.listener import Bounds
+from e3pose.site.serving import Serving
 from e3pose.site.web.feed import MAX_OF_ADDRESS
 from e3pose.site.web.guesses import FREE, LONGEST_WAIT_S
-from e3pose.site.web.serving import Serving
 
 JSON = {"Content-Type": "application/json"}
 HALF = b"GET /api/status HTTP/1.1\r\nHost: localhost\r\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -20,11 +21,13 @@ class Source:
         site: name of the site.
         skeleton: of the joints.
         fps: slots per second.
+        report: called with lines for operators.
     """
 
     site: str
     skeleton: Skeleton
     fps: float
+    report: Callable[[str], object] = lambda line: None
 
 
 class Stream(Protocol):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from urllib.parse import parse_qsl
 
-import foxglove
 import numpy as np
-from foxglove.channels import SceneUpdateChannel
 from foxglove.messages import (
     Color,
     Duration,
@@ -27,40 +27,73 @@ from e3pose.errors import InputError
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.report.scene import NUM_COLOURS
 from e3pose.site.connect import LiveSlot
+from e3pose.site.listener import Bounds, open_socket
+from e3pose.site.serving import Serving
 from e3pose.site.streams.as_json import slot_words, zone_words
 from e3pose.site.streams.base import Source, host_port
+from e3pose.site.streams.foxglove_server import (
+    CLIENTS,
+    CLIENTS_OF_ADDRESS,
+    Channel,
+    FoxgloveServer,
+)
 
 PORT = 8765
+_SCHEMA = SceneUpdate.get_schema()
+CHANNELS = (
+    Channel("/scene", "protobuf", _SCHEMA.name, _SCHEMA.data),
+    Channel("/poses", "json"),
+    Channel("/zones", "json"),
+)
 LIFETIME_NS = 500_000_000  # of who is not shown any more
 # As the live page draws them.
 COLOURS = ("0072b2", "d55e00", "009e73", "cc79a7", "56b4e9", "b38600", "4d4d4d", "8a4b16")
 
 
 def open_stream(place: str, source: Source) -> FoxgloveStream:
-    """Return a stream that Foxglove connects to at `ws://HOST:PORT`, without authentication."""
-    host, port = host_port(place or f"127.0.0.1:{PORT}", PORT)
-    context = foxglove.Context()
+    """Return a stream that Foxglove connects to at `ws://HOST:PORT`, without authentication.
+
+    `?origin=https://...`, any number of times, names web pages beyond this machine that may.
+    """
+    where, _, query = place.partition("?")
+    host, port = host_port(where or f"127.0.0.1:{PORT}", PORT)
+    origins = _origins(query)
     try:
-        server = foxglove.start_server(
-            name=f"e3pose {source.site}", host=host, port=port, context=context
-        )
-    except (RuntimeError, OSError) as error:
-        raise InputError("target", f"{host}:{port} ({error})", "a free port") from None
-    stream = FoxgloveStream(context, source)
-    stream.close = server.stop  # type: ignore[method-assign]
-    return stream
+        listening = open_socket(host, port)
+    except OSError as error:
+        raise InputError("target", f"{host}:{port} ({error.strerror})", "a free port") from None
+    server = FoxgloveServer(f"e3pose {source.site}", CHANNELS, origins, source.report)
+    serving = Serving(server, listening, Bounds(CLIENTS, CLIENTS_OF_ADDRESS), None)
+    return FoxgloveStream(source, server.log, serving.close)
+
+
+def _origins(query: str) -> frozenset[str]:
+    """Return the origins that a target names."""
+    named = parse_qsl(query, keep_blank_values=True)
+    for key, value in named:
+        if key != "origin" or "://" not in value or value.endswith("/"):
+            wanted = "origin=https://HOST, as the warning shows"
+            raise InputError("target", f"{key}={value}"[:80], wanted)
+    return frozenset(value for _, value in named)
 
 
 class FoxgloveStream:
-    """See `Stream`; logs to whatever sinks the context has."""
+    """See `Stream`."""
 
-    def __init__(self, context: foxglove.Context, source: Source) -> None:
-        """Make the channels `/scene`, `/poses` and `/zones`."""
-        self._context = context  # its channels close with it
-        self._limbs = source.skeleton.limbs
-        self._scene = SceneUpdateChannel("/scene", context=context)
-        self._poses = foxglove.Channel("/poses", message_encoding="json", context=context)
-        self._zones = foxglove.Channel("/zones", message_encoding="json", context=context)
+    def __init__(
+        self,
+        source: Source,
+        log: Callable[[str, bytes, int], object],
+        close: Callable[[], object],
+    ) -> None:
+        """Make a stream.
+
+        Args:
+            source: what is sent.
+            log: takes topic, message and time of `CHANNELS`.
+            close: ends it.
+        """
+        self._limbs, self._log, self._close = source.skeleton.limbs, log, close
 
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
@@ -68,15 +101,16 @@ class FoxgloveStream:
             self._entity(slot.time_ns, int(track), joints_m.astype(np.float64))
             for track, joints_m in zip(slot.track_ids, slot.joints_m, strict=True)
         ]
-        self._scene.log(SceneUpdate(entities=entities), log_time=slot.time_ns)
-        self._poses.log(json.dumps(slot_words(slot)).encode(), log_time=slot.time_ns)
+        self._log("/scene", SceneUpdate(entities=entities).encode(), slot.time_ns)
+        self._log("/poses", json.dumps(slot_words(slot)).encode(), slot.time_ns)
 
     def zone(self, event: ZoneEvent) -> None:
         """See `Stream.zone`."""
-        self._zones.log(json.dumps(zone_words(event)).encode(), log_time=event.time_ns)
+        self._log("/zones", json.dumps(zone_words(event)).encode(), event.time_ns)
 
     def close(self) -> None:
         """See `Stream.close`."""
+        self._close()
 
     def _entity(self, time_ns: int, track: int, joints_m: NDArray[np.float64]) -> SceneEntity:
         known: NDArray[np.bool_] = np.asarray(np.isfinite(joints_m).all(axis=-1))

@@ -16,6 +16,7 @@ from e3pose.site.connect import LiveSlot
 from e3pose.site.streams.base import Source
 
 PEOPLE = 4
+KEPT_S = 2  # of samples for a recorder that does not take them; the library keeps 360 s otherwise
 PARTS = ("x", "y", "z", "sigma")
 
 
@@ -43,7 +44,7 @@ class LslStream:
                 channel.append_child_value("label", f"person{person}_{label}")
                 channel.append_child_value("unit", "none" if label == "track" else "meters")
         info.desc().append_child_value("up_axis", "z")
-        self._poses = pylsl.StreamOutlet(info)
+        self._poses = pylsl.StreamOutlet(info, max_buffered=KEPT_S)
         self._zones = pylsl.StreamOutlet(
             pylsl.StreamInfo(
                 f"{name}-zones", "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string,

@@ -9,7 +9,8 @@ import foxglove
 from e3pose.errors import InputError
 from e3pose.files.private import make_file
 from e3pose.site.streams.base import Source
-from e3pose.site.streams.foxglove import FoxgloveStream
+from e3pose.site.streams.foxglove import CHANNELS, FoxgloveStream
+from e3pose.site.streams.foxglove_server import Channel
 
 
 def open_stream(place: str, source: Source) -> FoxgloveStream:
@@ -22,6 +23,25 @@ def open_stream(place: str, source: Source) -> FoxgloveStream:
     make_file(path)  # poses are for their owner alone
     context = foxglove.Context()
     writer = foxglove.open_mcap(path, allow_overwrite=True, context=context)
-    stream = FoxgloveStream(context, source)
-    stream.close = writer.close  # type: ignore[method-assign]
-    return stream
+    channels = {
+        channel.topic: foxglove.Channel(
+            channel.topic,
+            message_encoding=channel.encoding,
+            schema=_schema(channel),
+            context=context,
+        )
+        for channel in CHANNELS
+    }
+
+    def log(
+        topic: str, payload: bytes, time_ns: int, _held: foxglove.Context = context
+    ) -> None:  # the context's channels close with it
+        channels[topic].log(payload, log_time=time_ns)
+
+    return FoxgloveStream(source, log, writer.close)
+
+
+def _schema(channel: Channel) -> foxglove.Schema | None:
+    if not channel.schema:
+        return None
+    return foxglove.Schema(name=channel.schema_name, encoding="protobuf", data=channel.schema)

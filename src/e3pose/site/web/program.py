@@ -15,13 +15,13 @@ from e3pose.settings.live import LiveSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
 from e3pose.site.listener import Bounds, open_socket
+from e3pose.site.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.access import Rules
 from e3pose.site.web.app import Site, make_app
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.layout import describe
 from e3pose.site.web.pictures import make_pictures
-from e3pose.site.web.serving import CONNECTIONS, PER_ADDRESS, Serving
 from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store

@@ -1,0 +1,197 @@
+"""The Foxglove server: the protocol of Foxglove's own, for those who may, with bounds."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from typing import Any
+
+import foxglove
+import psutil
+import pytest
+from tests.ports import free_port
+from tests.site.streams.test_streams import EVENT, SOURCE, TIME_NS, slot
+from websockets.exceptions import InvalidStatus, WebSocketException
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as connect_socket
+from websockets.typing import Origin, Subprotocol
+
+from e3pose.errors import InputError
+from e3pose.site.streams import Source, open_stream
+from e3pose.site.streams.base import Stream
+from e3pose.site.streams.foxglove import CHANNELS
+from e3pose.site.streams.foxglove_server import CLIENTS_OF_ADDRESS, WAITING
+
+PROTOCOL = [Subprotocol("foxglove.sdk.v1")]
+
+
+@contextmanager
+def served(query: str = "", source: Source = SOURCE) -> Iterator[tuple[Stream, str]]:
+    port = free_port()
+    stream = open_stream(f"foxglove://127.0.0.1:{port}{query}", source)
+    try:
+        yield stream, f"ws://127.0.0.1:{port}"
+    finally:
+        stream.close()
+
+
+def joined(url: str, **more: Any) -> ClientConnection:
+    made: ClientConnection = connect_socket(url, subprotocols=PROTOCOL, **more)
+    return made
+
+
+def advertised(client: ClientConnection) -> list[dict[str, Any]]:
+    """Return server information and channels, without what differs each time."""
+    said: list[dict[str, Any]] = []
+    while not said or said[-1]["op"] != "advertise":
+        said.append(json.loads(client.recv(20)))
+    said[0].pop("sessionId")
+    said[0].pop("metadata")
+    for one in said[-1]["channels"]:
+        one.pop("id")
+        if one["encoding"] == "json":
+            one.pop("schemaName")
+    said[-1]["channels"].sort(key=lambda one: str(one["topic"]))
+    return said
+
+
+def test_it_says_what_foxgloves_own_server_says() -> None:
+    context = foxglove.Context()
+    own = foxglove.start_server(name="e3pose lab", port=0, context=context)
+    schema = foxglove.Schema(
+        name=CHANNELS[0].schema_name, encoding="protobuf", data=CHANNELS[0].schema
+    )
+    kept = [
+        foxglove.Channel("/scene", message_encoding="protobuf", schema=schema, context=context),
+        foxglove.Channel("/poses", message_encoding="json", context=context),
+        foxglove.Channel("/zones", message_encoding="json", context=context),
+    ]
+    with (
+        served() as (_, url),
+        joined(f"ws://127.0.0.1:{own.port}") as theirs,
+        joined(url) as ours,
+    ):
+        assert theirs.subprotocol == ours.subprotocol == "foxglove.sdk.v1"
+        assert advertised(ours) == advertised(theirs)
+    own.stop()
+    assert len(kept) == 3
+
+
+def test_subscribers_alone_get_messages_until_they_leave() -> None:
+    with served() as (stream, url), joined(url) as client:
+        ids = {c["topic"]: c["id"] for c in _channels(client)}
+        both = [{"id": 7, "channelId": ids["/zones"]}, {"id": 8, "channelId": ids["/zones"]}]
+        client.send(json.dumps({"op": "subscribe", "subscriptions": both}))
+        found: str | bytes = b""
+        while not found:
+            stream.slot(slot(7))  # nobody asked for poses
+            stream.zone(EVENT)
+            with suppress(TimeoutError):
+                found = client.recv(0.2)
+        assert isinstance(found, bytes) and found[0] == 1
+        assert int.from_bytes(found[1:5], "little") == 7
+        assert int.from_bytes(found[5:13], "little") == TIME_NS
+        assert json.loads(found[13:])["zone"] == "door"
+        client.send(json.dumps({"op": "unsubscribe", "subscriptionIds": [7, 8]}))
+        client.send("garbage")  # answered after what came before it
+        while not (isinstance(found, str) and json.loads(found)["op"] == "status"):
+            found = client.recv(20)
+        stream.zone(EVENT)
+        with pytest.raises(TimeoutError):
+            client.recv(0.3)
+
+
+def _channels(client: ClientConnection) -> list[dict[str, Any]]:
+    client.recv(20)
+    return list(json.loads(client.recv(20))["channels"])
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "garbage",
+        "[]",
+        "{}",
+        '{"op": "subscribe"}',
+        '{"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}',
+        '{"op": "subscribe", "subscriptions": [{"id": -1, "channelId": 1}]}',
+        '{"op": "subscribe", "subscriptions": [{"id": 1e999, "channelId": 1}]}',
+        '{"op": "unsubscribe", "subscriptionIds": [[]]}',
+        "[" * 4000,
+        b"\x00\x01",
+    ],
+    ids=lambda said: str(said)[:30],
+)
+def test_odd_request_is_answered_and_the_client_stays(said: str | bytes) -> None:
+    with served() as (_, url), joined(url) as client:
+        _channels(client)
+        client.send(said)
+        answer = json.loads(client.recv(20))
+        assert answer["op"] == "status" and answer["level"] == 2
+
+
+@pytest.mark.parametrize(
+    ("origin", "comes_in"),
+    [
+        (None, True),  # no browser
+        ("http://localhost:3000", True),
+        ("http://127.0.0.1:8080", True),
+        ("https://app.foxglove.dev", True),  # as the target names it
+        ("https://evil.example", False),
+        ("http://localhost.evil.example", False),
+        ("null", False),
+        ("https://app.foxglove.dev.evil.example", False),
+        ("http://[", False),
+    ],
+)
+def test_only_pages_of_this_machine_and_named_ones_connect(
+    origin: str | None, comes_in: bool
+) -> None:
+    said: list[str] = []
+    source = Source(SOURCE.site, SOURCE.skeleton, SOURCE.fps, said.append)
+    with served("?origin=https://app.foxglove.dev", source) as (_, url):
+        if comes_in:
+            with joined(url, origin=None if origin is None else Origin(origin)) as client:
+                assert len(_channels(client)) == 3
+            assert said == []
+            return
+        for _ in range(3):
+            with pytest.raises(InvalidStatus, match="403"):
+                joined(url, origin=Origin(str(origin)))
+        assert len(said) == 1 and f"refused a page of {origin!r}" in said[0]
+
+
+def test_client_of_another_protocol_is_refused() -> None:
+    with served() as (_, url), pytest.raises(InvalidStatus, match="403"):
+        connect_socket(url)
+
+
+@pytest.mark.parametrize("query", ["?origin=evil", "?origins=https://a", "?origin=https://a/"])
+def test_origin_that_is_none_is_refused(query: str) -> None:
+    with pytest.raises(InputError, match="origin=https://HOST"), served(query):
+        pass
+
+
+def test_crowd_of_deaf_clients_is_bounded_and_gets_the_newest() -> None:
+    with served() as (stream, url), ExitStack() as stack:
+        deaf = [stack.enter_context(joined(url)) for _ in range(CLIENTS_OF_ADDRESS)]
+        for client in deaf:
+            ids = {c["topic"]: c["id"] for c in _channels(client)}
+            asked = [{"id": i, "channelId": ids["/zones"]} for i in range(4)]
+            client.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
+        with pytest.raises((OSError, WebSocketException)):
+            joined(url, open_timeout=5)
+        before = psutil.Process().memory_info().rss
+        for _ in range(50_000):
+            stream.zone(EVENT)
+        assert psutil.Process().memory_info().rss - before < 100e6
+        # One that listens at last hears from the past no more than what was under way.
+        heard = 0
+        while True:
+            try:
+                deaf[0].recv(1.0)
+            except TimeoutError:
+                break
+            heard += 1
+        assert WAITING <= heard < 50_000
