@@ -13,19 +13,32 @@ from tests.waiting import eventually
 
 from e3pose.camera.base import LiveFrame
 from e3pose.camera.live import CameraNode, NodeSettings, _Seen
-from e3pose.camera.pictures import PERIOD_NS, WIDTH, Pictures
+from e3pose.camera.pictures import LARGE_WIDTH, PERIOD_NS, WIDTH, Pictures
 from e3pose.model.pose import Poses2D
 from e3pose.runtime.clock import WallClock
-from e3pose.wire.codec import MAX_BYTES, decode
-from e3pose.wire.site_messages import Picture
+from e3pose.wire.codec import MAX_BYTES, decode, encode
+from e3pose.wire.site_messages import Picture, PictureQuestion
 
 IMAGE = np.zeros((480, 640, 3), dtype=np.uint8)
 IMAGE[:, 320:] = (200, 40, 20)  # red on the right
 
 
-def asked(pictures: Pictures) -> Picture | None:
-    answer = pictures.answer("", b"")
-    return None if answer is None else decode(answer, Picture, "cam1")
+SIZE = (640, 480)
+
+
+def asked(pictures: Pictures, have_ns: int = 0, large: bool = False) -> Picture:
+    answer = pictures.answer("", encode(PictureQuestion(have_ns, large)))
+    assert answer is not None
+    return decode(answer, Picture, "cam1")
+
+
+def offer(pictures: Pictures, slot: int, image: object = IMAGE) -> None:
+    pictures.offer(image, slot, 1000 + slot, SIZE)
+
+
+def decoded(found: Picture) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(found.jpeg, np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(image)[..., ::-1].astype(int)
 
 
 @pytest.fixture
@@ -33,51 +46,76 @@ def clock() -> ManualClock:
     return ManualClock(10**18)
 
 
-def test_image_is_held_only_while_somebody_asks(clock: ManualClock) -> None:
+def test_last_image_is_shown_however_long_the_camera_sleeps(clock: ManualClock) -> None:
     pictures = Pictures("cam1", clock)
-    pictures.offer(IMAGE, 1)
-    assert asked(pictures) is None  # nobody had asked when it came
-    pictures.offer(IMAGE, 2)
+    none = asked(pictures)
+    assert not none.jpeg and "no detection yet" in none.why
+    offer(pictures, 1)
+    offer(pictures, 2)
+    clock.advance(600.0)
     found = asked(pictures)
-    assert found is not None and (found.slot, found.image_size) == (2, (640, 480))
-    clock.advance(3.0)
-    pictures.offer(IMAGE, 3)
-    assert asked(pictures) is None
+    assert (found.slot, found.image_size, found.captured_edge_ns) == (2, SIZE, 1002)
+    assert found.jpeg and not found.why and not found.drawn
+
+
+def test_picture_that_the_operator_has_is_neither_made_nor_sent_again(clock: ManualClock) -> None:
+    pictures = Pictures("cam1", clock)
+    offer(pictures, 1)
+    first = asked(pictures)
+    clock.advance(10.0)
+    again = asked(pictures, have_ns=first.captured_edge_ns)
+    assert (again.jpeg, again.why, again.count) == (b"", "", 1)
+    assert asked(pictures).jpeg == first.jpeg  # somebody else has none
+    offer(pictures, 2)
+    newer = asked(pictures, have_ns=first.captured_edge_ns)
+    assert newer.jpeg and newer.slot == 2 and newer.count == 2
 
 
 def test_picture_is_small_and_shows_what_the_camera_sees(clock: ManualClock) -> None:
     pictures = Pictures("cam1", clock)
-    asked(pictures)
-    pictures.offer(IMAGE, 2)
-    found = asked(pictures)
-    assert found is not None and len(found.jpeg) < 20_000 < MAX_BYTES
-    image = np.asarray(cv2.imdecode(np.frombuffer(found.jpeg, np.uint8), cv2.IMREAD_COLOR))
-    assert image.shape == (240, WIDTH, 3)
-    assert image[120, 80].max() < 10 and image[120, 240, ::-1].astype(int) == pytest.approx(
-        [200, 40, 20], abs=9
-    )
+    offer(pictures, 2, np.repeat(np.repeat(IMAGE, 3, axis=0), 3, axis=1))
+    for large, width in ((False, WIDTH), (True, LARGE_WIDTH)):
+        found = asked(pictures, large=large)
+        assert len(found.jpeg) < 20_000 < MAX_BYTES and found.image_size == (1920, 1440)
+        image, middle = decoded(found), width * 3 // 8
+        assert image.shape == (width * 3 // 4, width, 3)
+        assert image[middle, width // 4].max() < 10
+        assert image[middle, width * 3 // 4] == pytest.approx([200, 40, 20], abs=9)
+
+
+def test_question_without_a_message_asks_for_a_small_picture(clock: ManualClock) -> None:
+    pictures = Pictures("cam1", clock)
+    offer(pictures, 2)
+    answer = pictures.answer("", b"")
+    assert answer is not None and decode(answer, Picture, "cam1").jpeg
+    assert pictures.answer("", b"garbage") is None
 
 
 def test_at_most_five_a_second_are_made_and_their_energy_is_counted(clock: ManualClock) -> None:
     pictures = Pictures("cam1", clock)
     pictures.watts = 10.0
-    asked(pictures)
     counts = []
     for slot in range(25):
-        pictures.offer(IMAGE, slot)
+        offer(pictures, slot)
         found = asked(pictures)
-        assert found is not None
         counts.append(found.count)
         clock.advance(PERIOD_NS / 5e9)
     assert counts[-1] == 5
-    assert found is not None and found.energy_j == 0  # the clock stands still meanwhile
+    assert found.energy_j == 0  # the clock stands still meanwhile
 
 
-def test_what_a_simulated_source_shows_is_no_image(clock: ManualClock) -> None:
-    pictures = Pictures("cam1", clock)
-    asked(pictures)
-    pictures.offer(Poses2D(np.zeros((0, 17, 2)), np.zeros((0, 17))), 1)
-    assert asked(pictures) is None
+def test_source_of_keypoints_is_drawn_and_any_other_shows_nothing(clock: ManualClock) -> None:
+    pictures = Pictures("cam1", clock, limbs=((0, 1), (1, 2)))
+    keypoints_px = np.array([[[100.0, 100], [500, 100], [500, 400]]])
+    offer(pictures, 1, Poses2D(keypoints_px, np.array([[0.9, 0.9, 0.0]])))
+    found = asked(pictures)
+    image = decoded(found)
+    assert found.drawn and found.image_size == SIZE and image.shape == (240, 320, 3)
+    assert image[50, 150].max() < 160 < image[120, 20].min()  # the first limb, and the ground
+    assert image[125, 250].min() > 200  # the third joint is missing
+    offer(pictures, 2, "no image")
+    clock.advance(1.0)
+    assert "no images" in asked(pictures).why
 
 
 class Blind:
@@ -113,7 +151,8 @@ def test_camera_answers_only_where_it_is_allowed_to(allowed: bool) -> None:
 
     def seen() -> bool:
         node._frames.put(_Seen(LiveFrame(0, (640, 480), lambda: IMAGE), 5, 0))
-        return operator.ask("e3pose/lab/camera/cam1/picture", b"", 1.0) is not None
+        answer = operator.ask("e3pose/lab/camera/cam1/picture", b"", 1.0)
+        return answer is not None and decode(answer, Picture, "cam1").slot == 5
 
     with node:
         if allowed:

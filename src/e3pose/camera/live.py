@@ -262,7 +262,7 @@ class CameraNode:
             begun_ns = self.clock.now_ns()
             poses = detect_expected(self.detector, image := seen.frame.image(), seen.expected)
             if self.pictures is not None:
-                self.pictures.offer(image, seen.slot)
+                self.pictures.offer(image, seen.slot, max(seen.edge_ns, 0), seen.frame.image_size)
             done_ns = self.clock.now_ns()
             self.counts.detected += 1
             self.counts.focused += seen.expected is not None

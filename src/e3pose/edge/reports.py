@@ -16,6 +16,7 @@ from e3pose.estimate.base import People
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.pipeline import Pipeline, SlotRecord
 from e3pose.select.policies.base import Policy
+from e3pose.store.rows import Event
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import one_line
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
@@ -165,7 +166,7 @@ class SiteSnapshot:
         lead_slots: between an order and its slot.
         pipeline: the current parts.
         counts: of slots, views and times.
-        events: the latest messages.
+        events: the latest.
         turned: index of a knocked camera, and degrees; None if there is none.
         overload: that the edge is too slow; empty if it is not.
     """
@@ -182,7 +183,7 @@ class SiteSnapshot:
     lead_slots: int
     pipeline: Pipeline
     counts: Counts
-    events: Sequence[str]
+    events: Sequence[Event]
     turned: tuple[int, float] | None = None
     overload: str = ""
 
@@ -229,7 +230,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         step_ms=counts.stepping.median_and_99_ms(),
         latency_ms=counts.latency.median_and_99_ms(),
         uptime_s=snapshot.uptime_s,
-        events=tuple(map(one_line, snapshot.events)),
+        events=tuple(one_line(event.message) for event in snapshot.events),
         expected_error_mm=error_m * 1000 if np.isfinite(error_m) else None,
         slots_lost=counts.lost,
         num_selected=_number(policy, "num_selected"),
@@ -239,6 +240,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         blind=counts.blind,
         blind_share=counts.blind_share(),
         overload=one_line(snapshot.overload),
+        events_ns=tuple(event.time_ns for event in snapshot.events),
     )
 
 

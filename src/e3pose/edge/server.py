@@ -196,7 +196,7 @@ class EdgeServer:
                 pipeline=self.pipeline,
                 counts=self.counts,
                 turned=self.consumers.turned,
-                events=[event.message for event in self.event_log.recent],
+                events=list(self.event_log.recent),
             )
         )
 

@@ -19,6 +19,7 @@ from e3pose.detectors.base import Detector
 from e3pose.energy.meters.charge_file import ChargeFile
 from e3pose.energy.meters.sampler import open_sampler
 from e3pose.energy.profiles import load_profile
+from e3pose.model.skeleton import SKELETONS
 from e3pose.recording.videos import MAX_BYTES, PART_S
 from e3pose.runtime.clock import Clock, WallClock
 from e3pose.settings.camera_file import NodeTable, load_node
@@ -235,7 +236,8 @@ def make_camera(
         detector=name,
         battery_wh=node.battery_wh,
     )
-    pictures = Pictures(node.camera, clock) if node.pictures else None
+    known = (one.limbs for one in SKELETONS.values() if one.joints == joints)
+    pictures = Pictures(node.camera, clock, next(known, ())) if node.pictures else None
     recorder = _recorder(node, report)
 
     def metered(mode: Any) -> dict[str, Any]:

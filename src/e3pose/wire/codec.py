@@ -16,7 +16,14 @@ from e3pose.wire.messages import (
     Order,
     View,
 )
-from e3pose.wire.site_messages import Control, Controlled, Picture, Poses, Status
+from e3pose.wire.site_messages import (
+    Control,
+    Controlled,
+    Picture,
+    PictureQuestion,
+    Poses,
+    Status,
+)
 from e3pose.wire.validation import CHECKS
 
 MAX_BYTES = 2**20  # 256 people with 133 joints take 0.6 MB
@@ -33,6 +40,7 @@ Message = (
     | Poses
     | Control
     | Controlled
+    | PictureQuestion
     | Picture
     | Status
 )

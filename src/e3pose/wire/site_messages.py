@@ -148,16 +148,31 @@ class Controlled(msgspec.Struct, array_like=True, frozen=True, tag="controlled")
     problem: str = ""
 
 
+class PictureQuestion(msgspec.Struct, array_like=True, frozen=True, tag="picture-question"):
+    """Request of an operator to see the newest image in which a camera detected.
+
+    Attributes:
+        have_ns: `captured_edge_ns` of the picture that the operator has; it is not sent again.
+        large: whether a larger picture is asked for.
+    """
+
+    have_ns: int = 0
+    large: bool = False
+
+
 class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
-    """A camera's current image, for an operator.
+    """The newest image in which a camera detected, for an operator.
 
     Attributes:
         camera_id: of the camera.
         slot: in which it detected in that image.
         image_size: `(width, height)` in pixels of the image it looked at.
-        jpeg: of the image, made small.
+        jpeg: of the image, made small; empty if there is none, or the operator has it.
         count: pictures made since its program started.
         energy_j: modelled energy of making them, all of them together.
+        captured_edge_ns: when the image was captured, by the edge's clock.
+        drawn: whether it is drawn from keypoints, as the source has no images.
+        why: there is no picture; empty if there is one.
     """
 
     camera_id: str
@@ -166,6 +181,9 @@ class Picture(msgspec.Struct, array_like=True, frozen=True, tag="picture"):
     jpeg: bytes
     count: int = 0
     energy_j: float = 0.0
+    captured_edge_ns: int = 0
+    drawn: bool = False
+    why: str = ""
 
 
 class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
@@ -191,6 +209,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         blind: of these, blind slots by cause, one of `blind_slot.CAUSES`.
         blind_share: of the last minute's slots, [0, 1].
         overload: that the edge is too slow for its slots, for operators; empty if it is not.
+        events_ns: when each of `events` happened, by the edge's clock.
     """
 
     site: str
@@ -212,3 +231,4 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
     blind: dict[str, int] = {}
     blind_share: float = 0.0
     overload: str = ""
+    events_ns: tuple[int, ...] = ()

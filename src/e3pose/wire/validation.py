@@ -13,7 +13,15 @@ from e3pose.errors import InputError
 from e3pose.geometry.camera_fields import check_camera_id
 from e3pose.wire.arrays import DTYPES, MAX_PERSONS, unpack
 from e3pose.wire.messages import Array, ClockAnswer, ClockQuestion, Heartbeat, Hello, Order, View
-from e3pose.wire.site_messages import CameraStatus, Control, Controlled, Picture, Poses, Status
+from e3pose.wire.site_messages import (
+    CameraStatus,
+    Control,
+    Controlled,
+    Picture,
+    PictureQuestion,
+    Poses,
+    Status,
+)
 
 MAX_JOINTS = 512
 MAX_EXPECTED = 32  # people; where there are more, their part of the image is most of it
@@ -223,9 +231,19 @@ def _check_controlled(controlled: Controlled, where: str) -> None:
     _check_text(where, controlled.said, controlled.problem)
 
 
+def _check_picture_question(question: PictureQuestion, where: str) -> None:
+    _check_whole(where, have_ns=question.have_ns)
+
+
 def _check_picture(picture: Picture, where: str) -> None:
     check_camera_id(picture.camera_id)
-    _check_whole(where, slot=picture.slot, count=picture.count)
+    _check_whole(
+        where,
+        slot=picture.slot,
+        count=picture.count,
+        captured_edge_ns=picture.captured_edge_ns,
+    )
+    _check_text(where, picture.why)
     width, height = picture.image_size
     _check_numbers(where, 1, MAX_PIXEL, width=width, height=height)
     _check_numbers(where, 0, MAX_FIGURE, energy_j=picture.energy_j)
@@ -247,10 +265,13 @@ def _check_status(status: Status, where: str) -> None:
         ("cameras", len(status.cameras), MAX_CAMERAS),
         ("blind", len(status.blind), MAX_CAUSES),
         ("events", len(status.events), MAX_EVENTS),
+        ("events_ns", len(status.events_ns), len(status.events)),
     ):
         if found > most:
             raise InputError(f"{where}: {name}: found {found}, expected at most {most}")
     _check_text(where, status.site, status.overload, *status.events)
+    for time_ns in status.events_ns:
+        _check_whole(where, events_ns=time_ns)
     _check_numbers(where, 0, 1, blind_share=status.blind_share)
     _check_numbers(where, 0, MAX_FIGURE, fps=status.fps, error=status.expected_error_mm)
     _check_numbers(
@@ -307,6 +328,7 @@ CHECKS: dict[type[Any], Any] = {
     Poses: _check_poses,
     Control: _check_control,
     Controlled: _check_controlled,
+    PictureQuestion: _check_picture_question,
     Picture: _check_picture,
     Status: _check_status,
 }
