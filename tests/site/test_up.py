@@ -19,12 +19,13 @@ from e3pose.site import up
 from e3pose.site.up import Program, camera_command, edge_command, end, run_site, view_command
 
 RIG = looking((4, 0), (0, 4))
+FLAGS = ("--end-with-parent", "--insecure", "--pictures")
 
 
 def options(command: list[str]) -> dict[str, str]:
     """Return what a command line of a camera says, by option."""
     assert command[:4] == [sys.executable, "-m", "e3pose", "camera"]
-    words = [word for word in command[4:] if word not in ("--end-with-parent", "--insecure")]
+    words = [word for word in command[4:] if word not in FLAGS]
     return dict(zip(words[::2], words[1::2], strict=True))
 
 
@@ -83,6 +84,25 @@ def test_options_of_a_camera_are_those_of_its_table(tmp_path: Path) -> None:
     assert full["--battery-wh"] == "10.0" and full["--wake-s"] == "1.5"
     assert full["--state"] == str(tmp_path / "batteries" / "c1.json")
     assert full["--meter"] == "auto" and full["--pace"] == "0.5"
+
+
+@pytest.mark.parametrize(
+    ("link", "view", "allowed"),
+    [
+        ("tcp/127.0.0.1:7001", "", True),
+        ("tls/localhost:7001", "", True),
+        ("tls/0.0.0.0:7001", "", False),  # operators elsewhere could ask for them
+        ("tls/127.0.0.1:7001", 'listen = "0.0.0.0:8470"', False),
+        ("tls/0.0.0.0:7001", 'listen = "0.0.0.0:8470"\npictures = true', True),
+        ("tcp/127.0.0.1:7001", 'proxies = ["127.0.0.1"]', False),  # which ask for anybody
+        ("tcp/127.0.0.1:7001", "pictures = false", False),
+    ],
+)
+def test_pictures_stay_on_this_machine_unless_they_are_asked_for(
+    tmp_path: Path, link: str, view: str, allowed: bool
+) -> None:
+    command = camera(tmp_path, 'source = "usb:0"', link, f"[view]\n{view}")
+    assert ("--pictures" in command) is allowed
 
 
 ROTATED = "port = 0\nrotation_count = 1\n"  # as Caliscope writes it

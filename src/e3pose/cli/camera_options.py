@@ -34,7 +34,7 @@ class CameraOptions:
     insecure: Annotated[Flag | None, Parameter(group=CONNECTION)] = None
     """Allow unencrypted tcp beyond this machine."""
     pictures: Annotated[Flag | None, Parameter(group=CONNECTION)] = None
-    """Let operators of the site see small pictures of what the camera sees."""
+    """Let the site's live page show small pictures of what the camera detects in."""
     source: str | None = None
     """usb:0, rtsp://..., gstreamer:PIPELINE, a video, a folder of images, recorded:RECORDING."""
     fps: float | None = None

@@ -82,8 +82,9 @@ class ViewTable:
             name are believed, and every reader needs a token.
         tokens: file of the tokens, made where it is missing.
         insecure: whether plain http beyond this machine is allowed.
-        pictures: whether operators may see small pictures of what cameras see; each camera must
-            allow it too, as those do that `e3pose up` runs.
+        pictures: whether the page shows small pictures of what cameras see; by default where it
+            listens on loopback. Each camera must allow it too.
+        pictures_per_s: the most that it asks each camera for.
     """
 
     listen: str = "127.0.0.1:8470"
@@ -91,9 +92,11 @@ class ViewTable:
     proxies: tuple[str, ...] = ()
     tokens: str = "view-tokens.toml"
     insecure: bool = False
-    pictures: bool = False
+    pictures: bool | None = None
+    pictures_per_s: float = 2.0
 
     def __post_init__(self) -> None:
+        check_within("pictures_per_s", self.pictures_per_s, 0.1, 5)
         try:
             split_endpoint(f"tcp/{self.listen}")
         except InputError:

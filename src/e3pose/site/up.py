@@ -20,7 +20,7 @@ from e3pose.settings.site_file import SiteTable
 from e3pose.settings.sources import located
 from e3pose.site.follow import ANY_HOST
 from e3pose.site.run import END_S
-from e3pose.wire.access import split_endpoint
+from e3pose.wire.access import is_loopback, split_endpoint
 
 RESTART_S = 2.0
 BATTERIES = "batteries"  # folder of what is left in those of cameras on this machine
@@ -57,7 +57,7 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
         # On one machine every camera would measure the same watts, those of all together.
         "--provider", camera.provider, "--meter", camera.meter or "model", CHILD,
     ]  # fmt: skip
-    if site.view.pictures:
+    if _allow_pictures(site):
         command += ["--pictures"]
     if protocol == "tls":
         keys = site.near(site.link.keys or "keys") / "cameras" / camera_id
@@ -80,6 +80,15 @@ def camera_command(site: SiteTable, camera_id: str, rig: Rig) -> list[str]:
     if site.link.insecure:
         command.append("--insecure")
     return command
+
+
+def _allow_pictures(site: SiteTable) -> bool:
+    """Return whether cameras on this machine show pictures; unless asked, to nobody beyond it."""
+    if site.view.pictures is not None:
+        return site.view.pictures
+    places = (f"tcp/{site.view.listen}", site.link.endpoint)
+    here = all(is_loopback(split_endpoint(place)[1]) for place in places)
+    return here and not site.view.proxies
 
 
 def _video_options(site: SiteTable, camera_id: str) -> list[str]:

@@ -19,7 +19,14 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_socket
 
 from e3pose.settings.site_file import ZoneTable
-from e3pose.site.web.feed import MAX_FOLLOWERS, MAX_OF_ADDRESS, MAX_WAITING, Feed, TooMany
+from e3pose.site.web.feed import (
+    MAX_FOLLOWERS,
+    MAX_OF_ADDRESS,
+    MAX_WAITING,
+    QUIET_S,
+    Feed,
+    TooMany,
+)
 from e3pose.site.web.schemas import event_of_status
 from e3pose.site.zones import Zones
 from e3pose.wire.codec import encode
@@ -37,7 +44,8 @@ def socket(watched: Watched, form: str = "json", **more: Any) -> ClientConnectio
 def test_socket_says_what_the_edge_published(watched: Watched, form: str, read: Any) -> None:
     watched.publish(3)
     with socket(watched, form) as following:
-        first, second = read(following.recv(10)), read(following.recv(10))
+        edge, first, second = (read(following.recv(10)) for _ in range(3))
+        assert edge["type"] == "edge" and edge["there"] and edge["heard_ns"] > 0
         assert (first["type"], second["type"], second["slot"]) == ("status", "slot", 3)
         watched.publish(4)
         status, slot = read(following.recv(10)), read(following.recv(10))
@@ -55,11 +63,10 @@ def test_events_come_one_after_the_other(watched: Watched) -> None:
     with watched.client() as client, client.stream("GET", "/api/live") as answer:
         assert answer.headers["content-type"].startswith("text/event-stream")
         lines = answer.iter_lines()
-        found = [line for line, _ in zip(lines, range(7), strict=False)]
-    assert (
-        found[0].startswith("retry") and found[2] == "event: status" and found[5] == "event: slot"
-    )
-    assert json.loads(found[6].removeprefix("data: "))["slot"] == 8
+        found = [line for line, _ in zip(lines, range(10), strict=False)]
+    assert found[0].startswith("retry")
+    assert found[2:9:3] == ["event: edge", "event: status", "event: slot"]
+    assert json.loads(found[9].removeprefix("data: "))["slot"] == 8
     assert eventually(lambda: watched.view.feed.followers == 0)
 
 
@@ -84,7 +91,7 @@ def test_token_may_come_as_a_protocol(watched: Watched) -> None:
     token = f"e3pose.token.{watched.view.tokens.read}"
     with socket(watched, subprotocols=["e3pose", token]) as following:
         assert following.subprotocol == "e3pose"  # the token is not said back
-        assert json.loads(following.recv(10))["type"] == "status"
+        assert json.loads(following.recv(10))["type"] == "edge"
 
 
 def test_who_is_slow_gets_the_newest() -> None:
@@ -101,6 +108,36 @@ def test_who_is_slow_gets_the_newest() -> None:
             return [queue.get_nowait().body["slot"] for _ in range(queue.qsize())]
 
     assert asyncio.run(follow()) == list(range(10, MAX_WAITING + 10))
+
+
+def test_followers_are_told_when_the_edge_goes_and_comes_back() -> None:
+    async def follow() -> list[dict[str, Any]]:
+        now_s, told = 0.0, []
+        feed, hub = Feed("lab", now_s=lambda: now_s), Hub()
+        feed.listen(hub.join())
+        feed.attach(asyncio.get_running_loop())
+        edge, watching = hub.join(), asyncio.create_task(feed.watch())
+        async with feed.follow("a") as queue:
+            told.append(await queue.get())
+            assert feed.silent_s() is None and not feed.there()
+            for _ in range(2):
+                edge.publish("e3pose/lab/status", encode(status(3)))
+                told += [await queue.get(), await queue.get()]
+                now_s += QUIET_S - 0.1
+                assert feed.there()
+                now_s += 0.2
+                told.append(await asyncio.wait_for(queue.get(), 10))
+                assert feed.silent_s() == pytest.approx(QUIET_S + 0.1)
+        watching.cancel()
+        return [event.body | {"type": event.kind} for event in told]
+
+    told = asyncio.run(follow())
+    assert told[0] == {"type": "edge", "there": False, "heard_ns": None}
+    assert [one["type"] for one in told[1:]] == ["edge", "status", "edge"] * 2
+    assert [one["there"] for one in told if one["type"] == "edge"] == [False, True, False] + [
+        True, False,
+    ]  # fmt: skip
+    assert told[3]["heard_ns"] == told[1]["heard_ns"] > 0
 
 
 def test_so_many_and_no_more_follow() -> None:
@@ -145,7 +182,7 @@ def test_zone_events_and_counts_are_reported() -> None:
             await asyncio.sleep(0)
             return [json.loads(queue.get_nowait().json) for _ in range(queue.qsize())]
 
-    slot, event = asyncio.run(follow())
+    *_, slot, event = asyncio.run(follow())
     assert slot["zones"] == {"door": 1}
     assert (event["type"], event["event"], event["zone"], event["track"]) == (
         "zone", "enter", "door", 11,

@@ -1,76 +1,238 @@
-"""The picture of a camera with the skeletons of its slot, where the site allows it."""
+"""Pictures of cameras with the people of their moment: when they are asked for, who sees them."""
 
 from __future__ import annotations
 
-import asyncio
 import base64
+from dataclasses import dataclass, field
 from typing import Any
 
-import httpx
 import numpy as np
 import pytest
 from fastapi import FastAPI
-from tests.site.web.watched import RIG, Watched, poses, record
+from starlette.testclient import TestClient
+from tests.memory_transport import Hub, MemoryTransport
+from tests.site.tables import write_site
+from tests.site.web.watched import FPS, RIG, STARTED_NS, Watched, poses, record
 
 from e3pose.site.connect import live_slot
 from e3pose.site.web.access import Client, Rules
 from e3pose.site.web.feed import Feed
-from e3pose.site.web.pictures import make_pictures, reprojected
-from e3pose.wire.codec import encode
-from e3pose.wire.site_messages import Picture
+from e3pose.site.web.pictures import CameraPictures, PictureRules, make_pictures, reprojected
+from e3pose.site.web.program import picture_rules
+from e3pose.site.web.tokens import make_tokens
+from e3pose.wire.codec import decode, encode
+from e3pose.wire.site_messages import CameraStatus, Picture, PictureQuestion, Status
 
-PICTURE = Picture("c0", 3, (1000, 800), b"jpeg", 7, 0.5)
-
-
-def get(path: str, answer: bytes | None) -> httpx.Response:
-    feed = Feed("lab")
-    feed.recent[3] = live_slot(poses(3))
-    app = FastAPI()
-    app.include_router(make_pictures(RIG, feed, {"c0": lambda _: answer}))
-
-    async def ask() -> httpx.Response:
-        transport = httpx.ASGITransport(app=app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
-            return await client.get(path)
-
-    return asyncio.run(ask())
+SLOT_NS = round(1e9 / FPS)
+PER_S = 2.0
 
 
-def test_picture_comes_with_the_skeletons_of_its_slot() -> None:
-    found: dict[str, Any] = get("/api/pictures/c0", encode(PICTURE)).json()
+def captured(slot: float) -> int:
+    return STARTED_NS + round(slot * SLOT_NS)
+
+
+def taken(slot: float, jpeg: bytes = b"jpeg") -> Picture:
+    """A picture captured at a time in slots, which the camera calls slot 99."""
+    return Picture("c0", 99, (1000, 800), jpeg, 7, 0.5, captured(slot))
+
+
+@dataclass
+class Seen:
+    """Pictures of a camera that a test plays, on a clock that it moves."""
+
+    hub: Hub = field(default_factory=Hub)
+    now_s: float = 100.0
+    answer: Picture | bytes | None = None
+    asked: list[PictureQuestion] = field(default_factory=list)
+    edge: MemoryTransport = field(init=False)
+    pictures: CameraPictures = field(init=False)
+
+    def __post_init__(self) -> None:
+        feed = Feed("lab", now_s=lambda: self.now_s, quiet_s=60.0)
+        feed.listen(self.hub.join())
+        self.edge = self.hub.join()
+        self.pictures = CameraPictures(
+            RIG.cameras[0], feed, self._answer, 1 / FPS, PER_S, lambda: self.now_s
+        )
+
+    def _answer(self, payload: bytes) -> bytes | None:
+        self.asked.append(decode(payload, PictureQuestion, "view"))
+        return encode(self.answer) if isinstance(self.answer, Picture) else self.answer
+
+    def publish(self, *slots: int) -> None:
+        for slot in slots:
+            self.edge.publish("e3pose/lab/poses", encode(poses(slot)))
+
+    def say(self, camera: CameraStatus) -> None:
+        said = Status("lab", 1, FPS, 1, 0, (camera,))
+        self.edge.publish("e3pose/lab/status", encode(said))
+
+    def ask(
+        self, have: str = "", large: bool = False, after_s: float = 1 / PER_S
+    ) -> dict[str, Any]:
+        """Let time pass, and ask as a page does."""
+        self.now_s += after_s
+        return self.pictures.newest(have, large)
+
+
+def test_people_are_those_of_the_slot_nearest_to_the_capture() -> None:
+    seen = Seen(answer=taken(3.4))
+    seen.publish(2, 3, 4)
+    found = seen.ask()
     assert base64.b64decode(found["jpeg"]) == b"jpeg"
-    assert (found["slot"], found["count"], found["energy_j"]) == (3, 7, 0.5)
-    people = {person["track"]: person["joints_px"] for person in found["people"]}
-    joints_m = record(3).poses.joints_m
-    expected = RIG.cameras[0].project(joints_m[0, 5])
-    assert people[10][5] == pytest.approx(expected.tolist(), abs=0.1)
-    assert people[10][3] == [None, None]
+    assert (found["slot"], found["captured_ns"]) == (3, captured(3.4))
+    assert found["apart_ms"] == pytest.approx(-0.4 * 1000 / FPS, abs=0.01)
+    people = {person["track"]: person for person in found["people"]}
+    expected = RIG.cameras[0].project(record(3).poses.joints_m[0, 5])
+    assert people[10]["joints_px"][5] == pytest.approx(expected.tolist(), abs=0.1)
+    assert people[10]["joints_px"][3] == [None, None]
+    assert people[10]["measured"][5] and not people[10]["measured"][3]
 
 
-def test_slot_that_is_long_gone_has_no_skeletons() -> None:
-    old = Picture("c0", 1, (1000, 800), b"jpeg")
-    assert get("/api/pictures/c0", encode(old)).json()["people"] == []
+def test_picture_waits_until_the_poses_of_its_moment_are_published() -> None:
+    seen = Seen(answer=taken(2))
+    seen.publish(1, 2)
+    assert seen.ask()["slot"] == 2
+    seen.answer = taken(4, b"next")
+    waiting = seen.ask()
+    assert waiting["slot"] == 2 and base64.b64decode(waiting["jpeg"]) == b"jpeg"
+    seen.publish(3, 4)
+    found = seen.ask(after_s=0.01)
+    assert found["slot"] == 4 and base64.b64decode(found["jpeg"]) == b"next"
+    assert len(seen.asked) == 2
+
+
+@pytest.mark.parametrize(("moment", "slots"), [(5.0, (2, 3)), (1.4, (3, 4))])
+def test_moment_without_a_slot_has_a_picture_and_nobody_in_it(
+    moment: float, slots: tuple[int, ...]
+) -> None:
+    seen = Seen(answer=taken(moment))
+    seen.publish(*slots)
+    seen.ask()
+    found = seen.ask(after_s=2.5)
+    assert found["jpeg"] and found["slot"] is None and found["people"] == []
+
+
+def test_camera_is_asked_so_often_and_no_more_however_many_watch() -> None:
+    seen = Seen(answer=taken(2))
+    seen.publish(2)
+    for _ in range(100):
+        seen.ask(after_s=0.125)
+        for _ in range(3):
+            seen.ask(after_s=0.0)
+    assert len(seen.asked) == 12.5 * PER_S
+
+
+def test_picture_that_page_or_server_has_is_not_sent_again() -> None:
+    seen = Seen(answer=taken(2))
+    seen.publish(2)
+    first = seen.ask()
+    seen.answer = Picture("c0", 0, (1, 1), b"")  # the camera has no newer one
+    again = seen.ask(first["have"])
+    assert seen.asked[-1] == PictureQuestion(captured(2), False)
+    assert again["jpeg"] is None and again["captured_ns"] == captured(2) and not again["why"]
+    assert seen.ask()["jpeg"] == first["jpeg"]  # another page
+
+
+def test_large_picture_is_asked_for_while_somebody_wants_one() -> None:
+    seen = Seen(answer=taken(2))
+    seen.publish(2)
+    small = seen.ask()
+    seen.answer = taken(2, b"large")
+    large = seen.ask(small["have"], large=True)
+    assert seen.asked[-1] == PictureQuestion(0, True)
+    assert base64.b64decode(large["jpeg"]) == b"large"
+    seen.answer = Picture("c0", 0, (1, 1), b"")
+    seen.ask(large["have"], large=True)
+    assert seen.asked[-1] == PictureQuestion(captured(2), True)
+    seen.ask(large["have"], after_s=5.0)
+    assert seen.asked[-1] == PictureQuestion(captured(2), False)
+
+
+def test_last_picture_of_a_camera_that_sleeps_has_its_age() -> None:
+    seen = Seen(answer=taken(2))
+    seen.publish(2)
+    assert seen.ask()["age_s"] == pytest.approx(1 / PER_S, abs=0.01)
+    seen.answer = Picture("c0", 0, (1, 1), b"")
+    found = seen.ask(after_s=30.0)
+    assert found["jpeg"] and found["age_s"] == pytest.approx(30.5, abs=0.01)
+    assert found["slot"] == 2 and len(found["people"]) == 2  # those of its own moment
 
 
 @pytest.mark.parametrize(
-    ("path", "answer", "status"),
-    [("c9", b"", 404), ("c0", None, 404), ("c0", b"garbage", 502)],
+    ("answer", "camera", "why"),
+    [
+        (None, None, "edge gone"),
+        (None, CameraStatus("c0", False, "silent for 2 s"), "offline: silent for 2 s"),
+        (None, CameraStatus("c0", True), "not allowed by the camera"),
+        (Picture("c0", 0, (1, 1), b"", why="no detection yet"), CameraStatus("c0", True), "no det"),
+        (b"garbage", CameraStatus("c0", True), "c0: message"),
+    ],
 )
-def test_without_a_picture_it_is_said_why(path: str, answer: bytes | None, status: int) -> None:
-    found = get(f"/api/pictures/{path}", answer)
-    assert found.status_code == status and found.json()["detail"]
+def test_missing_picture_says_why(
+    answer: Picture | bytes | None, camera: CameraStatus | None, why: str
+) -> None:
+    seen = Seen(answer=answer)
+    if camera is not None:
+        seen.say(camera)
+    found = seen.ask()
+    assert found["why"].startswith(why) and found["jpeg"] is None and found["captured_ns"] is None
+    assert len(found["why"]) < 70
 
 
-def test_only_operators_see_pictures_and_only_where_the_site_allows_it(watched: Watched) -> None:
+def test_route_knows_its_cameras() -> None:
+    app = FastAPI()
+    asks = dict.fromkeys(RIG.camera_ids, lambda _: None)
+    app.include_router(make_pictures(RIG, Feed("lab"), asks, 1 / FPS, PER_S))
+    client = TestClient(app)
+    assert client.get("/api/pictures/c0").json()["why"] == "edge gone"
+    assert client.get("/api/pictures/c9").status_code == 404
+    assert client.get(f"/api/pictures/c0?have={'x' * 99}").status_code == 422
+
+
+@pytest.mark.parametrize(
+    ("view", "here", "operates", "shown", "why"),
+    [
+        ("", True, True, True, ""),
+        ("", False, True, False, "pictures = true under"),
+        ("pictures = true", False, True, True, ""),
+        ("pictures = false", True, True, False, ""),
+        ("", True, False, False, "operator's certificate"),
+        ("pictures = false", True, False, False, ""),
+    ],
+)
+def test_pictures_are_shown_on_loopback_and_elsewhere_where_the_site_says_so(
+    tmp_path: Any, view: str, here: bool, operates: bool, shown: bool, why: str
+) -> None:
+    page = Rules(make_tokens(), frozenset(), here, open_pictures=here)
+    rules = picture_rules(write_site(tmp_path, f"[view]\n{view}\n"), page, operates)
+    assert rules.shown is shown and why in rules.why and bool(rules.why) is bool(why)
+    assert rules.for_scope("read")["shown"] is (shown and here)
+    assert rules.for_scope("write")["shown"] is shown
+
+
+def test_beyond_loopback_pictures_take_the_write_token(watched: Watched) -> None:
     rules: Rules = watched.view.rules
     headers = {"host": "localhost"}
-    assert rules.judge("/api/pictures/c0", headers, Client("a"))[1] is not None
+    assert rules.open_pictures and rules.judge("/api/pictures/c0", headers, Client("a"))[1] is None
+    beyond = Rules(rules.tokens, rules.hosts, open_reading=False)
+    assert beyond.judge("/api/pictures/c0", headers, Client("a"))[1] is not None
     read = headers | {"authorization": f"Bearer {rules.tokens.read}"}
-    refusal = rules.judge("/api/pictures/c0", read, Client("a"))[1]
+    refusal = beyond.judge("/api/pictures/c0", read, Client("a"))[1]
     assert refusal is not None and refusal.status == 403
-    with watched.client(rules.tokens.write) as client:
-        assert client.get("/api/site").json()["pictures"] is False
-        assert client.get("/api/pictures/c0").status_code == 404
+    write = headers | {"authorization": f"Bearer {rules.tokens.write}"}
+    assert beyond.judge("/api/pictures/c0", write, Client("a"))[1] is None
+    assert PictureRules(True).for_scope("read")["why"] == "Pictures need the write token."
+
+
+def test_page_is_told_of_pictures(watched: Watched) -> None:
+    with watched.client() as client:
+        told = client.get("/api/site").json()["pictures"]
+        assert told == {"shown": True, "why": "", "per_s": 2.0}
+        watched.publish(3)
+        found = client.get("/api/pictures/c0").json()
+        assert found["jpeg"] is None and "not allowed by the camera" in found["why"]
+        assert 0 <= client.get("/api/status").json()["silent_s"] < 60
 
 
 def test_joints_behind_a_camera_are_not_drawn() -> None:

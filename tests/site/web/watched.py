@@ -57,7 +57,7 @@ def record(slot: int) -> SlotRecord:
     )  # fmt: skip
 
 
-def poses(slot: int) -> Poses:
+def poses(slot: int, blind: str = "") -> Poses:
     """The same people as a message of the edge."""
     made = record(slot)
     return Poses(
@@ -69,12 +69,18 @@ def poses(slot: int) -> Poses:
         pack(np.full((2, 17), 0.01, dtype=np.float32)),
         pack(made.measured),
         selected=("c0", "c1"),
-        arrived=("c0",),
+        arrived=() if blind else ("c0",),
+        blind=blind,
     )
 
 
 def status(slot: int) -> Status:
-    return Status("lab", slot, FPS, 2, 2, tuple(CameraStatus(i, True) for i in RIG.camera_ids))
+    """A quarter of the last minute was blind; the time of one event is not known."""
+    return Status(
+        "lab", slot, FPS, 2, 2, tuple(CameraStatus(i, True) for i in RIG.camera_ids),
+        events=("c1 connected", "c2 connected"), events_ns=(0, STARTED_NS),
+        slots=120, blind={"orders-late": 30}, blind_share=0.25,
+    )  # fmt: skip
 
 
 @dataclass
@@ -96,10 +102,10 @@ class Watched:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         return httpx.Client(base_url=self.view.url, headers=headers, timeout=30)
 
-    def publish(self, slot: int) -> None:
+    def publish(self, slot: int, blind: str = "") -> None:
         """Send the status of the site and its people."""
         self.edge.publish("e3pose/lab/status", encode(status(slot)))
-        self.edge.publish("e3pose/lab/poses", encode(poses(slot)))
+        self.edge.publish("e3pose/lab/poses", encode(poses(slot, blind)))
 
 
 @contextmanager
@@ -117,4 +123,5 @@ def watched_site(folder: Path) -> Iterator[Watched]:
     live = live_site(load_site(folder))
     with open_view(live, "127.0.0.1:0", transport=hub.join()) as view:
         view.rules.writes = Rate(1e6, 1e6, time.monotonic)  # tests ask for much
+        view.feed.quiet_s = 1e9  # and their edge says little
         yield Watched(view, hub.join(), folder)

@@ -28,7 +28,10 @@ from e3pose.site.web.tokens import Scope, Tokens
 PROTOCOL = "e3pose"  # of WebSockets; a token may come as a second one, as browsers send no header
 TOKEN_PROTOCOL = "e3pose.token."
 # They hold nothing of the site.
-OPEN_PATHS = ("/", "/view.js", "/past.js", "/scene.js", "/view.css", "/favicon.ico")
+OPEN_PATHS = (
+    "/", "/view.js", "/past.js", "/pictures.js", "/strips.js", "/scene.js", "/view.css",
+    "/favicon.ico",
+)  # fmt: skip
 WRITE_PREFIX, PICTURE_PREFIX = "/api/control", "/api/pictures"
 READS_PER_S, READ_BURST = 50.0, 100.0
 WRITES_PER_S, WRITE_BURST = 5.0, 10.0
@@ -89,6 +92,7 @@ class Rules:
         hosts: names by which this server is reached; addresses need not be named, as no foreign
             page can have the browser believe that an address is its own.
         open_reading: whether reading needs no token: on loopback alone.
+        open_pictures: whether pictures of cameras need no more than reading does.
         secure: whether it is reached by https.
         proxies: addresses of reverse proxies, which say for whom they ask.
         reads: how often each client may read.
@@ -101,6 +105,7 @@ class Rules:
     open_reading: bool
     secure: bool = False
     proxies: frozenset[str] = frozenset()
+    open_pictures: bool = False
     reads: Rate = field(default_factory=lambda: Rate(READS_PER_S, READ_BURST, time.monotonic))
     writes: Rate = field(default_factory=lambda: Rate(WRITES_PER_S, WRITE_BURST, time.monotonic))
     guesses: Guesses = field(default_factory=lambda: Guesses(time.monotonic))
@@ -155,7 +160,8 @@ class Rules:
         if scope is None:
             return None, Refusal(401, "a token is needed: `e3pose view` prints it", BEARER)
         writes = path.startswith(WRITE_PREFIX)
-        if (writes or path.startswith(PICTURE_PREFIX)) and scope != "write":
+        guarded = path.startswith(PICTURE_PREFIX) and not self.open_pictures
+        if (writes or guarded) and scope != "write":
             why = "the token for writing is needed: `e3pose view` prints it"
             return scope, Refusal(403 if token else 401, why, {} if token else BEARER)
         return scope, _late((self.writes if writes else self.reads).wait_s(who))

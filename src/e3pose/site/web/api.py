@@ -46,32 +46,26 @@ T = TypeVar("T")
 
 
 def make_api(
-    feed: Feed, store: Store | None, describe: Callable[[], dict[str, Any]], controls: bool
+    feed: Feed, store: Store | None, describe: Callable[[str], dict[str, Any]]
 ) -> APIRouter:
     """Return the routes that only read.
 
     Args:
         feed: the newest of the site.
         store: of the site; None where nothing is stored.
-        describe: what does not change: cameras, skeleton, room.
-        controls: whether the edge lets itself be controlled from here.
+        describe: what does not change, by the scope of a token: cameras, skeleton, room.
     """
     api = APIRouter(prefix="/api", responses=REFUSALS)
 
     @api.get("/site", summary="Cameras, skeleton, room and zones of the site")
     def site(request: Request) -> dict[str, Any]:
-        return {
-            **describe(),
-            "scope": getattr(request.state, "scope", "read"),
-            "stored": store is not None,
-            "controls": controls,
-        }
+        return describe(getattr(request.state, "scope", "read"))
 
     @api.get("/status", summary="How the site is, by the second")
     def status() -> dict[str, Any]:
         if feed.status is None:
             raise HTTPException(404, "no status yet: the edge does not run, or just started")
-        return status_body(feed.status)
+        return {**status_body(feed.status), "silent_s": feed.silent_s()}
 
     @api.get("/poses", summary="Stored poses", response_model=PosePage)
     def poses(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
@@ -20,6 +20,7 @@ from e3pose.site.web.control import Ask, make_control
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.live import make_live
 from e3pose.site.web.page import make_page
+from e3pose.site.web.pictures import PictureRules
 from e3pose.store import Store
 
 TEXT = """Poses, slots and status of a site. Lengths are in metres, z is up, times are nanoseconds
@@ -39,6 +40,7 @@ class Site:
         describe: what does not change.
         ask: sends a `Control` to the edge; None where that is not possible from here.
         pictures: the route of pictures; None where they are off.
+        picture_rules: who is shown them.
     """
 
     feed: Feed
@@ -46,6 +48,17 @@ class Site:
     describe: Callable[[], dict[str, Any]]
     ask: Ask | None = None
     pictures: APIRouter | None = None
+    picture_rules: PictureRules = field(default_factory=PictureRules)
+
+    def body(self, scope: str) -> dict[str, Any]:
+        """Return what does not change, and what a token of a scope allows."""
+        return {
+            **self.describe(),
+            "scope": scope,
+            "stored": self.store is not None,
+            "controls": self.ask is not None,
+            "pictures": self.picture_rules.for_scope(scope),
+        }
 
 
 def make_app(site: Site, rules: Rules) -> ASGIApp:
@@ -59,7 +72,9 @@ def inner_app(site: Site) -> FastAPI:
     @asynccontextmanager
     async def life(_: FastAPI) -> AsyncIterator[None]:
         site.feed.attach(asyncio.get_running_loop())
+        watching = asyncio.create_task(site.feed.watch())
         yield
+        watching.cancel()
         site.feed.attach(None)
 
     # Its own pages of documentation would load scripts from the internet.
@@ -74,7 +89,7 @@ def inner_app(site: Site) -> FastAPI:
         app.include_router(make_control(site.ask))
     if site.pictures is not None:
         app.include_router(site.pictures)
-    app.include_router(make_api(site.feed, site.store, site.describe, site.ask is not None))
+    app.include_router(make_api(site.feed, site.store, site.body))
     return app
 
 

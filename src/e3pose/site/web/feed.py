@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 
 from e3pose.site.connect import LiveSlot, live_slot
 from e3pose.site.follow import Follower
-from e3pose.site.web.schemas import Encoded, event_of_slot, event_of_status, event_of_zone
+from e3pose.site.web.schemas import (
+    Encoded,
+    event_of_edge,
+    event_of_slot,
+    event_of_status,
+    event_of_zone,
+)
 from e3pose.site.zones import Zones, advance
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
@@ -17,6 +24,8 @@ from e3pose.wire.transport import Transport
 MAX_WAITING = 32  # messages that a slow follower has not taken yet
 MAX_FOLLOWERS, MAX_OF_ADDRESS = 64, 16
 MAX_RECENT = 100
+QUIET_S = 3.0  # without a word of the edge, which says something every second
+WATCH_S = 0.25
 
 
 class TooMany(Exception):
@@ -33,6 +42,9 @@ class Feed:
         status: likewise.
         zones: who is in which.
         recent: the newest slots by number, for pictures, which come later.
+        heard_ns: when the edge was last heard, nanoseconds since 1970; None before the first time.
+        now_s: a clock that only goes forward.
+        quiet_s: without a word of the edge, until it is told to be gone.
     """
 
     site: str
@@ -40,6 +52,12 @@ class Feed:
     status: Status | None = None
     zones: Zones = field(default_factory=lambda: Zones(()))
     recent: dict[int, LiveSlot] = field(default_factory=dict)
+    heard_ns: int | None = None
+    now_s: Callable[[], float] = time.monotonic
+    quiet_s: float = QUIET_S
+    _heard_s: float = 0.0
+    _slot_s: float = 0.0
+    _there: bool = False  # what followers were told
     _queues: dict[asyncio.Queue[Encoded], str] = field(default_factory=dict)  # to addresses
     _loop: asyncio.AbstractEventLoop | None = None
 
@@ -61,9 +79,38 @@ class Feed:
         held = list(self._queues.values())
         return len(held) >= MAX_FOLLOWERS or held.count(address) >= MAX_OF_ADDRESS
 
+    def silent_s(self) -> float | None:
+        """Return how long the edge has been silent; None if it was never heard."""
+        return None if self.heard_ns is None else self.now_s() - self._heard_s
+
+    def there(self) -> bool:
+        """Return whether the edge was heard lately."""
+        silent_s = self.silent_s()
+        return silent_s is not None and silent_s < self.quiet_s
+
+    def edge_ns(self) -> int | None:
+        """Return the time by the edge's clock, as of its newest slot; None before the first."""
+        if self.slot is None:
+            return None
+        said_ns = self.slot.published_ns or self.slot.time_ns
+        return said_ns + round((self.now_s() - self._slot_s) * 1e9)
+
+    def slot_at(self, time_ns: int) -> LiveSlot | None:
+        """Return the slot nearest to a time by the edge's clock; None without slots."""
+        slots = list(self.recent.values())
+        return min(slots, key=lambda slot: abs(slot.time_ns - time_ns), default=None)
+
+    async def watch(self) -> None:
+        """Tell followers when the edge goes, until cancelled."""
+        while True:
+            if self._there and not self.there():
+                self._there = False
+                self._put(event_of_edge(False, self.heard_ns))
+            await asyncio.sleep(WATCH_S)
+
     @asynccontextmanager
     async def follow(self, address: str) -> AsyncIterator[asyncio.Queue[Encoded]]:
-        """Yield a queue with the newest status and slot first, and then all that comes.
+        """Yield a queue with the edge, the newest status and slot first, and then all that comes.
 
         Args:
             address: of the follower.
@@ -74,6 +121,7 @@ class Feed:
         if self.full(address):
             raise TooMany
         queue: asyncio.Queue[Encoded] = asyncio.Queue(MAX_WAITING)
+        queue.put_nowait(event_of_edge(self._there, self.heard_ns))
         if self.status is not None:
             queue.put_nowait(event_of_status(self.status))
         if self.slot is not None:
@@ -84,8 +132,16 @@ class Feed:
         finally:
             del self._queues[queue]
 
+    def _hear(self) -> None:
+        self._heard_s, self.heard_ns = self.now_s(), time.time_ns()
+        if not self._there:
+            self._there = True
+            if self._queues:
+                self._hand_on(event_of_edge(True, self.heard_ns))
+
     def _take_poses(self, poses: Poses) -> None:
-        self.slot = live_slot(poses)
+        self._hear()
+        self._slot_s, self.slot = self.now_s(), live_slot(poses)
         self.recent[self.slot.slot] = self.slot
         while len(self.recent) > MAX_RECENT:
             self.recent.pop(next(iter(self.recent)), None)
@@ -96,6 +152,7 @@ class Feed:
                 self._hand_on(event_of_zone(event))
 
     def _take_status(self, status: Status) -> None:
+        self._hear()
         self.status = status
         if self._queues:
             self._hand_on(event_of_status(status))

@@ -22,6 +22,7 @@ def describe(live: LiveSite) -> dict[str, Any]:
     return {
         "site": live.site.name,
         "fps": live.site.fps,
+        "slots_per_s": live.site.fps * live.site.pace,
         "skeleton": live.skeleton.name,
         "joints": list(live.skeleton.joints),
         "limbs": [list(limb) for limb in live.skeleton.limbs],
@@ -32,6 +33,5 @@ def describe(live: LiveSite) -> dict[str, Any]:
         "low": millimetres(low),
         "high": millimetres(high),
         "floor": 0,
-        "pictures": live.site.view.pictures,
         "zones": [{"name": z.name, "corners": z.corners} for z in live.site.zone],
     }

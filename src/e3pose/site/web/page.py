@@ -11,6 +11,8 @@ FILES = {
     "/": ("e3pose.site.web", "page.html", "text/html"),
     "/view.js": ("e3pose.site.web", "view.js", "text/javascript"),
     "/past.js": ("e3pose.site.web", "past.js", "text/javascript"),
+    "/pictures.js": ("e3pose.site.web", "pictures.js", "text/javascript"),
+    "/strips.js": ("e3pose.site.web", "strips.js", "text/javascript"),
     "/view.css": ("e3pose.site.web", "view.css", "text/css"),
     "/scene.js": ("e3pose.report", "scene.js", "text/javascript"),
 }

@@ -21,7 +21,7 @@ from e3pose.site.web.app import Site, make_app
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
 from e3pose.site.web.layout import describe
-from e3pose.site.web.pictures import make_pictures
+from e3pose.site.web.pictures import PictureRules, make_pictures
 from e3pose.site.web.tokens import Tokens, open_tokens
 from e3pose.site.zones import Zones
 from e3pose.store import Store
@@ -31,6 +31,7 @@ from e3pose.wire.topics import of_camera, of_control
 from e3pose.wire.transport import Transport
 
 ASK_S = 3.0  # for the edge to answer
+PICTURE_S = 1.0  # for a camera to answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,17 +186,16 @@ def open_view(
         body = describe(live)
         store = None if place is None else Store(place)
 
-        def asking(topic: str) -> Ask:
-            return lambda payload: transport.ask(topic, payload, ASK_S)
+        def asking(topic: str, seconds: float) -> Ask:
+            return lambda payload: transport.ask(topic, payload, seconds)
 
-        ask = pictures = None
-        if operator is not None:
-            ask = asking(of_control(site.name, operator))
-        if site.view.pictures and operator is not None:
+        ask = asking(of_control(site.name, operator), ASK_S) if operator is not None else None
+        shown, pictures = picture_rules(site, rules, operator is not None), None
+        if shown.shown:
             names = {i: of_camera(site.name, i, "picture") for i in live.rig.camera_ids}
-            asks = {camera_id: asking(topic) for camera_id, topic in names.items()}
-            pictures = make_pictures(live.rig, feed, asks)
-        made = Site(feed, store, lambda: body, ask, pictures)
+            asks = {i: asking(name, PICTURE_S) for i, name in names.items()}
+            pictures = make_pictures(live.rig, feed, asks, live.interval_s / site.pace, shown.per_s)
+        made = Site(feed, store, lambda: body, ask, pictures, shown)
         view._stack.push(stack.pop_all())
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
     view.serve(Serving(make_app(made, rules), listening, bounds, _https(address)))
@@ -211,13 +211,15 @@ def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules:
         tokens: of the site.
     """
     proxies = frozenset(site.view.proxies)
+    # Behind a proxy, those on loopback are from anywhere.
+    here = is_loopback(address.host) and not proxies
     return Rules(
         tokens,
         address.hosts,
-        # Behind a proxy, those on loopback are from anywhere.
-        is_loopback(address.host) and not proxies,
+        here,
         address.certificate is not None,
         proxies,
+        here,
     )
 
 
@@ -227,6 +229,23 @@ def _https(address: Address) -> ssl.SSLContext | None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(address.certificate, address.key)
     return context
+
+
+def picture_rules(site: SiteTable, rules: Rules, operates: bool) -> PictureRules:
+    """Return who is shown pictures of a site.
+
+    Args:
+        site: its file.
+        rules: of the page.
+        operates: whether cameras admit the program's certificate.
+    """
+    wanted, here, why = site.view.pictures, rules.open_pictures, ""
+    if wanted is None and not here:
+        why = "Beyond loopback, pictures need pictures = true under [view] of the site file."
+    elif wanted is not False and not operates:
+        why = "Pictures need an operator's certificate: e3pose keys add desk --operator"
+    shown = (here if wanted is None else wanted) and operates
+    return PictureRules(shown, why, here, site.view.pictures_per_s)
 
 
 def _listen(address: Address) -> socket.socket:

@@ -74,7 +74,7 @@ class Encoded:
         body: what JSON and msgpack hold alike.
     """
 
-    kind: Literal["slot", "status", "zone"]
+    kind: Literal["slot", "status", "zone", "edge"]
     body: dict[str, Any]
 
     @cached_property
@@ -115,6 +115,11 @@ def event_of_slot(slot: LiveSlot, zones: Mapping[str, int]) -> Encoded:
 def event_of_status(status: Status) -> Encoded:
     """Return the event of a status."""
     return Encoded("status", status_body(status))
+
+
+def event_of_edge(there: bool, heard_ns: int | None) -> Encoded:
+    """Return the event of an edge that is there or gone, and when it was last heard."""
+    return Encoded("edge", {"there": there, "heard_ns": heard_ns})
 
 
 def event_of_zone(event: ZoneEvent) -> Encoded:
