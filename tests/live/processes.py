@@ -50,6 +50,7 @@ def make_keys(folder: Path, hosts: Sequence[str] = ()) -> Path:
     for camera_id in CAMERAS:
         add_keys(folder, camera_id, now)
     add_keys(folder, "wall", now, kind="viewer")
+    add_keys(folder, "desk", now, kind="operator")
     return folder
 
 
@@ -65,6 +66,7 @@ class LiveSite:
         more: lines of the site file before its tables.
         tables: lines of further tables.
         inside: command that runs cameras elsewhere, such as in another network namespace.
+        camera_options: of all cameras.
         statuses: everything that the edge said of itself, and when it came.
         poses: what it published.
     """
@@ -76,6 +78,7 @@ class LiveSite:
     more: Sequence[str] = ()
     tables: Sequence[str] = ()
     inside: Sequence[str] = ()
+    camera_options: Sequence[str] = ()
     programs: dict[str, subprocess.Popen[bytes]] = field(default_factory=dict)
     statuses: list[tuple[float, Status]] = field(default_factory=list)
     poses: list[Poses] = field(default_factory=list)
@@ -126,9 +129,17 @@ class LiveSite:
             camera_id, *self.inside, *e3pose(
                 "camera", "--site", "lab", "--name", camera_id, "--endpoint", self.endpoint,
                 "--keys", str(keys), "--source", f"recorded:{self.folder / 'recording'}",
-                "--meter", "model", *options,
+                "--meter", "model", *self.camera_options, *options,
             ),
         )  # fmt: skip
+
+    def start_view(self) -> str:
+        """Start the page with an operator's certificate; return its address."""
+        listen = f"127.0.0.1:{free_port()}"
+        desk = self.folder / "keys" / "operators" / "desk"
+        self.start("view", *e3pose("view", str(self.path), "--listen", listen, "--keys", str(desk)))
+        assert eventually(lambda: "Control the site" in self.log("view").read_text())
+        return f"http://{listen}/"
 
     def start_odd_camera(self, camera_id: str, habit: str) -> None:
         """Start a camera that behaves badly; see `odd_camera`."""

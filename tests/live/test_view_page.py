@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from tests.site.web.browser import Page, browser, browser_path
-from tests.site.web.watched import SLOTS, Watched, record, watched_site
+from tests.site.web.watched import SLOTS, STARTED_NS, Watched, record, watched_site
 from tests.waiting import eventually
 
 pytestmark = [
@@ -149,12 +149,132 @@ def test_picture_of_a_camera_has_the_skeletons_in_it(page: Page, watched: Watche
     joints = [[None, None]] * 17
     shoulders = [[100, 200], [500, 200]]  # of the full image, twice as large
     found = {
-        "jpeg": jpeg, "size": [640, 480], "slot": 3, "count": 4, "energy_j": 0.5,
-        "people": [{"track": 11, "joints_px": [*joints[:5], *shoulders, *joints[7:]]}],
+        "size": [640, 480], "slot": 3, "apart_ms": -12, "count": 4, "energy_j": 0.5, "why": "",
+        "age_s": 75.0, "captured_ns": 1_795_000_000_000_000_000, "drawn": False,
+        "people": [
+            {"track": 11, "joints_px": [*joints[:5], *shoulders, *joints[7:]],
+             "measured": [True] * 17}
+        ],
     }  # fmt: skip
-    page.run(f"(looking = 'c0', drawPicture({json.dumps(found)}, 'c0'))")
-    assert page.shows("picture-said", "4 pictures so far took about 0.50 J")
-    pixel = "[...document.getElementById('frame').getContext('2d').getImageData({}, {}, 1, 1).data]"
-    assert tuple(page.run(pixel.format(150, 100))[:3]) == TRACK_11
-    assert page.run(pixel.format(150, 200))[:3] == pytest.approx([200] * 3, abs=3)
-    page.run("look('')")
+    page.run(
+        f"(async () => {{ const tile = {{ image: await decodedImage('{jpeg}'),"
+        f" found: {json.dumps(found)}, said: document.createElement('span'),"
+        " canvas: document.createElement('canvas') };"
+        " tiles.set('c0', tile); enlarge('c0'); })()"
+    )
+    assert page.shows("large-said", "4 pictures so far took about 0.50 J")
+    assert "1 min ago" in page.text("large-said") and "12 ms before" in page.text("large-said")
+    at = (
+        "(([x, y]) => {{ const c = document.getElementById('large-frame');"
+        " return [...c.getContext('2d').getImageData(x * c.width, y * c.height, 1, 1).data]; }})"
+        "([{}, {}])"
+    )
+    assert tuple(page.run(at.format(150 / 320, 100 / 240))[:3]) == TRACK_11
+    assert page.run(at.format(150 / 320, 200 / 240))[:3] == pytest.approx([200] * 3, abs=3)
+    page.run("document.getElementById('large').close()")
+
+
+STRIP = (
+    "(([share, row]) => {{ const c = document.getElementById('strips');"
+    " const left = stripsLeft(c.getContext('2d')), ratio = devicePixelRatio;"
+    " const x = left + share * (c.clientWidth - left), y = ROW * row + ROW / 2;"
+    " const data = c.getContext('2d').getImageData(x * ratio, y * ratio, 9, 5).data;"
+    " return [...data].filter((_, i) => i % 4 < 3); }})([{}, {}])"
+)
+IDLE, ACTIVE, LOST, BLIND = (
+    (0xE6, 0xE9, 0xEE),
+    (0x1F, 0x29, 0x37),
+    (0xB9, 0x1C, 0x1C),
+    (0xD9, 0x77, 0x06),
+)
+
+
+def strip(page: Page, share: float, row: int) -> set[tuple[int, ...]]:
+    """Return the colours of the time line at a share of its width, in a camera's row."""
+    return {tuple(c) for c in np.reshape(page.run(STRIP.format(share, row)), (-1, 3)).tolist()}
+
+
+def follows(page: Page, watched: Watched, *slots: int, blind: str = "") -> None:
+    """Publish slots, and wait until the page shows the last."""
+    for first in range(0, len(slots), 10):  # a server drops what a browser does not take
+        for slot in slots[first : first + 10]:
+            watched.publish(slot, blind)
+        assert page.shows("where", f"slot {slot}")
+
+
+def test_time_that_the_page_did_not_see_is_unknown_and_not_idle(
+    page: Page, watched: Watched
+) -> None:
+    page.open(watched.view.url)
+    assert page.shows("site", "lab")
+    assert eventually(lambda: watched.view.feed.followers == 1)
+    assert IDLE not in strip(page, 0.5, 2), "no slot came yet"
+    follows(page, watched, *range(1000, 1101))  # four seconds of thirty
+    # Time passes without further slots: the end of those that came moves to the left.
+    seen = "(1 - (strips_end() - history30.at(-1).t + 2) / STRIP_S)"
+    share = page.run(seen)
+    assert strip(page, share, 2) == {IDLE} and strip(page, share, 0) == {ACTIVE}
+    assert strip(page, share, 1) == {LOST}
+    for row in range(3):
+        assert not {IDLE, ACTIVE, LOST} & strip(page, 0.3, row), "before the page was opened"
+    follows(page, watched, 1200)  # what came between was lost
+    gap = page.run("(1 - (strips_end() - history30.at(-1).t + 2) / STRIP_S)")
+    assert not {IDLE, ACTIVE, LOST} & strip(page, gap, 0)
+    unknown = page.run("atPointer({ offsetX: 0.5 * document.getElementById('strips').clientWidth,"
+                       " offsetY: 4 })")  # fmt: skip
+    assert "c0" in unknown and "unknown" in unknown
+
+
+def test_blind_slots_have_a_colour_a_cause_and_a_figure_of_their_own(
+    page: Page, watched: Watched
+) -> None:
+    page.open(watched.view.url)
+    assert page.shows("site", "lab")
+    assert eventually(lambda: watched.view.feed.followers == 1)
+    follows(page, watched, *range(2000, 2100), blind="orders-late")
+    share = page.run("(1 - (strips_end() - history30.at(-1).t + 2) / STRIP_S)")
+    for row in range(3):
+        assert strip(page, share, row) == {BLIND}, "also of cameras that were not selected"
+    assert "100 orders late" in page.text("blind-why")
+    said = page.run(
+        f"atPointer({{ offsetX: stripsLeft(document.getElementById('strips').getContext('2d'))"
+        f" + {share} * (document.getElementById('strips').clientWidth"
+        " - stripsLeft(document.getElementById('strips').getContext('2d'))), offsetY: 40 })"
+    )
+    assert said.startswith("c2, ") and "blind slot, orders late (slot 20" in said
+    assert page.shows("blind", "25 %")
+    title = page.run("document.getElementById('blind').title")
+    assert "30 of 120 slots: 30 orders late" in title
+
+
+def test_live_events_have_the_time_of_day(page: Page, watched: Watched) -> None:
+    page.open(watched.view.url)
+    assert page.shows("site", "lab")
+    assert eventually(lambda: watched.view.feed.followers == 1)
+    watched.publish(70)
+    assert page.shows("events", "c2 connected")
+    first, second = page.run("[...document.querySelectorAll('#events li')].map((e) => e.innerText)")
+    clock = f"clock({STARTED_NS / 1e9})"
+    assert first == f"{page.run(clock)} c2 connected" and second == "time unknown c1 connected"
+
+
+def test_time_before_the_first_slot_shows_nothing_of_now(page: Page, watched: Watched) -> None:
+    page.messages.clear()
+    page.open(watched.view.url)
+    assert page.shows("site", "lab")
+    assert eventually(lambda: watched.view.feed.followers == 1)
+    follows(page, watched, 80)
+    assert eventually(lambda: pixels(page, TRACK_11) > 100)
+    assert eventually(lambda: not page.run("document.getElementById('scrub').disabled"))
+    page.run("seek(span.begin_s - 3600)")
+    assert page.shows("notice", "No slot is stored at ") and page.text("state") == "past"
+    assert "The next one is of" in page.text("notice") and "no slot" in page.text("where")
+    assert eventually(lambda: pixels(page, TRACK_11) == 0)
+    assert page.text("people") == "unknown" and page.text("count") == "–"
+    rows = page.run("[...document.querySelectorAll('#table tbody tr')].map((r) => r.innerText)")
+    assert len(rows) == 3 and not any("W" in row or "mains" in row for row in rows)
+    page.run("setPlaying(true)")
+    assert page.shows("where", f"slot {SLOTS - 1}")  # it goes on where there is something
+    page.run("goLive()")
+    follows(page, watched, 81)
+    assert page.messages == []

@@ -5,7 +5,7 @@
 // Distinct with any colour vision, on white (after Okabe and Ito, without yellow).
 const COLOURS = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#b38600", "#4d4d4d", "#8a4b16"];
 const INK = "#1f2937", PALE = "#c3cad4", LOST_INK = "#b91c1c", TRUTH_INK = "#9aa3af", SLEEP_INK = "#9fb4d6", BLIND_INK = "#d97706";
-const ASLEEP = 0, AWAKE = 1, LOST = 2, DEEP = 3, BLIND = 4; // what a camera does: saving, active, lost, not capturing, blind slot
+const ASLEEP = 0, AWAKE = 1, LOST = 2, DEEP = 3, BLIND = 4, UNKNOWN = 5; // saving, active, lost, not capturing, blind slot, not known
 const NEAR = 100;
 const byId = (id) => document.getElementById(id);
 
@@ -212,14 +212,14 @@ function makeScene(canvas, room, what) {
   }
 
   function addCamera(line, labels, points, name, state = ASLEEP) {
-    const [colour, thick] = [[PALE, 1.2], [INK, 2.5], [LOST_INK, 2.5], [SLEEP_INK, 1.2], [BLIND_INK, 2.5]][state];
+    const [colour, thick] = [[PALE, 1.2], [INK, 2.5], [LOST_INK, 2.5], [SLEEP_INK, 1.2], [BLIND_INK, 2.5], ["#e3e7ed", 0.8]][state];
     const pixels = [0, 1, 2, 3, 4].map((i) => project(points[3 * i], points[3 * i + 1], points[3 * i + 2]));
     for (let corner = 1; corner <= 4; corner++) {
       line(pixels[0], pixels[corner], colour, thick);
       line(pixels[corner], pixels[(corner % 4) + 1], colour, thick);
     }
     if (pixels[0]) {
-      const quiet = state === ASLEEP || state === DEEP;
+      const quiet = [ASLEEP, DEEP, UNKNOWN].includes(state);
       labels.push([pixels[0][0], pixels[0][1] - 10, name, quiet ? "#8a93a1" : colour, quiet ? "400 12px" : "700 12px"]);
     }
   }

@@ -1,5 +1,6 @@
-// The live page: follows a site over a WebSocket, shows its past from the store, and controls it
-// where the token allows. Whatever comes from the site is text, never markup.
+// The live page: follows a site over a WebSocket, shows its past from the store (past.js) and the
+// pictures of its cameras (pictures.js), and controls it where the token allows. Whatever comes from
+// the site is text, never markup.
 "use strict";
 
 const NINETY = 2.5003; // radius of the ball that holds a joint in nine of ten cases, in sigmas of an axis
@@ -31,9 +32,16 @@ async function ask(path, body) {
 // ---- what is known
 
 let room = null, scene = null, status = null, shown = null, mode = "live", cameAt = 0;
-const history30 = []; // slots of the last half minute, oldest first: { t, selected, arrived }
+let edge = { there: false, heard_ns: null }; // as the server last told: whether it hears the edge
+const history30 = []; // slots of the last half minute, oldest first: { t, selected, arrived, blind }
 const trails = new Map(); // track to [[t, x, y], ...] in millimetres
 const colourOf = (track) => COLOURS[((track % COLOURS.length) + COLOURS.length) % COLOURS.length];
+
+// A time of day, with the day if it is another one than today.
+function clock(t) {
+  const when = new Date(1000 * t), time = when.toLocaleTimeString();
+  return when.toDateString() === new Date().toDateString() ? time : `${when.toLocaleDateString()} ${time}`;
+}
 
 // A slot of the live stream or of the store as what the scene draws.
 function prepared(slot, selected, arrived) {
@@ -43,7 +51,7 @@ function prepared(slot, selected, arrived) {
     joints: person.joints_m.flatMap((point) => (point[0] === null ? [null, null, null] : point.map((v) => 1000 * v))),
     radii: person.sigma_m.map((sigma) => (sigma === null ? null : 1000 * NINETY * sigma)),
   }));
-  return { slot: slot.slot, t, people, selected: new Set(selected), arrived: new Set(arrived) };
+  return { slot: slot.slot, t, people, selected: new Set(selected), arrived: new Set(arrived), blind: slot.blind || "" };
 }
 
 function middle(joints) {
@@ -70,7 +78,9 @@ function remember(now) {
 function cameraState(name) {
   const camera = status && status.cameras.find((one) => one.camera_id === name);
   if (mode === "live" && camera && !camera.online) return LOST;
-  if (shown && shown.selected.has(name)) return shown.arrived.has(name) ? AWAKE : LOST;
+  if (!shown) return UNKNOWN;
+  if (shown.blind) return BLIND;
+  if (shown.selected.has(name)) return shown.arrived.has(name) ? AWAKE : LOST;
   return mode === "live" && camera && camera.mode === "aggressive-power-saving" ? DEEP : ASLEEP;
 }
 
@@ -100,35 +110,19 @@ function show(now) {
     return item;
   });
   byId("people").replaceChildren(...(list.length ? list : ["no people"]));
-  const when = new Date(1000 * now.t);
-  byId("where").textContent = `${when.toLocaleTimeString()} · slot ${now.slot}`;
+  byId("where").textContent = `${clock(now.t)} · slot ${now.slot}`;
 }
 
-function drawStrips() {
-  const canvas = byId("strips"), pen = canvas.getContext("2d"), ratio = window.devicePixelRatio || 1;
-  const rowHeight = 16, height = rowHeight * room.cameras.length + 4;
-  canvas.style.height = `${height}px`;
-  const width = canvas.clientWidth;
-  canvas.width = Math.round(width * ratio);
-  canvas.height = Math.round(height * ratio);
-  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-  pen.font = "12px system-ui, sans-serif";
-  pen.textBaseline = "middle";
-  const left = 8 + Math.min(110, Math.max(...room.cameras.map((name) => pen.measureText(name).width)));
-  const end = history30.length ? history30[history30.length - 1].t : 0;
-  const scale = (width - left) / STRIP_S, thick = Math.max(1, scale / room.fps + 0.5);
-  room.cameras.forEach((name, row) => {
-    const y = row * rowHeight;
-    pen.fillStyle = INK;
-    pen.fillText(name, 0, y + rowHeight / 2, left - 6);
-    pen.fillStyle = "#e6e9ee";
-    pen.fillRect(left, y + 2, width - left, rowHeight - 4);
-    for (const { t, selected, arrived } of history30) {
-      if (!selected.has(name)) continue;
-      pen.fillStyle = arrived.has(name) ? INK : LOST_INK;
-      pen.fillRect(width - (end - t) * scale - thick, y + 2, thick, rowHeight - 4);
-    }
-  });
+// Nothing is known of a time: nothing is shown of another.
+function showNothing(t) {
+  shown = null;
+  history30.length = 0;
+  trails.clear();
+  byId("people").replaceChildren("unknown");
+  byId("where").textContent = t === null ? "" : `${clock(t)} · no slot`;
+  scene.touch();
+  drawStrips();
+  for (const name of tiles.keys()) drawTile(name);
 }
 
 // ---- status
@@ -145,7 +139,7 @@ const COLUMNS = [ // name, text of a camera, what it means
   ["price", (c) => number(c.price, 1), "what selecting it costs: grows with its deficit, compared with the information"],
   ["deficit", (c) => number(c.deficit, 1), "energy spent beyond its budget so far, in slots"],
   ["power", (c) => (c.power_w === null ? "–" : `${c.measured ? "" : "~"}${c.power_w.toFixed(1)} W`), "mean power; ~ is modelled, not measured"],
-  ["battery", (c) => (c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`), "charge; ~ is modelled"],
+  ["battery", (c) => (c.battery === undefined ? "–" : c.battery === null ? "mains" : `${c.gauge ? "" : "~"}${percent(c.battery)}`), "charge; ~ is modelled"],
   ["temperature", (c) => number(c.temperature_c, 0, " °C"), "of the camera's processor"],
   ["late, lost", (c) => (c.late === null ? "–" : `${c.late}, ${c.lost}`), "views that arrived after their slot was closed, and views that did not arrive"],
 ];
@@ -153,7 +147,8 @@ const COLUMNS = [ // name, text of a camera, what it means
 function showStatus(status) {
   const online = status.cameras.filter((camera) => camera.online);
   const watts = online.filter((camera) => camera.power_w !== null);
-  byId("count").textContent = status.people;
+  byId("count").textContent = status.people ?? "–";
+  showBlind(status);
   const aim = status.target_error_mm ? ` of ${number(status.target_error_mm)} mm` : " mm";
   byId("error").textContent = number(status.expected_error_mm, 0, aim);
   byId("rate").textContent = number(status.fps, 1);
@@ -180,25 +175,56 @@ function showStatus(status) {
   });
   const focused = document.activeElement;
   if (!(focused && byId("table").contains(focused))) byId("table").tBodies[0].replaceChildren(...rows);
-  byId("events").replaceChildren(...[...status.events].reverse().map((text) => {
-    const item = document.createElement("li");
-    item.append(text);
+  byId("events").replaceChildren(...status.events.map((text, index) => {
+    const item = document.createElement("li"), time = document.createElement("time");
+    const at_ns = (status.events_ns || [])[index];
+    time.textContent = at_ns ? clock(at_ns / 1e9) : "time unknown";
+    item.append(time, ` ${text}`);
     return item;
-  }));
+  }).reverse());
   if (mode !== "live") return;
   showSettings();
   scene.touch();
 }
 
+// Slots for which no view arrived although one was due: of the last minute, and since the start.
+function showBlind({ blind_share, blind, slots }) {
+  const share = blind_share ?? null, total = Object.values(blind || {}).reduce((sum, count) => sum + count, 0);
+  const causes = Object.entries(blind || {}).map(([cause, count]) => `${count} ${causeWords(cause)}`).join(", ");
+  byId("blind").textContent = share !== null && share > 0 && share < 0.01 ? "< 1 %" : percent(share);
+  byId("blind").className = share ? "bad" : "";
+  byId("blind").title = total ? `since the start ${total} of ${slots} slots: ${causes}` : "no view arrived although one was due";
+}
+
+let lostAt = Date.now(); // since when there is no connection to the server
+
 function showState() {
-  const late = (performance.now() - cameAt) / 1000, pill = byId("state");
-  const word = mode === "past" ? "past" : socket && socket.readyState === 1 ? (late < QUIET_S ? "live" : "no slots") : "no connection";
+  const late = (performance.now() - cameAt) / 1000, pill = byId("state"), open = socket && socket.readyState === 1;
+  if (open) lostAt = Date.now();
+  const word = mode === "past" ? "past" : !open ? "no connection" : !edge.there && status ? "edge gone" : late < QUIET_S ? "live" : "no slots";
   pill.textContent = word;
-  if (mode === "live") notice(status ? "" : "Waiting for the edge. It is not running, or still starting: the first start compiles for one to two minutes.");
   pill.className = `pill ${{ past: "past", live: "live" }[word] || "off"}`;
+  document.body.classList.toggle("stale", word === "no connection" || word === "edge gone");
+  if (mode !== "live") return;
+  notice(liveNotice(open));
+  if (late > 1 && history30.length) drawStrips(); // time passes, also without slots
+}
+
+// What a reader has to know of the live page, in a sentence or two; empty if all is well.
+function liveNotice(open) {
+  if (!open && Date.now() - lostAt > 1500) {
+    return `No connection to e3pose view since ${clock(lostAt / 1000)}: it was stopped, or cannot be reached. The page connects again by itself; what it shows is old.`;
+  }
+  if (!status && (!open || edge.there)) return "";
+  if (!status) return "Waiting for the edge. It is not running, or still starting: the first start compiles for one to two minutes.";
+  if (open && !edge.there) {
+    return `Edge gone since ${clock(edge.heard_ns / 1e9)}: it was stopped, or cannot be reached. What is shown is its last state; the page goes on by itself when the edge is back.`;
+  }
+  return status.overload || "";
 }
 
 function notice(text) {
+  if (byId("notice").textContent === text) return;
   byId("notice").hidden = !text;
   byId("notice").textContent = text;
 }
@@ -214,14 +240,18 @@ function follow() {
   socket.onmessage = ({ data }) => {
     const event = JSON.parse(data);
     pause_ms = 500;
-    if (event.type === "status") {
+    if (event.type === "edge") {
+      edge = event;
+      showState();
+    } else if (event.type === "status") {
       status = event;
-      if (mode === "live") showStatus(status);
+      if (mode === "live") (showStatus(status), showState());
     } else if (event.type === "slot") {
       cameAt = performance.now();
       for (const zone of room.zones) zone.count = event.zones[zone.name] ?? 0;
       if (mode === "live") waiting.push(prepared(event, event.selected, event.arrived));
       if (waiting.length > MAX_WAITING) waiting.shift(); // a page that is hidden draws nothing
+      if (!byId("state").classList.contains(mode)) showState();
     }
     listeners.forEach((listener) => listener(event));
   };
@@ -246,13 +276,6 @@ function controlCells(row, camera) {
     control(`/api/control/cameras/${encodeURIComponent(camera.camera_id)}`, { paused: !camera.paused });
   });
   row.insertCell().append(button);
-  if (room.pictures) {
-    const picture = document.createElement("button");
-    picture.type = "button";
-    picture.textContent = "Picture";
-    picture.addEventListener("click", () => (picture.blur(), look(camera.camera_id)));
-    row.insertCell().append(picture);
-  }
   const budget = document.createElement("input");
   budget.placeholder = camera.budget === null ? "budget" : percent(camera.budget);
   budget.title = "budget: 60%, 4W, 0.3J, until 18:00, for 8h";
@@ -281,51 +304,6 @@ function showSettings() {
   byId("weight").value = status.quality_weight ?? "";
 }
 
-// ---- the picture of a camera, asked for while it is shown: at most five a second
-
-let looking = "";
-
-function look(name) {
-  const already = looking !== "";
-  looking = name;
-  byId("picture").hidden = !name;
-  byId("picture-of").textContent = name;
-  byId("picture-said").textContent = "";
-  if (name && !already) nextPicture();
-}
-
-async function nextPicture() {
-  const name = looking;
-  if (!name) return;
-  try {
-    await drawPicture(await ask(`/api/pictures/${encodeURIComponent(name)}`), name);
-  } catch (error) {
-    if (name === looking) byId("picture-said").textContent = error.message;
-  }
-  setTimeout(nextPicture, document.hidden ? 1000 : 200);
-}
-
-async function drawPicture(found, name) {
-  const bytes = Uint8Array.from(atob(found.jpeg), (letter) => letter.charCodeAt(0));
-  const image = await createImageBitmap(new Blob([bytes], { type: "image/jpeg" }));
-  if (name !== looking) return;
-  const canvas = byId("frame"), pen = canvas.getContext("2d"), scale = image.width / found.size[0];
-  [canvas.width, canvas.height] = [image.width, image.height];
-  pen.drawImage(image, 0, 0);
-  pen.lineWidth = 2;
-  for (const { track, joints_px } of found.people) {
-    pen.strokeStyle = colourOf(track);
-    for (const [i, j] of room.limbs) {
-      if (joints_px[i][0] === null || joints_px[j][0] === null) continue;
-      pen.beginPath();
-      pen.moveTo(scale * joints_px[i][0], scale * joints_px[i][1]);
-      pen.lineTo(scale * joints_px[j][0], scale * joints_px[j][1]);
-      pen.stroke();
-    }
-  }
-  byId("picture-said").textContent = `slot ${found.slot}; ${found.count} pictures so far took about ${found.energy_j.toFixed(2)} J of the camera (modelled)`;
-}
-
 // ---- start
 
 let before_ms = 0;
@@ -351,7 +329,7 @@ async function start() {
   document.title = `${room.site} · e3pose`;
   byId("site").textContent = room.site;
   const head = byId("table").tHead.insertRow();
-  const extra = mayControl() ? ["control", ...(room.pictures ? ["picture"] : []), "budget"] : [];
+  const extra = mayControl() ? ["control", "budget"] : [];
   for (const [name, , meaning] of [...COLUMNS, ...extra.map((name) => [name])]) {
     const cell = document.createElement("th");
     cell.append(name);
@@ -367,7 +345,8 @@ async function start() {
   scene = makeScene(byId("scene"), room, toDraw);
   for (const box of ["sure", "trails"]) byId(box).addEventListener("change", scene.touch);
   byId("live").addEventListener("click", goLive);
-  byId("picture-off").addEventListener("click", () => look(""));
+  byId("strips").addEventListener("pointermove", (event) => (byId("strips").title = byId("strip-said").textContent = atPointer(event)));
+  byId("strips").addEventListener("pointerleave", () => (byId("strip-said").textContent = ""));
   byId("play").addEventListener("click", () => setPlaying(!playing));
   document.addEventListener("keydown", (event) => {
     if (event.key !== " " || mode !== "past" || ["BUTTON", "SUMMARY"].includes(event.target.tagName)) return;
@@ -391,6 +370,8 @@ async function start() {
     document.activeElement.blur();
     control("/api/control/loop", body);
   });
+  drawStrips();
+  startPictures();
   follow();
   setInterval(showState, 500);
   requestAnimationFrame(tick);
