@@ -16,6 +16,7 @@ import numpy as np
 import psutil
 from rich.console import Console
 
+import hostile_inputs
 from e3pose.cli import main as e3pose
 from e3pose.errors import InputError
 from e3pose.recording import save_recording
@@ -148,9 +149,21 @@ def fuzz(seconds: float, decodes: int, seed: int) -> Result:
     return Result("decoders", figures, not worst and grown_mb < GROWTH_MB)
 
 
-def hostile_files(seconds: float, seed: int) -> Result:
-    """Damage the files of a site one at a time; verbs say one line and end with 0, 1 or 2."""
+def hostile_files(
+    seconds: float, seed: int, kinds: tuple[str, ...] = ("tables", "videos")
+) -> Result:
+    """Try hostile tables and videos, then damage the files of a site one at a time, for a while.
+
+    Verbs say one line and end with 0, 1 or 2.
+    """
     dice, tried, refused, worst = random.Random(seed), 0, 0, ""
+    trials = [trial for kind in kinds for trial in hostile_inputs.try_all(kind, init=False)]
+    for trial in trials:
+        if not trial.held:
+            worst = (
+                worst
+                or f"; {trial.name}: {trial.verb} ended with {trial.code}: {trial.said[-200:]}"
+            )
     with tempfile.TemporaryDirectory(prefix="e3pose-attack-") as name:
         folder = Path(name)
         recording = simulate(SceneSettings(people=2, seconds=0.6, cameras=3, fps=10), seed=0)
@@ -177,7 +190,14 @@ def hostile_files(seconds: float, seed: int) -> Result:
                 if code not in (0, 1, 2) or (code == 2 and len(errors) != 1):
                     worst = worst or f"; {path.name}: {words[0]} ended with {code}: {said[-200:]}"
             path.write_bytes(good)
-    return Result("files", f"{tried} damaged files read, {refused} refused{worst}", not worst)
+    made = sum(trial.code == 2 for trial in trials)
+    figures = (
+        f"{len(trials)} hostile videos and tables tried, {made} refused, at most "
+        f"{max((t.took_s for t in trials), default=0.0):.1f} s and "
+        f"{max((t.grown_mb for t in trials), default=0.0):.0f} MB; "
+        f"{tried} damaged files read, {refused} refused{worst}"
+    )
+    return Result("files", figures, not worst)
 
 
 def files_of(folder: Path) -> list[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 import attack_inputs
+import hostile_inputs
 
 pytestmark = pytest.mark.slow
 
@@ -25,5 +26,28 @@ def test_an_attack_that_gets_through_is_reported(monkeypatch: pytest.MonkeyPatch
 
 
 def test_damaged_files_end_in_one_line() -> None:
-    result = attack_inputs.hostile_files(seconds=4.0, seed=3)
+    result = attack_inputs.hostile_files(seconds=4.0, seed=3, kinds=())
     assert result.held, result.figures
+
+
+def test_hostile_tables_and_videos_end_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    for known in (hostile_inputs.TABLES, hostile_inputs.VIDEOS):
+        for name in list(known)[1::4]:  # make attack tries them all
+            monkeypatch.delitem(known, name)
+        for name in list(known)[1::2]:
+            monkeypatch.delitem(known, name)
+    trials = list(hostile_inputs.try_all(init=False))
+    assert len(trials) > 70
+    assert not [trial for trial in trials if not trial.held]
+    assert {trial.code for trial in trials} == {0, 2}
+
+
+def test_input_that_gets_through_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(path: object) -> str:
+        raise OverflowError("cannot convert float infinity to integer")
+
+    monkeypatch.setattr(hostile_inputs, "played", broken)
+    for name in list(hostile_inputs.VIDEOS)[1:]:
+        monkeypatch.delitem(hostile_inputs.VIDEOS, name)
+    result = attack_inputs.hostile_files(seconds=0.0, seed=3, kinds=("videos",))
+    assert not result.held and "OverflowError: cannot convert" in result.figures

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 
 from e3pose.camera.source import Frame, VideoSource, open_video
 from e3pose.errors import InputError
+from hostile_inputs import film
 
 WIDTH, HEIGHT = 64, 48
 CORNERS = np.array(
@@ -209,6 +211,27 @@ def test_what_is_not_a_video_is_named_in_one_line(
     with pytest.raises(InputError, match=words) as caught:
         open_video(tmp_path / name)
     assert name in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_gap_that_cannot_be_is_named(tmp_path: Path) -> None:
+    path = film(tmp_path / "gap.mkv", 4, [0, 50, 10**9, 10**9 + 50])
+    with pytest.raises(InputError, match=r"gap\.mkv: found a frame at 1000000 s, .* at most 86400"):
+        list(open_video(path))
+    hours = film(tmp_path / "hours.mkv", 3, [0, 50, 20 * 3_600_000])
+    assert [frame.time_s for frame in open_video(hours)] == pytest.approx([0, 0.05, 72_000])
+
+
+@pytest.mark.parametrize(("scale", "rate"), [(1, 10**9), (2**32 - 1, 1)])
+def test_frame_rate_that_cannot_be_is_named(tmp_path: Path, scale: int, rate: int) -> None:
+    path = write_video(tmp_path / "rate.avi", [picture(0)] * 10)
+    data = bytearray(path.read_bytes())
+    at = data.index(b"vids") + 20
+    data[at : at + 8] = struct.pack("<II", scale, rate)
+    path.write_bytes(data)
+    with pytest.raises(
+        InputError, match=r"rate\.avi: found .* per second, expected 0\.001 to 1000"
+    ):
+        open_video(path)
 
 
 def test_image_is_converted_only_when_asked(tmp_path: Path) -> None:

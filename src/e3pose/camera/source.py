@@ -26,6 +26,8 @@ CONTAINERS = (
 MAX_PIXELS = 8192 * 8192  # of one frame: 200 MB in RGB
 MAX_PACKETS_TO_FIRST_FRAME = 2000
 FALLBACK_RATE = 25.0  # frames per second where the file does not say
+RATES = (0.001, 1000.0)  # frames per second that a recording may have
+MAX_GAP_S = 86_400.0  # between two frames: more is a damaged timestamp, and a recording of nothing
 END_TOLERANCE = 2.5  # frames by which a file may fall short of the length it announces
 
 
@@ -91,6 +93,11 @@ class VideoSource:
             if time_s <= last_s:  # a time that does not rise cannot be trusted
                 self.lost_frames += 1
                 continue
+            if time_s - max(last_s, 0.0) > MAX_GAP_S:
+                raise InputError(
+                    f"{self.path}: found a frame at {time_s:.0f} s, {time_s - last_s:.0f} s after "
+                    f"the one before, expected at most {MAX_GAP_S:.0f} s between two"
+                )
             last_s = time_s
             if time_s >= start_s - 1e-9:
                 self._check_size(picture, time_s)
@@ -175,7 +182,8 @@ def open_video(path: Path) -> VideoSource:
 
     Raises:
         InputError: naming the file and what is wrong: missing, empty, not a video, without a video
-            track, without a frame that can be decoded, too large, or turned by an odd angle.
+            track, of a rate that cannot be, without a frame that can be decoded, too large, or
+            turned by an odd angle.
     """
     path = Path(path)
     if not path.is_file():
@@ -190,7 +198,7 @@ def open_video(path: Path) -> VideoSource:
         if first is None:
             raise InputError(f"{path}: no frame of it can be decoded, expected a video")
         orientation = display_orientation(first.side_data, str(path))
-        rate = float(stream.average_rate or stream.guessed_rate or 0) or FALLBACK_RATE
+        rate = _rate(stream, path)
         length_s = _length_s(container, stream, rate)
         counted = int(stream.frames) or round((length_s or 0.0) * rate)
         return VideoSource(
@@ -292,6 +300,15 @@ def _decode(
                 yield picture
             else:
                 counter.lost_frames += 1
+
+
+def _rate(stream: Any, path: Path) -> float:
+    """Return the nominal frames per second of a file, or a usual rate where it states none."""
+    rate = float(stream.average_rate or stream.guessed_rate or 0) or FALLBACK_RATE
+    low, high = RATES
+    if not low <= rate <= high:
+        raise InputError(f"{path}: found {rate:g} frames per second, expected {low:g} to {high:g}")
+    return rate
 
 
 def _length_s(container: Any, stream: Any, rate: float) -> float | None:
