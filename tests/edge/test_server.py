@@ -18,7 +18,10 @@ from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import parse_budget
 from e3pose.energy.profiles import load_profile
 from e3pose.runtime.clock import WallClock
+from e3pose.wire import topics
 from e3pose.wire.arrays import unpack
+from e3pose.wire.codec import decode
+from e3pose.wire.messages import Order
 
 pytestmark = pytest.mark.slow
 
@@ -187,6 +190,30 @@ def test_slow_and_lossy_air_makes_orders_go_out_earlier(site: Site) -> None:
     assert eventually(lambda: len(site.online()) == 3)
     views = edge.counts.views
     assert eventually(lambda: edge.counts.views > views + 10)
+
+
+@pytest.mark.timed
+def test_orders_of_a_longer_lead_say_from_which_slot_they_are(site: Site) -> None:
+    """Otherwise a lead that grows would seem to make orders late, and grow again."""
+    orders: list[Order] = []
+    listener, edge = site.hub.join(), site.edge
+    listener.subscribe(
+        topics.of_order("lab", "cam0"),
+        lambda topic, payload: orders.append(decode(payload, Order, "edge")),
+    )
+    assert edge is not None and edge.times is not None
+    before = edge.lead.slots
+    site.hub.delay_s = lambda topic: 0.7 if "/order/" in topic else 0.0
+    assert eventually(lambda: edge.lead.slots >= before + 8)
+    needed = edge.lead.slots
+    done = edge.counts.slots + 30
+    assert eventually(lambda: edge.counts.slots >= done)
+    sent_s = [
+        (order.sent_edge_ns - edge.times.middle_ns(order.slot - order.lead)) / 1e9
+        for order in orders
+    ]
+    assert max(sent_s) < 0.4  # views are waited for 0.15 s
+    assert edge.lead.slots <= needed + 2
 
 
 def test_state_that_cannot_be_kept_is_reported_once_and_stops_nobody(site: Site) -> None:

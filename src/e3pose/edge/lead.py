@@ -10,13 +10,26 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-QUANTILE = 0.9  # of delays that are each the longest of half a second: 99 % of the orders, about
-MAX_SAMPLES = 20  # per camera, ten seconds: a slow wireless link must count soon
+# Of each camera, reports that are each the longest delay of half a second: the newest fifteen
+# seconds. One in ten is left out, so that orders arrive in time in 98 of 100 slots, about, and that
+# a link may pause for a second. Four long ones in a row, two seconds, always count.
+MAX_SAMPLES, LEFT_OUT_OF = 30, 10
 MIN_SAMPLES = 5
-# How long a smaller lead must have sufficed before it is taken: hysteresis, doubled each time that
-# it soon fails, so that the lead does not oscillate on a busy machine.
-CALM_SLOTS, LONGEST_CALM_SLOTS = 250, 8000
-SOON_SLOTS = 1000
+# So many newest reports, all of them this short for a camera that was slower: its disturbance is
+# over, and older reports are dropped.
+OVER_SAMPLES, OVER_SHARE = 12, 0.5
+# A lead far above the need goes halfway down to it once per second; one near it waits, so that it
+# does not oscillate. Both take twice as long each time that a reduction soon fails.
+STEP_S = 1.0
+CALM_S, LONGEST_CALM_S = 5.0, 160.0
+SOON_S, SOON_WAITS = 40.0, 8.0  # soon: within the larger of these, the second times the wait
+FAR_RAISE = 2.0  # a need that is so many times the lead before the reduction is a new disturbance
+NEAR_SLOTS, NEAR_SHARE, VARYING_SHARE = 2, 0.25, 1.0  # above the need
+# Delays are no property of a link while the edge, or its whole machine, stalls or starts: if orders
+# leave so much later than the deadline of views, reports are not believed for a while. An edge that
+# is late for longer is slow, and its lead must allow for that.
+STALL_S, LONGEST_STALL_S = 0.25, 3.0
+STALL_QUIET_S, START_QUIET_S = 1.5, 3.0
 MARGIN_SHARE = 0.1  # of a slot, safety margin
 MAX_LEAD = 60  # slots; the horizon of the predictor
 # Orders from two seconds ago are useless: a longer delay is not worth following, and a camera that
@@ -34,47 +47,82 @@ class Lead:
         slots: the paper's tau, at least 1.
         delays_s: by camera, the newest delays from the middle of the slot that was looked at until
             the orders made from it had arrived; oldest first.
-        longest_s: by camera, the `QUANTILE` of these; NaN while they are too few.
-        calm: slots for which a smaller lead would have sufficed.
-        wait: slots of calm after which the smaller one is taken.
-        since_reduced: slots since the last reduction; at most `SOON_SLOTS`.
+        longest_s: by camera, the longest of these but for one in `LEFT_OUT_OF`; NaN while they are
+            too few.
+        calm_s: how long a smaller lead would have sufficed.
+        peak: the largest need in that time, slots.
+        wait_s: seconds of calm after which a lead near the need is reduced.
+        reduced_from: the lead before the last reduction.
+        since_reduced_s: since then.
+        quiet_s: how long reports are not believed yet.
+        stalled_s: slots in a row, in seconds, whose orders left too late.
         left_behind: cameras excluded because they are far slower than the others.
     """
 
     slots: int = 1
     delays_s: tuple[tuple[float, ...], ...] = ()
     longest_s: tuple[float, ...] = ()
-    calm: int = 0
-    wait: int = CALM_SLOTS
-    since_reduced: int = SOON_SLOTS
+    calm_s: float = 0.0
+    peak: int = 0
+    wait_s: float = CALM_S
+    reduced_from: int = 0
+    since_reduced_s: float = math.inf
+    quiet_s: float = 0.0
+    stalled_s: float = 0.0
     left_behind: tuple[int, ...] = ()
 
 
 def take_in_delay(lead: Lead, camera: int, delay_s: float) -> Lead:
-    """Return the lead with one more delay that a camera measured; impossible ones are ignored."""
-    if not (math.isfinite(delay_s) and delay_s >= 0):
+    """Return the lead with one more delay that a camera measured.
+
+    Impossible ones are ignored, and so are all reports after a start or a stall of the edge.
+    """
+    if lead.quiet_s > 0 or not (math.isfinite(delay_s) and delay_s >= 0):
         return lead
     new = camera + 1 - len(lead.delays_s)
     delays_s = [*lead.delays_s, *[()] * new]
     longest_s = [*lead.longest_s, *[math.nan] * new]
-    delays_s[camera] = (*delays_s[camera], delay_s)[-MAX_SAMPLES:]
+    delays_s[camera] = _current((*delays_s[camera], delay_s)[-MAX_SAMPLES:], longest_s[camera])
     if len(delays_s[camera]) >= MIN_SAMPLES:
-        longest_s[camera] = _quantile_s(delays_s[camera])
+        longest_s[camera] = _longest_s(delays_s[camera])
     return replace(lead, delays_s=tuple(delays_s), longest_s=tuple(longest_s))
 
 
-def _quantile_s(delays_s: Sequence[float]) -> float:
-    """Return the `QUANTILE` of some delays; NumPy's takes longer than the rest of a heartbeat."""
-    rising = sorted(delays_s)
-    at = QUANTILE * (len(rising) - 1)
-    low = int(at)
-    high = min(low + 1, len(rising) - 1)
-    return rising[low] + (at - low) * (rising[high] - rising[low])
+def _current(delays_s: tuple[float, ...], longest_s: float) -> tuple[float, ...]:
+    """Return delays without those of a disturbance that is over."""
+    newest_s = delays_s[-OVER_SAMPLES:]
+    over = len(newest_s) == OVER_SAMPLES and max(newest_s) <= OVER_SHARE * longest_s
+    return newest_s if over else delays_s
+
+
+def _longest_s(delays_s: Sequence[float]) -> float:
+    """Return the longest of some delays but for one in `LEFT_OUT_OF`."""
+    return sorted(delays_s)[-1 - len(delays_s) // LEFT_OUT_OF]
 
 
 def cautious(deadline_s: float, interval_s: float) -> Lead:
     """Return the initial lead: enough even if every slot waits for its deadline."""
-    return Lead(_needed(min(deadline_s, MAX_DELAY_S), interval_s))
+    return starting(_needed(min(deadline_s, MAX_DELAY_S), interval_s))
+
+
+def starting(slots: int) -> Lead:
+    """Return a lead of so many slots that believes no report of the first seconds."""
+    return Lead(slots, quiet_s=START_QUIET_S)
+
+
+def with_edge_delay(lead: Lead, late_s: float, interval_s: float) -> Lead:
+    """Return the lead after the orders made from a slot left.
+
+    Args:
+        lead: before.
+        late_s: from the deadline of the slot's views until its orders left.
+        interval_s: seconds per slot.
+    """
+    if late_s <= STALL_S:
+        return replace(lead, stalled_s=0.0) if lead.stalled_s else lead
+    stalled_s = lead.stalled_s + interval_s
+    quiet_s = STALL_QUIET_S if stalled_s <= LONGEST_STALL_S else lead.quiet_s
+    return replace(lead, stalled_s=stalled_s, quiet_s=quiet_s)
 
 
 def adapt(
@@ -83,8 +131,8 @@ def adapt(
     """Return the lead for the next slot.
 
     An order for slot t + lead, made from the views of slot t, must have arrived when slot t + lead
-    begins, half a slot before its middle. The lead grows at once when that fails, and shrinks by
-    one after `wait` slots in which less would have done.
+    begins, half a slot before its middle. The lead grows at once when that fails. It shrinks by
+    half of what it has too much every `STEP_S`, and to the need after `wait_s` once it is near.
 
     Args:
         lead: of this slot.
@@ -97,26 +145,57 @@ def adapt(
         The lead with `slots` in 1..`MAX_LEAD`.
     """
     lead = _without_absent(lead, online)
+    if lead.quiet_s > 0:
+        lead = replace(lead, quiet_s=max(lead.quiet_s - interval_s, 0.0))
+    lead, delay_s = _followed(lead)
+    if math.isnan(delay_s):
+        return lead
+    return _stepped(lead, _needed(delay_s + wake_s, interval_s), interval_s)
+
+
+def _followed(lead: Lead) -> tuple[Lead, float]:
+    """Return the lead with the cameras that it excludes, and the longest delay of the others."""
     known = {c: delay_s for c, delay_s in enumerate(lead.longest_s) if not math.isnan(delay_s)}
     if not known:
-        return lead
+        return lead, math.nan
     limit_s = _limit_s(sorted(known.values()))
     behind = tuple(camera for camera, delay_s in known.items() if delay_s > limit_s)
-    followed = [delay_s for camera, delay_s in known.items() if camera not in behind]
     if behind != lead.left_behind:
         lead = replace(lead, left_behind=behind)
-    if not followed:
-        return lead
-    since_reduced = min(lead.since_reduced + 1, SOON_SLOTS)
-    needed = _needed(max(followed) + wake_s, interval_s)
+    return lead, max((d for camera, d in known.items() if camera not in behind), default=math.nan)
+
+
+def _stepped(lead: Lead, needed: int, interval_s: float) -> Lead:
+    """Return the lead, one slot later, by the number of slots that is needed now."""
+    since_s = lead.since_reduced_s + interval_s
     if needed > lead.slots:
-        too_early = since_reduced < SOON_SLOTS
-        wait = min(2 * lead.wait, LONGEST_CALM_SLOTS) if too_early else CALM_SLOTS
-        return replace(lead, slots=needed, calm=0, wait=wait, since_reduced=SOON_SLOTS)
-    calm = lead.calm + 1 if needed < lead.slots else 0
-    if calm >= lead.wait:
-        return replace(lead, slots=lead.slots - 1, calm=0, since_reduced=0)
-    return replace(lead, calm=calm, since_reduced=since_reduced)
+        return replace(
+            lead, slots=needed, calm_s=0.0, peak=0, wait_s=_wait_s(lead, needed, since_s),
+            since_reduced_s=math.inf,
+        )  # fmt: skip
+    if needed == lead.slots:
+        return replace(lead, calm_s=0.0, peak=0, since_reduced_s=since_s)
+    calm_s, peak = lead.calm_s + interval_s, max(lead.peak, needed)
+    excess = lead.slots - peak
+    share = NEAR_SHARE if lead.wait_s <= CALM_S else VARYING_SHARE
+    near = excess <= max(NEAR_SLOTS, share * peak)
+    wait_s = lead.wait_s if near else STEP_S
+    if calm_s < wait_s - 1e-9:
+        return replace(lead, calm_s=calm_s, peak=peak, since_reduced_s=since_s)
+    slots = peak if near else peak + excess // 2
+    return replace(
+        lead, slots=slots, calm_s=0.0, peak=0, reduced_from=lead.slots, since_reduced_s=0.0
+    )
+
+
+def _wait_s(lead: Lead, needed: int, since_s: float) -> float:
+    """Return how long to wait near the need after a raise, so long after the last reduction."""
+    if math.isinf(since_s):
+        return lead.wait_s  # none since the last raise: judged already
+    if since_s > max(SOON_S, SOON_WAITS * lead.wait_s):
+        return CALM_S
+    failed = needed <= FAR_RAISE * lead.reduced_from
+    return min(2 * lead.wait_s, LONGEST_CALM_S) if failed else lead.wait_s
 
 
 def lagging(lead: Lead) -> dict[int, str]:

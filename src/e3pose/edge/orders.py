@@ -60,7 +60,7 @@ class Orders:
             times: of the slots.
             slot: which.
             decision: `(num_cameras,)` selected cameras.
-            lead: current lead in slots.
+            lead: slots from the one that was decided from to this one.
             expected: `(num_cameras,)` expected view of each active camera; None for full-frame
                 detection.
             no_choice: why no camera could be selected; empty if one could.

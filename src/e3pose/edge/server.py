@@ -24,7 +24,7 @@ from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.housekeeping import Housekeeping
 from e3pose.edge.inbox import Inbox
 from e3pose.edge.lateness import impairments, without_late_failures
-from e3pose.edge.lead import Lead, adapt, cautious, lagging
+from e3pose.edge.lead import Lead, adapt, cautious, lagging, starting, with_edge_delay
 from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
 from e3pose.edge.membership import Membership
 from e3pose.edge.orders import Orders
@@ -238,9 +238,14 @@ class EdgeServer:
                 memory = self.pipeline.estimator.forget_people(self.state.memory)
                 self.state = replace(self.state, memory=memory)
             self._skip(max(self.state.slot, times.slot_at(now_ns) + 1))
-        for ahead, decision in enumerate(self.state.selections):
-            self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
+        self._order_ahead(times, 0)
         return times
+
+    def _order_ahead(self, times: SlotTimes, start: int) -> None:
+        """Give the orders of the slots to come, from so many slots ahead."""
+        for ahead in range(start, self.lead.slots):
+            decision = self.state.selections[ahead]
+            self.orders.give(times, self.state.slot + ahead, decision, ahead + 1)
 
     def _catch_up(self, times: SlotTimes) -> None:
         behind_ns = self.clock.now_ns() - self._deadline_ns(times, self.state.slot)
@@ -310,6 +315,8 @@ class EdgeServer:
         answering = self.state.silence.answering(slot + lead)
         none = no_choice(online, answering, self.gather.newest_late)
         self.orders.give(times, slot + lead, record.next_selection, lead, record.expected, none)
+        late_s = (self.clock.now_ns() - self._deadline_ns(times, slot)) / 1e9
+        self.lead = with_edge_delay(self.lead, late_s, self.interval_ns / 1e9)
         self.orders.forget_before(slot)
         self.newest = record
         self.credibility.observe(slot, ordered, reachable, record.arrived)
@@ -345,9 +352,7 @@ class EdgeServer:
             self.event_log.report("lead", change)
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
-            for ahead in range(before, self.lead.slots):  # slots without orders yet
-                decision = self.state.selections[ahead]
-                self.orders.give(times, self.state.slot + ahead, decision, self.lead.slots)
+            self._order_ahead(times, before)  # slots without orders yet
 
     def _adapt_load(self, took_s: float, record: SlotRecord) -> None:
         """Shed load while the machine is too slow, and report it."""
@@ -361,7 +366,8 @@ class EdgeServer:
         if found is None:
             return
         self.times = SlotTimes(found.origin_ns, self.interval_ns)
-        self.lead = Lead(found.lead_slots if self.settings.adaptive_lead else self.lead.slots)
+        if self.settings.adaptive_lead:
+            self.lead = starting(found.lead_slots)
         self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
         memory = self.pipeline.estimator.leave_out_ids(found.state.memory, IDS_LEFT_OUT)
         self.state = with_lead(replace(found.state, memory=memory), self.lead.slots)

@@ -165,7 +165,7 @@ class Order(msgspec.Struct, array_like=True, frozen=True, tag="order"):
         interval_ns: length of a slot.
         sent_edge_ns: when the order left.
         session: of the edge; orders of an older session count no more.
-        lead: current lead in slots.
+        lead: slots from the one that the order was made from to its own.
         expected_px: `(num_persons, num_joints, 2)` f4 pixels where people will be; None: anywhere.
         reach_px: `(num_persons,)` f4 how far off nine of ten of those are at most.
     """
