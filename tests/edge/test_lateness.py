@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from e3pose.edge.lateness import REPORTED_FAILURES, impairments, without_late_failures
+from e3pose.edge.lead import Lead
 from e3pose.edge.reports import changes
 from e3pose.pipeline import SlotState, initial_state
 from e3pose.select.failure_detector import Silence, listen
@@ -50,23 +51,42 @@ def test_late_views_and_late_orders_forgive_their_camera_alone(state: SlotState)
 def test_camera_that_is_always_late_is_reported_with_its_delay() -> None:
     silence, late_by_s = Silence.none(3), np.array([np.nan, 0.232, np.nan])
     for slot in range(40):
-        assert impairments(silence, late_by_s, INTERVAL_S) == [""] * 3 or slot * INTERVAL_S > 1.4
+        assert (
+            impairments(silence, late_by_s, INTERVAL_S, Lead()) == [""] * 3
+            or slot * INTERVAL_S > 1.4
+        )
         silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
         silence = replace(silence, missed=np.zeros(3, dtype=np.int64))  # it is alive
     message = "views arrive too late, 232 ms after capture"
-    assert impairments(silence, late_by_s, INTERVAL_S) == ["", message, ""]
+    assert impairments(silence, late_by_s, INTERVAL_S, Lead()) == ["", message, ""]
     silence = listen(silence, int(silence.retry_slot[1]), ALL, ALL, INTERVAL_S)
-    assert impairments(silence, late_by_s, INTERVAL_S) == [""] * 3
+    assert impairments(silence, late_by_s, INTERVAL_S, Lead()) == [""] * 3
 
 
 def test_camera_that_is_there_but_sends_nothing_is_reported() -> None:
     silence, slot, failures = Silence.none(3), 0, 0
     while failures < REPORTED_FAILURES:
-        assert impairments(silence, UNKNOWN_S, INTERVAL_S) == [""] * 3
+        assert impairments(silence, UNKNOWN_S, INTERVAL_S, Lead()) == [""] * 3
         slot = max(slot + 1, int(silence.retry_slot[1]))
         silence = listen(silence, slot, ALL, np.array([True, False, True]), INTERVAL_S)
         failures = int(silence.failures[1])
-    assert impairments(silence, UNKNOWN_S, INTERVAL_S) == ["", "no views arrive in time", ""]
+    assert impairments(silence, UNKNOWN_S, INTERVAL_S, Lead()) == [
+        "",
+        "no views arrive in time",
+        "",
+    ]
+
+
+def test_delays_that_most_cameras_have_are_blamed_on_none() -> None:
+    def said(longest_s: tuple[float, ...], behind: tuple[int, ...]) -> list[str]:
+        lead = Lead(longest_s=longest_s, left_behind=behind)
+        return impairments(Silence.none(3), UNKNOWN_S, INTERVAL_S, lead)
+
+    one = said((0.1, 0.1, 3.0), (2,))
+    assert one[:2] == ["", ""] and one[2].endswith("far longer than for the others")
+    every = said((2.5, 2.6, 3.0), (0, 1, 2))
+    assert every[0] == "orders take 2.5 s to arrive, as for most cameras: check the network"
+    assert not any("others" in why for why in every)
 
 
 def test_changes_are_reported_once() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from e3pose.edge.overload import (
+    BLAMED_S,
     CALM_S,
     FULL,
     HALF_RATE,
@@ -17,7 +18,7 @@ from e3pose.edge.overload import (
     SETTLED_S,
     EveryOther,
     Load,
-    after_slot,
+    after_work,
     shed_load,
 )
 from e3pose.model.pose import Poses2D
@@ -35,7 +36,7 @@ def run(took_s: dict[int, float], seconds: float, load: Load | None = None) -> l
     """Loads after each slot of a machine that takes `took_s` per slot, by level."""
     loads = [load or Load()]
     for _ in range(round(seconds / INTERVAL_S)):
-        loads.append(after_slot(loads[-1], took_s[loads[-1].level], INTERVAL_S, awake=2))
+        loads.append(after_work(loads[-1], took_s[loads[-1].level], INTERVAL_S, awake=2))
     return loads
 
 
@@ -46,7 +47,7 @@ def test_a_machine_that_is_fast_enough_leaves_nothing_out() -> None:
 
 
 def test_one_slow_slot_changes_nothing() -> None:
-    load = after_slot(run({FULL: 0.1 * INTERVAL_S}, 10)[-1], 10 * INTERVAL_S, INTERVAL_S, 2)
+    load = after_work(run({FULL: 0.1 * INTERVAL_S}, 10)[-1], 10 * INTERVAL_S, INTERVAL_S, 2)
     assert load.level == FULL and load.busy < HIGH
 
 
@@ -74,6 +75,28 @@ def test_it_does_not_flutter_where_less_load_is_due_to_leaving_out() -> None:
     changes = sum(a.level != b.level for a, b in pairwise(loads))
     assert loads[-1].wait_s == LONGEST_CALM_S
     assert changes < 30
+
+
+def test_overload_is_told_and_no_camera_judged_until_its_delays_are_gone() -> None:
+    slow = {FULL: 1.5 * INTERVAL_S, ROUND_ROBIN: 0.6 * INTERVAL_S}
+    assert not any(load.overloaded() or load.words() for load in run({FULL: 0.01}, 60))
+    busy = run(slow, 1.2)[-1]
+    assert busy.overloaded() and busy.level == FULL
+    assert busy.words().startswith("edge overloaded, computing takes 1")
+    shed = run(slow, 40, busy)[-1]  # it keeps up since it selects by round robin
+    assert shed.level == ROUND_ROBIN and not shed.overloaded()
+    assert shed.words().endswith("60% of a slot: cameras are selected by round robin")
+    calm = run(dict.fromkeys(slow, 0.01), BLAMED_S - 1, busy)[-1]
+    assert calm.overloaded() and "no camera is judged yet" in calm.words()
+    assert run(dict.fromkeys(slow, 0.01), BLAMED_S + 2, busy)[-1].words() == ""
+
+
+def test_edge_that_is_behind_is_overloaded_though_it_computes_little() -> None:
+    load = Load()
+    for _ in range(50):  # another program takes the machine
+        load = after_work(load, 0.01, INTERVAL_S, 2, behind_s=0.5)
+    assert load.overloaded() and load.level == FULL
+    assert load.words() == "edge overloaded, computing takes 22% of a slot, 0.4 s behind"
 
 
 def test_shed_load_takes_turns_without_a_foresight() -> None:

@@ -242,6 +242,20 @@ def test_cameras_of_a_running_edge_are_looked_at_one_by_one() -> None:
     assert found[3].what == "camera cam2" and found[3].found == "never seen"
 
 
+def test_blind_slots_overload_and_short_cameras_of_a_running_edge_are_warnings() -> None:
+    cameras = (CameraStatus("cam0", True, why="its source brings 12.5 frames per second"),)
+    status = Status(
+        "lab", 417, 20.0, 3, 0, cameras, blind={"views-missing": 200}, blind_share=0.5,
+        overload="edge overloaded, computing takes 130% of a slot",
+    )  # fmt: skip
+    found = list(check_running(status, "tcp/127.0.0.1:7001"))
+    assert [finding.level for finding in found] == ["ok", "warning", "warning", "warning"]
+    assert "130%" in found[1].found and "fps" in found[1].advice
+    assert found[2].found == "50% of the last minute's slots blind"
+    assert "200 views missing" in found[2].advice
+    assert found[3].what == "camera cam0" and "12.5" in found[3].found
+
+
 def test_camera_that_was_knocked_is_a_warning_with_the_command_that_mends_it() -> None:
     camera = CameraStatus("cam1", True, turned_deg=2.0)
     found = list(check_running(Status("lab", 1, 20.0, 1, 0, (camera,)), "tcp/127.0.0.1:7447"))

@@ -16,6 +16,7 @@ from tests.waiting import eventually
 
 from e3pose.edge.consumers import Consumers
 from e3pose.errors import InputError
+from e3pose.model.blind_slot import CAUSES
 from e3pose.pipeline import SlotRecord
 from e3pose.site.listener import open_socket
 from e3pose.site.metrics import MetricsServer, http_answer, serve_metrics
@@ -72,6 +73,10 @@ def test_metrics_are_what_was_counted(tmp_path: Path) -> None:
         assert found["e3pose_store_shed_total"] == 5
         assert found["e3pose_store_spooled_rows"] == 4
         assert found["e3pose_store_trouble"] == 1
+        for cause in CAUSES:
+            blind = found[f'e3pose_slots_blind_total{{cause="{cause}"}}']
+            assert 0 <= blind <= edge.counts.blind.get(cause, 0)
+        assert found["e3pose_overloaded"] in (0, 1) and 0 <= found["e3pose_blind_share"] <= 1
         for camera in site.nodes:
             of = {
                 name.split("{")[0].removeprefix("e3pose_camera_"): value

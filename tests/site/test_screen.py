@@ -58,6 +58,24 @@ def test_head_sums_up_what_the_edge_measured() -> None:
     assert "no update" not in text
 
 
+def test_head_counts_blind_slots_with_their_causes() -> None:
+    status = Status("lab", 417, 20.0, 3, 2, (), slots=400, blind_share=0.031)
+    assert "blind" not in drawn(status)
+    blind = msgspec.structs.replace(status, blind={"orders-late": 8, "views-missing": 4})
+    assert "12 slots blind, 3% of the last minute: 8 orders late, 4 views missing" in drawn(blind)
+
+
+def test_overload_is_told_in_the_head() -> None:
+    said = "edge overloaded, computing takes 130% of a slot: cameras are selected by round robin"
+    assert said in drawn(Status("lab", 417, 20.0, 3, 2, (), overload=said))
+
+
+def test_share_of_views_that_a_camera_delivers_is_shown_once_it_is_known() -> None:
+    short = CameraStatus("cam0", True, why="its source brings 12.5", delivered=0.51, lost=4)
+    assert "51%" in row(short)
+    assert [cell for cell in row(CameraStatus("cam0", True)) if "%" in cell] == ["0%"]  # duty
+
+
 def test_head_says_whether_the_target_error_is_kept() -> None:
     busy = (CameraStatus("cam0", True, mode="active"), CameraStatus("cam1", False))
     free = (*busy, CameraStatus("cam2", True, mode="power-saving"))
@@ -135,6 +153,7 @@ def test_screen_fits_the_terminal(width: int) -> None:
     camera = CameraStatus(
         "cam0", True, mode="power-saving", last_seen_s=0.2, duty=0.4, power_w=6.25,
         battery=0.6, deficit=1.5, late=12, lost=3, clock_offset_ms=-3.2, noise_factor=1.4,
+        delivered=0.97,
     )  # fmt: skip
     away = CameraStatus("cam1", False, why="silent for 5 s", last_seen_s=5.0)
     out = io.StringIO()
@@ -146,6 +165,7 @@ def test_screen_fits_the_terminal(width: int) -> None:
     assert "cam1: silent for 5 s" in lines
     shown = next(line for line in lines if line.startswith("cam0"))
     assert "40%" in shown and "60%" in shown and "12" in shown
+    assert "97%" in shown
     assert ("1.4x" in shown) == (width >= 80)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from e3pose.camera.status import CameraCounts
@@ -27,8 +28,11 @@ def test_edge_says_how_it_left_each_camera() -> None:
         CameraStatus("cam3", False, why="never connected"),
     )
     status = Status("lab", 1, 20.0, 2, 1, cameras, (1.0, 2.0), (3.0, 4.0))
+    blind = msgspec.structs.replace(status, blind={"orders-late": 3, "views-missing": 2})
+    said = edge_summary(blind, 27, 40)[0]
+    assert said.startswith("27 slots, 0 lost, 5 blind (3 orders late, 2 views missing), 40 views")
     assert edge_summary(status, 1, 1) == [
-        "1 slot, 0 lost, 1 view in time; lead 2; computing 1.0 ms (99 %: 2.0) per slot, "
+        "1 slot, 0 lost, 0 blind, 1 view in time; lead 2; computing 1.0 ms (99 %: 2.0) per slot, "
         "latency 3.0 ms (99 %: 4.0) after the last view",
         "  cam0: stopped; active in 50% of the last minute's slots, 1 view late, 0 lost",
         "  cam1: online; active in 25% of the last minute's slots, 2 views late, 3 lost",

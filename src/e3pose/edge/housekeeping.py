@@ -6,7 +6,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from e3pose.edge.checkpoint import Checkpoint
-from e3pose.edge.reports import camera_changes
+from e3pose.edge.reports import Conditions, camera_changes
 from e3pose.edge.watchdog import Watchdog
 from e3pose.wire import topics
 from e3pose.wire.codec import encode
@@ -33,7 +33,8 @@ class Housekeeping:
         self.quiet, self.rejoined = threading.Event(), threading.Event()
         self._edge, self._due_ns = edge, 0
         num_cameras = len(edge.pipeline.rig)
-        self._conditions = ["never connected"] * num_cameras, [""] * num_cameras
+        nothing = [""] * num_cameras
+        self._conditions: Conditions = ["never connected"] * num_cameras, nothing, nothing
 
     def run(self) -> None:
         """Look until the edge stops."""
@@ -52,7 +53,10 @@ class Housekeeping:
         if self.watchdog.look(edge.inbox.roster.cameras, *counts):
             self.rejoined.set()
             edge.start_sending()  # the thread before may hang
-        before, self._conditions = self._conditions, (edge.inbox.problems(), edge.impairments())
+        # No camera recovers because the edge became too slow to judge it.
+        slow = edge.health.load.overloaded()
+        judged = self._conditions[1:] if slow else edge.impairments()
+        before, self._conditions = self._conditions, (edge.inbox.problems(), *judged)
         events = camera_changes(edge.pipeline.rig.camera_ids, before, self._conditions)
         for kind, message, camera_id in events:
             edge.event_log.report(kind, message, camera_id)

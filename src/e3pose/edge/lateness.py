@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.edge.inbox import NEAR_S
+from e3pose.edge.lead import Lead, lagging
 from e3pose.pipeline import SlotState
 from e3pose.select.failure_detector import Silence, acknowledge_late, patience
 
@@ -37,18 +39,29 @@ def without_late_failures(
     )
 
 
-def impairments(silence: Silence, late_by_s: NDArray[np.float64], interval_s: float) -> list[str]:
+def impairments(
+    silence: Silence, late_by_s: NDArray[np.float64], interval_s: float, lead: Lead
+) -> list[str]:
     """Return for each camera why it is useless although connected; empty if it is useful.
 
     Args:
         silence: of the failure detector.
         late_by_s: `(num_cameras,)` age of late views; NaN where none were late.
         interval_s: seconds per slot.
+        lead: with the delays of orders.
     """
     lives = silence.missed < patience(silence.loss, interval_s)
+    slow = lagging(lead)
+    if 2 * len(slow) > sum(not math.isnan(delay_s) for delay_s in lead.longest_s):
+        slow = {
+            camera: f"orders take {lead.longest_s[camera]:.1f} s to arrive, as for most cameras: "
+            "check the network"
+            for camera in slow
+        }
+    found = zip(silence.failures, lives, late_by_s, strict=True)
     return [
-        _impairment(int(failures), bool(alive), float(age_s))
-        for failures, alive, age_s in zip(silence.failures, lives, late_by_s, strict=True)
+        slow.get(camera) or _impairment(int(failures), bool(alive), float(age_s))
+        for camera, (failures, alive, age_s) in enumerate(found)
     ]
 
 

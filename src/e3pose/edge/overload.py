@@ -28,6 +28,8 @@ HIGH = 0.8  # of a slot: above it, the next slot starts late
 LOW = 0.5  # there is capacity, also for what was shed
 SETTLED_S = 2.0  # time until a level takes effect
 CALM_S, LONGEST_CALM_S = 20.0, 640.0  # of low load before a level is undone; doubled if that fails
+BEHIND_S = 0.2  # a longer backlog than this, and than a slot, delays orders and views
+BLAMED_S = 12.0  # after the edge was too slow, cameras still report the delays of that time
 FAILED_S = 20.0  # a level that returns so soon was undone too early
 
 
@@ -43,6 +45,8 @@ class Load:
         calm_s: how long the load has been low.
         wait_s: how long it must be low before less is shed.
         awake: cameras per slot while nothing was shed, a running mean.
+        behind_s: how long after its deadline a slot is begun, a running mean.
+        blamed_s: seconds since the edge was last too slow.
     """
 
     busy: float = 0.0
@@ -52,9 +56,30 @@ class Load:
     calm_s: float = 0.0
     wait_s: float = CALM_S
     awake: float = 1.0
+    behind_s: float = 0.0
+    blamed_s: float = math.inf
+
+    def overloaded(self) -> bool:
+        """Return whether the edge was too slow lately, so that no camera is to blame for delays.
+
+        An edge that sheds load may keep up by that.
+        """
+        return self.blamed_s < BLAMED_S
+
+    def words(self) -> str:
+        """Return that the edge is overloaded and what it does about it; empty if it is not."""
+        if self.level == FULL and self.blamed_s >= BLAMED_S:
+            return ""
+        if self.level == FULL and self.blamed_s > 0:
+            return f"edge overloaded until {self.blamed_s:.0f} s ago: no camera is judged yet"
+        behind = f", {self.behind_s:.1f} s behind" if self.behind_s >= BEHIND_S else ""
+        shed = f": {WORDS[self.level]}" if self.level > FULL else ""
+        return f"edge overloaded, computing takes {self.busy:.0%} of a slot{behind}{shed}"
 
 
-def after_slot(load: Load, took_s: float, interval_s: float, awake: int) -> Load:
+def after_work(
+    load: Load, took_s: float, interval_s: float, awake: int, behind_s: float = 0.0
+) -> Load:
     """Return the load after one more slot.
 
     Args:
@@ -62,6 +87,7 @@ def after_slot(load: Load, took_s: float, interval_s: float, awake: int) -> Load
         took_s: its computing time.
         interval_s: seconds per slot.
         awake: cameras active in it.
+        behind_s: how long after its deadline it was begun.
     """
     kept = math.exp(-interval_s / AVERAGED_S)
     busy = kept * load.busy + (1 - kept) * took_s / interval_s
@@ -71,7 +97,10 @@ def after_slot(load: Load, took_s: float, interval_s: float, awake: int) -> Load
         since_s=load.since_s + interval_s,
         calm_s=load.calm_s + interval_s if busy < LOW else 0.0,
         awake=kept * load.awake + (1 - kept) * awake if load.level == FULL else load.awake,
+        behind_s=kept * load.behind_s + (1 - kept) * max(behind_s, 0.0),
     )
+    slow = busy > HIGH or load.behind_s > max(BEHIND_S, interval_s)
+    load = replace(load, blamed_s=0.0 if slow else load.blamed_s + interval_s)
     if busy > HIGH and load.level < HALF_RATE and load.since_s >= SETTLED_S:
         too_early = load.eased and load.since_s < FAILED_S
         wait_s = min(2 * load.wait_s, LONGEST_CALM_S) if too_early else CALM_S

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.edge.counters import Counts
+from e3pose.edge.health import Health
 from e3pose.edge.inbox import PAUSED
 from e3pose.edge.roster import CameraState
 from e3pose.estimate.base import People
@@ -95,6 +96,7 @@ def camera_status(
     budget: float | None = None,
     turned_deg: float | None = None,
     ordered: int = 0,
+    delivered: float | None = None,
 ) -> CameraStatus:
     """Return the status of a camera.
 
@@ -113,6 +115,7 @@ def camera_status(
         budget: share of the slots in which it may be active.
         turned_deg: rotation since its calibration; None if it was not turned.
         ordered: views ordered in time.
+        delivered: share of the newest of these that arrived; None if unknown.
     """
     beat, capacity_wh = camera.beat, camera.hello.battery_wh if camera.hello else None
     charge = beat.battery_j if beat else None
@@ -146,6 +149,8 @@ def camera_status(
         budget=None if budget is None else min(max(budget, 0.0), 1.0),
         turned_deg=turned_deg,
         ordered=ordered,
+        delivered=delivered,
+        source_fps=camera.frames_hz,
     )
 
 
@@ -160,7 +165,9 @@ class SiteSnapshot:
         record: of the newest slot, if there is one.
         cameras: `(num_cameras,)` of the cameras.
         problems: `(num_cameras,)` why each cannot be selected; empty if it can.
-        impairments: `(num_cameras,)` why each is useless although it can be selected.
+        impairments: `(num_cameras,)` why each is useless, or brings too little, although it can be
+            selected.
+        health: of the edge, and what the cameras deliver.
         deficit: `(num_cameras,)` their virtual queues.
         late: `(num_cameras,)` views that arrived too late.
         lead_slots: between an order and its slot.
@@ -168,7 +175,6 @@ class SiteSnapshot:
         counts: of slots, views and times.
         events: the latest.
         turned: index of a knocked camera, and degrees; None if there is none.
-        overload: that the edge is too slow; empty if it is not.
     """
 
     site: str
@@ -178,6 +184,7 @@ class SiteSnapshot:
     cameras: Sequence[CameraState]
     problems: Sequence[str]
     impairments: Sequence[str]
+    health: Health
     deficit: NDArray[np.float64]
     late: NDArray[np.int64]
     lead_slots: int
@@ -185,7 +192,6 @@ class SiteSnapshot:
     counts: Counts
     events: Sequence[Event]
     turned: tuple[int, float] | None = None
-    overload: str = ""
 
 
 def site_status(snapshot: SiteSnapshot) -> Status:
@@ -214,6 +220,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
             float(snapshot.pipeline.budget[index]),
             snapshot.turned[1] if snapshot.turned and snapshot.turned[0] == index else None,
             int(counts.ordered[index]),
+            snapshot.health.delivery.share(index),
         )
         for index, camera in enumerate(snapshot.cameras)
     )
@@ -239,7 +246,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         slots=counts.slots,
         blind=counts.blind,
         blind_share=counts.blind_share(),
-        overload=one_line(snapshot.overload),
+        overload=snapshot.health.load.words(),
         events_ns=tuple(event.time_ns for event in snapshot.events),
     )
 
@@ -250,16 +257,20 @@ def _number(policy: Policy, name: str) -> float | None:
     return float(found) if isinstance(found, int | float) and np.isfinite(found) else None
 
 
-Conditions = tuple[Sequence[str], Sequence[str]]  # problems and impairments, of each camera
+# Of each camera: why it cannot be selected, why it is useless, and why it brings too few views.
+Conditions = tuple[Sequence[str], Sequence[str], Sequence[str]]
 
 
 def camera_changes(
     camera_ids: Sequence[str], before: Conditions, after: Conditions
 ) -> list[tuple[str, str, str]]:
-    """Return the events of cameras that were lost, came back, or respond too late."""
+    """Return the events of cameras that were lost, respond too late, bring too few, or recover."""
     lost = changes(camera_ids, before[0], after[0], ("camera-lost", "camera-back"))
     kinds = "camera-useless", "camera-useful"
-    return lost + changes(camera_ids, before[1], after[1], kinds, "responds in time again")
+    useless = changes(camera_ids, before[1], after[1], kinds, "responds in time again")
+    kinds = "camera-short", "camera-enough"
+    well = "brings the views ordered of it again"
+    return lost + useless + changes(camera_ids, before[2], after[2], kinds, well)
 
 
 def changes(

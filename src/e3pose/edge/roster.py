@@ -21,6 +21,7 @@ RIVAL_RETURNS = 3  # of a session after another one: a restart has none, a slow 
 RIVAL_S = 10.0  # window of these
 SESSIONS = 4  # kept per camera
 FROZEN_S = 5.0  # active, but without a new frame
+RATE_S = (4.0, 10.0)  # in which frames are counted, at least and at most
 FROZEN_FRAMES = 3  # of a film that is played slowly, where that is longer
 
 
@@ -44,6 +45,10 @@ class CameraState:
         orders_late: whether its newest heartbeat counted more late orders.
         sessions: of programs that recently sent messages in its name, newest last.
         returns: when one of them sent again after another one, newest last.
+        counted: time, frames and dropped frames from which rates are measured; None in the mode
+            `aggressive-power-saving`, in which a camera may not film.
+        frames_hz: frames per second that its source brings; None until it is measured.
+        dropped_hz: frames and views per second that were replaced by newer ones; None likewise.
     """
 
     camera_id: str
@@ -61,6 +66,9 @@ class CameraState:
     orders_late: bool = False
     sessions: tuple[int, ...] = ()
     returns: tuple[int, ...] = ()
+    counted: tuple[int, int, int] | None = None
+    frames_hz: float | None = None
+    dropped_hz: float | None = None
 
 
 def with_presence(camera: CameraState, there: bool, now_ns: int) -> CameraState:
@@ -77,6 +85,9 @@ def with_hello(camera: CameraState, hello: Hello, now_ns: int) -> CameraState:
         hello=hello,
         heard_ns=now_ns,
         beat=None if again else camera.beat,
+        counted=None if again else camera.counted,
+        frames_hz=None if again else camera.frames_hz,
+        dropped_hz=None if again else camera.dropped_hz,
         frame_ns=now_ns if again or camera.hello is None else camera.frame_ns,
         restarts=camera.restarts + again,
     )
@@ -85,6 +96,7 @@ def with_hello(camera: CameraState, hello: Hello, now_ns: int) -> CameraState:
 def with_heartbeat(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraState:
     """Return a camera that sent a heartbeat."""
     moved = camera.beat is None or beat.captured != camera.beat.captured
+    camera = _with_rates(camera, beat, now_ns)
     return replace(
         _with_session(camera, beat.session, now_ns),
         present=True,
@@ -93,6 +105,24 @@ def with_heartbeat(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraS
         frame_ns=now_ns if moved or beat.mode == "aggressive-power-saving" else camera.frame_ns,
         orders_late=camera.beat is not None and beat.late_orders > camera.beat.late_orders,
     )
+
+
+def _with_rates(camera: CameraState, beat: Heartbeat, now_ns: int) -> CameraState:
+    """Return a camera with the rates of its frames, measured over some seconds."""
+    if beat.mode == "aggressive-power-saving":
+        return replace(camera, counted=None)
+    now = now_ns, beat.captured, beat.dropped
+    if camera.counted is None or beat.captured < camera.counted[1]:
+        return replace(camera, counted=now)
+    span_s = (now_ns - camera.counted[0]) / 1e9
+    if 0 <= span_s < RATE_S[0]:
+        return camera
+    frames_hz, dropped_hz = (
+        max(here - there, 0) / span_s if span_s > 0 else None
+        for here, there in zip(now[1:], camera.counted[1:], strict=True)
+    )
+    counted = camera.counted if 0 <= span_s < RATE_S[1] else now
+    return replace(camera, counted=counted, frames_hz=frames_hz, dropped_hz=dropped_hz)
 
 
 def _with_session(camera: CameraState, session: int, now_ns: int) -> CameraState:

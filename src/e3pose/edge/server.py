@@ -21,15 +21,16 @@ from e3pose.edge.counters import Counts
 from e3pose.edge.credibility import Credibility, followed
 from e3pose.edge.events import EventLog
 from e3pose.edge.gather import Arrival, Gather
+from e3pose.edge.health import Health
 from e3pose.edge.housekeeping import Housekeeping
 from e3pose.edge.inbox import Inbox
-from e3pose.edge.lateness import impairments, without_late_failures
-from e3pose.edge.lead import Lead, adapt, cautious, lagging, starting, with_edge_delay
+from e3pose.edge.lateness import without_late_failures
+from e3pose.edge.lead import Lead, adapt, cautious, starting, with_edge_delay
 from e3pose.edge.lead_change import lasting, skip_to, still_true, with_lead
 from e3pose.edge.membership import Membership
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
-from e3pose.edge.overload import Load, after_slot, level_change, shed_load
+from e3pose.edge.overload import shed_load
 from e3pose.edge.precompile import warm_up
 from e3pose.edge.publisher import Publisher
 from e3pose.edge.reports import SiteSnapshot, site_status
@@ -112,7 +113,7 @@ class EdgeServer:
             self.pipeline = replace(pipeline, lead_slots=self.lead.slots)
         else:
             self.lead = Lead(pipeline.lead_slots)
-        self.load = Load()
+        self.health = Health(num_cameras, interval_s, settings.pace)
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
@@ -171,12 +172,13 @@ class EdgeServer:
         """Return whether all threads are running."""
         return self.threads.running()
 
-    def impairments(self) -> list[str]:
-        """Return for each camera why it is useless although connected; empty if it is useful."""
-        found = impairments(self.state.silence, self.gather.late_by_s(), self.pipeline.interval_s)
-        for camera, why in lagging(self.lead).items():
-            found[camera] = why
-        return found
+    def impairments(self) -> tuple[list[str], list[str]]:
+        """Return for each camera why it is useless, and why it brings too few views; else empty."""
+        late_by_s, interval_s = self.gather.late_by_s(), self.pipeline.interval_s
+        cameras = self.inbox.roster.cameras
+        return self.health.impairments(
+            self.state.silence, late_by_s, interval_s, self.lead, cameras
+        )
 
     def status(self) -> Status:
         """Return the status of the site."""
@@ -189,7 +191,8 @@ class EdgeServer:
                 record=self.newest,
                 cameras=self.inbox.roster.cameras,
                 problems=self.inbox.problems(),
-                impairments=self.impairments(),
+                impairments=[a or b for a, b in zip(*self.impairments(), strict=True)],
+                health=self.health,
                 deficit=self.state.deficit,
                 late=self.gather.late,
                 lead_slots=self.lead.slots,
@@ -285,6 +288,7 @@ class EdgeServer:
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
+        behind_s = (begun_ns - self._deadline_ns(times, slot)) / 1e9
         reachable = self.inbox.online()
         online = reachable.copy()
         ordered = self._ordered(times, slot)
@@ -292,22 +296,22 @@ class EdgeServer:
         late = self.gather.late.copy()
         orders_late = self.credibility.excused(self.inbox.orders_late())
         interval_s = self.pipeline.interval_s
-        state = without_late_failures(self.state, late > self._late, orders_late, interval_s)
-        self._late = late
+        views_late, self._late = late > self._late, late
+        state = without_late_failures(self.state, views_late, orders_late, interval_s)
         state = replace(state, selections=np.concatenate([ordered[None], state.selections[1:]]))
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
         # A camera presumed offline that delivered a view was online.
         online[list(views)] = True
         used = {camera: a.arrived_ns for camera, a in arrivals.items() if ordered[camera]}
         time_ns, decided = times.middle_ns(slot), self.state.selections[0]
-        lately = orders_late, self.gather.newest_late
-        blind = "" if used else self.orders.why_blind(times, slot, decided, online, *lately)
+        late_now = orders_late, self.gather.newest_late
+        blind = "" if used else self.orders.why_blind(times, slot, decided, online, *late_now)
 
         def publish(people: People) -> None:
             stored = self.consumers.stored()
             self.publisher.publish(slot, time_ns, people, used, ordered & online, blind, stored)
 
-        pipeline = shed_load(self.pipeline, self.load)
+        pipeline = shed_load(self.pipeline, self.health.load)
         self.state, record = step(pipeline, state, views, online, publish)
         record = replace(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
@@ -323,9 +327,11 @@ class EdgeServer:
         self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
         self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
-        took_ns += self.publisher.publish_delayed(busy=self.load.level > 0)
+        took_ns += self.publisher.publish_delayed(busy=self.health.load.level > 0)
         self._update_pipeline(times, record, reachable)
-        self._adapt_load(took_ns / 1e9, record)
+        lately = views_late, orders_late
+        if said := self.health.after_slot(record, wanted, *lately, took_ns / 1e9, behind_s):
+            self.event_log.report("overload", said)
         self.housekeeping.quiet.set()
 
     def _ordered(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
@@ -353,13 +359,6 @@ class EdgeServer:
             self.pipeline = replace(self.pipeline, lead_slots=self.lead.slots)
             self.state = with_lead(self.state, self.lead.slots)
             self._order_ahead(times, before)  # slots without orders yet
-
-    def _adapt_load(self, took_s: float, record: SlotRecord) -> None:
-        """Shed load while the machine is too slow, and report it."""
-        before, awake = self.load, int(record.selected.sum())
-        self.load = after_slot(before, took_s, self.interval_ns / 1e9, awake)
-        if message := level_change(before, self.load):
-            self.event_log.report("overload", message)
 
     def _resume(self) -> None:
         found = self.state_file.take_up(self.pipeline)

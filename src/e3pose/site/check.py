@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
+from e3pose.model.blind_slot import blind_words
 from e3pose.quantities import plural
 from e3pose.select.policies.base import Floats
 from e3pose.settings.live import calibrate_advice
@@ -32,6 +33,7 @@ APART_M = 0.1  # cameras nearer to each other than this see the same
 CLOCK_MS = 5.0
 FREE_BYTES = 10**9
 LISTEN_S = 1.0  # to find out whether a port is taken
+BLIND_SHARE = 0.02  # of the last minute's slots
 STORE_CHECK_S = 5.0  # at its database
 
 Level = Literal["ok", "warning", "problem"]
@@ -318,6 +320,13 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
         yield Finding("warning", "edge", found, advice)
         return
     yield Finding("ok", "edge", f"running, slot {status.slot}, lead {status.lead}")
+    if status.overload:
+        advice = "a faster machine, fewer slots per second (fps) or fewer cameras"
+        yield Finding("warning", "edge", status.overload, advice)
+    if status.blind_share > BLIND_SHARE:
+        found = f"{status.blind_share:.0%} of the last minute's slots blind"
+        advice = f"since its start: {blind_words(status.blind)}; docs/how-to/monitor.md"
+        yield Finding("warning", "edge", found, advice)
     for camera in status.cameras:
         what = f"camera {camera.camera_id}"
         if not camera.online:
@@ -329,6 +338,8 @@ def check_running(status: Status | None, endpoint: str) -> Iterator[Finding]:
             found = f"has moved: turned by {camera.turned_deg:.1f} degrees or more"
             advice = f"e3pose calibrate extrinsics SITE --only {camera.camera_id}"
             yield Finding("warning", what, found, advice)
+        elif camera.why:
+            yield Finding("warning", what, camera.why)
         elif abs(camera.clock_offset_ms) > CLOCK_MS:
             found = f"clock offset {camera.clock_offset_ms:+.1f} ms"
             yield Finding("warning", what, found, "corrected; for fast motion use chrony or PTP")

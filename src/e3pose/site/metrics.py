@@ -12,6 +12,7 @@ from typing import Any
 
 from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
+from e3pose.model.blind_slot import CAUSES
 from e3pose.site.listener import Bounds, Listener, open_socket
 from e3pose.wire.site_messages import CameraStatus
 
@@ -44,7 +45,15 @@ class EdgeCollector:
             ),
         ):
             yield CounterMetricFamily(f"e3pose_{name}", text, value=value)
+        blind = CounterMetricFamily(
+            "e3pose_slots_blind", "slots without a view although one was due", labels=["cause"]
+        )
+        for cause in CAUSES:
+            blind.add_metric([cause], status.blind.get(cause, 0))
+        yield blind
         for name, text, level in (
+            ("blind_share", "share of blind slots, last minute", status.blind_share),
+            ("overloaded", "whether the edge is too slow for its slots", bool(status.overload)),
             ("people", "people tracked in the newest slot", status.people),
             ("lead_slots", "slots between an order and its slot", status.lead),
             ("step_seconds_p50", "median computing time of a slot", status.step_ms[0] / 1e3),
@@ -215,6 +224,12 @@ def _of_cameras(
         ),
         ("camera_watts", "power draw", [c.power_w for c in cameras]),
         ("camera_battery", "remaining share of the battery", [c.battery for c in cameras]),
+        (
+            "camera_delivered",
+            "share of the newest ordered views that arrived in time",
+            [c.delivered for c in cameras],
+        ),
+        ("camera_source_fps", "frames per second of its source", [c.source_fps for c in cameras]),
         ("camera_ordered_views", "views ordered in time", counts.ordered.tolist()),
         ("camera_orders", "orders received", [None if b is None else b.orders for b in beats]),
         (

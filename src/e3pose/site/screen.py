@@ -9,7 +9,9 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
+from e3pose.edge.delivery import SHORT
 from e3pose.edge.knock_watch import moved_words
+from e3pose.model.blind_slot import blind_words
 from e3pose.quantities import plural
 from e3pose.wire.site_messages import CameraStatus, Status
 
@@ -22,6 +24,7 @@ TELLING_SHIFT_PX = 3.0
 BAR = 10
 LOW_BATTERY = 0.2
 MISSED = 1.1  # times the target error
+BLIND = "dark_orange3"  # of blind slots, as in reports
 EVENTS = 8
 LONGEST_S = 3.2e9  # a century: what a clock that was set may say is drawn as no more
 
@@ -37,6 +40,7 @@ COLUMNS = (
     ("age", 4),
     ("late", 0),
     ("lost", 0),
+    ("got", 5),
     ("clock ms", 2),
     ("noise", 1),
 )
@@ -84,10 +88,26 @@ def _head(status: Status, stale_s: float) -> Text:
     )
     if status.slots_lost:
         head.append(f"  {plural(status.slots_lost, 'slot')} lost", style="red")
+    head.append_text(_blind(status))
+    if status.overload:
+        head.append(f"\n{status.overload}", style="red")
     watts = [c.power_w for c in status.cameras if c.online and c.power_w is not None]
     if watts:
         head.append(f"\n{sum(watts):.1f} W, all online cameras")
     return head
+
+
+def _blind(status: Status) -> Text:
+    """Return how many slots were blind and why; empty if none was."""
+    blind = sum(status.blind.values())
+    if not blind:
+        return Text("")
+    share = _within(status.blind_share, 1.0)
+    return Text(
+        f"\n{plural(blind, 'slot')} blind, {share:.0%} of the last minute: "
+        f"{blind_words(status.blind)}",
+        style=BLIND if share > 0 else "",
+    )
 
 
 def _expected_error(status: Status) -> Text:
@@ -165,9 +185,17 @@ def _row(camera: CameraStatus, bars: bool) -> list[Text]:
         Text(age),
         Text(str(camera.late), style="yellow" if camera.late else ""),
         Text(str(camera.lost), style="yellow" if camera.lost else ""),
+        _delivered(camera),
         Text("" if camera.last_seen_s is None else f"{camera.clock_offset_ms:+.1f}"),
         Text("" if camera.noise_factor is None else f"{camera.noise_factor:.1f}x"),
     ]
+
+
+def _delivered(camera: CameraStatus) -> Text:
+    if camera.delivered is None:
+        return Text("")
+    share = _within(camera.delivered, 1.0)
+    return Text(f"{share:.0%}", style="yellow" if share < SHORT else "")
 
 
 def _remark(camera: CameraStatus) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from e3pose.camera.status import CameraCounts
+from e3pose.model.blind_slot import blind_words
 from e3pose.quantities import plural
 from e3pose.wire.site_messages import CameraStatus, Status
 
@@ -19,11 +20,17 @@ def edge_summary(status: Status, slots: int, views: int) -> list[str]:
         lines = ["No slots: fewer than two cameras connected"]
     else:
         lines = [
-            f"{plural(slots, 'slot')}, {status.slots_lost} lost, {plural(views, 'view')} in "
+            f"{plural(slots, 'slot')}, {status.slots_lost} lost, {_blind(status)}, "
+            f"{plural(views, 'view')} in "
             f"time; lead {status.lead}; computing {_quantiles(status.step_ms)} per slot, latency "
             f"{_quantiles(status.latency_ms)} after the last view"
         ]
     return lines + [f"  {camera.camera_id}: {_camera(camera)}" for camera in status.cameras]
+
+
+def _blind(status: Status) -> str:
+    causes = f" ({blind_words(status.blind)})" if status.blind else ""
+    return f"{sum(status.blind.values())} blind{causes}"
 
 
 def camera_summary(
