@@ -25,7 +25,7 @@ def deliver(share: float, slots: int, before: Delivery | None = None) -> list[De
     rng, found = np.random.default_rng(1), [before or Delivery.none(2)]
     for _ in range(slots):
         arrived = np.array([True, rng.random() < share])
-        found.append(after_slot(found[-1], EVERYBODY, arrived, NOBODY, INTERVAL_S))
+        found.append(after_slot(found[-1], EVERYBODY, arrived, NOBODY, NOBODY, INTERVAL_S))
     return found
 
 
@@ -52,10 +52,19 @@ def test_share_about_the_limit_does_not_flap(share: float) -> None:
     assert all(b - a >= SETTLED_S - INTERVAL_S for a, b in pairwise(changed_s))
 
 
+def test_camera_that_was_given_up_is_counted_anew() -> None:
+    gone, back = Delivery.none(2), np.array([True, False])
+    for _ in range(MIN_ORDERS - 10):
+        gone = after_slot(gone, EVERYBODY, back, NOBODY, NOBODY, INTERVAL_S)
+    gone = after_slot(gone, EVERYBODY, back, NOBODY, ~back, INTERVAL_S)
+    assert gone.orders.tolist() == [MIN_ORDERS - 9, 0]
+    assert not any(each.short.any() for each in deliver(1.0, 500, gone))
+
+
 def test_cameras_without_orders_are_not_counted() -> None:
     delivery = Delivery.none(2)
     for _ in range(500):
-        delivery = after_slot(delivery, NOBODY, NOBODY, NOBODY, INTERVAL_S)
+        delivery = after_slot(delivery, NOBODY, NOBODY, NOBODY, NOBODY, INTERVAL_S)
     assert not delivery.orders.any() and not delivery.short.any()
 
 
@@ -100,5 +109,5 @@ def test_no_camera_is_short_because_the_edge_is_slow() -> None:
     poses, ids = Poses3D(np.zeros((0, 17, 3)), np.zeros((0, 17))), np.zeros(0, dtype=np.int64)
     for slot in range(500):
         record = SlotRecord(slot, 0.0, EVERYBODY, NOBODY, poses, ids, nothing, nothing, EVERYBODY)
-        health.after_slot(record, EVERYBODY, NOBODY, NOBODY, 1.2 * HIGH * INTERVAL_S, 0.0)
+        health.after_slot(record, EVERYBODY, NOBODY, NOBODY, NOBODY, 1.2 * HIGH * INTERVAL_S, 0.0)
     assert health.load.overloaded() and not health.delivery.short.any()

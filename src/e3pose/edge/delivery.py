@@ -55,7 +55,12 @@ class Delivery:
 
 
 def after_slot(
-    before: Delivery, wanted: Flags, arrived: Flags, late: Flags, interval_s: float
+    before: Delivery,
+    wanted: Flags,
+    arrived: Flags,
+    late: Flags,
+    given_up: Flags,
+    interval_s: float,
 ) -> Delivery:
     """Return what cameras deliver after one more slot.
 
@@ -64,13 +69,16 @@ def after_slot(
         wanted: `(num_cameras,)` cameras that had an order in time and were online.
         arrived: `(num_cameras,)` cameras whose view arrived in time.
         late: `(num_cameras,)` cameras of which a view came too late since the slot before.
+        given_up: `(num_cameras,)` cameras that the failure detector gave up: another message is
+            about them, and they are counted anew when they are back.
         interval_s: seconds per slot.
     """
-    orders = np.minimum(before.orders + wanted, MEMORY_ORDERS)
+    orders = np.where(given_up, 0, np.minimum(before.orders + wanted, MEMORY_ORDERS))
     weight = np.where(wanted, 1 / np.maximum(orders, 1), 0.0)
     share = before.arrived + weight * (arrived - before.arrived)
     shorter = ~before.short & (orders >= MIN_ORDERS) & (share < SHORT)
-    changed = (shorter | (before.short & (share >= ENOUGH))) & (before.since_s >= SETTLED_S)
+    enough = before.short & (orders >= MIN_ORDERS) & (share >= ENOUGH)
+    changed = (shorter | enough) & (before.since_s >= SETTLED_S)
     return Delivery(
         orders=orders,
         arrived=share,

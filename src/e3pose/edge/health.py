@@ -46,6 +46,7 @@ class Health:
         wanted: Flags,
         views_late: Flags,
         orders_late: Flags,
+        given_up: Flags,
         took_s: float,
         behind_s: float,
     ) -> str | None:
@@ -56,13 +57,16 @@ class Health:
             wanted: `(num_cameras,)` cameras that had an order in time and were online.
             views_late: `(num_cameras,)` cameras of which a view came too late.
             orders_late: `(num_cameras,)` cameras that lately received orders too late.
+            given_up: `(num_cameras,)` cameras that the failure detector gave up.
             took_s: computing time.
             behind_s: how long after its deadline computing began.
         """
         before, awake = self.load, int(record.selected.sum())
         self.load = after_work(before, took_s, self.slot_s, awake, behind_s)
         fair = wanted & ~orders_late & (not self.load.overloaded())
-        self.delivery = after_slot(self.delivery, fair, record.arrived, views_late, self.slot_s)
+        self.delivery = after_slot(
+            self.delivery, fair, record.arrived, views_late, given_up, self.slot_s
+        )
         return level_change(before, self.load)
 
     def impairments(

@@ -329,7 +329,7 @@ class EdgeServer:
         self.consumers.keep(record, time_ns)
         took_ns += self.publisher.publish_delayed(busy=self.health.load.level > 0)
         self._update_pipeline(times, record, reachable)
-        lately = views_late, orders_late
+        lately = views_late, orders_late, self.state.silence.failures > 0
         if said := self.health.after_slot(record, wanted, *lately, took_ns / 1e9, behind_s):
             self.event_log.report("overload", said)
         self.housekeeping.quiet.set()
