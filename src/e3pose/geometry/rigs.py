@@ -19,15 +19,17 @@ UPRIGHT_DOT = 0.999
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """Where a camera of the scene's own stands, the floor point it looks at, and how wide.
+    """Where a camera of the scene's own stands, the point it looks at, and how wide.
 
     Attributes:
         x_m: east.
         y_m: north.
         z_m: above the floor.
-        target_x_m: east of the point that it looks at, one metre above the floor.
+        target_x_m: east of the point that it looks at.
         target_y_m: north of that point.
         view_deg: horizontal field of view.
+        target_z_m: height of the point that it looks at.
+        roll_deg: by which it hangs askew, clockwise as it looks.
     """
 
     x_m: float
@@ -36,6 +38,8 @@ class Spot:
     target_x_m: float
     target_y_m: float
     view_deg: float = 75.0
+    target_z_m: float = TARGET_HEIGHT_M
+    roll_deg: float = 0.0
 
 
 def ring_rig(
@@ -92,10 +96,12 @@ def spot_rig(
     for index, spot in enumerate(spots):
         wobble = rng.uniform(-1, 1, 5)
         centre = np.array([spot.x_m, spot.y_m, spot.z_m]) + 0.05 * wobble[:3]
-        target = np.array([spot.target_x_m, spot.target_y_m, TARGET_HEIGHT_M])
+        target = np.array([spot.target_x_m, spot.target_y_m, spot.target_z_m])
         target[:2] += 0.2 * wobble[3:]
         K = _intrinsics(image_size, spot.view_deg)
         place = _looking(centre, target)
+        if spot.roll_deg:
+            place[:3, :3] = place[:3, :3] @ _rolled(spot.roll_deg)
         cameras.append(Camera(f"cam{index}", image_size, K, place, np.zeros(0), False))
         focus_m.append(float(np.linalg.norm(target - centre)))
     return Rig(tuple(cameras)), np.array(focus_m)
@@ -122,6 +128,12 @@ def _intrinsics(image_size: tuple[int, int], view_deg: float) -> Floats:
     width, height = image_size
     focal = max(image_size) / 2 / np.tan(np.radians(view_deg / 2))
     return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+
+
+def _rolled(degrees: float) -> Floats:
+    """Return the `(3, 3)` turn of a camera about its axis."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _looking(centre_m: Floats, target_m: Floats) -> Floats:

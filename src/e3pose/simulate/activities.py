@@ -104,7 +104,12 @@ class Play:
 
     def _begin(self) -> None:
         """Most people are there from the start; if people come and go, some arrive later."""
+        settled = self.scene.habits.settled
+        places = self.rng.permutation(len(self.seats)).tolist() if settled else []
         for person in range(len(self.tasks)):
+            if person < len(places):
+                self._settle(person, places[person])
+                continue
             later = self.scene.habits.leave > 0 and person % 4 == 3
             place = None if later else self._free_place(person, ROOM_M)
             if place is None:
@@ -113,6 +118,28 @@ class Play:
                 self.group.xy[person] = place
                 self.group.heading[person] = self.rng.uniform(-np.pi, np.pi)
                 self.tasks[person] = _Task("wait", float(self.rng.uniform(0, 1.5)))
+
+    def _settle(self, person: int, seat: int) -> None:
+        """Begin at a seat, as if the person had been there for long."""
+        self.group.own_seat[person] = seat
+        self.group.xy[person] = self._front(seat)
+        self.group.heading[person] = self.seats[seat, 2]
+        duration = float(self.rng.uniform(*self._stay_s()))
+        if self.scene.upright:
+            self._gestures(person, -RAMP_S, duration + RAMP_S, tuple(GESTURES))
+        else:
+            self._sit(person, -SIT_S, duration + SIT_S)
+        self.tasks[person] = _Task("wait", duration)
+
+    def _stay_s(self) -> tuple[float, float]:
+        habits = self.scene.habits
+        return habits.stand_s if self.scene.upright else habits.sit_s
+
+    def _front(self, seat: int) -> Floats:
+        """Return where people stand before they sit down, or all the time."""
+        x, y, heading = self.seats[seat]
+        before = 0.0 if self.scene.upright else SEAT_FRONT_M
+        return np.array([x, y]) + before * np.array([np.cos(heading), np.sin(heading)])
 
     def _finished(self, person: int, task: _Task, time_s: float) -> bool:
         if time_s >= task.until_s:
@@ -162,12 +189,10 @@ class Play:
         if draw < habits.sit and free:
             seat = int(rng.choice(free))
             self.group.own_seat[person] = seat
-            x, y, heading = self.seats[seat]
-            front = np.array([x, y]) + SEAT_FRONT_M * np.array([np.cos(heading), np.sin(heading)])
-            duration = float(rng.uniform(*habits.sit_s)) + 2 * SIT_S
-            return self._walk(
-                person, time_s, front, [("face", float(heading)), ("sit", duration)], stops=True
-            )
+            heading = float(self.seats[seat, 2])
+            duration = float(rng.uniform(*self._stay_s())) + 2 * SIT_S
+            then = [("face", heading), ("stand" if self.scene.upright else "sit", duration)]
+            return self._walk(person, time_s, self._front(seat), then, stops=True)
         place = self._free_place(person, ROOM_M) if draw < habits.sit + habits.stand else None
         if place is not None:
             # People who stop look roughly to the middle, where the others are.
@@ -250,10 +275,11 @@ class Play:
         self, person: int, start_s: float, duration: float, names: tuple[str, ...]
     ) -> None:
         """Fill a stop or a time on a seat with gestures and rests in between."""
+        names = self.scene.habits.held or names
         end_s = start_s + duration
         while end_s - start_s > 2 * RAMP_S:
             name = names[int(self.rng.integers(len(names)))]
-            stop_s = min(end_s, start_s + float(self.rng.uniform(3, 9)))
+            stop_s = min(end_s, start_s + float(self.rng.uniform(*self.scene.habits.held_s)))
             left = bool(self.rng.uniform() < 0.4)
             self.lives[person].gestures.append(Gesturing(name, start_s, stop_s, left))
             start_s = stop_s + float(self.rng.uniform(0, 4))

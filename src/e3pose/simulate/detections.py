@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 from e3pose.geometry.camera import Camera
 from e3pose.model.noise import ErrorMemory
 from e3pose.recording import ViewSeries
+from e3pose.simulate.guesses import Seen, guess, hidden
 from e3pose.simulate.hidden_joints import behind_things, covered_by_others, covered_by_self
-from e3pose.simulate.mistakes import episodes, haunt, merge_people, swap_sides
+from e3pose.simulate.mistakes import EPISODE_S, episodes, haunt, merge_people, swap_sides
 from e3pose.simulate.noise import GROSS_MEMORY, correlated, normal_cdf, residuals
 from e3pose.simulate.place import Scene
 from e3pose.simulate.settings import DetectorSettings
+from e3pose.simulate.situations import Fields
 
 Floats = NDArray[np.float64]
 
 MIN_JOINTS = 3  # with fewer a detector does not speak of a person
 MIN_SCORE = 0.1
+LASTING_MERGE_S = 1.0  # people merge for as long as they overlap, if the detector guesses
 FACE = slice(0, 5)
 BEST_SCORE = 0.98
 # Log-odds of the score of a joint in plain sight, and what takes away from it.
@@ -49,6 +52,7 @@ def detect_people(
     fps: float,
     settings: DetectorSettings,
     seed: np.random.SeedSequence,
+    fields: Fields | None = None,
 ) -> ViewSeries:
     """Simulate the views of one camera.
 
@@ -61,6 +65,7 @@ def detect_people(
         fps: slots per second.
         settings: how the detector errs.
         seed: each kind of error has a stream of its own, so that one can be changed by itself.
+        fields: errors by situation, the same for all cameras; needed by `settings.guessing`.
     """
     num_slots = len(joints_m)
     streams = [np.random.default_rng(child) for child in seed.spawn(8)]
@@ -71,25 +76,38 @@ def detect_people(
     if settings.perfect:
         scores = inside.astype(np.float64)
         slots, people = np.nonzero(inside.any(axis=-1))
-        found = keypoints[slots, people], scores[slots, people]
-        return _gathered(slots, *found, fps, num_slots, streams[7])
+        exact = keypoints[slots, people], scores[slots, people]
+        return _gathered(slots, *exact, fps, num_slots, streams[7])
     depth = _depth(camera, world_m)
     px_per_m = 0.5 * (camera.K[0, 0] + camera.K[1, 1]) / depth
-    own = covered_by_self(centre, joints_m)
-    other = np.maximum(
-        covered_by_others(centre, joints_m), behind_things(centre, joints_m, scene.occluders)
-    )
-    scores = _scores(own, other, depth / focus_m, px_per_m, settings.blur, fps, streams[0])
-    seen = inside & ~_missed(own, other, px_per_m, fps, settings, streams[1:3])
-    errors_px = _errors(scores, px_per_m, fps, settings.memory, streams[3])
-    keypoints = keypoints + settings.noise * errors_px
+    lost = _odds_lost(depth / focus_m, px_per_m, settings.blur)
+    if settings.guessing is not None:
+        assert fields is not None
+        things = behind_things(centre, joints_m, scene.occluders)
+        hid = hidden(camera, world_m, keypoints, things, px_per_m)
+        found = guess(
+            camera, world_m, keypoints, hid, px_per_m, lost, fps, fields, settings.guessing,
+            settings.noise, streams[0],
+        )  # fmt: skip
+        seen = found.seen & ~behind_things(centre, joints_m, scene.walls)
+    else:
+        found = _by_score(
+            centre, joints_m, keypoints, scene, lost, px_per_m, fps, settings, streams
+        )
+        seen = found.seen & inside
+    keypoints, scores = found.keypoints_px, found.scores
     in_image = (keypoints >= -0.5) & (keypoints < np.array(camera.image_size) - 0.5)
     seen &= in_image.all(axis=-1) & (scores > MIN_SCORE)
     seen &= seen.sum(axis=-1, keepdims=True) >= MIN_JOINTS
     scores = np.where(seen, scores, 0.0)
     keypoints = np.where(seen[..., None], keypoints, np.nan)
-    keypoints, scores = swap_sides(keypoints, scores, streams[4], 1 / fps, settings.swap)
-    keypoints, scores = merge_people(keypoints, scores, depth, streams[5], 1 / fps, settings.merge)
+    merge_s = LASTING_MERGE_S
+    if settings.guessing is None:
+        keypoints, scores = swap_sides(keypoints, scores, streams[4], 1 / fps, settings.swap)
+        merge_s = EPISODE_S
+    keypoints, scores = merge_people(
+        keypoints, scores, depth, streams[5], 1 / fps, settings.merge, merge_s
+    )
     area = (offset_m[:2], scene.area_m)
     ghost_slots, ghosts, ghost_scores = haunt(
         camera, num_slots, fps, area, streams[6], settings.ghosts, settings.memory
@@ -104,6 +122,28 @@ def detect_people(
         num_slots,
         streams[7],
     )
+
+
+def _by_score(
+    centre: Floats,
+    joints_m: Floats,
+    pixels: Floats,
+    scene: Scene,
+    odds_lost: Floats,
+    px_per_m: Floats,
+    fps: float,
+    settings: DetectorSettings,
+    streams: Sequence[np.random.Generator],
+) -> Seen:
+    """Return what a detector reports whose errors depend on the score alone."""
+    own = covered_by_self(centre, joints_m)
+    other = np.maximum(
+        covered_by_others(centre, joints_m), behind_things(centre, joints_m, scene.occluders)
+    )
+    scores = _scores(own, other, odds_lost, fps, streams[0])
+    missed = _missed(own, other, px_per_m, fps, settings, streams[1:3])
+    errors_px = _errors(scores, px_per_m, fps, settings.memory, streams[3])
+    return Seen(pixels + settings.noise * errors_px, scores, ~missed)
 
 
 def until(series: ViewSeries, end: float) -> ViewSeries:
@@ -127,21 +167,20 @@ def _depth(camera: Camera, world_m: Floats) -> Floats:
 
 
 def _scores(
-    own: Floats,
-    other: Floats,
-    relative_depth: Floats,
-    px_per_m: Floats,
-    haze: float,
-    fps: float,
-    rng: np.random.Generator,
+    own: Floats, other: Floats, odds_lost: Floats, fps: float, rng: np.random.Generator
 ) -> Floats:
     """Return scores `(num_slots, num_persons, 17)`: lower where covered, blurred or small."""
-    blur = np.maximum(np.abs(np.log2(relative_depth)) - np.log2(FOCUS_RANGE), 0.0)
-    small = np.maximum(np.log2(SMALL_PX_PER_M / px_per_m), 0.0)
     odds = CLEAR + JOINT_BIAS + SPREAD * correlated(rng, own.shape, 1 / fps, SCORE_MEMORY)
     odds = odds - SELF_COVERED * own - COVERED * other
-    odds -= (OUT_OF_FOCUS * blur + small + haze)[..., None]
+    odds -= odds_lost[..., None]
     return np.asarray(BEST_SCORE / (1 + np.exp(-odds)))
+
+
+def _odds_lost(relative_depth: Floats, px_per_m: Floats, haze: float) -> Floats:
+    """Return the log-odds `(num_slots, num_persons)` that blur and distance take from scores."""
+    blur = np.maximum(np.abs(np.log2(relative_depth)) - np.log2(FOCUS_RANGE), 0.0)
+    small = np.maximum(np.log2(SMALL_PX_PER_M / px_per_m), 0.0)
+    return np.asarray(OUT_OF_FOCUS * blur + small + haze)
 
 
 def _missed(

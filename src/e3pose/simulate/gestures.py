@@ -44,6 +44,14 @@ GESTURES = {
     "crossed": Gesture((0.50, 0.05, 1.15, 1.75), (0.02, 0.02, 0.0, 0.02), 0.25, both=True),
     "hips": Gesture((-0.35, 0.75, 0.95, 1.55), (0.02, 0.02, 0.0, 0.02), 0.25, both=True),
 }
+# What people do with their hands for minutes; nobody does it who is not asked to.
+HELD = {
+    "plate": Gesture((0.40, 0.12, 0.55, 1.55), (0.04, 0.03, 0.03, 0.06), 0.25),
+    "cup": Gesture((0.55, 0.25, 0.50, 1.85), (0.18, 0.05, 0.05, 0.30), 0.12),
+    "lean": Gesture((0.75, 0.18, 0.25, 0.60), (0.04, 0.03, 0.03, 0.05), 0.15, both=True),
+    "work": Gesture((0.70, 0.18, 0.60, 1.15), (0.10, 0.05, 0.10, 0.12), 0.50, both=True),
+    "eat": Gesture((0.65, 0.15, 0.65, 1.60), (0.15, 0.05, 0.10, 0.35), 0.20, both=True),
+}
 CALM = ("talk", "phone", "crossed", "point")  # gestures that people make seated
 
 
@@ -75,7 +83,7 @@ def move_arms(
         arms[:, index, 0] += swing
         arms[:, index, 3] += np.maximum(swing, 0) * 0.6 + np.abs(rhythm) * 0.08
     for gesturing in gestures:
-        gesture = GESTURES[gesturing.name]
+        gesture = GESTURES.get(gesturing.name) or HELD[gesturing.name]
         weight = smoothstep((times_s - gesturing.start_s) / RAMP_S)
         weight = weight * smoothstep((gesturing.stop_s - times_s) / RAMP_S)
         active = weight > 0

@@ -27,7 +27,8 @@ RADII_M = np.array(
 SOFT_M = 0.04  # a line this deep inside a capsule is fully covered
 OWN_SHORT_M = 0.09  # a joint's own flesh up to here does not hide it
 BODY_RADIUS_M = 1.0  # a person, arms stretched out, lies within this of the hips
-CHUNK = 512
+CHUNK, OWN_CHUNK = 4096, 512
+BENT = 0.05  # radians by which a straight bone may bulge over its ends, seen as angles
 
 
 def _own_capsules() -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -58,16 +59,30 @@ def covered_by_others(centre_m: Floats, joints_m: Floats) -> Floats:
         centre_m: `(3,)` the camera.
         joints_m: `(num_slots, num_persons, 17, 3)` metres, NaN for people who are away.
     """
+    return covered_by_whom(centre_m, joints_m)[0]
+
+
+def covered_by_whom(centre_m: Floats, joints_m: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return `(num_slots, num_persons, 17)` twice: the same, and who covers it most, -1 for nobody.
+
+    Args:
+        centre_m: `(3,)` the camera.
+        joints_m: `(num_slots, num_persons, 17, 3)` metres, NaN for people who are away.
+    """
     points = _with_middles(joints_m)
     cover = np.zeros(joints_m.shape[:3])
-    for chunk in _chunks(_pairs_in_line(centre_m, points[..., MID_HIP, :])):
-        slots, seen, before = chunk
-        bones = points[slots, before][:, CAPSULES]  # (num_pairs, num_capsules, 2, 3)
-        found = _cover(
-            centre_m, joints_m[slots, seen][:, :, None], bones[:, None, :, 0], bones[:, None, :, 1]
-        )
-        np.maximum.at(cover, (slots, seen), found.max(axis=-1))
-    return cover
+    whom = np.full(joints_m.shape[:3], -1)
+    hips = points[..., MID_HIP, :]
+    bearing = np.arctan2(*np.moveaxis((hips - centre_m)[..., 1::-1], -1, 0))
+    lines = _within(_outlines(centre_m, points), _pairs_in_line(centre_m, hips), bearing)
+    for slots, seen, before, joints in _chunks(lines):
+        bones = points[slots, before][:, CAPSULES]  # (num_lines, num_capsules, 2, 3)
+        ends = joints_m[slots, seen, joints][:, None]
+        most = _cover(centre_m, ends, bones[:, :, 0], bones[:, :, 1]).max(axis=-1)
+        np.maximum.at(cover, (slots, seen, joints), most)
+        hides = (most > 0) & (most == cover[slots, seen, joints])
+        whom[slots[hides], seen[hides], joints[hides]] = before[hides]
+    return cover, whom
 
 
 def covered_by_self(centre_m: Floats, joints_m: Floats) -> Floats:
@@ -80,7 +95,7 @@ def covered_by_self(centre_m: Floats, joints_m: Floats) -> Floats:
     points = _with_middles(joints_m)
     cover = np.zeros(joints_m.shape[:3])
     present = np.stack(np.nonzero(np.isfinite(joints_m[:, :, 0, 0])))
-    for slots, people in _chunks(present):
+    for slots, people in _chunks(present, OWN_CHUNK):
         body = points[slots, people]
         bones = body[:, CAPSULES[OWN_CAPSULES]]
         joints = body[:, OWN_JOINTS]
@@ -126,9 +141,43 @@ def _pairs_in_line(centre_m: Floats, hips_m: Floats) -> NDArray[np.int64]:
     return np.stack(np.nonzero(line))
 
 
-def _chunks(indices: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def _outlines(centre_m: Floats, points_m: Floats) -> Floats:
+    """Return where bodies appear from a camera: `(num_slots, num_persons, 21, 2)` radians.
+
+    The azimuth from that of the hips and the elevation of 20 points, and what to add on either
+    side so that a box around them holds the whole body.
+    """
+    offset = points_m - centre_m
+    ground = np.hypot(offset[..., 0], offset[..., 1])
+    azimuth = np.arctan2(offset[..., 1], offset[..., 0])
+    azimuth = azimuth - azimuth[..., MID_HIP : MID_HIP + 1]
+    azimuth = (azimuth + np.pi) % (2 * np.pi) - np.pi
+    elevation = np.arctan2(offset[..., 2], ground)
+    near = np.stack([ground, np.linalg.norm(offset, axis=-1)], axis=-1).min(axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        margin = np.where(near > 0.5, np.arcsin(np.minimum(RADII_M.max() / near, 1.0)), np.pi)
+    points = np.stack([azimuth, elevation], axis=-1)
+    return np.concatenate([points, (margin + BENT)[:, :, None]], axis=2)
+
+
+def _within(outlines: Floats, pairs: NDArray[np.int64], bearing: Floats) -> NDArray[np.int64]:
+    """Return `(4, num_lines)`: slot, person, the one before and a joint that it may hide."""
+    slots, seen, before = pairs
+    body = outlines[slots, before]
+    low = body[:, :-1].min(axis=1) - body[:, -1]
+    high = body[:, :-1].max(axis=1) + body[:, -1]
+    joints = outlines[slots, seen, :17]
+    turned = bearing[slots, seen] - bearing[slots, before]
+    azimuth = (joints[..., 0] + turned[:, None] + np.pi) % (2 * np.pi) - np.pi
+    inside = (azimuth > low[:, None, 0]) & (azimuth < high[:, None, 0])
+    inside &= (joints[..., 1] > low[:, None, 1]) & (joints[..., 1] < high[:, None, 1])
+    rows, hidden = np.nonzero(inside)
+    return np.stack([slots[rows], seen[rows], before[rows], hidden])
+
+
+def _chunks(indices: NDArray[np.int64], size: int = CHUNK) -> list[NDArray[np.int64]]:
     """Split `(num_indices, num_pairs)` so that the work on one piece fits the cache."""
-    return [indices[:, i : i + CHUNK] for i in range(0, indices.shape[1], CHUNK)]
+    return [indices[:, i : i + size] for i in range(0, indices.shape[1], size)]
 
 
 def _cover(

@@ -24,7 +24,11 @@ LEGS = ((11, 12), (13, 14), (15, 16))
 
 
 def episodes(
-    rng: np.random.Generator, shape: tuple[int, ...], interval_s: float, share: Floats | float
+    rng: np.random.Generator,
+    shape: tuple[int, ...],
+    interval_s: float,
+    share: Floats | float,
+    episode_s: float = EPISODE_S,
 ) -> Bools:
     """Return `shape` booleans that are true in episodes along the first axis.
 
@@ -33,8 +37,9 @@ def episodes(
         shape: slots first.
         interval_s: seconds per slot.
         share: of the time in which they are true, [0, 1], for the rest of the axes.
+        episode_s: their memory.
     """
-    latent = correlated(rng, shape, interval_s, ((1.0, EPISODE_S),))
+    latent = correlated(rng, shape, interval_s, ((1.0, episode_s),))
     return np.asarray(normal_cdf(latent) < share)
 
 
@@ -68,6 +73,7 @@ def merge_people(
     rng: np.random.Generator,
     interval_s: float,
     share: float,
+    episode_s: float = EPISODE_S,
 ) -> tuple[Floats, Floats]:
     """Make one detection of two people who overlap, for a share of such views.
 
@@ -81,13 +87,14 @@ def merge_people(
         rng: source of randomness.
         interval_s: between slots.
         share: of the views of overlapping pairs that are merged.
+        episode_s: how long a merge lasts.
     """
     keypoints, scores = keypoints.copy(), scores.copy()
     num_slots, num_persons = scores.shape[:2]
     boxes = _boxes(keypoints)
     for first in range(num_persons):
         for second in range(first + 1, num_persons):
-            merged = episodes(rng, (num_slots,), interval_s, share)
+            merged = episodes(rng, (num_slots,), interval_s, share, episode_s)
             taste = rng.uniform(size=17)
             merged &= _iou(boxes[:, first], boxes[:, second]) > MERGE_IOU
             for rows, front, back in (

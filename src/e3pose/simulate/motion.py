@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from e3pose.simulate.activities import GRID_HZ, Life
 from e3pose.simulate.body import Body, Posture, joints_of
 from e3pose.simulate.gait import Gait, plan_gait, smoothstep
-from e3pose.simulate.gestures import move_arms
+from e3pose.simulate.gestures import RAMP_S, move_arms
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def _stay(
     seated = smoothstep(life.seated[stay])
     gait = plan_gait(times_s, root, heading, body.leg, body.ankle_height, bool(rng.uniform() < 0.5))
     speed = np.linalg.norm(np.gradient(root, times_s, axis=0), axis=-1)
-    gestures = tuple(g for g in life.gestures if times_s[0] <= g.start_s <= times_s[-1])
+    gestures = tuple(g for g in life.gestures if times_s[0] - RAMP_S <= g.start_s <= times_s[-1])
     arms = move_arms(times_s, gait.rhythm, seated, gestures)
     drift = _drift(times_s, rng, 10)
     arms += 0.06 * drift[:, None, :4] * np.array([[1.0], [-0.8]])

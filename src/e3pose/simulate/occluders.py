@@ -62,7 +62,18 @@ class Pillar:
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """An upright box standing on the floor, such as a cupboard or a wall, in metres and radians."""
+    """An upright box, such as a cupboard, a wall or the top of a table, in metres and radians.
+
+    Attributes:
+        x_m: middle.
+        y_m: middle.
+        length_m: along x, before it is turned.
+        width_m: along y, before it is turned.
+        height_m: of its upper side above the floor.
+        yaw: by which it is turned.
+        bottom_m: height of its lower side: below, one sees through.
+        overhang_m: how far feet go under its edges.
+    """
 
     x_m: float
     y_m: float
@@ -70,13 +81,15 @@ class Box:
     width_m: float
     height_m: float
     yaw: float = 0.0
+    bottom_m: float = 0.0
+    overhang_m: float = 0.0
 
     def blocks(self, start_m: Floats, end_m: Floats) -> NDArray[np.bool_]:
         """Return `(*batch)`: whether the box cuts the line between the points `(*batch, 3)`."""
         start = self._local(start_m[..., :2])
         along = self._local(end_m[..., :2]) - start
         rise = end_m[..., 2] - start_m[..., 2]
-        enter, leave = _slab(start_m[..., 2], rise, 0.0, self.height_m)
+        enter, leave = _slab(start_m[..., 2], rise, self.bottom_m, self.height_m)
         for axis, size in enumerate((self.length_m, self.width_m)):
             low, high = _slab(start[..., axis], along[..., axis], -size / 2, size / 2)
             enter, leave = np.maximum(enter, low), np.minimum(leave, high)
@@ -84,7 +97,7 @@ class Box:
 
     def nearest(self, xy_m: Floats) -> Floats:
         """Return `(*batch, 2)`: the points of its footprint nearest to `(*batch, 2)`."""
-        half = np.array([self.length_m, self.width_m]) / 2
+        half = np.array([self.length_m, self.width_m]) / 2 - self.overhang_m
         local = np.clip(self._local(xy_m), -half, half)
         return np.asarray(local @ self._rotation().T + (self.x_m, self.y_m))
 

@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from e3pose.geometry.rigs import Spot
 from e3pose.simulate.occluders import Box, Occluder
+from e3pose.simulate.settings import DetectorSettings
+
+Floats = NDArray[np.float64]
+
+STEP_M = 0.35  # length of a stride onto a raised floor
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +29,9 @@ class Habits:
         stand_s: shortest and longest stop.
         sit_s: shortest and longest time on a seat.
         speed_mps: slowest and fastest walking pace.
+        settled: whether people are at their places from the start.
+        held: what hands do there; the usual gestures by default.
+        held_s: shortest and longest time that they do it.
     """
 
     stand: float = 0.0
@@ -30,6 +41,9 @@ class Habits:
     stand_s: tuple[float, float] = (2.0, 7.0)
     sit_s: tuple[float, float] = (5.0, 14.0)
     speed_mps: tuple[float, float] = (0.9, 1.5)
+    settled: bool = False
+    held: tuple[str, ...] = ()
+    held_s: tuple[float, float] = (3.0, 9.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +101,9 @@ class Scene:
         cameras: how many stand in the ring, unless asked otherwise.
         fps: slots per second, unless asked otherwise.
         seats: `(x, y, heading)` of each seat, metres and radians.
+        upright: whether people stand at the seats.
+        platforms: raised floors, and by how many metres.
+        detector: how its detectors err, unless asked otherwise.
         occluders: what stands there; detectors guess some of the joints it hides.
         walls: opaque, they hide people completely.
         rooms: floors that people use instead of the disc of `area_m`.
@@ -105,6 +122,9 @@ class Scene:
     cameras: int = 5
     fps: float = 25.0
     seats: tuple[tuple[float, float, float], ...] = ()
+    upright: bool = False
+    platforms: tuple[tuple[Room, float], ...] = ()
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
     occluders: tuple[Occluder, ...] = ()
     walls: tuple[Box, ...] = ()
     rooms: tuple[Room, ...] = ()
@@ -117,6 +137,18 @@ class Scene:
     def things(self) -> tuple[Occluder, ...]:
         """All that people walk around."""
         return (*self.occluders, *self.walls)
+
+    def floor_m(self, xy_m: Floats) -> Floats:
+        """Return the height of the floor `(*batch)` at `(*batch, 2)`; edges are a step wide."""
+        height = np.zeros(xy_m.shape[:-1])
+        for room, raised_m in self.platforms:
+            x, y = xy_m[..., 0], xy_m[..., 1]
+            within = np.minimum(
+                np.minimum(x - room.low_x_m, room.high_x_m - x),
+                np.minimum(y - room.low_y_m, room.high_y_m - y),
+            )
+            height = np.maximum(height, raised_m * np.clip(0.5 + within / STEP_M, 0.0, 1.0))
+        return height
 
     def fitted(self, area_m: float) -> Scene:
         """Return the scene for a floor of another radius; seats move along, things stay.

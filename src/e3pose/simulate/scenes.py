@@ -6,6 +6,7 @@ import numpy as np
 
 from e3pose.errors import InputError
 from e3pose.simulate.buildings import BUILDINGS
+from e3pose.simulate.gatherings import GATHERINGS
 from e3pose.simulate.occluders import Box, Pillar
 from e3pose.simulate.place import Condition, Habits, Scene
 
@@ -75,6 +76,7 @@ SCENES: dict[str, Scene] = {
         conditions={1: Condition(noise=2.0, blur=1.2, joint_miss=0.2, person_miss=0.3)},
     ),
     **BUILDINGS,
+    **GATHERINGS,
 }  # fmt: skip
 
 

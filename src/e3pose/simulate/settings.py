@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
@@ -15,13 +17,71 @@ MAX_SLOTS = 1_000_000
 MAX_VIEW_PEOPLE = 4_000_000  # slots x cameras x people: what fits a small machine's memory
 MAX_SECONDS = 4 * 3600.0
 MAX_PERSON_SECONDS = 100_000
+BESIDE_GUESSES = {"noise", "blur", "merge", "ghosts"}  # figures that hold for guesses, too
+
+
+@dataclass(frozen=True, slots=True)
+class Guessing:
+    """How a detector guesses what it does not see (docs/reference/simulation.md has the formulas).
+
+    Fitted to OpenPose's detections of Shelf and of the first half of Panoptic's pizza scene,
+    without labels, by `benchmarks/detector_errors.py`.
+
+    Attributes:
+        sigma_m: standard deviation of either image axis at the person's distance, of a shoulder
+            with a typical score, metres.
+        lasting: share of the variance that follows the situation; the rest fades in 0.15 s.
+        view_rad: change of the direction of view by which an error becomes another one.
+        posture_m: way of a joint, relative to the torso, by which it does.
+        joint_miss: share of joints in plain sight that are missed.
+        own_trunk_miss: the same of shoulders, hips and legs behind the person's own body.
+        own_arm_miss: the same of elbows and wrists.
+        own_face_miss: the same of the face when the head is seen from behind.
+        other_miss: the same of joints behind another person or a thing, or cut by the image.
+        guess_factor: how many times larger the errors of hidden joints are.
+        taken: share of joints behind another person that are put on that person.
+        mirrored: share of arms and legs behind the own body that are put on the other side's.
+        hidden_odds: log-odds of the score that a hidden joint loses.
+        swap: share of the situations in which left and right are exchanged.
+        person_miss: share of the situations in which the whole person is missed.
+        overconfidence: log-odds that scores state too much; errors are those of the true score.
+    """
+
+    sigma_m: float = 0.023
+    lasting: float = 0.78
+    view_rad: float = 0.6
+    posture_m: float = 0.16
+    joint_miss: float = 0.02
+    own_trunk_miss: float = 0.07
+    own_arm_miss: float = 0.4
+    own_face_miss: float = 0.85
+    other_miss: float = 0.5
+    guess_factor: float = 1.8
+    taken: float = 0.25
+    mirrored: float = 0.02
+    hidden_odds: float = 1.1
+    swap: float = 0.01
+    person_miss: float = 0.02
+    overconfidence: float = 0.0
+
+    def __post_init__(self) -> None:
+        limits = {
+            "sigma_m": (0.0, 1.0), "view_rad": (0.05, 10.0), "posture_m": (0.01, 10.0),
+            "guess_factor": (0.0, 20.0), "hidden_odds": (0.0, 20.0),
+            "overconfidence": (-20.0, 20.0),
+        }  # fmt: skip
+        for item in fields(self):
+            low, high = limits.get(item.name, (0.0, 1.0))
+            check_number(f"guessing {item.name}", getattr(self, item.name), low, high)
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorSettings:
-    """How a simulated detector errs; the defaults resemble OpenPose on Shelf.
+    """How a simulated detector errs; the defaults resemble OpenPose on Shelf, by score alone.
 
     Attributes:
+        guessing: errors that follow the situation. With it, `blur`, `merge` and `ghosts` apply,
+            and `noise` as a factor; misses and swaps are its own, and `memory` that of ghosts.
         noise: factor on the keypoint noise; 0 puts every keypoint where the joint projects.
         joint_miss: share of joints in plain sight that are missed.
         self_occluded_miss: share missed of joints hidden by the person's own body.
@@ -48,14 +108,40 @@ class DetectorSettings:
     ghosts: float = 0.05
     blur: float = 0.0
     memory: ErrorMemory = field(default_factory=ErrorMemory)
+    guessing: Guessing | None = None
     perfect: bool = False
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            if item.name in ("memory", "perfect"):
+            if item.name in ("memory", "guessing", "perfect"):
                 continue
             high = {"noise": 100.0, "ghosts": 20.0, "blur": 20.0}.get(item.name, 1.0)
             check_number(f"detector {item.name}", getattr(self, item.name), 0.0, high)
+
+
+def adjusted(detector: DetectorSettings, figures: Mapping[str, float]) -> DetectorSettings:
+    """Return the detector with some figures changed, by name; those of its guesses go first.
+
+    Raises:
+        InputError: when a name is unknown or a figure out of range.
+    """
+    guessing = detector.guessing
+    own: dict[str, Any] = {}
+    names = {item.name for item in fields(DetectorSettings)} - {"memory", "guessing", "perfect"}
+    guesses: set[str] = set()
+    if guessing is not None:
+        names, guesses = names & BESIDE_GUESSES, {item.name for item in fields(Guessing)}
+    for name, value in figures.items():
+        if guessing is not None and name in guesses:
+            guessing = replace(guessing, **{name: value})
+        elif name in names:
+            own[name] = value
+        else:
+            raise InputError(
+                f"simulate: figure of errors: found {name[:40]!r}, expected one of "
+                + ", ".join(sorted(names | guesses))
+            )
+    return replace(detector, guessing=guessing, **own)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,7 +159,7 @@ class SceneSettings:
         height_m: height of the ring's cameras; the scene's own by default.
         image_size: `(width, height)` of the ring's images in pixels.
         rig: a user's own rig, used instead of the ring; its world has z up and the floor at z = 0.
-        detector: how imperfect the detections are.
+        detector: how imperfect the detections are; the scene's own by default.
 
     Raises:
         InputError: when a value is out of range.
@@ -88,7 +174,7 @@ class SceneSettings:
     height_m: float | None = None
     image_size: tuple[int, int] = (1032, 776)
     rig: Rig | None = None
-    detector: DetectorSettings = field(default_factory=DetectorSettings)
+    detector: DetectorSettings | None = None
 
     def __post_init__(self) -> None:
         if self.people is not None:

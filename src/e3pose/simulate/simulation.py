@@ -17,10 +17,12 @@ from e3pose.recording import Recording, Truth
 from e3pose.simulate.activities import Play
 from e3pose.simulate.body import draw_body
 from e3pose.simulate.detections import detect_people, until
+from e3pose.simulate.guesses import DECLARED, OUTPUTS
 from e3pose.simulate.motion import move
 from e3pose.simulate.place import Condition, Scene
 from e3pose.simulate.scenes import scene_by_name
 from e3pose.simulate.settings import MAX_SLOTS, DetectorSettings, SceneSettings, check_number
+from e3pose.simulate.situations import draw_fields
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +58,8 @@ def simulate(
     fps = scene.fps if settings.fps is None else settings.fps
     check_number("slots (seconds x fps)", settings.seconds * fps, 1, MAX_SLOTS)
     num_slots = max(1, round(settings.seconds * fps))
-    rig_seed, life_seed, body_seed, view_seed = np.random.SeedSequence(int(seed)).spawn(4)
+    seeds = np.random.SeedSequence(int(seed)).spawn(5)
+    rig_seed, life_seed, body_seed, view_seed, field_seed = seeds
     stage = _place(settings, scene, np.random.default_rng(rig_seed))
     settings.check_size(num_slots, len(stage.rig), number)
     joints = _lives(
@@ -69,19 +72,21 @@ def simulate(
         lambda share: report(LIVES_SHARE * share),
     )
     offset = np.array([*stage.centre, 0.0])
+    detector = scene.detector if settings.detector is None else settings.detector
+    fields = draw_fields(np.random.default_rng(field_seed), number, OUTPUTS)
     views = []
     cameras = zip(stage.rig.cameras, stage.focus_m, view_seed.spawn(len(stage.rig)), strict=True)
     for index, (camera, focus_m, child) in enumerate(cameras):
         condition = stage.scene.conditions.get(index, Condition())
         series = detect_people(
             camera, joints, offset, stage.scene, float(focus_m), fps,
-            _worsened(settings.detector, condition), child,
+            _worsened(detector, condition), child, fields,
         )  # fmt: skip
         if condition.dies_at is not None:
             series = until(series, condition.dies_at * num_slots)
         views.append(series)
         report(LIVES_SHARE + (1 - LIVES_SHARE) * len(views) / len(stage.rig))
-    exact = ", exact detections" if settings.detector.perfect else ""
+    exact = ", exact detections" if detector.perfect else ""
     return Recording(
         name=f"simulated {settings.scene}, {plural(number, 'person', 'people')}, seed {seed}",
         rig=stage.rig,
@@ -97,7 +102,7 @@ def simulate(
             for camera_id, condition in _conditions(stage)
             if condition.dies_at is not None
         },
-        detector="simulated",
+        detector=DECLARED if detector.guessing and not detector.perfect else "simulated",
         source=f"simulated by e3pose: scene {settings.scene}, seed {seed}{exact}; free of rights",
     )
 
@@ -115,10 +120,10 @@ class _Stage:
 def _place(settings: SceneSettings, scene: Scene, rng: np.random.Generator) -> _Stage:
     """Fit scene and rig to each other."""
     if settings.rig is not None:
-        if scene.rooms:
+        if scene.rooms or scene.spots:
             raise InputError(
                 f"simulate: scene: found {settings.scene} beside a rig of its own, expected one "
-                "without rooms: its walls would stand anywhere among those cameras"
+                "without rooms and tables: they would stand anywhere among those cameras"
             )
         centre, area_m = watched_area(settings.rig)
         return _Stage(settings.rig, scene.fitted(area_m), centre, _focus(settings.rig, centre))
@@ -155,8 +160,14 @@ def _focus(rig: Rig, centre: Floats) -> Floats:
 
 def _worsened(detector: DetectorSettings, condition: Condition) -> DetectorSettings:
     """Return what a camera in this condition makes of the detector."""
+    guessing = detector.guessing and replace(
+        detector.guessing,
+        joint_miss=min(detector.guessing.joint_miss + condition.joint_miss, 1.0),
+        person_miss=min(detector.guessing.person_miss + condition.person_miss, 1.0),
+    )
     return replace(
         detector,
+        guessing=guessing,
         noise=min(detector.noise * condition.noise, 100.0),
         blur=detector.blur + condition.blur,
         joint_miss=min(detector.joint_miss + condition.joint_miss, 1.0),
@@ -198,4 +209,7 @@ def _lives(
         rng = np.random.default_rng(child)
         body = draw_body(rng)
         joints[:, person] = move(body, life, times_s, slots_s, rng)
+        if scene.platforms:
+            under = joints[:, person, 11:13, :2].mean(axis=1)
+            joints[:, person, :, 2] += scene.floor_m(under)[:, None]
     return joints

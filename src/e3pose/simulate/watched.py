@@ -11,8 +11,10 @@ from e3pose.errors import InputError
 from e3pose.model.skeleton import CMU31, COCO17, Skeleton, convert
 from e3pose.recording import Recording
 from e3pose.simulate.detections import detect_people
+from e3pose.simulate.guesses import OUTPUTS
 from e3pose.simulate.place import Habits, Scene
 from e3pose.simulate.settings import DetectorSettings
+from e3pose.simulate.situations import draw_fields
 
 Floats = NDArray[np.float64]
 
@@ -61,11 +63,13 @@ def watched(
         raise InputError(f"recording {recording.name}: truth: found none, expected 3D poses")
     people_m = as_coco17(recording.truth.joints_m, recording.truth.skeleton)
     scene = Scene("motion capture", people_m.shape[1], 5.0, Habits())
-    children = np.random.SeedSequence(seed).spawn(len(recording.rig))
+    detector = detector or DetectorSettings()
+    *children, field_seed = np.random.SeedSequence(seed).spawn(len(recording.rig) + 1)
+    fields = draw_fields(np.random.default_rng(field_seed), people_m.shape[1], OUTPUTS)
     views = tuple(
         detect_people(
             camera, people_m, np.zeros(3), scene, focus_m, recording.fps,
-            detector or DetectorSettings(), child,
+            detector, child, fields,
         )
         for camera, child in zip(recording.rig.cameras, children, strict=True)
     )  # fmt: skip

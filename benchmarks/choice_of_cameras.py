@@ -1,0 +1,174 @@
+"""Round robin against `information` and chance, on simulated and on real recordings.
+
+    python benchmarks/choice_of_cameras.py --scenes buffet,lab --rates 6,12.5,25 --seeds 801,802
+    python benchmarks/choice_of_cameras.py --recording RECORDING --seconds 15 --rates 30
+
+Ten joints count: shoulders, elbows, wrists, hips and knees. `off mm` is their mean distance from
+the offline smoother over all cameras (`clip_error.py`), which real recordings have, too; `MPJPE mm`
+that from the truth. People are matched one to one below half a metre; `recall %` is the share of
+the smoother's people found. Cells are round robin / `information` / random. Every line of `--out`
+is one replay; a run that was stopped goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from clip_error import Reference, references
+from e3pose.evaluate.faults import downsampled
+from e3pose.evaluate.metrics import mean_errors_m
+from e3pose.evaluate.replay import ReplaySettings, replay
+from e3pose.model.noises import detector_of, load_noise
+from e3pose.recording import Recording, load_recording
+from e3pose.simulate.detections import until
+
+Floats = NDArray[np.float64]
+Row = dict[str, Any]
+
+POLICIES = ("round-robin", "information", "random")
+JOINTS = [
+    f"{side}_{part}"
+    for part in ("shoulder", "elbow", "wrist", "hip", "knee")
+    for side in ("left", "right")
+]
+SAME_M = 0.5
+WARMUP = 10  # slots with all cameras, left out
+
+
+def figures(
+    recording: Recording, people: Sequence[Reference], policy: str, count: int, lead: int, seed: int
+) -> Row:
+    """Replay once; return the figures."""
+    columns = [recording.skeleton.index(joint) for joint in JOINTS]
+    truth = recording.truth
+    settings = ReplaySettings(
+        pipeline="memory", policy=policy, num_selected=count, lead_slots=lead, seed=seed,
+        phase=seed, warmup_slots=WARMUP,
+    )  # fmt: skip
+    off: list[Floats] = []
+    wrong: list[Floats] = []
+    found = there = 0
+    for record in replay(recording, settings):
+        if record.slot < WARMUP + lead - 1:
+            continue
+        expected = np.array([person.at(record.slot) for person in people])[:, columns]
+        expected = expected[np.isfinite(expected).any(axis=(1, 2))]
+        joints_m = record.poses.joints_m[:, columns]
+        near = matched(joints_m, expected)
+        off += near
+        found, there = found + len(near), there + len(expected)
+        if truth is not None:
+            wrong += matched(joints_m, truth.joints_m[record.slot][:, columns])
+    return {
+        "off_mm": 1000 * float(np.concatenate(off).mean()) if off else None,
+        "recall": found / max(there, 1),
+        "mpjpe_mm": 1000 * float(np.concatenate(wrong).mean()) if wrong else None,
+    }
+
+
+def matched(joints_m: Floats, expected_m: Floats) -> list[Floats]:
+    """Return the distances of known joints of each pair of people, `(num_joints,)` each."""
+    if not len(joints_m) or not len(expected_m):
+        return []
+    apart = np.nan_to_num(mean_errors_m(joints_m, expected_m), nan=np.inf)
+    rows, columns = linear_sum_assignment(np.minimum(apart, 1e3))
+    pairs = []
+    for row, column in zip(rows, columns, strict=True):
+        if apart[row, column] < SAME_M:
+            off = np.linalg.norm(joints_m[row] - expected_m[column], axis=-1)
+            pairs.append(off[np.isfinite(off)])
+    return pairs
+
+
+def measure(options: argparse.Namespace) -> Iterator[Row]:
+    """Yield the rows that are not in the file yet."""
+    done = read(options.out)
+    have = {(r["place"], r["fps"], r["seed"], r["policy"], r["count"], r["lead"]) for r in done}
+    counts = [int(count) for count in options.cameras.split(",")]
+    runs = [(policy, count) for count in counts for policy in options.policies.split(",")]
+    for seed in (int(seed) for seed in options.seeds.split(",")):
+        for place in [str(options.recording)] if options.recording else options.scenes.split(","):
+            for fps in (float(rate) for rate in options.rates.split(",")):
+                key = (place, fps, seed)
+                todo = [run for run in runs if (*key, *run, options.lead) not in have]
+                if not todo:
+                    continue
+                recording = made(options, place, fps, seed)
+                people = references(recording, load_noise(detector_of(recording)))
+                for policy, count in todo:
+                    row = figures(recording, people, policy, count, options.lead, seed % 1000)
+                    yield {
+                        "place": place, "fps": fps, "seed": seed, "policy": policy,
+                        "count": count, "lead": options.lead, **row,
+                    }  # fmt: skip
+
+
+def made(options: argparse.Namespace, place: str, fps: float, seed: int) -> Recording:
+    """Return the recording: simulated, or the first seconds of a real one."""
+    if not options.recording:
+        from e3pose.simulate import SceneSettings, simulate
+
+        return simulate(SceneSettings(scene=place, seconds=options.seconds, fps=fps), seed)
+    whole = load_recording(options.recording)
+    slots = min(whole.num_slots, round(options.seconds / whole.interval_s))
+    views = tuple(until(series, slots) for series in whole.views)
+    return downsampled(replace(whole, num_slots=slots, views=views, truth=None), fps)
+
+
+def read(out: Path) -> list[Row]:
+    """Read what was measured before."""
+    return [json.loads(line) for line in out.read_text().splitlines()] if out.exists() else []
+
+
+def report(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a table in Markdown, means over seeds."""
+    yield "| place | slots/s | C | seeds | off mm | MPJPE mm | recall % |"
+    yield "|---|---|---|---|---|---|---|"
+    for place in dict.fromkeys(row["place"] for row in rows):
+        for fps, count in sorted({(r["fps"], r["count"]) for r in rows if r["place"] == place}):
+            mine = [r for r in rows if (r["place"], r["fps"], r["count"]) == (place, fps, count)]
+            cells = [
+                " / ".join(_mean(mine, policy, field, factor) for policy in POLICIES)
+                for field, factor in (("off_mm", 1.0), ("mpjpe_mm", 1.0), ("recall", 100.0))
+            ]
+            seeds = len({row["seed"] for row in mine})
+            yield f"| {Path(place).name} | {fps:g} | {count} | {seeds} | {' | '.join(cells)} |"
+
+
+def _mean(rows: Sequence[Row], policy: str, field: str, factor: float) -> str:
+    values = [row[field] for row in rows if row["policy"] == policy and row[field] is not None]
+    return f"{factor * np.mean(values):.1f}" if values else "-"
+
+
+def main() -> None:
+    """Measure what is missing and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--scenes", default="round-table,buffet,reception,operating-room,lab")
+    parser.add_argument("--recording", type=Path, help="a real one in place of scenes")
+    parser.add_argument("--rates", default="6,12.5,25", help="slots per second")
+    parser.add_argument("--cameras", default="1,2,3")
+    parser.add_argument("--policies", default=",".join(POLICIES))
+    parser.add_argument("--seeds", default="801,802", help="of a recording: phases of the turns")
+    parser.add_argument("--seconds", type=float, default=16.0)
+    parser.add_argument("--lead", type=int, default=4)
+    parser.add_argument("--out", type=Path, default=Path("choice.jsonl"))
+    options = parser.parse_args()
+    with options.out.open("a") as file:
+        for row in measure(options):
+            file.write(json.dumps(row) + "\n")
+            file.flush()
+    for line in report([row for row in read(options.out) if row["lead"] == options.lead]):
+        print(line)
+
+
+if __name__ == "__main__":
+    main()
