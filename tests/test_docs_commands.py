@@ -177,7 +177,10 @@ HERE_NOT = {
         "draws films for minutes; the same for one person runs in tests/live/test_four_cameras.py"
     ),
     "simulate my-room --calibration room.toml --seconds 120": "takes a minute; others run",
-    "simulate my-scene --scene crossing --people 6 --cameras 8 --seed 3": "takes a minute",
+    "simulate my-table --scene round-table --cameras 5 --seed 3": "takes a minute",
+    "simulate my-ring --scene crossing --people 6 --cameras 8 --errors situation": (
+        "takes a minute"
+    ),
     "store copy backup.db postgresql://e3pose@db.local/lab": "needs a PostgreSQL server",
     "stream site.toml osc://127.0.0.1:9000 mcap:today.mcap": (
         "goes on until it is stopped; tests/streams have its outputs"

@@ -9,7 +9,7 @@ import pytest
 from tests.cli import commands
 
 from e3pose.recording import load_recording
-from e3pose.simulate import SceneSettings, simulate
+from e3pose.simulate import SCENES, SceneSettings, adjusted, simulate
 
 
 def run(*words: str) -> int:
@@ -92,3 +92,34 @@ def test_existing_folder_is_kept_and_a_recording_replaced_only_when_asked(tmp_pa
     assert load_recording(dest).num_slots == 5
     assert run(str(dest), "--seconds", "0.4", "--overwrite") == 0
     assert load_recording(dest).num_slots == 10
+
+
+def test_errors_and_their_figures_reach_the_scene(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--scene", "buffet", "--seconds", "0.4", "--fps", "5", "--seed", "3")
+    for name, more in {
+        "own": (),
+        "score": ("--errors", "score"),
+        "changed": ("--set-error", "lasting=0.1", "--set-error", "ghosts=0"),
+    }.items():
+        assert run(str(tmp_path / name), *options, *more) == 0
+    own, score, changed = (load_recording(tmp_path / n) for n in ("own", "score", "changed"))
+    assert (own.detector, score.detector) == ("openpose", "simulated")
+    detector = adjusted(SCENES["buffet"].detector, {"lasting": 0.1, "ghosts": 0.0})
+    made = simulate(SceneSettings(scene="buffet", seconds=0.4, fps=5, detector=detector), 3)
+    for got, wanted in zip(changed.views, made.views, strict=True):
+        np.testing.assert_allclose(got.keypoints_px, wanted.keypoints_px, atol=0.1)
+    ring = ("--scene", "ring", "--seconds", "0.2", "--errors", "situation")
+    assert run(str(tmp_path / "ring"), *ring) == 0
+    assert load_recording(tmp_path / "ring").detector == "openpose"
+    capsys.readouterr()
+    for words, message in (
+        (("--set-error", "lasting"), "expected NAME=VALUE such as lasting=0.5"),
+        (("--set-error", "kindness=1"), "found 'kindness', expected one of blur"),
+        (("--set-error", "lasting=3"), "guessing lasting: found 3, expected a number from 0 to 1"),
+        (("--exact", "--errors", "score"), "--exact: found errors beside it"),
+    ):
+        assert run(str(tmp_path / "bad"), *options, *words) == 2
+        assert message in " ".join(capsys.readouterr().err.split())
+        assert not (tmp_path / "bad").exists()

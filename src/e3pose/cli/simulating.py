@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Group, Parameter
 
@@ -69,11 +69,11 @@ class ErrorOptions:
     on real recordings. score: errors depend on the score alone, which is kinder than reality.
     Default: situation for round-table, buffet, reception, operating-room and lab, score for the
     others."""
-    set_error: tuple[str, ...] = ()
+    set_error: Annotated[list[str] | None, Parameter(negative="")] = None
     """NAME=VALUE: change one figure of the errors, such as taken=0 (no joint is put on the person
     in front), lasting=0 (errors forget the situation), overconfidence=1, noise=2, ghosts=0;
     repeatable. docs/reference/simulation.md lists them."""
-    exact: bool = False
+    exact: Flag = False
     """Perfect detections: every joint inside the image, without noise."""
 
     def detector(self, scene: str) -> DetectorSettings:
@@ -92,7 +92,7 @@ class ErrorOptions:
             detector = replace(detector, guessing=None)
         elif self.errors == "situation":
             detector = replace(detector, guessing=detector.guessing or Guessing())
-        return adjusted(detector, dict(_figure(word) for word in self.set_error))
+        return adjusted(detector, dict(_figure(word) for word in self.set_error or ()))
 
 
 def _figure(word: str) -> tuple[str, float]:
@@ -126,7 +126,7 @@ def simulate(
 ) -> None:
     """Simulate a recording: people, calibrated cameras, realistic detections, exact truth.
 
-    Example: `e3pose simulate my-scene --scene crossing --people 6 --cameras 8 --seed 3`
+    Example: `e3pose simulate my-table --scene round-table --cameras 5 --seed 3`
 
     The scenes round-table, buffet, reception, operating-room and lab are as hard as real
     recordings: people stay for minutes and hide each other, cameras hang unevenly, and the detector
