@@ -47,6 +47,7 @@ GROUPS: dict[str, Callable[[Keypoints], Flags]] = {
     "behind another": lambda k: k.others > SQUARE,
 }
 LEAST = 100  # keypoints of a figure
+SHARES = np.concatenate([np.linspace(0, 0.9, 91), np.linspace(0.902, 1, 50)])  # of a drawn curve
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,8 +221,8 @@ def draw(columns: Sequence[Column], path: Path) -> None:
     for axis, (group, chosen) in zip(axes[0], GROUPS.items(), strict=True):
         for column in columns:
             mine = column.keypoints.only(chosen(column.keypoints) & column.keypoints.seen)
-            cm = np.sort(np.linalg.norm(mine.error_cm, axis=-1))
-            axis.plot(cm, 100 * (1 - np.arange(len(cm)) / max(len(cm), 1)), **_style(column))
+            cm = np.linalg.norm(mine.error_cm, axis=-1)
+            axis.plot(np.quantile(cm, SHARES), 100 * (1 - SHARES), **_style(column))
         axis.set(title=group, xlabel="error, cm", ylabel="% beyond", xscale="log", yscale="log")
         axis.set(xlim=(0.5, 60), ylim=(0.5, 100))
     hidden = GROUPS["behind another"]
@@ -231,8 +232,8 @@ def draw(columns: Sequence[Column], path: Path) -> None:
         lags = lags[lags >= column.interval_s]
         values = remembered(seen, column.interval_s, lags.tolist())
         axes[1][0].plot(lags, values, **_style(column))
-        scores = np.sort(seen.score[hidden(seen)])
-        axes[1][1].plot(scores, 100 * np.linspace(0, 1, len(scores)), **_style(column))
+        scores = np.quantile(seen.score[hidden(seen)], SHARES)
+        axes[1][1].plot(scores, 100 * SHARES, **_style(column))
         found = figures(column.keypoints, column.interval_s)
         bias = [found[f"{part}: mean error by direction of view, cm"] for part in PARTS]
         axes[1][2].plot(list(PARTS), bias, marker="o", **_style(column))
