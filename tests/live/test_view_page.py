@@ -235,7 +235,7 @@ def test_blind_slots_have_a_colour_a_cause_and_a_figure_of_their_own(
     share = page.run("(1 - (strips_end() - history30.at(-1).t + 2) / STRIP_S)")
     for row in range(3):
         assert strip(page, share, row) == {BLIND}, "also of cameras that were not selected"
-    assert "100 orders late" in page.text("blind-why")
+    assert "orders late: 100" in page.text("blind-why")
     said = page.run(
         f"atPointer({{ offsetX: stripsLeft(document.getElementById('strips').getContext('2d'))"
         f" + {share} * (document.getElementById('strips').clientWidth"
@@ -244,7 +244,7 @@ def test_blind_slots_have_a_colour_a_cause_and_a_figure_of_their_own(
     assert said.startswith("c2, ") and "blind slot, orders late (slot 20" in said
     assert page.shows("blind", "25 %")
     title = page.run("document.getElementById('blind').title")
-    assert "30 of 120 slots: 30 orders late" in title
+    assert "30 of 120 slots (orders late: 30)" in title
 
 
 def test_live_events_have_the_time_of_day(page: Page, watched: Watched) -> None:

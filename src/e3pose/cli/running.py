@@ -89,8 +89,9 @@ def camera(
     Without a file: `e3pose camera --site lab --name cam1 --source usb:0 --endpoint
     tls/edge.local:7447 --keys cam1`
 
-    Images stay on the camera. The program connects and reconnects to the edge by itself and runs
-    the detector only in slots in which the camera is selected. Stop it with Ctrl-C.
+    Images stay on the camera, except for small ones with `--pictures`. The program connects and
+    reconnects to the edge by itself and runs the detector only in slots in which the camera is
+    selected. Stop it with Ctrl-C.
 
     Parameters
     ----------

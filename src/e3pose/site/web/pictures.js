@@ -2,7 +2,7 @@
 // can be seen: not when the page or the strip is hidden, and not in the past, as none are stored.
 "use strict";
 
-const OLD_S = 2, PAGE_PER_S = 10; // requests of this page, for all cameras together
+const OLD_S = 2, FADED_S = 10, PAGE_PER_S = 10; // requests of this page, for all cameras together
 const tiles = new Map(); // camera to { canvas, said, image, found, have }
 let enlarged = "";
 
@@ -88,7 +88,7 @@ function drawTile(name) {
   byId("drawn").hidden = ![...tiles.values()].some((one) => one.found && one.found.drawn);
   said.textContent = pictureWords(tile);
   said.title = said.textContent;
-  canvas.classList.toggle("old", mode === "past" || Boolean(found && (found.why || found.age_s > OLD_S)));
+  canvas.classList.toggle("old", mode === "past" || Boolean(found && (found.why || found.age_s > FADED_S)));
   drawPicture(canvas, tile);
   if (enlarged !== name) return;
   drawPicture(byId("large-frame"), tile);
@@ -120,11 +120,13 @@ function drawPicture(canvas, { image, found }) {
   pen.lineCap = "round";
   for (const { track, joints_px, measured } of found.people) {
     const lines = room.limbs.filter(([i, j]) => joints_px[i][0] !== null && joints_px[j][0] !== null);
-    for (const [ink, thick] of [["rgba(255, 255, 255, 0.75)", width / 140 + 2.5], [colourOf(track), width / 210 + 0.9]]) {
+    const sure = ([i, j]) => measured[i] && measured[j], thin = width / 210 + 0.9;
+    const layers = [["rgba(255, 255, 255, 0.75)", width / 140 + 2.5, lines.filter(sure)], [colourOf(track), thin, lines]];
+    for (const [ink, thick, limbs] of layers) {
       pen.strokeStyle = ink;
       pen.lineWidth = thick;
-      for (const [i, j] of lines) {
-        pen.setLineDash(measured[i] && measured[j] ? [] : [2 * thick, 2.5 * thick]);
+      for (const [i, j] of limbs) {
+        pen.setLineDash(sure([i, j]) ? [] : [2 * thin, 2.5 * thin]);
         pen.beginPath();
         pen.moveTo(scale * joints_px[i][0], scale * joints_px[i][1]);
         pen.lineTo(scale * joints_px[j][0], scale * joints_px[j][1]);

@@ -81,7 +81,7 @@ function drawStrips() {
 function showLegend() {
   const blind = new Map();
   for (const slot of history30) if (slot.blind) blind.set(slot.blind, (blind.get(slot.blind) || 0) + 1);
-  const words = [...blind].map(([cause, count]) => `${count} ${causeWords(cause)}`);
+  const words = [...blind].map(([cause, count]) => `${causeWords(cause)}: ${count}`);
   byId("blind-why").textContent = words.length ? ` (${words.join(", ")})` : "";
 }
 

@@ -190,10 +190,10 @@ function showStatus(status) {
 // Slots for which no view arrived although one was due: of the last minute, and since the start.
 function showBlind({ blind_share, blind, slots }) {
   const share = blind_share ?? null, total = Object.values(blind || {}).reduce((sum, count) => sum + count, 0);
-  const causes = Object.entries(blind || {}).map(([cause, count]) => `${count} ${causeWords(cause)}`).join(", ");
+  const causes = Object.entries(blind || {}).map(([cause, count]) => `${causeWords(cause)}: ${count}`).join(", ");
   byId("blind").textContent = share !== null && share > 0 && share < 0.01 ? "< 1 %" : percent(share);
   byId("blind").className = share ? "bad" : "";
-  byId("blind").title = total ? `since the start ${total} of ${slots} slots: ${causes}` : "no view arrived although one was due";
+  byId("blind").title = total ? `since the start ${total} of ${slots} slots (${causes})` : "no view arrived although one was due";
 }
 
 let lostAt = Date.now(); // since when there is no connection to the server
