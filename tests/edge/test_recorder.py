@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import shutil
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +24,7 @@ from e3pose.errors import InputError
 from e3pose.model.pose import Poses2D
 from e3pose.recording import load_recording, save_recording
 from e3pose.recording.videos import video_name
-from e3pose.recording.writer import PARTIAL
+from e3pose.recording.writer import PARTIAL, ROOM
 
 RIG = looking((4, 0), (0, 4), (-4, 0))
 BEGIN_NS = 1_800_000_000 * 10**9
@@ -101,6 +105,94 @@ def test_folder_that_cannot_be_written_is_reported_once(tmp_path: Path) -> None:
     recorder.keep(1, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
     recorder.close()
     assert [line.partition(":")[0] for line in messages] == ["record-trouble"]
+
+
+def fill(path: Path) -> None:
+    with path.open("wb", buffering=0) as file:
+        for size in (2**16, 4096, 1):
+            with suppress(OSError):
+                while True:
+                    file.write(b"x" * size)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A megabyte of a file system of its own, where that may be made."""
+    place = tmp_path / "small"
+    place.mkdir()
+    made = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(place)]
+    if shutil.which("mount") is None or subprocess.run(made, capture_output=True).returncode:
+        pytest.skip("file systems may not be mounted here")
+    yield place
+    subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+def test_full_disk_costs_no_slot_that_the_queue_holds(
+    small_disk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("e3pose.edge.recorder.RETRY_S", 1.0)
+    messages: list[str] = []
+    folder = small_disk / "recordings"
+    recorder = Recorder(
+        settings(folder), RIG, lambda kind, line: messages.append(f"{kind}: {line}")
+    )
+    poses = Poses2D(np.full((1, 17, 2), 5.0), np.full((1, 17), 0.5))
+
+    def keep(first: int, end: int) -> None:
+        for slot in range(first, end):
+            time_ns = BEGIN_NS + round(slot * 1e9 / FPS)
+            recorder.keep(slot, time_ns, {0: Arrival(poses, time_ns, 0)})
+
+    def kept() -> set[int]:
+        found: set[int] = set()
+        for part in recordings_in(folder):
+            began = datetime.strptime(part.name[:15] + "+0000", "%Y%m%dT%H%M%S%z").timestamp()
+            series = load_recording(part).views[0]
+            found |= set(np.round((series.times_s + began - BEGIN_NS / 1e9) * FPS).astype(int))
+        return found
+
+    keep(0, 20)
+    assert eventually(lambda: recorder.waiting == 0)
+    fill(small_disk / "ballast")
+    keep(20, 600)
+    assert eventually(lambda: messages)
+    assert eventually(lambda: len(recordings_in(folder)) == 1), "finished on the full disk"
+    assert kept() >= set(range(20))
+    keep(600, 700)
+    (small_disk / "ballast").unlink()
+    assert eventually(lambda: len(messages) == 2)
+    recorder.close()
+    assert [line.partition(":")[0] for line in messages] == ["record-trouble", "record-recovered"]
+    assert "no space left" in messages[0] and messages[1].endswith("recording again")
+    assert list(folder.glob(f"*{PARTIAL}")) == [] and list(folder.rglob(ROOM)) == []
+    assert len(recordings_in(folder)) >= 2
+    assert kept() == set(range(700))
+
+
+def test_slots_beyond_the_queue_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("e3pose.edge.recorder.RETRY_S", 1.0)
+    monkeypatch.setattr("e3pose.edge.recorder.QUEUE_SLOTS", 50)
+    folder = tmp_path / "recordings"
+    messages: list[str] = []
+    recorder = Recorder(
+        settings(folder), RIG, lambda kind, line: messages.append(f"{kind}: {line}")
+    )
+    folder.rmdir()
+    folder.write_text("in the way")
+    poses = Poses2D.empty(17)
+    recorder.keep(0, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
+    assert eventually(lambda: messages)
+    for slot in range(1, 70):
+        recorder.keep(slot, BEGIN_NS, {0: Arrival(poses, BEGIN_NS, 0)})
+    folder.unlink()
+    folder.mkdir()
+    assert eventually(lambda: len(messages) == 2)
+    recorder.close()
+    assert messages[1] == "record-recovered: recording again, 20 slots not recorded"
+    (part,) = recordings_in(folder)
+    assert len(load_recording(part).views[0].slots) == 50
 
 
 def make_videos(folder: Path, camera_id: str, begins: Sequence[int], end_slot: int) -> None:

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.live.processes import LiveSite, as_root
+from tests.live.processes import COMPILE_S, LiveSite, as_root, e3pose
+from tests.ports import free_port
 from tests.waiting import eventually
+
+from e3pose.recording import load_recording
+from e3pose.recording.writer import PARTIAL
+from e3pose.site.example import write_recorded
 
 pytestmark = pytest.mark.live
 
@@ -64,3 +70,41 @@ def test_full_disk_is_reported_and_stops_nobody(small_site: LiveSite) -> None:
     site.flows(30)
     site.stores(site.poses[-1].slot, "disk/poses.db")
     site.unbroken(site.stored("disk/poses.db"), 0)  # the spool had the rest
+
+
+def test_record_keeps_what_a_disk_took_before_it_was_full(tmp_path: Path, recording: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    as_root("mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(disk))
+    try:
+        path = write_recorded(tmp_path / "site", load_recording(recording), "lab")
+        path.write_text(re.sub(r"(tcp/127\.0\.0\.1):\d+", rf"\1:{free_port()}", path.read_text()))
+        dest = disk / "walk"
+        lines = disk / f"walk{PARTIAL}" / "keypoints" / "cam0.jsonl"
+        command = e3pose("record", str(tmp_path / "site"), str(dest), "--for", "300")
+        log = tmp_path / "record.log"
+        with (
+            log.open("wb") as output,
+            subprocess.Popen(
+                command, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            ) as program,
+        ):
+            try:
+                assert eventually(
+                    lambda: (
+                        program.poll() is not None
+                        or (lines.exists() and lines.stat().st_size > 30_000)
+                    ),
+                    COMPILE_S,
+                )
+                assert program.poll() is None, log.read_text()
+                fill(disk / "filler")
+                assert program.wait(60) == 2
+            finally:
+                program.kill()
+        (line,) = log.read_text().splitlines()[-1:]
+        assert "walk: no space left on device after" in line and "recorded until then" in line
+        found = load_recording(dest)
+        assert all(len(series.slots) > 20 for series in found.views)
+    finally:
+        subprocess.run(["umount", "-l", str(disk)], capture_output=True, check=False)

@@ -167,7 +167,7 @@ class Consumers:
             better = self.learner.poll()
             if better is not None:
                 pipeline = pipeline.with_predictor(better)
-                line = "a better predictor was learned and is used from now on"
+                line = "another learned predictor is used from now on"
                 events.append(("predictor", line, None))
         return pipeline, events
 

@@ -6,7 +6,8 @@ All cameras are active in every slot. Nothing is computed, so late views are not
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
@@ -18,8 +19,10 @@ from e3pose.edge.inbox import Inbox
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.threads import ThreadGroup
+from e3pose.errors import InputError
 from e3pose.geometry.camera import Rig
 from e3pose.model.skeleton import Skeleton
+from e3pose.quantities import plural
 from e3pose.recording.calibration.world import assumed_rig
 from e3pose.recording.writer import RecordingWriter
 from e3pose.runtime.clock import Clock, SlotTimes
@@ -129,7 +132,7 @@ class RecordServer:
         if self.plan.for_s is not None:
             last = max(1, round(self.plan.for_s * self.plan.fps))
         ordered = 0
-        with self._writer() as writer:
+        with self._reporting(), self._writer() as writer:
             while last is None or self.slots < last:
                 stopping = self.threads.stopping.is_set()
                 now = times.slot_at(self.clock.now_ns())
@@ -146,6 +149,18 @@ class RecordServer:
                 self.clock.wait(self.threads.stopping, times.middle_ns(now + 1))
         self.written = writer.dest if any(writer.counts.values()) else None
         self.done.set()
+
+    @contextmanager
+    def _reporting(self) -> Iterator[None]:
+        """Say what there is of a recording that the disk takes no more of."""
+        try:
+            yield
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            kept = "it has what was recorded until then" if self.plan.dest.exists() else "no part"
+            raise InputError(
+                f"{self.plan.dest}: {reason} after {plural(self.slots, 'slot')}: {kept}"
+            ) from None
 
     def _write(
         self, writer: RecordingWriter, times: SlotTimes, arrivals: Mapping[int, Arrival]

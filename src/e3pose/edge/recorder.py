@@ -86,6 +86,7 @@ class Recorder:
             raise InputError(f"record: {settings.folder}: {error.strerror}") from None
         self.dropped = 0
         self._slots: deque[tuple[int, int, Mapping[int, Arrival]]] = deque()
+        self._unflushed: deque[tuple[int, int, Mapping[int, Arrival]]] = deque()
         self._stop = threading.Event()
         self._writer: RecordingWriter | None = None
         self._first = (0, 0)  # slot and time of the recording's first
@@ -124,11 +125,14 @@ class Recorder:
             try:
                 if self._retry > 0 and not stopping:
                     self._retry -= 1
-                    self._slots.clear()  # the queue is full
                     continue
+                if self._problem:
+                    self._recover()
                 self._write()
                 if self._problem:
-                    self._report("record-recovered", "recording again")
+                    lost, self.dropped = self.dropped, 0
+                    more = f", {plural(lost, 'slot')} not recorded" if lost else ""
+                    self._report("record-recovered", f"recording again{more}")
                 self._problem = ""
             except (OSError, InputError) as error:
                 self._fail(error)
@@ -137,12 +141,19 @@ class Recorder:
         except (OSError, InputError) as error:
             self._fail(error)
 
+    def _recover(self) -> None:
+        """Finish what a full disk left unfinished."""
+        for part in finish_interrupted(self.settings.folder):
+            self._attach(part)
+
     def _write(self) -> None:
         while self._slots:
-            slot, time_ns, arrivals = self._slots.popleft()
+            slot, time_ns, arrivals = self._slots[0]
             self._write_slot(slot, time_ns, arrivals)
+            self._unflushed.append(self._slots.popleft())
         if self._writer is not None:
             self._writer.flush()
+        self._unflushed.clear()
         self._trim()
 
     def _write_slot(self, slot: int, time_ns: int, arrivals: Mapping[int, Arrival]) -> None:
@@ -179,7 +190,9 @@ class Recorder:
     def _finish(self) -> None:
         """Finish the current recording, if there is one."""
         writer, self._writer = self._writer, None
-        if writer is not None and (part := writer.finish()) is not None:
+        part = None if writer is None else writer.finish()
+        self._unflushed.clear()
+        if part is not None:
             self._attach(part)
 
     def _attach(self, part: Path) -> None:
@@ -211,8 +224,13 @@ class Recorder:
             self._report("record-trouble", f"not recording: {reason.lower()}")
         self._problem = reason
         self._retry = round(RETRY_S / WRITE_S)
-        if self.dropped:
-            self._report("record-trouble", f"{plural(self.dropped, 'slot')} not recorded")
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            with suppress(OSError):  # otherwise once there is room
+                writer.finish()
+        # What the disk may not have taken is written again, into the next recording.
+        self._slots.extendleft(reversed(self._unflushed))
+        self._unflushed.clear()
 
 
 def recordings_in(folder: Path) -> list[Path]:

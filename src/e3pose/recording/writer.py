@@ -28,6 +28,8 @@ from e3pose.recording.json_lines import encode_view
 
 PARTIAL = ".partial"
 TAIL_BYTES = 2**16
+# Room that is given back at the end, so that a recording on a full disk can still be finished.
+ROOM, ROOM_BYTES = ".room", 2**16
 
 
 @dataclass(slots=True, eq=False)
@@ -64,12 +66,19 @@ class RecordingWriter:
         folder = self.folder
         if folder.exists():
             raise InputError(f"{folder}: found unfinished work of another program; move it away")
-        make_folder(folder / "keypoints")
-        save_rig(self.rig, folder / RIG)
-        self._write_header(None)
-        for camera_id in self.rig.camera_ids:
-            self._files[camera_id] = append_to(folder / "keypoints" / f"{camera_id}.jsonl")
-            self.counts[camera_id] = 0
+        try:
+            make_folder(folder / "keypoints")
+            save_rig(self.rig, folder / RIG)
+            self._write_header(None)
+            with (folder / ROOM).open("wb") as room:
+                os.posix_fallocate(room.fileno(), 0, ROOM_BYTES)
+            for camera_id in self.rig.camera_ids:
+                self._files[camera_id] = append_to(_lines_of(folder, camera_id))
+                self.counts[camera_id] = 0
+        except (OSError, InputError):  # a full disk: another try must find the name free
+            self.close()
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
 
     @property
     def folder(self) -> Path:
@@ -97,13 +106,31 @@ class RecordingWriter:
             file.flush()
 
     def close(self) -> None:
-        """Close the files, as the end of a program does; the work stays unfinished."""
+        """Close the files, as the end of a program does; the work stays unfinished.
+
+        Raises:
+            OSError: when the disk does not take the rest; all are closed all the same.
+        """
+        refused = None
         for file in self._files.values():
-            file.close()
+            try:
+                file.close()
+            except OSError as error:
+                refused = error
+        if refused is not None:
+            raise refused
 
     def finish(self) -> Path | None:
-        """End the recording and give it its name; return its folder, None if it has no view."""
-        self.close()
+        """End the recording and give it its name; return its folder, None if it has no view.
+
+        On a full disk it has the views that the disk took.
+        """
+        try:
+            self.close()
+        except OSError:
+            for camera_id in self.counts:
+                self.counts[camera_id] = _drop_torn(_lines_of(self.folder, camera_id))
+        (self.folder / ROOM).unlink(missing_ok=True)
         if not any(self.counts.values()):
             shutil.rmtree(self.folder)
             return None
@@ -132,7 +159,17 @@ class RecordingWriter:
             table["detector"] = self.detector
         if frames is not None:
             table["frames"] = frames
-        (self.folder / HEADER).write_text(tomli_w.dumps(table))
+        _put_header(self.folder, table)
+
+
+def _put_header(folder: Path, table: dict[str, Any]) -> None:
+    """Write a header in place of the one before, which a full disk leaves as it is."""
+    written = folder / f"{HEADER}.new"
+    try:
+        written.write_text(tomli_w.dumps(table))
+        os.replace(written, folder / HEADER)
+    finally:
+        written.unlink(missing_ok=True)
 
 
 def finish_interrupted(folder: Path) -> list[Path]:
@@ -150,7 +187,7 @@ def finish_interrupted(folder: Path) -> list[Path]:
             rig = load_rig(partial / RIG)
             last, frames = -1, {}
             for camera_id in rig.camera_ids:
-                path = partial / "keypoints" / f"{camera_id}.jsonl"
+                path = _lines_of(partial, camera_id)
                 frames[camera_id] = _drop_torn(path)
                 last = max(last, _last_slot(path))
         except (InputError, OSError, ValueError):
@@ -158,8 +195,9 @@ def finish_interrupted(folder: Path) -> list[Path]:
         if last < 0:
             shutil.rmtree(partial)
             continue
+        (partial / ROOM).unlink(missing_ok=True)
         table |= {"num_slots": last + 1, "frames": frames}
-        (partial / HEADER).write_text(tomli_w.dumps(table))
+        _put_header(partial, table)
         os.replace(partial, dest)
         found.append(dest)
     return found
@@ -172,6 +210,10 @@ def as_far_as_written(partial: Path) -> Iterator[Path | None]:
         shutil.copytree(partial, Path(place) / partial.name)
         found = finish_interrupted(Path(place))
         yield found[0] if found else None
+
+
+def _lines_of(folder: Path, camera_id: str) -> Path:
+    return folder / "keypoints" / f"{camera_id}.jsonl"
 
 
 def _drop_torn(path: Path) -> int:

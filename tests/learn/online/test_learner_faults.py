@@ -112,6 +112,17 @@ def test_a_damaged_list_of_versions_is_put_aside(make: Make, tmp_path: Path) -> 
     assert trainer.current == 0 and "moved to versions.json.damaged" in trainer.events[0]
 
 
+def test_a_list_damaged_under_a_running_learner_keeps_what_runs(make: Make, tmp_path: Path) -> None:
+    trainer = make("good")
+    live(trainer, 100)
+    trained(trainer)
+    assert trainer.poll() is not None and trainer.current == 1
+    (tmp_path / "site" / "versions" / "versions.json").write_bytes(b"\0" * 100)
+    trainer.attend()
+    assert trainer.current == 1 and trainer.poll() is None
+    assert "moved to versions.json.damaged, version 1 runs" in trainer.events[-1]
+
+
 def test_a_full_disk_loses_poses_and_nothing_else(
     make: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
 
 from e3pose.errors import InputError
-from e3pose.learn.online.versions import MANIFEST, Version, VersionStore
+from e3pose.learn.online.versions import COPY, MANIFEST, Version, VersionStore
 
 
 def describe(parent: int) -> Version:
@@ -90,6 +94,64 @@ def test_a_damaged_list_is_refused_and_put_aside(tmp_path: Path, content: bytes)
     (tmp_path / MANIFEST).write_bytes(content)
     with pytest.raises(InputError, match=r"versions\.json"):
         store.read()
-    assert store.put_aside().read_bytes() == content
-    assert store.read().current == 0
+    aside, manifest = store.put_aside()
+    assert aside.read_bytes() == content
+    assert store.read().current == manifest.current == 2, "its copy takes its place"
+    (tmp_path / MANIFEST).write_bytes(content)
+    (tmp_path / COPY).write_bytes(content)
+    aside, manifest = store.put_aside()
+    assert store.read().current == manifest.current == 0
     assert store.add(b"new", "", describe(0)).number == 3  # 1 and 2 lie there still
+
+
+SAVING = """
+import sys
+from pathlib import Path
+from e3pose.learn.online.versions import Version, VersionStore
+store = VersionStore(Path(sys.argv[1]))
+print("ready", flush=True)
+while True:
+    parent = store.read().current
+    describe = Version(0, parent, 1.8e9, "", (1, 5), (0.01, 0.02), (0.02, 0.03), 300)
+    store.add(b"%d" % parent * 200_000, "# Card", describe)
+"""
+
+
+def test_kill_9_while_a_version_is_saved_leaves_a_good_one(tmp_path: Path) -> None:
+    newest = 0
+    for after_s in (0.003, 0.01, 0.02, 0.03, 0.05, 0.08):
+        child = subprocess.Popen(
+            [sys.executable, "-c", SAVING, str(tmp_path)], stdout=subprocess.PIPE, text=True
+        )
+        assert child.stdout is not None
+        with child.stdout:
+            assert child.stdout.readline() == "ready\n"
+            time.sleep(after_s)  # whatever it does then
+            child.send_signal(signal.SIGKILL)
+            child.wait()
+        store = VersionStore(tmp_path)
+        manifest = store.read()
+        assert manifest.current >= newest
+        newest = manifest.current
+        for version in manifest.versions:
+            assert store.weights(version).is_file()
+    assert newest > 0
+    store.add(b"weights", "# Card", describe(newest))
+    assert not list(tmp_path.glob(".[0-9]*.onnx.*")), "what was cut off is removed"
+
+
+@pytest.mark.parametrize("place", range(0, 1500, 47))
+def test_flipped_bit_of_the_list_is_never_taken_for_another(tmp_path: Path, place: int) -> None:
+    store = filled(tmp_path, 3)
+    good = store.read()
+    content = bytearray((tmp_path / MANIFEST).read_bytes())
+    content[place % len(content)] ^= 0x04
+    (tmp_path / MANIFEST).write_bytes(content)
+    try:
+        found = store.read()
+        for version in found.versions:
+            if version.sha256 != {v.number: v.sha256 for v in good.versions}.get(version.number):
+                with pytest.raises(InputError, match=r"damaged|not found"):
+                    store.weights(version)
+    except InputError:
+        assert store.put_aside()[1] == good

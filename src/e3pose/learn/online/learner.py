@@ -295,11 +295,9 @@ class OnlineTrainer:
         try:
             manifest = self.store.read()
         except InputError as error:
-            aside = self.store.put_aside()
-            self._report(
-                f"{error}; moved to {aside.name}, the network to begin with runs", logging.WARNING
-            )
-            manifest = Manifest()
+            aside, manifest = self.store.put_aside()
+            now = f"version {manifest.current}" if manifest.current else "the network to begin with"
+            self._report(f"{error}; moved to {aside.name}, {now} runs", logging.WARNING)
         if manifest.current == self._running:
             return
         wanted, predictor = manifest.current, None

@@ -18,6 +18,7 @@ from e3pose.files.table import read_table
 from e3pose.predict.attention_lstm import MAX_WEIGHTS_BYTES
 
 MANIFEST = "versions.json"
+COPY = "versions.json.copy"  # the same again, for the day when the other is damaged
 FORMAT = "e3pose predictor versions"
 MAX_MANIFEST_BYTES = 2**20
 WAIT_S = 10.0  # for another process that changes the versions
@@ -110,8 +111,9 @@ class VersionStore:
             InputError: when it is damaged.
         """
         path = self.folder / MANIFEST
-        if not path.exists():
-            return Manifest()
+        return self._read(path) if path.exists() else Manifest()
+
+    def _read(self, path: Path) -> Manifest:
         try:
             table = msgspec.json.decode(read_bytes(path, MAX_MANIFEST_BYTES))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -186,28 +188,39 @@ class VersionStore:
         self.use(parent)
         return parent
 
-    def put_aside(self) -> Path:
-        """Move a damaged manifest out of the way and return where it is now."""
+    def put_aside(self) -> tuple[Path, Manifest]:
+        """Move a damaged manifest out of the way; return where it is now, and what replaces it.
+
+        Its copy replaces it; where that is damaged too, one that names the network to begin with.
+        """
         path = self.folder / MANIFEST
         aside = path.with_name(f"{MANIFEST}.damaged")
         with self._lock():
             os.replace(path, aside)
-            numbers = [int(p.stem) for p in self.folder.glob("*.onnx") if p.stem.isdecimal()]
-            self._write(Manifest(last=max(numbers, default=0)))
-        return aside
+            try:
+                manifest = self._read(self.folder / COPY)
+            except InputError:
+                numbers = [int(p.stem) for p in self.folder.glob("*.onnx") if p.stem.isdecimal()]
+                manifest = Manifest(last=max(numbers, default=0))
+            self._write(manifest)
+        return aside, manifest
 
     def _path(self, number: int) -> Path:
         return self.folder / f"{number:06d}.onnx"
 
     def _write(self, manifest: Manifest) -> None:
-        with atomic_file(self.folder / MANIFEST) as temporary:
-            temporary.write_bytes(msgspec.json.format(msgspec.json.encode(manifest)) + b"\n")
+        content = msgspec.json.format(msgspec.json.encode(manifest)) + b"\n"
+        for name in (MANIFEST, COPY):
+            with atomic_file(self.folder / name) as temporary:
+                temporary.write_bytes(content)
 
     def _prune(self, spared: set[int]) -> None:
         for path in self.folder.glob("*.onnx"):
             if path.stem.isdecimal() and int(path.stem) not in spared:
                 path.unlink(missing_ok=True)
                 path.with_suffix(".md").unlink(missing_ok=True)
+        for path in self.folder.glob(".[0-9]*.onnx.*"):  # of a process killed while it wrote one
+            path.unlink(missing_ok=True)
 
     def _lock(self) -> AbstractContextManager[None]:
         return hold(self.folder / MANIFEST, wait_s=WAIT_S)
