@@ -2,7 +2,7 @@
 
 A camera that films 12.5 frames per second cannot fill 25 slots: half of the views ordered of it
 never come, and nothing else tells of it. The share is a running mean over the newest orders; two
-limits and a time in between keep the warning from flapping.
+limits and a time after each warning keep it from flapping.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 SHORT, ENOUGH = 0.9, 0.95  # shares at which the warning begins and ends
 MEMORY_ORDERS = 500
 MIN_ORDERS = 50  # before which a share says little
-SETTLED_S = 20.0  # between two changes of one camera
+SETTLED_S = 20.0  # after a warning before the next
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,8 +69,8 @@ def after_slot(
         wanted: `(num_cameras,)` cameras that had an order in time and were online.
         arrived: `(num_cameras,)` cameras whose view arrived in time.
         late: `(num_cameras,)` cameras of which a view came too late since the slot before.
-        given_up: `(num_cameras,)` cameras that the failure detector gave up: another message is
-            about them, and they are counted anew when they are back.
+        given_up: `(num_cameras,)` cameras that the failure detector gave up; they are counted anew
+            once they are back.
         interval_s: seconds per slot.
     """
     orders = np.where(given_up, 0, np.minimum(before.orders + wanted, MEMORY_ORDERS))
@@ -78,7 +78,7 @@ def after_slot(
     share = before.arrived + weight * (arrived - before.arrived)
     shorter = ~before.short & (orders >= MIN_ORDERS) & (share < SHORT)
     enough = before.short & (orders >= MIN_ORDERS) & (share >= ENOUGH)
-    changed = (shorter | enough) & (before.since_s >= SETTLED_S)
+    changed = (shorter & (before.since_s >= SETTLED_S)) | enough
     return Delivery(
         orders=orders,
         arrived=share,
@@ -100,18 +100,18 @@ def shortages(
         pace: seconds of the scene per second.
     """
     return [
-        _shortage(camera, float(arrived), float(late), slots_hz, pace)
-        if short and (camera.frames_hz is not None or camera.counted is None)  # not before
-        else ""
-        for camera, arrived, late, short in zip(
-            cameras, delivery.arrived, delivery.late, delivery.short, strict=True
-        )
+        _shortage(camera, delivery.share(index), float(delivery.late[index]), slots_hz, pace)
+        if delivery.short[index] and (camera.frames_hz is not None or camera.counted is None)
+        else ""  # also until the rate of its frames is known
+        for index, camera in enumerate(cameras)
     ]
 
 
 def _shortage(
-    camera: CameraState, arrived: float, late: float, slots_hz: float, pace: float
+    camera: CameraState, arrived: float | None, late: float, slots_hz: float, pace: float
 ) -> str:
+    if arrived is None:
+        return "too few views arrived before it was left out, its views are counted anew"
     frames_hz, share = camera.frames_hz, f"{arrived:.0%} of the views ordered of it arrive in time"
     if frames_hz is not None and frames_hz < SHORT * slots_hz:
         slower = f"fps = {frames_hz / pace:.3g}" if pace == 1 else "a lower pace"
