@@ -19,6 +19,7 @@ from typing import Any
 from e3pose.camera.base import LiveDetector, LiveFrame, LiveSource
 from e3pose.camera.base import NodeSettings as NodeSettings
 from e3pose.camera.box import Box
+from e3pose.camera.frame_rate import FrameRate
 from e3pose.camera.pictures import Pictures
 from e3pose.camera.schedule import Schedule, slot_of_frame, take_order
 from e3pose.camera.status import CameraCounts, heartbeat_message, hello_message
@@ -101,6 +102,7 @@ class CameraNode:
         self._order = threading.Event()  # set by each order: a sleeping source may have to wake
         self._lock = threading.Lock()
         self._image_size: tuple[int, int] | None = None  # until the first frame
+        self._rate = FrameRate()
         self._newest = (0, -1)  # session of the edge and slot of the newest frame
         self._threads: list[threading.Thread] = []
         self.failure: BaseException | None = None
@@ -240,7 +242,8 @@ class CameraNode:
         if schedule.times is None:
             return
         edge_ns = self.offset.offset.edge_ns(frame.captured_ns - self.settings.delay_ns)
-        interval_ns = round(1e9 / self.source.fps)
+        self._rate.add(frame.captured_ns)
+        interval_ns = round(1e9 / self._rate.hz(self.source.fps))
         newest = (schedule.session, self._newest[1] if self._newest[0] == schedule.session else -1)
         slot = slot_of_frame(schedule.times, edge_ns, newest[1], interval_ns)
         if slot is None:
@@ -298,9 +301,8 @@ class CameraNode:
         count, mode_since_ns = 0, self.clock.now_ns()
         while not self._stop.is_set():
             if self._image_size is not None and count % HELLO_EVERY == 0:
-                hello = hello_message(
-                    self.settings, self.session, self.source.fps, self._image_size
-                )
+                fps = self._rate.hz(self.source.fps)
+                hello = hello_message(self.settings, self.session, fps, self._image_size)
                 self.transport.publish(topics.of_camera(site, camera_id, "hello"), encode(hello))
             self._exchange()
             now_ns = self.clock.now_ns()

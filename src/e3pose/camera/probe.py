@@ -1,19 +1,26 @@
-"""Find the cameras of this machine, and read one frame of a source."""
+"""Find the cameras of this machine, read one frame of a source, and count those of live ones."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from e3pose.camera.base import LiveSource
+from e3pose.camera.frame_rate import rate_hz, rounded_hz
 from e3pose.camera.live_source import make_source
 from e3pose.camera.source import open_video
 from e3pose.errors import InputError
 from e3pose.runtime.clock import WallClock
+from e3pose.settings.sources import place_of
 
+COUNT_S = 3.0  # in which the frames of a live source are counted
+SETTLE_S = 0.5  # after the first frame: a stream may begin with a burst
 FRAME_S = 10.0  # for a device to open and give its first frame
 DARK = 8.0  # mean of 0..255 below which a picture shows nothing
 VIDEO4LINUX = Path("/sys/class/video4linux")
@@ -21,25 +28,32 @@ VIDEO4LINUX = Path("/sys/class/video4linux")
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """Properties of a source, from one frame.
+    """Properties of a source.
 
     Attributes:
         source: its name.
         image_size: `(width, height)` in pixels.
-        fps: frames per second.
-        dark: whether the frame shows nothing.
+        fps: frames per second: counted if it is live, nominal if it was recorded.
+        dark: whether the first frame shows nothing.
+        nominal_fps: the rate that it announces; None if it is `fps`.
     """
 
     source: str
     image_size: tuple[int, int]
     fps: float
     dark: bool
+    nominal_fps: float | None = None
+
+    def rate_words(self) -> str:
+        """Return its rate in words, and that it announces another one if it does."""
+        announced = f" ({self.nominal_fps:.3g} announced)" if self.nominal_fps else ""
+        return f"{self.fps:.3g} frames per second{announced}"
 
 
 def probe(
     source: str, camera_id: str = "", fps: float | None = None, timeout_s: float = FRAME_S
 ) -> Probe:
-    """Open a source, read its first frame and close it.
+    """Open a source, read its first frame, count its frames if it is live, and close it.
 
     Args:
         source: see `camera.live_source`.
@@ -60,10 +74,50 @@ def probe(
         end_s = time.monotonic() + timeout_s
         while time.monotonic() < end_s:
             if (frame := opened.read()) is not None:
-                return Probe(source, frame.image_size, opened.fps, _dark(frame.image()))
+                dark, nominal_hz = _dark(frame.image()), opened.fps
+                counted = None if place_of(source) is not None else _counted_hz(opened)
+                fps = rounded_hz(counted, nominal_hz)
+                announced = None if fps == nominal_hz else nominal_hz
+                return Probe(source, frame.image_size, fps, dark, announced)
     finally:
         opened.close()
     raise InputError("source", f"no frame of {source[:80]} in {timeout_s:g} s", "one that films")
+
+
+def _counted_hz(opened: LiveSource) -> float | None:
+    """Return the rate at which an open source brings frames; None if it brings almost none."""
+    begin_s, times_ns = time.monotonic() + SETTLE_S, list[int]()
+    while time.monotonic() < begin_s + COUNT_S:
+        frame = opened.read()
+        if frame is not None and time.monotonic() >= begin_s:
+            times_ns.append(frame.captured_ns)
+    return rate_hz(times_ns)
+
+
+def probe_all(
+    asked: Mapping[str, Callable[[], Probe]], progress: Callable[[int, int], None]
+) -> dict[str, Probe | InputError]:
+    """Return what is found of each camera, or why nothing is, probing all at once.
+
+    Args:
+        asked: by camera, what probes it.
+        progress: called with how many are done, and of how many, on this thread.
+    """
+
+    def found(ask: Callable[[], Probe]) -> Probe | InputError:
+        try:
+            return ask()
+        except InputError as error:
+            return error
+
+    progress(0, len(asked))
+    with ThreadPoolExecutor(max(len(asked), 1)) as pool:
+        work = {pool.submit(found, ask): name for name, ask in asked.items()}
+        results = {}
+        for done, future in enumerate(as_completed(work), 1):
+            results[work[future]] = future.result()
+            progress(done, len(asked))
+    return {name: results[name] for name in asked}
 
 
 def _dark(shown: Any) -> bool:

@@ -33,10 +33,10 @@ def check(
 
     Example: `e3pose check site.toml`, and on a camera `e3pose check camera.toml`
 
-    Of a site: calibration, skeletons, budgets, certificates, networks and how long they take here,
-    disks, clock, connected cameras. Of a camera: source, network, clock, certificate, and the
-    route to the edge. Each finding comes with the command or setting that fixes it. Exit code: 0
-    if ready, 1 if there are problems, 2 if the file is invalid.
+    Of a site: calibration, skeletons, budgets, certificates, the frames that sources bring,
+    networks and how long they take here, disks, clock, connected cameras. Of a camera: source,
+    network, clock, certificate, and the route to the edge. Each finding comes with the command or
+    setting that fixes it. Exit code: 0 if ready, 1 if there are problems, 2 if the file is invalid.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def check(
     timeout
         Seconds to wait for the edge, if it runs.
     quick
-        Do not measure how long the networks take.
+        Do not measure how long the networks take, nor count frames.
     """
     check_seconds("--timeout", timeout)
     from e3pose.settings.camera_file import is_camera_file, load_node
@@ -59,10 +59,11 @@ def check(
     from e3pose.settings.site_file import load_site
 
     table = load_site(site)
-    _show([*_site(table, quick), *_edge(table, keys, timeout)])
+    edge, running = _edge(table, keys, timeout)
+    _show([*_site(table, quick, running), *edge])
 
 
-def _site(table: SiteTable, quick: bool) -> list[Finding]:
+def _site(table: SiteTable, quick: bool, running: bool) -> list[Finding]:
     from e3pose.settings.live import known_rig
     from e3pose.site import check as examine
     from e3pose.site.check_sources import check_sources
@@ -82,6 +83,8 @@ def _site(table: SiteTable, quick: bool) -> list[Finding]:
     loop = table.loop if placed is None else placed.loop
     selected = min(loop.num_selected or len(rig), len(rig))
     if usable and not quick:
+        # A running site has the devices, and counts their frames itself.
+        found += [] if running else _rates(table, rig)
         found += _looks(table, rig, selected)
     return [*found, examine.check_clock(table.link.endpoint)]
 
@@ -91,6 +94,16 @@ def _settings(live: LiveSite) -> list[Finding]:
 
     now = datetime.now().astimezone()
     return [*check_skeletons(live), *check_feedback(live), *check_budgets(live, now)]
+
+
+def _rates(table: SiteTable, rig: Rig) -> list[Finding]:
+    from functools import partial
+
+    from e3pose.cli.progress import stage_progress
+    from e3pose.site.check_rates import check_rates
+
+    with stage_progress() as (_, advance):
+        return list(check_rates(table, rig, partial(advance, "counting frames")))
 
 
 def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:
@@ -107,7 +120,8 @@ def _looks(table: SiteTable, rig: Rig, selected: float) -> list[Finding]:
     return [] if times is None else list(check_speed(table, times, selected))
 
 
-def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]:
+def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> tuple[list[Finding], bool]:
+    """Return what is found of the edge, and whether it is running."""
     from e3pose.site.check import Finding, check_running
     from e3pose.site.follow import Follower, viewer_link
     from e3pose.wire.network import open_network
@@ -116,12 +130,13 @@ def _edge(site: SiteTable, keys: Path | None, timeout_s: float) -> list[Finding]
         link = viewer_link(site, keys)
         transport = open_network(link)
     except InputError as error:
-        return [Finding("warning", "edge", f"cannot connect: {error}")]
+        return [Finding("warning", "edge", f"cannot connect: {error}")], False
     follower = Follower(site.name)
     follower.listen(transport)
     follower.fresh.wait(timeout_s)
     transport.close()
-    return [*check_running(follower.status, link.endpoint)]
+    running = follower.status is not None
+    return [*check_running(follower.status, link.endpoint)], running
 
 
 def _show(findings: Sequence[Finding]) -> None:

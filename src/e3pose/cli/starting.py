@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -37,9 +38,10 @@ def init(
 
     Example: `e3pose init room usb:0 usb:2 rtsp://10.0.0.7/stream`
 
-    Reads one frame of each source, measures how long the network takes here with as many
-    processes as there are cameras, and writes a commented site folder with the slots per second,
-    threads and deadline that fit. It says what is missing, and the command for it.
+    Reads one frame of each source, counts those of live sources for three seconds, measures how
+    long the network takes here with as many processes as there are cameras, and writes a commented
+    site folder with the slots per second, threads and deadline that fit. It says what is missing,
+    and the command for it.
 
     Parameters
     ----------
@@ -174,16 +176,26 @@ def _network(asked: str | None) -> str:
 
 
 def _probed(named: dict[str, str], rig: Rig | None) -> dict[str, Probe]:
-    from e3pose.camera.probe import probe
+    from e3pose.camera.probe import probe, probe_all
+    from e3pose.cli.progress import stage_progress
 
+    with stage_progress() as (_, advance):
+        tried = probe_all(
+            {camera_id: partial(probe, source) for camera_id, source in named.items()},
+            partial(advance, "counting frames"),
+        )
     found = {}
-    for camera_id, source in named.items():
-        try:
-            seen = found[camera_id] = probe(source)
-        except InputError as error:
-            raise InputError(f"camera {camera_id}: {error}") from None
+    for camera_id, seen in tried.items():
+        if isinstance(seen, InputError):
+            raise InputError(f"camera {camera_id}: {seen}")
+        found[camera_id] = seen
         width, height = seen.image_size
-        print(f"{camera_id}: {source}, {width} x {height} at {seen.fps:.3g} frames per second")
+        print(f"{camera_id}: {named[camera_id]}, {width} x {height} at {seen.rate_words()}")
+        if seen.nominal_fps is not None and seen.fps < seen.nominal_fps:
+            warn(
+                f"camera {camera_id}: its source announces {seen.nominal_fps:.3g} frames per "
+                f"second and brings {seen.fps:.3g}: the site gets no more slots per second"
+            )
         if seen.dark:
             warn(f"camera {camera_id}: its picture is dark; is the lens covered?")
         if rig is not None:
@@ -233,6 +245,11 @@ def _report(choice: Choice, folder: Path, path: Path) -> None:
         slots += f" of films that are played at {pace:g} of their speed"
     of = f"{choice.num_selected} of {len(choice.probes)} cameras active in each"
     print(f"Wrote {path}: {slots}, {of}")
+    from e3pose.site.check_rates import compare_rates
+
+    for finding in compare_rates(choice.probes, fps):
+        if finding.level != "ok":
+            warn(f"{finding.what}: {finding.found}: {finding.advice}")
     if choice.fps or choice.pace:
         from e3pose.settings.site_file import load_site
         from e3pose.site.detector_speed import check_speed

@@ -63,7 +63,7 @@ def _source(node: NodeTable) -> Iterator[tuple[Finding, tuple[int, int] | None]]
         yield Finding("problem", what, str(error), advice), None
         return
     width, height = seen.image_size
-    shown = f"{node.source[:60]}: {width} x {height} at {seen.fps:.3g} frames per second"
+    shown = f"{node.source[:60]}: {width} x {height} at {seen.rate_words()}"
     yield Finding("ok", what, shown), seen.image_size
     if seen.dark:
         yield Finding("warning", what, "its picture is dark", "is the lens covered?"), None

@@ -255,7 +255,7 @@ def _camera(choice: Choice, camera_id: str) -> str:
     lines = [
         "",
         "[[camera]]",
-        f'id = "{camera_id}"  # {width} x {height}, {seen.fps:.3g} frames per second',
+        f'id = "{camera_id}"  # {width} x {height}, {seen.rate_words()}',
         f"source = {_quoted(seen.source)}",
     ]
     if degrees := choice.rotations.get(camera_id):
