@@ -22,7 +22,7 @@ from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Picture, PictureQuestion
 
 WIDTH, LARGE_WIDTH = 320, 960
-QUALITY = 60  # of JPEG: 10 to 20 kB, and 50 to 100 kB for a large one
+QUALITY = 60  # of JPEG
 PERIOD_NS = 200_000_000
 GROUND, FIGURE = (236, 238, 241), (120, 128, 140)  # of a picture drawn from keypoints, RGB
 NEVER = "no detection yet since the camera started"
