@@ -25,7 +25,7 @@ WIDTH, LARGE_WIDTH = 320, 960
 QUALITY = 60  # of JPEG
 PERIOD_NS = 200_000_000
 GROUND, FIGURE = (236, 238, 241), (120, 128, 140)  # of a picture drawn from keypoints, RGB
-NEVER = "no detection yet since the camera started"
+NEVER = "no detection yet"
 NO_IMAGES = "its source shows no images"
 
 

@@ -87,7 +87,7 @@ function drawTile(name) {
   const tile = tiles.get(name), { canvas, image, found, said } = tile;
   byId("drawn").hidden = ![...tiles.values()].some((one) => one.found && one.found.drawn);
   said.textContent = pictureWords(tile);
-  said.title = said.textContent;
+  said.className = mode === "live" && found && found.why ? "why" : ""; // has a row of its own
   canvas.classList.toggle("old", mode === "past" || Boolean(found && (found.why || found.age_s > FADED_S)));
   drawPicture(canvas, tile);
   if (enlarged !== name) return;

@@ -144,7 +144,7 @@ class CameraPictures:
         for camera in self.feed.status.cameras:
             if camera.camera_id == self.camera.camera_id and not camera.online:
                 return f"offline: {camera.why}" if camera.why else "offline"
-        return "not allowed by the camera: pictures = true in its file"
+        return "not allowed: set pictures = true in the camera file"
 
     def _body(self, have: str) -> dict[str, Any]:
         shown, edge_ns = self._shown, self.feed.edge_ns()

@@ -201,7 +201,7 @@ let lostAt = Date.now(); // since when there is no connection to the server
 function showState() {
   const late = (performance.now() - cameAt) / 1000, pill = byId("state"), open = socket && socket.readyState === 1;
   if (open) lostAt = Date.now();
-  const word = mode === "past" ? "past" : !open ? "no connection" : !edge.there && status ? "edge gone" : late < QUIET_S ? "live" : "no slots";
+  const word = mode === "past" ? "past" : !open ? "no connection" : !status ? "waiting" : !edge.there ? "edge gone" : late < QUIET_S ? "live" : "no slots";
   pill.textContent = word;
   pill.className = `pill ${{ past: "past", live: "live" }[word] || "off"}`;
   document.body.classList.toggle("stale", word === "no connection" || word === "edge gone");
