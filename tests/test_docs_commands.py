@@ -59,6 +59,7 @@ RUNS = (
     "keys add wall --viewer",
     "keys init lab --host edge.local --host 192.168.1.10",
     "keys list",
+    "keys renew",
     "keys revoke cam1",
     "models list",
     "power",

@@ -97,6 +97,32 @@ def add(
     wrote(made, f"certificate of {kind} {name}; copy the folder to its machine")
 
 
+@keys_app.command(name="renew")
+def renew(name: list[str] | None = None, /, *, keys: Path = DEFAULT) -> None:
+    """Renew certificates before they expire, without revoking those in use.
+
+    Example: `e3pose keys renew`, or `e3pose keys renew edge cam1`
+
+    A running edge takes its own within seconds. Copy the other folders to their machines and
+    restart the programs there, at any time before the old certificates expire.
+
+    Parameters
+    ----------
+    name
+        `edge`, cameras, viewers, operators or routers. Default: those that expire within 30 days.
+    keys
+        Folder from `e3pose keys init`.
+    """
+    from e3pose.wire.keys.renewal import AUTHORITY, expiring, renew_keys
+
+    names = name or [one for one, _ in expiring(keys, _now()) if one != AUTHORITY]
+    for one in names:
+        made = renew_keys(keys, one, _now())
+        print(f"{one}: renewed in {made}" + ("" if one == "edge" else "; copy it to its machine"))
+    if not names:
+        print("no certificate expires within 30 days")
+
+
 @keys_app.command(name="revoke")
 def revoke(name: str, /, *, keys: Path = DEFAULT) -> None:
     """Revoke the certificate of a camera, viewer, operator or router.

@@ -60,7 +60,7 @@ def edge(
     end_with_parent
         Stop when standard input closes, a pipe from the parent process.
     """
-    _end_with_parent(end_with_parent)
+    _begin(end_with_parent)
     check_seconds("--for", for_s)
     from e3pose.settings.site_file import load_site
     from e3pose.site.edge_program import open_edge
@@ -102,7 +102,7 @@ def camera(
     end_with_parent
         Stop when standard input closes, a pipe from the parent process.
     """
-    _end_with_parent(end_with_parent)
+    _begin(end_with_parent)
     from e3pose.settings.camera_file import load_node
     from e3pose.site.camera_program import open_camera
     from e3pose.site.logs import open_log
@@ -263,8 +263,11 @@ def _delayed(site: SiteTable, delay: str | None) -> SiteTable:
         return replace(site, smooth_delay_ms=1e3 * duration_s(delay))
 
 
-def _end_with_parent(asked: bool) -> None:
-    if asked:
-        from e3pose.site.run import end_with_parent
+def _begin(end_with_parent: bool) -> None:
+    """Prepare a program that runs for months."""
+    from e3pose.site.interpreter import bound_heaps
+    from e3pose.site.run import end_with_parent as look_after_parent
 
-        end_with_parent()
+    bound_heaps()
+    if end_with_parent:
+        look_after_parent()

@@ -46,11 +46,12 @@ def view(
     check_seconds("--for", for_s)
     from e3pose.settings.live import live_site
     from e3pose.settings.site_file import load_site
-    from e3pose.site.interpreter import reduce_pauses
+    from e3pose.site.interpreter import bound_heaps, reduce_pauses
     from e3pose.site.run import end_with_parent as look_after_parent
     from e3pose.site.run import run_until_stopped
     from e3pose.site.web.program import open_view, page_links
 
+    bound_heaps()
     if end_with_parent:
         look_after_parent()
     table = load_site(site)

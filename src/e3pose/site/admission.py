@@ -66,14 +66,14 @@ class Admission:
     server: EdgeServer
     join: Callable[[Link, Roll | None], Transport]
     report: Callable[[str], Any]
-    _seen: tuple[int, int] = (0, 0)
+    _seen: tuple[int, ...] = ()
     _refused: str = ""
 
     def __post_init__(self) -> None:
         self._seen = self._version()
 
     def update(self) -> None:
-        """Rejoin if the list of certificates changed since the last call."""
+        """Rejoin if the list of certificates or the edge's own changed since the last call."""
         seen = self._version()
         if seen == self._seen:
             return
@@ -98,11 +98,12 @@ class Admission:
         inbox.not_admitted = not_admitted(roll, inbox.rig.camera_ids)
         return lambda: self.join(link, roll)
 
-    def _version(self) -> tuple[int, int]:
+    def _version(self) -> tuple[int, ...]:
         if self.site.link.keys is None:
-            return 0, 0
+            return ()
+        folder = self.site.near(self.site.link.keys)
         try:
-            status = (self.site.near(self.site.link.keys) / "keys.toml").stat()
+            found = [(folder / name).stat() for name in ("keys.toml", "edge.pem", "edge.key")]
         except OSError:
             return self._seen  # being replaced
-        return status.st_mtime_ns, status.st_ino
+        return tuple(number for status in found for number in (status.st_mtime_ns, status.st_ino))

@@ -26,9 +26,9 @@ from e3pose.settings.site_file import SiteTable
 from e3pose.site.admission import edge_link
 from e3pose.wire.access import is_loopback, split_endpoint
 from e3pose.wire.keys.folder import Kind, Roll, certificates_in, check_certificates
+from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.site_messages import Status
 
-SOON_DAYS = 30
 APART_M = 0.1  # cameras nearer to each other than this see the same
 CLOCK_MS = 5.0
 FREE_BYTES = 10**9
@@ -173,10 +173,14 @@ def _lasting(
     from e3pose.wire.keys.authority import expires
 
     anew = f"e3pose keys init {name} --out {folder}-new, then copy all its folders"
-    for what, file in (("authority", "authority.pem"), ("edge", "edge.pem")):
+    renew = f"e3pose keys renew edge --keys {folder}"
+    for what, file, advice in (
+        ("authority", "authority.pem", anew),
+        ("edge", "edge.pem", renew),
+    ):
         until = expires((folder / file).read_bytes())  # that they are valid now was checked
         if until - now < datetime.timedelta(days=SOON_DAYS):
-            yield Finding("warning", f"certificate {what}", f"expires on {until:%Y-%m-%d}", anew)
+            yield Finding("warning", f"certificate {what}", f"expires on {until:%Y-%m-%d}", advice)
     kinds: dict[Kind, Mapping[str, str]] = {}
     if roll is not None:
         kinds = {"viewer": roll.viewers, "operator": roll.operators, "router": roll.routers}
@@ -207,7 +211,8 @@ def _certificate(
         return Finding("problem", what, str(error), again)
     until = expires(files.certificate.read_bytes())
     if until - now < datetime.timedelta(days=SOON_DAYS):
-        return Finding("warning", what, f"expires on {until:%Y-%m-%d}", again)
+        renew = f"e3pose keys renew {name} --keys {folder.parent.parent}, then copy {folder}"
+        return Finding("warning", what, f"expires on {until:%Y-%m-%d}", renew)
     return Finding("ok", what, f"valid until {until:%Y-%m-%d}")
 
 

@@ -17,11 +17,12 @@ from e3pose.runtime.clock import WallClock
 from e3pose.settings.camera_file import NodeTable
 from e3pose.settings.sources import is_recorded, located
 from e3pose.site.camera_program import camera_link
-from e3pose.site.check import CLOCK_MS, SOON_DAYS, Finding, Level, check_clock
+from e3pose.site.check import CLOCK_MS, Finding, Level, check_clock
 from e3pose.wire import topics
 from e3pose.wire.access import split_endpoint
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.keys.folder import certificates_in
+from e3pose.wire.keys.renewal import SOON_DAYS
 from e3pose.wire.messages import ClockAnswer, ClockQuestion
 from e3pose.wire.network import open_network
 from e3pose.wire.offset import Exchange

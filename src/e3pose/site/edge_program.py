@@ -36,6 +36,7 @@ from e3pose.settings.parts import noise_warning
 from e3pose.settings.site_file import SiteTable, load_site
 from e3pose.site.admission import Admission, edge_link, join_as_edge
 from e3pose.site.control import SiteControls
+from e3pose.site.expiry import ExpiryWatch
 from e3pose.site.interpreter import reduce_pauses
 from e3pose.site.program_log import NO_LOG, Log
 from e3pose.site.run import run_until_stopped
@@ -64,6 +65,10 @@ class Edge:
         """Own a started server, and the resources to close after it."""
         self.site, self.server = admission.site, server
         self._admission, self._stack = admission, stack
+        keys = self.site.link.keys
+        self._expiry = ExpiryWatch(
+            None if keys is None else self.site.near(keys), self.server.event_log.report
+        )
 
     def __enter__(self) -> Edge:
         """Return itself."""
@@ -80,6 +85,7 @@ class Edge:
     def running(self) -> bool:
         """Return whether it is running; also applies new certificates, so call it often."""
         self._admission.update()
+        self._expiry.update()
         return self.server.running()
 
     def run(self, for_s: float | None = None) -> None:

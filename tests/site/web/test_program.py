@@ -18,6 +18,7 @@ from e3pose.recording.calibration import save_rig
 from e3pose.settings.live import live_site
 from e3pose.site.web.program import _listen, address_of, open_view
 from e3pose.wire.keys.folder import init_keys
+from e3pose.wire.keys.renewal import renew_keys
 
 NOW = datetime.datetime.now(datetime.timezone.utc)
 TLS = '[link]\nendpoint = "tls/0.0.0.0:7001"\nkeys = "keys"\n'
@@ -78,3 +79,22 @@ def test_beyond_loopback_it_is_https_with_the_certificate_of_the_edge_and_a_toke
             assert client.get("/api/site").status_code == 401
             bearer = {"Authorization": f"Bearer {view.tokens.read}"}
             assert client.get("/api/site", headers=bearer).json()["site"] == "lab"
+
+
+def test_renewed_certificate_is_shown_to_new_connections(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    init_keys(keys, "lab", [], NOW - datetime.timedelta(days=100))
+    save_rig(looking((4, 0), (0, 4)), tmp_path / "rig.toml")
+    live = live_site(write_site(tmp_path, TLS))
+
+    def shown(port: int) -> bytes:
+        return ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate(("127.0.0.1", port)))
+
+    with open_view(live, "0.0.0.0:0", transport=Hub().join()) as view:
+        before = shown(view.address.port)
+        renew_keys(keys, "edge", NOW)
+        assert view.running()
+        renewed = ssl.PEM_cert_to_DER_cert((keys / "edge.pem").read_text())
+        assert before != renewed == shown(view.address.port)
+        (keys / "edge.key").write_text("half")
+        assert view.running() and shown(view.address.port) == renewed

@@ -6,7 +6,7 @@ import errno
 import socket
 import ssl
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -125,6 +125,8 @@ class View:
         self.address, self.url = address, address.url
         self.rules, self.tokens, self.feed = rules, rules.tokens, feed
         self._stack = ExitStack()
+        self._secure: ssl.SSLContext | None = None
+        self._seen: tuple[int, ...] = ()  # version of the certificate that is shown
 
     def __enter__(self) -> View:
         return self
@@ -133,12 +135,22 @@ class View:
         self.close()
 
     def running(self) -> bool:
-        """Return whether it serves."""
+        """Return whether it serves; also takes a renewed certificate, so call it often."""
+        self._renew()
         return self._serving.running()
 
-    def serve(self, serving: Serving) -> None:
-        """Go on until `serving` ends, which is closed first."""
-        self._serving = serving
+    def _renew(self) -> None:
+        """Show new connections a certificate that was renewed on disk."""
+        seen = _version(self.address)
+        if self._secure is None or seen == self._seen:
+            return
+        with suppress(OSError):  # ssl.SSLError is one: half of it was replaced, tried again
+            self._secure.load_cert_chain(str(self.address.certificate), str(self.address.key))
+            self._seen = seen
+
+    def serve(self, serving: Serving, secure: ssl.SSLContext | None) -> None:
+        """Go on until `serving` ends, which is closed first; `secure` is its https."""
+        self._serving, self._secure, self._seen = serving, secure, _version(self.address)
         self._stack.callback(serving.close)
 
     def close(self) -> None:
@@ -198,7 +210,8 @@ def open_view(
         made = Site(feed, store, lambda: body, ask, pictures, shown)
         view._stack.push(stack.pop_all())
     bounds = Bounds(CONNECTIONS, PER_ADDRESS, proxies=rules.proxies)
-    view.serve(Serving(make_app(made, rules), listening, bounds, _https(address)))
+    secure = _https(address)
+    view.serve(Serving(make_app(made, rules), listening, bounds, secure), secure)
     return view
 
 
@@ -221,6 +234,14 @@ def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules:
         proxies,
         here,
     )
+
+
+def _version(address: Address) -> tuple[int, ...]:
+    """Return what changes whenever the certificate does; nothing while it is replaced."""
+    try:
+        return tuple(p.stat().st_mtime_ns for p in (address.certificate, address.key) if p)
+    except OSError:
+        return ()
 
 
 def _https(address: Address) -> ssl.SSLContext | None:

@@ -18,7 +18,13 @@ SUBJECT = "e3pose "  # before the name of the site
 AUTHORITY_DAYS = 3650
 LEAF_DAYS = 825
 # What certificates and keys that are none raise.
-UNREADABLE = (ValueError, TypeError, x509.InvalidVersion, UnsupportedAlgorithm)
+UNREADABLE = (
+    ValueError,
+    TypeError,
+    x509.InvalidVersion,
+    x509.ExtensionNotFound,
+    UnsupportedAlgorithm,
+)
 CLOCK_SLACK = datetime.timedelta(days=1)  # a camera without a network may be behind
 
 
@@ -125,6 +131,13 @@ def expires(certificate: bytes) -> datetime.datetime:
         return x509.load_pem_x509_certificate(certificate).not_valid_after_utc
     except UNREADABLE:
         raise InputError("found no certificate, expected what `e3pose keys` made") from None
+
+
+def hosts_of(certificate: bytes) -> list[str]:
+    """Return the names and addresses that a PEM certificate is for."""
+    found = x509.load_pem_x509_certificate(certificate)
+    names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    return [str(name.value) for name in names]
 
 
 def _usage(signs: bool) -> x509.KeyUsage:

@@ -121,7 +121,7 @@ def init_keys(folder: Path, site: str, hosts: Sequence[str], now: datetime.datet
             ("edge.pem", edge),
             ("edge.key", edge_key),
         ):
-            _write(temporary / name, content)
+            write_file(temporary / name, content)
         _write_roll(temporary, roll)
     folder.chmod(0o700)
     return roll
@@ -194,9 +194,9 @@ def _add(
     if place.is_symlink() or place.parent.is_symlink():
         raise InputError(f"{place}: found a symbolic link, expected a folder")
     make_folder(place)
-    _write(place / "authority.pem", authority)
-    _write(place / f"{kind}.pem", certificate)
-    _write(place / f"{kind}.key", private)
+    write_file(place / "authority.pem", authority)
+    write_file(place / f"{kind}.pem", certificate)
+    write_file(place / f"{kind}.key", private)
     revoked = (*roll.revoked, known[name]) if name in known else roll.revoked
     known[name] = subject
     _write_roll(folder, replace(roll, **{f"{kind}s": known}, revoked=revoked, count=number))  # type: ignore[arg-type]
@@ -326,13 +326,14 @@ def _write_roll(folder: Path, roll: Roll) -> None:
         "routers": dict(roll.routers),
     }
     written = tomli_w.dumps(table).encode()
-    _write(folder / LIST, written)
+    write_file(folder / LIST, written)
     for name in roll.routers:  # to carry there: a router keeps the rules that the edge keeps
         place = folder / "routers" / name
         if place.is_dir() and not place.is_symlink():
-            _write(place / LIST, written)
+            write_file(place / LIST, written)
 
 
-def _write(path: Path, content: bytes) -> None:
+def write_file(path: Path, content: bytes) -> None:
+    """Write a certificate, a list, or a key that its owner alone can read."""
     with atomic_file(path, private=path.suffix == ".key") as temporary:
         temporary.write_bytes(content)

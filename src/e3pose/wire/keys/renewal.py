@@ -1,0 +1,116 @@
+"""Renew certificates before they expire, without revoking those in use."""
+
+from __future__ import annotations
+
+import datetime
+from collections.abc import Iterator
+from pathlib import Path
+
+from e3pose.errors import InputError
+from e3pose.files.bounded import read_bytes
+from e3pose.files.lock import hold
+from e3pose.wire.access import edge_name
+from e3pose.wire.keys.folder import LIST, MAX_PEM_BYTES, WAIT_S, read_roll, write_file
+
+SOON_DAYS = 30
+EDGE, AUTHORITY = "edge", "authority"
+
+
+def certificate_files(folder: Path) -> dict[str, Path]:
+    """Return the certificates in a folder of keys by name, the edge's first.
+
+    A folder that was moved to its machine is not there any more, and is left out.
+
+    Raises:
+        InputError: when the list of the folder cannot be read.
+    """
+    roll = read_roll(folder)
+    found = {EDGE: folder / "edge.pem"}
+    for kind in ("camera", "viewer", "operator", "router"):
+        for name in getattr(roll, f"{kind}s"):
+            found[name] = folder / f"{kind}s" / name / f"{kind}.pem"
+    return {name: path for name, path in found.items() if path.is_file()}
+
+
+def expiring(
+    folder: Path, now: datetime.datetime, days: float = SOON_DAYS
+) -> Iterator[tuple[str, datetime.datetime]]:
+    """Yield name and end of the certificates that expire within some days, or have expired.
+
+    Args:
+        folder: of the site's keys.
+        now: the time, UTC.
+        days: how long before.
+
+    Raises:
+        InputError: when the list of the folder cannot be read.
+    """
+    from e3pose.wire.keys.authority import expires
+
+    for name, path in {AUTHORITY: folder / "authority.pem", **certificate_files(folder)}.items():
+        try:
+            until = expires(read_bytes(path, MAX_PEM_BYTES))
+        except InputError:
+            continue  # being replaced
+        if until - now < datetime.timedelta(days=days):
+            yield name, until
+
+
+def renew_keys(folder: Path, name: str, now: datetime.datetime) -> Path:
+    """Make a new certificate for the edge, a camera, a viewer, an operator or a router.
+
+    It has the name and the hosts of the old one, which stays valid until it expires.
+
+    Args:
+        folder: of the site's keys.
+        name: `edge`, or of the holder.
+        now: the time from which it is valid.
+
+    Returns:
+        The folder of the new certificate, to carry to its machine.
+
+    Raises:
+        InputError: when there is none of that name, or the authority's key is not there.
+    """
+    from e3pose.wire.keys.authority import UNREADABLE, common_name, hosts_of, make_certificate
+
+    with hold(folder / LIST, wait_s=WAIT_S):
+        files = certificate_files(folder)
+        if name not in files:
+            raise InputError(
+                f"{folder}: found no certificate of {name[:80]}, "
+                f"expected one of: {', '.join(files)}; e3pose keys add makes a new one"
+            )
+        path = files[name]
+        old = read_bytes(path, MAX_PEM_BYTES)
+        authority = read_bytes(folder / "authority.pem", MAX_PEM_BYTES)
+        key = read_bytes(folder / "authority.key", MAX_PEM_BYTES)
+        try:
+            subject, hosts = common_name(old), hosts_of(old)
+        except UNREADABLE:
+            wanted = "expected what `e3pose keys` made"
+            raise InputError(f"{path}: found no certificate, {wanted}") from None
+        _check_subject(folder, name, subject)
+        try:
+            made, private = make_certificate(authority, key, subject, hosts, now)
+        except UNREADABLE:
+            raise InputError(
+                f"{folder}: authority.pem, authority.key: found no certificate and its key, "
+                "expected those that `e3pose keys init` made"
+            ) from None
+        # Who reads between the two finds a key of another certificate, and reads again.
+        write_file(path.with_suffix(".key"), private)
+        write_file(path, made)
+    return path.parent
+
+
+def _check_subject(folder: Path, name: str, subject: str) -> None:
+    """Raise `InputError` for a file that holds another one's certificate."""
+    roll = read_roll(folder)
+    groups = (roll.cameras, roll.viewers, roll.operators, roll.routers)
+    wanted = [edge_name(roll.site)] if name == EDGE else [g[name] for g in groups if name in g]
+    if subject not in wanted:
+        raise InputError(
+            f"{folder}: the certificate of {name} is that of {subject[:80]}, "
+            f"expected {wanted[0]}: e3pose keys add {name} --again"
+        )

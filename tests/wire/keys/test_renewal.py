@@ -1,0 +1,110 @@
+"""Certificates are renewed without revoking the old ones, and what expires is reported."""
+
+from __future__ import annotations
+
+import datetime
+from pathlib import Path
+
+import pytest
+
+from e3pose.errors import InputError
+from e3pose.site.expiry import AGAIN, LOOK_S, ExpiryWatch
+from e3pose.wire.keys.authority import LEAF_DAYS, common_name, expires, hosts_of
+from e3pose.wire.keys.folder import (
+    add_keys,
+    certificates_in,
+    check_certificates,
+    init_keys,
+    read_roll,
+    revoke_keys,
+)
+from e3pose.wire.keys.renewal import expiring, renew_keys
+
+NOW = datetime.datetime(2026, 11, 23, 12, tzinfo=datetime.timezone.utc)
+DAY = datetime.timedelta(days=1)
+END = NOW + LEAF_DAYS * DAY
+
+
+@pytest.fixture
+def keys(tmp_path: Path) -> Path:
+    folder = tmp_path / "keys"
+    init_keys(folder, "lab", ["edge.local", "192.168.0.7"], NOW)
+    add_keys(folder, "cam1", NOW)
+    add_keys(folder, "desk", NOW, kind="operator")
+    return folder
+
+
+@pytest.mark.parametrize(("name", "place", "role"), [
+    ("edge", ".", "edge"),
+    ("cam1", "cameras/cam1", "camera"),
+    ("desk", "operators/desk", "operator"),
+])  # fmt: skip
+def test_renewed_certificate_is_that_of_the_same_holder(
+    keys: Path, name: str, place: str, role: str
+) -> None:
+    path = keys / place / f"{role}.pem"
+    before, roll, later = path.read_bytes(), read_roll(keys), END - 10 * DAY
+    assert renew_keys(keys, name, later) == keys / place
+    after = path.read_bytes()
+    assert common_name(after) == common_name(before) and hosts_of(after) == hosts_of(before)
+    assert expires(after) == later + LEAF_DAYS * DAY and expires(before) == END
+    assert read_roll(keys) == roll  # nothing is revoked
+    check_certificates(certificates_in(keys / place, role), later + 100 * DAY)  # type: ignore[arg-type]
+    assert path.with_suffix(".key").stat().st_mode & 0o077 == 0
+
+
+def test_who_has_no_certificate_gets_none(keys: Path) -> None:
+    revoke_keys(keys, "cam1")
+    with pytest.raises(InputError, match="found no certificate of cam1, expected one of: edge, "):
+        renew_keys(keys, "cam1", NOW)
+    with pytest.raises(InputError, match=r"found no certificate of \.\./\.\./x"):
+        renew_keys(keys, "../../x", NOW)
+
+
+def test_file_of_another_holder_is_not_renewed(keys: Path) -> None:
+    (keys / "cameras/cam1/camera.pem").write_bytes(
+        (keys / "operators/desk/operator.pem").read_bytes()
+    )
+    with pytest.raises(InputError, match=r"certificate of cam1 is that of desk#2, expected cam1#1"):
+        renew_keys(keys, "cam1", NOW)
+    (keys / "cameras/cam1/camera.pem").write_text("garbage")
+    with pytest.raises(InputError, match=r"camera\.pem: found no certificate"):
+        renew_keys(keys, "cam1", NOW)
+
+
+def test_what_expires_soon_is_named(keys: Path) -> None:
+    assert list(expiring(keys, END - 31 * DAY)) == []
+    assert [name for name, _ in expiring(keys, END - 29 * DAY)] == ["edge", "cam1", "desk"]
+    renew_keys(keys, "edge", END - 29 * DAY)
+    assert [name for name, _ in expiring(keys, END + DAY)] == ["cam1", "desk"]
+    assert "authority" in dict(expiring(keys, NOW + 3640 * DAY))
+
+
+def test_expiry_is_reported_once_a_day_and_again_when_it_has_come(keys: Path) -> None:
+    said: list[str] = []
+    now, now_s = [END - 40 * DAY], [0.0]
+
+    def pass_by(time: datetime.timedelta) -> list[str]:
+        now[0] += time
+        now_s[0] += LOOK_S
+        said.clear()
+        watch.update()
+        watch.update()
+        return list(said)
+
+    watch = ExpiryWatch(keys, lambda _, line: said.append(line), lambda: now[0], lambda: now_s[0])
+    assert pass_by(DAY) == []
+    lines = pass_by(25 * DAY)
+    assert (
+        len(lines) == 3 and "edge expires on 2029-02-25, in 14 days: e3pose keys renew" in lines[0]
+    )
+    assert pass_by(DAY / 2) == [] and len(pass_by(AGAIN)) == 3
+    assert len(pass_by(-2 * DAY)) == 3  # the clock was set back
+    lines = pass_by(16 * DAY)
+    assert "cam1 expired on 2029-02-25 12:00 UTC: nobody can connect anew with it" in lines[1]
+    renew_keys(keys, "edge", now[0])
+    assert len(pass_by(2 * AGAIN)) == 2
+
+
+def test_site_without_certificates_has_nothing_to_report() -> None:
+    ExpiryWatch(None, lambda *_: pytest.fail("reported")).update()
