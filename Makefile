@@ -2,13 +2,15 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+LOCKER := .venv-lock
+CONTAINER := .venv-container
 # Real recordings and networks, if available; tests that need them skip otherwise.
 ifneq ($(wildcard ../shared/data),)
 export E3POSE_SHARED ?= $(abspath ../shared)
 endif
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench soak attack test-all clean
+.PHONY: help demo test test-computing test-sites test-fast coverage check docs lint reproduce-quick bench soak attack lock sbom licences test-all clean
 help:  ## list the targets
 	@echo 'make TARGET; each needs only Python 3.10 to 3.13 ($(PYTHON), or PYTHON=...):'
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/; s/^/  /' | expand -t 12
@@ -22,8 +24,10 @@ $(VENV)/.all: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --editable '.[all]'
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+# Pinned versions with hashes; `make lock` renews them.
+$(VENV)/.dev: pyproject.toml requirements/dev.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@ $(VENV)/.all
 
 demo: $(VENV)/.all  ## run a live site on real videos; results in demo-output/
@@ -102,5 +106,28 @@ attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback
 test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13
 	$(BIN)/nox
 
+# For Python 3.10 to 3.13 on any Linux. `make lock LOCK=--upgrade` takes the newest versions, otherwise
+# those that still fit stay. The container has those of the tests.
+COMPILE := $(LOCKER)/bin/uv pip compile pyproject.toml --universal --python-version 3.10 --generate-hashes \
+  --no-emit-index-url --no-emit-find-links --no-annotate --no-header --quiet
+lock:  ## renew the pinned versions and hashes in requirements/
+	[ -x $(LOCKER)/bin/uv ] || { $(PYTHON) -m venv $(LOCKER) && $(LOCKER)/bin/pip install --quiet uv; }
+	$(COMPILE) $(LOCK) --extra dev --output-file requirements/dev.txt
+	$(COMPILE) $(LOCK) --extra edge --extra camera --extra models --extra build \
+	  --constraints requirements/dev.txt --output-file requirements/container.txt
+
+$(CONTAINER)/.installed: requirements/container.txt | $(VENV)/.dev
+	$(PYTHON) -m venv --clear $(CONTAINER)
+	$(CONTAINER)/bin/python -m pip install --quiet --require-hashes --requirement requirements/container.txt
+	@touch $@
+
+sbom: $(CONTAINER)/.installed  ## list what the container has, as CycloneDX in sbom.json
+	$(BIN)/cyclonedx-py environment --output-reproducible --pyproject pyproject.toml \
+	  --output-file sbom.json $(CONTAINER)/bin/python
+
+licences: $(VENV)/.dev  ## list the licences of everything installed; fails on AGPL, GPL, non-commercial
+	$(BIN)/cyclonedx-py environment --output-file $(VENV)/sbom.json $(BIN)/python
+	$(BIN)/python requirements/licences.py $(VENV)/sbom.json
+
 clean:  ## remove everything these targets created
-	rm -rf $(VENV) .reruns .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site
+	rm -rf $(VENV) .reruns .nox .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage* demo-output reproduced site $(LOCKER) $(CONTAINER) sbom.json
