@@ -242,3 +242,15 @@ def remembered(rows: Keypoints, interval_s: float, lags_s: Sequence[float] = LAG
         norm = np.sqrt((a**2).sum() * (b**2).sum())
         found.append(float((a * b).sum() / norm) if norm > 0 else float("nan"))
     return found
+
+
+def shared(rows: Keypoints) -> float:
+    """Return how errors of one joint at one time correlate between two views, of any two."""
+    errors = capped(rows.error_cm)
+    cameras = int(rows.camera.max()) + 1
+    joints = rows.series // 17 // cameras * 17 + rows.joint
+    times = joints * (int(rows.slot.max()) + 1) + rows.slot
+    _, place, views = np.unique(times, return_inverse=True, return_counts=True)
+    total = np.stack([np.bincount(place, errors[:, axis]) for axis in (0, 1)], axis=-1)
+    crossed = float((total**2).sum() - (errors**2).sum())
+    return crossed / float((views * (views - 1)).sum()) / float((errors**2).sum(axis=1).mean())

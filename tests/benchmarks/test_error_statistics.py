@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from numpy.typing import NDArray
 
 from detector_errors import by_direction, table
-from error_statistics import Keypoints, capped, remembered
+from error_statistics import Keypoints, capped, remembered, shared
 
 INTERVAL_S = 0.04
 
 
-def keypoints(errors: np.ndarray, sector: np.ndarray | None = None) -> Keypoints:
+def keypoints(errors: NDArray[np.float64], sector: NDArray[np.int64] | None = None) -> Keypoints:
     """Errors `(num_series, num_slots, 2)` in centimetres, each series of one joint in one view."""
     number, slots = errors.shape[:2]
     flat = errors.reshape(-1, 2)
@@ -41,6 +39,15 @@ def test_errors_that_last_correlate_and_new_ones_do_not() -> None:
 def test_a_lag_never_reaches_from_one_series_to_another() -> None:
     errors = np.repeat(np.random.default_rng(1).normal(size=(1, 60, 2)), 50, axis=0)
     assert np.isnan(remembered(keypoints(errors), INTERVAL_S)[3])  # 5 s of 2.4 s
+
+
+def test_errors_that_views_share_are_told_from_their_own() -> None:
+    rng = np.random.default_rng(3)
+    common, own = rng.normal(size=(1, 5000, 2)), rng.normal(size=(3, 5000, 2))
+    rows = keypoints(np.sqrt(0.4) * common + np.sqrt(0.6) * own)
+    rows = replace(rows, camera=rows.series, series=17 * rows.series)  # one person in three views
+    assert shared(rows) == pytest.approx(0.4, abs=0.03)
+    assert shared(replace(rows, error_cm=own.reshape(-1, 2))) == pytest.approx(0.0, abs=0.03)
 
 
 def test_one_wild_error_counts_for_no_more_than_the_cap() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from e3pose.geometry.camera import Camera
 from e3pose.model.noise import ErrorMemory
 from e3pose.recording import ViewSeries
-from e3pose.simulate.guesses import Seen, guess, hidden
+from e3pose.simulate.guesses import BEST_SCORE, CLEAR, FACE, Seen, guess, hidden
 from e3pose.simulate.hidden_joints import behind_things, covered_by_others, covered_by_self
 from e3pose.simulate.mistakes import EPISODE_S, episodes, haunt, merge_people, swap_sides
 from e3pose.simulate.noise import GROSS_MEMORY, correlated, normal_cdf, residuals
@@ -23,10 +23,7 @@ Floats = NDArray[np.float64]
 MIN_JOINTS = 3  # with fewer a detector does not speak of a person
 MIN_SCORE = 0.1
 LASTING_MERGE_S = 1.0  # people merge for as long as they overlap, if the detector guesses
-FACE = slice(0, 5)
-BEST_SCORE = 0.98
-# Log-odds of the score of a joint in plain sight, and what takes away from it.
-CLEAR = 1.75
+# What takes away from the log-odds of the score of a joint in plain sight.
 SPREAD = 0.75
 SELF_COVERED = 1.3
 COVERED = 2.4

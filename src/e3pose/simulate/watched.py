@@ -11,7 +11,7 @@ from e3pose.errors import InputError
 from e3pose.model.skeleton import CMU31, COCO17, Skeleton, convert
 from e3pose.recording import Recording
 from e3pose.simulate.detections import detect_people
-from e3pose.simulate.guesses import OUTPUTS
+from e3pose.simulate.guesses import DECLARED, OUTPUTS
 from e3pose.simulate.place import Habits, Scene
 from e3pose.simulate.settings import DetectorSettings
 from e3pose.simulate.situations import draw_fields
@@ -74,6 +74,7 @@ def watched(
         for camera, child in zip(recording.rig.cameras, children, strict=True)
     )  # fmt: skip
     return replace(
-        recording, num_slots=len(people_m), skeleton=COCO17, views=views, detector="simulated",
+        recording, num_slots=len(people_m), skeleton=COCO17, views=views,
+        detector=DECLARED if detector.guessing and not detector.perfect else "simulated",
         truth=replace(recording.truth, skeleton=COCO17, joints_m=people_m), truth_complete=True,
     )  # fmt: skip
