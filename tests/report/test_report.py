@@ -331,6 +331,8 @@ def test_page_opens_at_a_moment_like_most_others() -> None:
     run[2] = replace(run[2], selected=all_on)
     opened = scene(recording(len(run)), run)["start"]
     assert opened == 6  # not 3 or 4, which show somebody whom no other slot shows
+    blind = [replace(each, blind="views-late" if each.slot == 6 else "") for each in run]
+    assert scene(recording(len(run)), blind)["start"] in (5, 7)
     awake = [replace(each, selected=all_on) for each in run]
     assert scene(recording(len(run)), awake)["start"] == 6
     assert scene(recording(2), [record(0), record(1)])["start"] == 0

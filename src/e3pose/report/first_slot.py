@@ -19,9 +19,10 @@ ROUNDING = 1e-6
 def opening_slot(rig: Rig, records: Sequence[SlotRecord]) -> int:
     """Return the index of the record to open a page at.
 
-    It shows as many people as slots with anybody mostly do, each apart from the others, and has
-    cameras asleep, if such slots exist. Of these, half move less than at this moment at most, and
-    its expected error is the nearest to their median; the middle one where nothing tells.
+    It shows as many people as slots with anybody mostly do, each apart from the others, is not
+    blind, and has cameras asleep, if such slots exist. Of these, half move less than at this moment
+    at most, and its expected error is the nearest to their median; the middle one where nothing
+    tells.
     """
     counts = np.array([len(record.poses) for record in records], dtype=np.int64)
     if not counts.any():
@@ -30,6 +31,7 @@ def opening_slot(rig: Rig, records: Sequence[SlotRecord]) -> int:
     rows = np.flatnonzero(counts == len(often) - 1 - int(often[::-1].argmax()))
     apart = np.array([_apart(records[row]) for row in rows.tolist()])
     rows = _those(rows, apart)
+    rows = _those(rows, np.array([not records[row].blind for row in rows.tolist()]))
     rows = _those(rows, np.array([records[row].selected.sum() < len(rig) for row in rows.tolist()]))
     speeds = np.array([_moved_m(records, row) for row in rows.tolist()])
     errors = np.array([_expected_m(records[row]) for row in rows.tolist()])
