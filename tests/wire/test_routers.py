@@ -146,7 +146,7 @@ def test_camera_reaches_its_edge_through_a_router_and_nobody_else_speaks_for_it(
 def test_operators_ask_cameras_on_either_side_of_a_router(made: Callable[[str], Site]) -> None:
     site = made("lab")
     edge, _ = site.edge(), site.router()
-    edge.answer("e3pose/lab/control", lambda _, payload: b"done")
+    edge.answer("e3pose/lab/control/desk", lambda _, payload: b"done")
     near, far = site.camera("cam1", site.port), site.camera("cam2")
     for name, camera in (("cam1", near), ("cam2", far)):
         camera.answer(f"e3pose/lab/camera/{name}/picture", lambda t, _: t.encode())
@@ -158,7 +158,7 @@ def test_operators_ask_cameras_on_either_side_of_a_router(made: Callable[[str], 
                 return operator.ask(topic, b"", 2.0) == topic.encode()
 
             assert eventually(pictured)
-        assert operator.ask("e3pose/lab/control", b"", 2.0) == b"done"
+        assert operator.ask("e3pose/lab/control/desk", b"", 2.0) == b"done"
 
 
 def test_router_that_was_revoked_hears_and_passes_nothing(made: Callable[[str], Site]) -> None:
