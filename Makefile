@@ -100,7 +100,7 @@ bench: $(VENV)/.all  ## run the speed benchmarks
 soak: $(VENV)/.all  ## run a live site for half an hour and check for leaks
 	$(BIN)/python benchmarks/soak.py --minutes 30
 
-attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback (ATTACK_SECONDS=300)
+attack: $(VENV)/.all  ## fuzz decoders and files, attack a live site on loopback (ATTACK_SECONDS=600)
 	$(BIN)/python benchmarks/attack.py
 
 test-all: $(VENV)/.dev  ## run the tests under Python 3.10 to 3.13

@@ -155,6 +155,7 @@ def live_site(
     tls: bool = True,
     page: bool = False,
     spare: int = 0,
+    record: bool = False,
 ) -> Iterator[Site]:
     """Start a site and wait until its slots flow; end it at the end.
 
@@ -168,6 +169,7 @@ def live_site(
         tls: whether the link is encrypted.
         page: whether its page runs too.
         spare: so many cameras, the last ones, have no program.
+        record: whether the edge keeps the views of all cameras.
     """
     with tempfile.TemporaryDirectory(prefix="e3pose-live-") as name:
         folder = Path(name)
@@ -181,7 +183,10 @@ def live_site(
         add_keys(folder / "keys", "wall", now, kind="viewer")
         path = folder / "site.toml"
         metrics_port = free_port()
-        path.write_text(_site_file(recording.rig.camera_ids, fps, loop, store, tls, metrics_port))
+        file = _site_file(recording.rig.camera_ids, fps, loop, store, tls, metrics_port)
+        if record:
+            file = file.replace("[[camera]]", '[[camera]]\nrecord = "keypoints"')
+        path.write_text(file)
         site = load_site(path)
         command = [*edge_command(path), "--json-logs"]
         programs = [Program("edge", command, folder / "edge.log")] + [

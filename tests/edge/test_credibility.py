@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from e3pose.edge.credibility import (
+    AWAITED,
     EXCUSED_S,
     MEMORY_ORDERS,
-    PROBE_SLOTS,
     RELIABLE,
+    TRIAL_EVERY_S,
+    TRIAL_S,
     Credibility,
+    answers_enough,
     followed,
     lower_median,
-    worth_waiting,
 )
 from e3pose.edge.lead import FAR_S, MAX_DELAY_S, Lead, adapt
 
 INTERVAL_S = 0.04
 ALL = np.ones(4, dtype=bool)
+Flags = NDArray[np.bool_]
+views = np.zeros(4, dtype=np.int64)  # that came so far
+
+
+def observe(credibility: Credibility, slot: int, arrived: Flags) -> None:
+    """Add a slot for which all cameras were ordered, and some answered."""
+    views[:] += arrived
+    credibility.observe(slot, ALL, ALL, arrived, views)
 
 
 def leads(
@@ -31,7 +42,7 @@ def leads(
         if slot % 12 == 0:
             for camera, claim_s in enumerate(claims_s):
                 credibility.claim(camera, claim_s)
-        credibility.observe(slot, ALL, ALL, rng.uniform(size=4) < answers)
+        observe(credibility, slot, rng.uniform(size=4) < answers)
         lead = adapt(credibility.lead_after_claims(lead), INTERVAL_S, online=[True] * 4)
         found.append(lead.slots)
     return found
@@ -78,29 +89,57 @@ def test_late_orders_excuse_a_camera_for_some_seconds() -> None:
     credibility, late = Credibility(4, INTERVAL_S), np.array([True, False, False, True])
     excused = []
     for slot in range(400):
-        credibility.observe(slot, ALL, ALL, np.array([False, False, True, True]))
+        observe(credibility, slot, np.array([False, False, True, True]))
         excused.append(credibility.excused(late))
     assert excused[0].tolist() == late.tolist()
     assert sum(each[0] for each in excused) == pytest.approx(EXCUSED_S / INTERVAL_S, abs=1)
     assert all(each[3] for each in excused)  # its views arrive
 
 
-def test_slots_wait_for_cameras_that_answer_and_for_others_now_and_then() -> None:
+def test_cameras_that_seldom_answer_are_used_now_and_then() -> None:
     share = np.array([1.0, 0.9, RELIABLE - 0.1, 0.0])
-    waits = np.array([worth_waiting(share, ALL, slot) for slot in range(8 * PROBE_SLOTS)])
-    np.testing.assert_allclose(waits.mean(axis=0), [1, 1, 1 / PROBE_SLOTS, 1 / PROBE_SLOTS])
-    alone = np.array([False, False, True, True])
-    assert worth_waiting(share, alone, 1).tolist() == alone.tolist()  # nobody else to wait for
+    times_s = np.arange(0, 10 * TRIAL_EVERY_S, INTERVAL_S)
+    used = np.array([answers_enough(share, RELIABLE, ALL, time_s) for time_s in times_s])
+    tried = TRIAL_S / TRIAL_EVERY_S
+    np.testing.assert_allclose(used.mean(axis=0), [1, 1, tried, tried], atol=0.001)
+    assert (used[:, 2:].sum(axis=1) <= 1).all()  # one after the other
+    # Two cameras are needed: without the second one all are used.
+    assert answers_enough(share, RELIABLE, np.array([True, False, True, True]), 5.0).all()
+
+
+def test_slots_wait_for_cameras_that_answer_most_orders() -> None:
+    credibility = Credibility(4, INTERVAL_S)
+    credibility.share = np.array([1.0, 0.9, AWAITED - 0.1, 1.0])
+    slots = range(round(10 * TRIAL_EVERY_S / INTERVAL_S))
+    waits = np.array([credibility.awaited(ALL, ALL, slot) for slot in slots])
+    np.testing.assert_allclose(waits.mean(axis=0), [1, 1, TRIAL_S / TRIAL_EVERY_S, 1], atol=0.001)
+    used = np.array([credibility.usable(ALL, slot) for slot in slots])
+    assert used.all()
+    alone = np.array([False, False, True, False])
+    assert all((credibility.awaited(alone, ALL, slot) == alone).all() for slot in slots)
+
+
+def test_slots_without_any_view_blame_no_camera() -> None:
+    credibility, none = Credibility(4, INTERVAL_S), np.zeros(4, dtype=bool)
+    for slot in range(1000):
+        observe(credibility, slot, none)
+    assert (credibility.share == 1).all()  # the edge was not ready
+    observe(credibility, 1000, ALL)
+    for slot in range(1000):
+        observe(credibility, slot, none)
+    assert (credibility.share > 0.7).all()
 
 
 def test_camera_that_answers_again_is_waited_for_again() -> None:
     credibility = Credibility(4, INTERVAL_S)
     three = np.array([True, True, True, False])
-    for slot in range(2 * MEMORY_ORDERS):
-        credibility.observe(slot, ALL, ALL, three)
+    for slot in range(3 * MEMORY_ORDERS):
+        observe(credibility, slot, three)
     assert credibility.share[3] < RELIABLE
+    said = credibility.impairments(["broken", "", "", ""])
+    assert said == ["broken", "", "", f"answers {credibility.share[3]:.0%} of its orders in time"]
     for slot in range(20 * MEMORY_ORDERS):
-        credibility.observe(slot, ALL, ALL, ALL)
+        observe(credibility, slot, ALL)
     assert credibility.share[3] > RELIABLE
 
 
@@ -109,13 +148,13 @@ def test_camera_that_answers_again_is_waited_for_again() -> None:
 def test_wake_up_times_are_those_of_the_site(lie_s: float, liars: int) -> None:
     credibility = Credibility(4, INTERVAL_S, [0.5] * 4)
     claims_s = [*[0.4] * (4 - liars), *[lie_s] * liars]
-    assert credibility.wake_s(claims_s, 12) == pytest.approx(0.5)
+    assert credibility.wake_s(claims_s) == pytest.approx(0.5)
     credibility.share[-liars:] = 0.0  # they answer nothing
-    assert credibility.wake_s(claims_s, 12) <= MAX_DELAY_S
+    assert credibility.wake_s(claims_s) <= MAX_DELAY_S
 
 
 def test_cameras_that_never_sleep_need_no_time_to_wake() -> None:
-    assert Credibility(2, INTERVAL_S).wake_s([None, None], 3) == 0.0
+    assert Credibility(2, INTERVAL_S).wake_s([None, None]) == 0.0
 
 
 def test_lower_median_is_not_raised_by_half() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import deque
 from typing import TYPE_CHECKING
 
 from e3pose.edge.checkpoint import Checkpoint
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from e3pose.edge.server import EdgeServer
 
 KEEPING_S = 1.0  # status, checkpoint
+MOST_CHANGES, CHANGES_S = 10, 60.0  # of one camera that are reported in so much time
 LOOK_S = 0.1  # interval of checks for connected cameras
 
 
@@ -35,6 +37,7 @@ class Housekeeping:
         num_cameras = len(edge.pipeline.rig)
         nothing = [""] * num_cameras
         self._conditions: Conditions = ["never connected"] * num_cameras, nothing, nothing
+        self._changes: dict[str, deque[int]] = {}  # by camera, when they were reported
 
     def run(self) -> None:
         """Look until the edge stops."""
@@ -58,12 +61,25 @@ class Housekeeping:
         judged = self._conditions[1:] if slow else edge.impairments()
         before, self._conditions = self._conditions, (edge.inbox.problems(), *judged)
         events = camera_changes(edge.pipeline.rig.camera_ids, before, self._conditions)
-        for kind, message, camera_id in events:
-            edge.event_log.report(kind, message, camera_id)
+        for event in events:
+            self._report(*event)
         if events or edge.clock.now_ns() >= self._due_ns:
             self._due_ns = edge.clock.now_ns() + round(KEEPING_S * 1e9)
             edge.outbox.put(topics.of_site(edge.settings.site, "status"), encode(edge.status()))
             self.keep_checkpoint()
+
+    def _report(self, kind: str, message: str, camera_id: str) -> None:
+        """Report a change of a camera, unless it changes all the time and hides the others'."""
+        now_ns = self._edge.clock.now_ns()
+        times = self._changes.setdefault(camera_id, deque())
+        while times and now_ns - times[0] > CHANGES_S * 1e9:
+            times.popleft()
+        if len(times) > MOST_CHANGES:
+            return
+        times.append(now_ns)
+        if len(times) > MOST_CHANGES:
+            kind, message = "camera-unsteady", f"{camera_id} changes too often: not reported"
+        self._edge.event_log.report(kind, message, camera_id)
 
     def keep_checkpoint(self) -> None:
         """Save the state of the loop."""

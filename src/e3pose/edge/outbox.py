@@ -55,8 +55,13 @@ class Outbox:
                     self._change.wait()
                 if not self._waiting or run != self._runs:
                     return
-                batch, self._waiting = self._waiting, {}
-            for (topic, slot), payload in batch.items():
-                publish(topic, payload, slot)
-                if run != self._runs:
-                    return
+            self.send_waiting(publish)
+
+    def send_waiting(self, publish: Callable[[str, bytes, int], None]) -> None:
+        """Send what is queued now, unless a later call of `run` takes over meanwhile."""
+        with self._change:
+            batch, self._waiting, run = self._waiting, {}, self._runs
+        for (topic, slot), payload in batch.items():
+            if run != self._runs:
+                return
+            publish(topic, payload, slot)

@@ -176,9 +176,10 @@ class EdgeServer:
         """Return for each camera why it is useless, and why it brings too few views; else empty."""
         late_by_s, interval_s = self.gather.late_by_s(), self.pipeline.interval_s
         cameras = self.inbox.roster.cameras
-        return self.health.impairments(
+        useless, short = self.health.impairments(
             self.state.silence, late_by_s, interval_s, self.lead, cameras
         )
+        return self.credibility.impairments(useless), short
 
     def status(self) -> Status:
         """Return the status of the site."""
@@ -281,9 +282,10 @@ class EdgeServer:
             problems = self.inbox.problems_of(missing)
             return [camera for camera, why in zip(missing, problems, strict=True) if not why]
 
-        stopping, ordered = self.threads.stopping, self._ordered(times, slot)
+        stopping, online = self.threads.stopping, self.inbox.online()
+        ordered = self.credibility.awaited(self._ordered(times, slot), online, slot)
         span_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
-        orders = np.flatnonzero(self.credibility.awaited(ordered, slot)).tolist()
+        orders = np.flatnonzero(ordered).tolist()
         return self.gather.wait(self.clock, stopping, span_ns, orders, awaited)
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
@@ -312,7 +314,9 @@ class EdgeServer:
             self.publisher.publish(slot, time_ns, people, used, ordered & online, blind, stored)
 
         pipeline = shed_load(self.pipeline, self.health.load)
-        self.state, record = step(pipeline, state, views, online, publish)
+        usable = online & self.credibility.usable(reachable, slot)
+        usable[list(views)] = True
+        self.state, record = step(pipeline, state, views, usable, publish)
         record = replace(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
         lead = self.pipeline.lead_slots
@@ -323,7 +327,7 @@ class EdgeServer:
         self.lead = with_edge_delay(self.lead, late_s, self.interval_ns / 1e9)
         self.orders.forget_before(slot)
         self.newest = record
-        self.credibility.observe(slot, ordered, reachable, record.arrived)
+        self.credibility.observe(slot, ordered, reachable, record.arrived, self.gather.views)
         self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
         self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
@@ -348,9 +352,10 @@ class EdgeServer:
         if not self.settings.adaptive_lead:
             return
         claims_s = wakes_s(self.inbox.roster.cameras, self.settings.idle_modes)
-        wake_s = self.credibility.wake_s(claims_s, before := self.lead.slots)
-        self.lead = self.credibility.lead_after_claims(self.lead)
         counted = (followed(self.state.silence.failures) & online).tolist()
+        claims_s = [s if counts else None for s, counts in zip(claims_s, counted, strict=True)]
+        wake_s, before = self.credibility.wake_s(claims_s), self.lead.slots
+        self.lead = self.credibility.lead_after_claims(self.lead, wake_s)
         self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, counted)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"

@@ -181,8 +181,7 @@ class StoreWriter:
         A flood of events leaves half of the queue to slots.
         """
         if len(self._items) >= self.settings.queue_slots // 2:
-            self._shed += 1
-            return False
+            return self._refuse()
         return self._hand_over(event, wait=False)
 
     def energy(self, reading: EnergyReading) -> bool:
@@ -228,13 +227,17 @@ class StoreWriter:
     def _hand_over(self, item: _Item, wait: bool) -> bool:
         while len(self._items) >= self.settings.queue_slots:
             if not wait or not self._thread.is_alive():
-                with self._shed_lock:
-                    self._shed += 1
-                return False
+                return self._refuse()
             self._wake.set()
             time.sleep(0.002)
         self._items.append(item)
         return True
+
+    def _refuse(self) -> bool:
+        """Count an item that finds no room."""
+        with self._shed_lock:
+            self._shed += 1
+        return False
 
     # What follows runs in the writer's thread.
 

@@ -1,0 +1,259 @@
+"""Cameras with valid keys that lie to a live site, and what the others got meanwhile."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from attack_inputs import Result
+from e3pose.camera.base import NodeSettings
+from e3pose.camera.live import CameraNode
+from e3pose.camera.live_source import RecordedDetector, RecordedSource
+from e3pose.edge.inbox import BEAT_S, NEAR_S
+from e3pose.edge.lead import FAR_S
+from e3pose.recording import load_recording
+from e3pose.runtime.clock import WallClock
+from e3pose.settings.site_file import load_site
+from e3pose.site.follow import Follower, viewer_link
+from e3pose.site.up import end
+from e3pose.store import Store
+from e3pose.wire.access import Link, split_endpoint
+from e3pose.wire.keys.folder import certificates_in
+from e3pose.wire.network import NetworkTransport, open_network
+from e3pose.wire.site_messages import Poses, Status
+from lies import HONEST, KINDS, Lie, LyingTransport, lies_of_fields, schemes
+from live_site import Site, live_site, wait
+
+CAMERAS, FPS = 5, 25.0
+LEAST_S = 6.0  # for a lie
+NOTICED_S = 3.0  # until the edge has noticed it; what a site gives is measured from then on
+PAUSE_S = 1.0  # of honesty between two
+LATENCY_S = 0.02  # more than without lies, on a machine that does other things too
+MORE_LEAD = 2  # slots more than without lies
+VIEWS_SHARE, POSES_SHARE = 0.8, 0.9  # of those without lies
+
+
+@dataclass
+class Seen:
+    """What a viewer gets.
+
+    Attributes:
+        poses: time of arrival, slot, seconds from the middle of the slot, people, and the cameras
+            whose views are in them.
+        statuses: time of arrival and status.
+    """
+
+    poses: list[tuple[float, int, float, int, tuple[str, ...]]] = field(default_factory=list)
+    statuses: list[tuple[float, Status]] = field(default_factory=list)
+
+    def take_poses(self, poses: Poses) -> None:
+        late_s = (poses.published_edge_ns - poses.time_edge_ns) / 1e9
+        people = poses.track_ids.shape[0]
+        self.poses.append((time.monotonic(), poses.slot, late_s, people, poses.arrived))
+
+    def take_status(self, status: Status) -> None:
+        self.statuses.append((time.monotonic(), status))
+
+
+@contextmanager
+def viewer(site: Site) -> Iterator[Seen]:
+    """Follow a site as a viewer does."""
+    seen, follower = Seen(), Follower("bench")
+    transport = open_network(viewer_link(load_site(site.folder / "site.toml"), None))
+    follower.listen(transport, seen.take_poses, seen.take_status)
+    try:
+        yield seen
+    finally:
+        transport.close()
+
+
+@dataclass(frozen=True)
+class Got:
+    """What honest cameras' users got in a while.
+
+    Attributes:
+        poses: with a view, per second.
+        views: of honest cameras in these.
+        latency_s: median from the middle of a slot to its poses.
+        people: median.
+        lead: the longest.
+        deficit: the largest of an honest camera.
+    """
+
+    poses: float
+    views: float
+    latency_s: float
+    people: float
+    lead: int
+    deficit: float
+
+    def words(self) -> str:
+        return (
+            f"{self.poses:.1f} poses per second with {self.views:.2f} honest views, "
+            f"{1000 * self.latency_s:.0f} ms after their slot, {self.people:.0f} people, "
+            f"lead {self.lead}, deficit {self.deficit:.0f}"
+        )
+
+
+def got(seen: Seen, honest: set[str], since_s: float, until_s: float) -> Got:
+    """Return what came between two times."""
+    poses = [each for each in list(seen.poses) if since_s <= each[0] < until_s]
+    statuses = [status for at_s, status in list(seen.statuses) if since_s <= at_s < until_s + 1.0]
+    with_views = [each for each in poses if each[4]]
+    return Got(
+        poses=len(with_views) / (until_s - since_s),
+        views=statistics.mean([len(honest & set(each[4])) for each in poses] or [0]),
+        latency_s=statistics.median([each[2] for each in poses] or [math.inf]),
+        people=statistics.median([each[3] for each in poses] or [0]),
+        lead=max((status.lead for status in statuses), default=0),
+        deficit=max(
+            (c.deficit for s in statuses for c in s.cameras if c.camera_id in honest), default=0.0
+        ),
+    )
+
+
+@contextmanager
+def liars(site: Site, camera_ids: list[str]) -> Iterator[list[LyingTransport]]:
+    """Run cameras of a site in this process, whose words can be changed."""
+    recording, clock = load_recording(site.folder / "recording"), WallClock()
+    port = split_endpoint(load_site(site.folder / "site.toml").link.endpoint)[2]
+    transports, nodes = [], []
+    for camera_id in camera_ids:
+        files = certificates_in(site.folder / "keys" / "cameras" / camera_id, "camera")
+        network: NetworkTransport = open_network(
+            Link("camera", "bench", f"tls/localhost:{port}", files)
+        )
+        transport = LyingTransport(network)
+        settings = NodeSettings("bench", camera_id, recording.skeleton.joints)
+        source = RecordedSource(recording, camera_id, clock)
+        nodes.append(CameraNode(settings, source, RecordedDetector(), transport, clock))
+        transports.append(transport)
+    for node in nodes:
+        node.start()
+    try:
+        yield transports
+    finally:
+        for node in nodes:
+            node.stop()
+
+
+def lies_to_tell(seconds: float) -> list[tuple[Lie, float]]:
+    """Return lies, and how long each is told: schemes, and the fields of each message."""
+    swept = []
+    for kind in KINDS.values():
+        fields = [lie.changes[kind] for lie, _ in lies_of_fields(hold=1) if kind in lie.changes]
+
+        def change(message: object, n: int, dice: object, fields: object = fields) -> object:
+            number = n % len(fields)  # type: ignore[arg-type]
+            return fields[number](message, n // len(fields), dice)  # type: ignore[index, arg-type]
+
+        swept.append(Lie(f"every field of {kind.__name__} at its extremes", {kind: change}))
+    told = schemes()
+    each_s = max(LEAST_S, seconds / 2 / (len(told) + 2 * len(swept)) - PAUSE_S)
+    return [(lie, each_s) for lie in told] + [(lie, 2 * each_s) for lie in swept]
+
+
+def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
+    """Tell every lie to a site of five cameras, with one liar and with two.
+
+    Args:
+        seconds: for all of them, about.
+        report: called with each result.
+    """
+    results: list[Result] = []
+
+    def add(name: str, figures: str, held: bool) -> None:
+        results.append(Result(name, figures, held))
+        report(results[-1])
+
+    with (
+        live_site(cameras=CAMERAS, people=3, fps=FPS, spare=2, record=True) as site,
+        viewer(site) as seen,
+    ):
+        ids = [f"cam{index}" for index in range(CAMERAS)]
+        with liars(site, ids[-2:]) as transports:
+            online_by_s = time.monotonic() + 30.0
+            while time.monotonic() < online_by_s and not all(
+                camera.online for camera in seen.statuses[-1][1].cameras
+            ):
+                wait(0.2)
+            wait(5.0)
+            for number in (1, 2):
+                honest = set(ids[: CAMERAS - number])
+                usual = _while(transports, HONEST, number, 6.0, seen, honest)
+                add(f"{number} liars, honest", usual.words(), usual.poses > POSES_SHARE * FPS)
+                gone = _while(transports, _gone(), number, 6.0, seen, honest)
+                add(f"{number} liars, gone", gone.words(), gone.poses > POSES_SHARE * FPS)
+                _while(transports, HONEST, number, 4.0, seen, honest)
+                for lie, each_s in lies_to_tell(seconds):
+                    found = _while(transports, lie, number, each_s, seen, honest)
+                    add(f"{number} liars, {lie.name}", found.words(), _held(found, usual, gone))
+                    _while(transports, HONEST, number, PAUSE_S, seen, honest)
+        _kept(site, seen, ids[:3], add)
+    return results
+
+
+def _gone() -> Lie:
+    return Lie("gone", dict.fromkeys(KINDS.values(), lambda message, n, dice: None))
+
+
+def _while(
+    transports: list[LyingTransport],
+    lie: Lie,
+    number: int,
+    seconds: float,
+    seen: Seen,
+    honest: set[str],
+) -> Got:
+    for transport in transports[-number:]:
+        transport.lie = lie
+    begun_s = time.monotonic()
+    wait(seconds)
+    found = got(seen, honest, begun_s + min(NOTICED_S, seconds / 2), time.monotonic())
+    for transport in transports:
+        transport.lie = HONEST
+    return found
+
+
+def _held(found: Got, usual: Got, gone: Got) -> bool:
+    """Return whether a lie costs no more than the liar's absence; a slow link may be tried."""
+    more = MORE_LEAD + math.ceil(FAR_S * FPS)
+    return (
+        found.poses >= POSES_SHARE * min(usual.poses, gone.poses)
+        and found.views >= VIEWS_SHARE * min(usual.views, gone.views)
+        and found.latency_s <= max(usual.latency_s, gone.latency_s) + LATENCY_S
+        and found.people >= min(usual.people, gone.people)
+        and found.lead <= max(usual.lead, gone.lead) + more
+    )
+
+
+def _kept(site: Site, seen: Seen, honest: list[str], add: Callable[[str, str, bool], None]) -> None:
+    """Look at what the site has kept: store and recordings."""
+    slots = [slot for _, slot, _, _, _ in seen.poses]
+    wait(2.0)
+    store = Store(site.folder / "poses.db")
+    stored = [row["slot"] for row in store.rows("slots")]
+    span = max(stored) - min(stored) + 1
+    lost = seen.statuses[-1][1].slots_lost
+    words = f"{len(stored)} of {span} slots stored, {lost} skipped by the edge"
+    add("store", words, len(stored) + lost >= 0.99 * span and max(stored) >= slots[-1])
+    rows = list(store.rows("energy"))
+    times = [row["time_ns"] for row in store.rows("slots")]
+    away_s = max(((row["time_ns"] - max(times)) / 1e9 for row in rows), default=0.0)
+    most = CAMERAS * (max(times) - min(times)) / 1e9 / BEAT_S
+    words = f"{len(rows)} rows of energy, the newest {away_s:+.1f} s from the newest slot"
+    add("store of energy", words, away_s <= 2 * NEAR_S and len(rows) <= most)
+    end(site.programs[:1])  # which finishes the recording
+    views = {camera_id: 0 for camera_id in honest}
+    for part in sorted((site.folder / "recordings").glob("*/recording.toml")):
+        recording = load_recording(Path(part).parent)
+        for camera_id in honest:
+            views[camera_id] += len(recording.views[recording.rig.index(camera_id)].slots)
+    arrived = sum(len(set(honest) & set(each[4])) for each in seen.poses)
+    words = f"{sum(views.values())} views of honest cameras recorded, {arrived} seen in poses"
+    add("recordings", words, sum(views.values()) >= arrived > 0)
