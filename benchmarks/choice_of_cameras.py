@@ -7,7 +7,8 @@ Ten joints count: shoulders, elbows, wrists, hips and knees. `off mm` is their m
 the offline smoother over all cameras (`clip_error.py`), which real recordings have, too; `MPJPE mm`
 that from the truth. People are matched one to one below half a metre; `recall %` is the share of
 the smoother's people found. Cells are round robin / `information` / random. Every line of `--out`
-is one replay; a run that was stopped goes on.
+is one replay; a run that was stopped goes on. A scene with `+` has errors by situation, one with
+`-` errors by score alone.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from clip_error import Reference, references
+from detector_errors import simulated
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.replay import ReplaySettings, replay
@@ -115,9 +117,7 @@ def measure(options: argparse.Namespace) -> Iterator[Row]:
 def made(options: argparse.Namespace, place: str, fps: float, seed: int) -> Recording:
     """Return the recording: simulated, or the first seconds of a real one."""
     if not options.recording:
-        from e3pose.simulate import SceneSettings, simulate
-
-        return simulate(SceneSettings(scene=place, seconds=options.seconds, fps=fps), seed)
+        return simulated(place, seed, seconds=options.seconds, fps=fps)
     whole = load_recording(options.recording)
     slots = min(whole.num_slots, round(options.seconds / whole.interval_s))
     views = tuple(until(series, slots) for series in whole.views)

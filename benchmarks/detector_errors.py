@@ -149,7 +149,13 @@ def real(named: Sequence[str]) -> Iterator[tuple[str, Recording, int | None]]:
         yield name, load_recording(Path(folder)), None
 
 
-def simulated(word: str, seed: int, changes: Mapping[str, float] | None = None) -> Recording:
+def simulated(
+    word: str,
+    seed: int,
+    changes: Mapping[str, float] | None = None,
+    seconds: float = SECONDS,
+    fps: float | None = None,
+) -> Recording:
     """Return a scene with errors by situation (`+`), by score (`-`), or its own."""
     from e3pose.simulate import SCENES, Guessing, SceneSettings, adjusted, simulate
 
@@ -159,9 +165,9 @@ def simulated(word: str, seed: int, changes: Mapping[str, float] | None = None) 
         detector = replace(detector, guessing=Guessing())
     if word.endswith("-"):
         detector = replace(detector, guessing=None)
-    fps = min(FPS, SCENES[scene].fps)
+    fps = fps or min(FPS, SCENES[scene].fps)
     detector = adjusted(detector, changes or {})
-    return simulate(SceneSettings(scene=scene, seconds=SECONDS, fps=fps, detector=detector), seed)
+    return simulate(SceneSettings(scene=scene, seconds=seconds, fps=fps, detector=detector), seed)
 
 
 def table(columns: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
