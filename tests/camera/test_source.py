@@ -213,6 +213,16 @@ def test_what_is_not_a_video_is_named_in_one_line(
     assert name in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_frames_before_the_first_key_frame_are_left_out(tmp_path: Path) -> None:
+    without = film(tmp_path / "none.mkv", 30, still=True, drop=lambda packet: packet.is_keyframe)
+    with pytest.raises(InputError, match=r"none\.mkv: no frame of it can be decoded"):
+        open_video(without)
+    first = film(tmp_path / "first.mkv", 30, still=True, drop=lambda packet: packet.pts == 0)
+    video = open_video(first)
+    frames = list(video)
+    assert 0 < len(frames) < 29 and video.lost_frames == 29 - len(frames)
+
+
 def test_gap_that_cannot_be_is_named(tmp_path: Path) -> None:
     path = film(tmp_path / "gap.mkv", 4, [0, 50, 10**9, 10**9 + 50])
     with pytest.raises(InputError, match=r"gap\.mkv: found a frame at 1000000 s, .* at most 86400"):

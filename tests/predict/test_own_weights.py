@@ -37,3 +37,10 @@ def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:
 def test_an_unknown_name_lists_what_there_is() -> None:
     with pytest.raises(InputError, match=r"found 'nobody', expected one of zero.*\.onnx"):
         make_predictor("nobody")
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    content = SHIPPED.read_bytes().replace(b"num_leads", b"\xffum_leads")
+    (tmp_path / "flipped.onnx").write_bytes(content)
+    with pytest.raises(InputError, match=r"flipped\.onnx: found no readable network"):
+        make_predictor(str(tmp_path / "flipped.onnx"))

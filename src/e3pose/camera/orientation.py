@@ -51,7 +51,7 @@ class Orientation:
         if a == d == 0 and abs(b) == abs(c) > 0:
             return cls(True, bool(c < 0), bool(b < 0))
         raise InputError(
-            f"{where}: display matrix: found {[[a, b], [c, d]]}, "
+            f"{where}: display matrix: found {a:g} {b:g}, {c:g} {d:g}, "
             "expected a rotation by a multiple of 90 degrees"
         )
 

@@ -278,7 +278,7 @@ def _decode(
         except (av.error.FFmpegError, OverflowError):
             return
     packets = container.demux(stream)
-    intact = True
+    intact = False  # what comes before the first key frame is guessed
     seen = 0
     while True:
         try:

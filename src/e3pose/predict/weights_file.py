@@ -61,12 +61,12 @@ def read_file(content: bytes) -> WeightsFile:
     except Exception as error:  # protobuf raises kinds of its own
         raise ValueError(str(error)) from error
     graph = model.graph
-    return WeightsFile(
-        {item.key: item.value for item in model.metadata_props},
-        tuple(one.name for one in graph.input),
-        tuple(one.name for one in graph.output),
-        tuple(tensors_of(graph)),
-    )
+    properties = {item.key: item.value for item in model.metadata_props}
+    inputs, outputs = (tuple(one.name for one in part) for part in (graph.input, graph.output))
+    # What is no text comes as bytes.
+    if not all(isinstance(text, str) for text in (*properties.values(), *inputs, *outputs)):
+        raise ValueError("a name that is no text")
+    return WeightsFile(properties, inputs, outputs, tuple(tensors_of(graph)))
 
 
 def tensors_of(graph: Any) -> Iterator[Floats32]:
