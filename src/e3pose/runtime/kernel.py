@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import logging
 import pickle
 from collections.abc import Callable
 from functools import cache
@@ -11,12 +10,13 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
-from numba.core import event
+
+from e3pose.runtime.compiling import COMPILING
+from e3pose.runtime.dispatcher import KernelDispatcher
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
 
-_LOG = logging.getLogger(__name__)
 _PACKAGE = Path(__file__).resolve().parents[1]
 FILTER = "e3pose.estimate.filter."  # how the names of the filter's kernels begin
 LANES = 16  # the innermost loops run over so many poses, which fills a vector register
@@ -26,6 +26,7 @@ SOURCES = (
     *sorted((_PACKAGE / "estimate" / "per_slot").glob("*.py")),
     _PACKAGE / "model" / "pose.py",
     Path(__file__).resolve(),
+    Path(__file__).resolve().with_name("dispatcher.py"),
 )
 FILTER_CONSTANTS = (
     "bias", "blindness", "covariance_inflation", "exits", "learned_noise", "learned_shift",
@@ -39,27 +40,9 @@ FILTER_SOURCES = (
     *(_FILTER / f"{name}.py" for name in FILTER_CONSTANTS),
 )
 PREDICTOR = "e3pose.predict."
-PREDICTOR_SOURCES = (*sorted((_PACKAGE / "predict" / "kernels").glob("*.py")), *SOURCES[-1:])
+PREDICTOR_SOURCES = (*sorted((_PACKAGE / "predict" / "kernels").glob("*.py")), *SOURCES[-2:])
 SELECTION = "e3pose.select."
 SELECTION_SOURCES = (*sorted((_PACKAGE / "select" / "kernels").glob("*.py")), *FILTER_SOURCES)
-
-
-class _Notice(event.Listener):  # type: ignore[misc]  # untyped
-    """Logs the first kernel of a process that is not in the cache on disk."""
-
-    def __init__(self) -> None:
-        self.logged = False
-
-    def on_start(self, event: Any) -> None:
-        if not self.logged:
-            self.logged = True
-            _LOG.info("compiling for this machine: once, one to two minutes")
-
-    def on_end(self, event: Any) -> None:
-        """Nothing is logged of the end."""
-
-
-event.register("numba:compile", _Notice())
 
 
 def sources_stamp(sources: tuple[Path, ...] = SOURCES) -> str:
@@ -110,8 +93,10 @@ def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Resul
         "error_model": "numpy",
         "fastmath": {"contract"},
     }
+    COMPILING.expect(function)
     try:
-        dispatcher: Any = numba.njit(cache=True, **options)(function)
+        dispatcher: Any = KernelDispatcher(function, targetoptions={**options, "nopython": True})
+        dispatcher.enable_caching()
         cache_file = dispatcher._cache._cache_file
         # numba asks only whether the file of the outermost function changed. A kernel that was
         # inlined from another file would stay as it was, and disagree with its caller about the
@@ -123,3 +108,11 @@ def kernel(function: Callable[Parameters, Result]) -> Callable[Parameters, Resul
     except (RuntimeError, AttributeError):  # nowhere to write, or another numba: compile each time
         dispatcher = numba.njit(**options)(function)
     return cast(Callable[Parameters, Result], dispatcher)
+
+
+def is_cached(kernel: Any) -> bool | None:
+    """Return whether a compiled form of a kernel is on disk; None where none can be kept."""
+    try:
+        return bool(kernel._cache._cache_file._load_index())
+    except AttributeError:
+        return None

@@ -1,0 +1,91 @@
+"""How far the kernels of this process are compiled, and how long the rest takes."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from typing import Any
+
+from numba.core import event
+
+# Of a first start, in units of an ordinary part: see docs/experiments/2026-11-23-first-start.md.
+WEIGHTS = {"step_slot": 40.0, "predict_tracks": 20.0}
+SHOWN_FROM = 0.03  # of the work; before, an estimate of the rest says little
+
+_LOG = logging.getLogger(__name__)
+
+
+def left_s(done: float, total: float, spent_s: float) -> float | None:
+    """Return the seconds that the rest takes at the pace so far; None while that is unknown.
+
+    Args:
+        done: work done, in any unit.
+        total: all of it.
+        spent_s: seconds that it took.
+    """
+    if total <= 0 or done < SHOWN_FROM * total:
+        return None
+    return spent_s * max(total - done, 0.0) / done
+
+
+def words(rest_s: float | None) -> str:
+    """Return how long the rest takes, for people: `compiling: 40 s left`."""
+    if rest_s is None:
+        return "compiling for this machine, once"
+    return f"compiling: {max(5 * round(rest_s / 5), 5)} s left"
+
+
+class Compiling(event.Listener):  # type: ignore[misc]  # untyped
+    """Follows what is compiled in this process."""
+
+    def __init__(self) -> None:
+        self._expected: dict[Callable[..., Any], float] = {}
+        self._done: set[Callable[..., Any]] = set()
+        self._begun_s: float | None = None
+        self._active = 0
+
+    def expect(self, function: Callable[..., Any]) -> None:
+        """Add a function that may have to be compiled."""
+        self._expected[function] = WEIGHTS.get(function.__name__, 1.0)
+
+    def on_start(self, event: Any) -> None:
+        """Note that a function is being compiled."""
+        if event.data["dispatcher"].py_func not in self._expected:
+            return
+        if self._begun_s is None:
+            self._begun_s = time.monotonic()
+        self._active += 1
+        self._log()
+
+    def on_end(self, event: Any) -> None:
+        """Note that it is compiled."""
+        function = event.data["dispatcher"].py_func
+        if function not in self._expected:
+            return
+        self._active -= 1
+        self._done.add(function)
+        self._log()
+
+    @property
+    def active(self) -> bool:
+        """Whether something is being compiled now."""
+        return self._active > 0
+
+    @property
+    def begun(self) -> bool:
+        """Whether something had to be compiled."""
+        return self._begun_s is not None
+
+    def left_s(self) -> float | None:
+        """Return the seconds that the rest takes; None while that is unknown."""
+        done = sum(self._expected[function] for function in self._done)
+        spent_s = 0.0 if self._begun_s is None else time.monotonic() - self._begun_s
+        return left_s(done, sum(self._expected.values()), spent_s)
+
+    def _log(self) -> None:
+        _LOG.info(words(self.left_s()))
+
+
+COMPILING = Compiling()
+event.register("numba:compile", COMPILING)
