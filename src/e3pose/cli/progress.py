@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 T = TypeVar("T")
+LINE_S = 10.0  # between two lines on a pipe
 
 
 def track_progress(items: Iterable[T], total: int | None, label: str) -> Iterator[T]:
@@ -27,15 +29,28 @@ def track_progress(items: Iterable[T], total: int | None, label: str) -> Iterato
 
 
 class _Notice(logging.Handler):
-    """Prints messages on standard error, above a bar if there is one."""
+    """Shows on standard error how far kernels are compiled: in place on a terminal, else lines."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._next_s, self._shown = 0.0, ""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(f"e3pose: {record.getMessage()}", file=sys.stderr, flush=True)
+        message, now_s = record.getMessage(), time.monotonic()
+        # A bar of rich takes the stream over, and prints whole lines above itself.
+        in_place = sys.stderr.isatty() and sys.stderr is sys.__stderr__
+        if message == self._shown or (now_s < self._next_s and not in_place):
+            return
+        self._next_s, self._shown = now_s + LINE_S, message
+        if in_place:
+            print(f"\r\033[Ke3pose: {message}\r", end="", file=sys.stderr, flush=True)
+        else:
+            print(f"e3pose: {message}", file=sys.stderr, flush=True)
 
 
 def notice_compiling() -> None:
-    """Print, once, that kernels are compiled: for a minute no bar moves and nothing is written."""
-    log = logging.getLogger("e3pose.runtime.kernel")
+    """Show how far kernels are compiled: meanwhile no bar moves and nothing is written."""
+    log = logging.getLogger("e3pose.runtime.compiling")
     if not log.handlers:
         log.addHandler(_Notice())
         log.setLevel(logging.INFO)

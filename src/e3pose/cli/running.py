@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 from e3pose.cli.camera_options import CameraOptions
 from e3pose.cli.options import Flag, as_typed, warn
+from e3pose.cli.progress import LINE_S
 from e3pose.errors import InputError
 from e3pose.quantities import check_seconds, duration_s
 
@@ -212,21 +213,25 @@ def _run_shown(
 
     from rich.live import Live
 
-    from e3pose.site.screen import screen
+    from e3pose.site.screen import compiling_words, screen
     from e3pose.site.up import run_site
 
-    begun_s = came_s = time.monotonic()
+    begun_s = came_s = said_s = time.monotonic()
     end_s = None if for_s is None else begun_s + for_s
     newest: Status | None = None
     with Live(console=console, auto_refresh=False) if show else nullcontext() as live:
 
         def stopped() -> bool:
-            nonlocal came_s, newest
+            nonlocal came_s, newest, said_s
             if follower.fresh.is_set():
                 follower.fresh.clear()
                 came_s, newest = time.monotonic(), follower.status
             if live is not None:
                 live.update(screen(follower.status, time.monotonic() - came_s), refresh=True)
+            rest_s = None if live is not None or newest is None else newest.compiling_s
+            if rest_s is not None and time.monotonic() >= said_s:
+                said_s = time.monotonic() + LINE_S
+                console.print(compiling_words(rest_s), highlight=False)
             return end_s is not None and time.monotonic() >= end_s
 
         with suppress(KeyboardInterrupt):

@@ -53,7 +53,7 @@ class Housekeeping:
         """Do what is due."""
         edge = self._edge
         counts = edge.gather.views, edge.counts.ordered, edge.counts.slots
-        if self.watchdog.look(edge.inbox.roster.cameras, *counts):
+        if edge.ready and self.watchdog.look(edge.inbox.roster.cameras, *counts):
             self.rejoined.set()
             edge.start_sending()  # the thread before may hang
         # No camera recovers because the edge became too slow to judge it.
@@ -85,7 +85,7 @@ class Housekeeping:
         """Save the state of the loop."""
         edge = self._edge
         times, pipeline, state = edge.times, edge.pipeline, edge.state  # values: they stay
-        if times is None:
+        if times is None or not edge.ready:
             return
         made_ns, run_ns = edge.clock.now_ns(), edge.state_file.run_ns
         made = Checkpoint(state, times.origin_ns, len(state.selections), made_ns, run_ns)

@@ -175,6 +175,7 @@ class SiteSnapshot:
         counts: of slots, views and times.
         events: the latest.
         turned: index of a knocked camera, and degrees; None if there is none.
+        compiling_s: until all kernels are compiled; None if they are.
     """
 
     site: str
@@ -192,6 +193,7 @@ class SiteSnapshot:
     counts: Counts
     events: Sequence[Event]
     turned: tuple[int, float] | None = None
+    compiling_s: float | None = None
 
 
 def site_status(snapshot: SiteSnapshot) -> Status:
@@ -243,6 +245,7 @@ def site_status(snapshot: SiteSnapshot) -> Status:
         num_selected=_number(policy, "num_selected"),
         target_error_mm=None if target_m is None else 1000 * target_m,
         quality_weight=_number(policy, "quality_weight"),
+        compiling_s=snapshot.compiling_s,
         slots=counts.slots,
         blind=counts.blind,
         blind_share=counts.blind_share(),

@@ -31,7 +31,7 @@ from e3pose.edge.membership import Membership
 from e3pose.edge.orders import Orders
 from e3pose.edge.outbox import Outbox
 from e3pose.edge.overload import shed_load
-from e3pose.edge.precompile import warm_up
+from e3pose.edge.precompile import compiling_left_s, warm_up
 from e3pose.edge.publisher import Publisher
 from e3pose.edge.reports import SiteSnapshot, site_status
 from e3pose.edge.roster import wakes_s
@@ -117,6 +117,7 @@ class EdgeServer:
         self.state: SlotState = initial_state(self.pipeline)
         self.times: SlotTimes | None = None  # until the first slot
         self.newest: SlotRecord | None = None
+        self.ready = False  # whether all kernels are compiled
         self.publisher = Publisher(settings, pipeline.rig, interval_s, self.outbox, clock)
         self.threads = ThreadGroup(self._wake)
         self.housekeeping = Housekeeping(self)
@@ -133,11 +134,12 @@ class EdgeServer:
         """Start to receive, and to compute slots once cameras are connected."""
         if self.consumers.sink is not None:
             self.event_log.attach(self.consumers.sink)
-        self.membership.join()  # cameras find the edge again while it gets ready
-        warm_up(self.pipeline)
-        self.threads.start("fusion", self._run_slots)
+        self.membership.join()  # cameras connect while it gets ready
         self.start_sending()
-        self.threads.start("keeping", self.housekeeping.run)
+        self.threads.start("keeping", self.housekeeping.run)  # tells how long that takes
+        warm_up(self.pipeline)
+        self.ready = True
+        self.threads.start("fusion", self._run_slots)
 
     def stop(self) -> None:
         """Finish the current slot, save the state, leave the site."""
@@ -201,6 +203,7 @@ class EdgeServer:
                 counts=self.counts,
                 turned=self.consumers.turned,
                 events=list(self.event_log.recent),
+                compiling_s=None if self.ready else compiling_left_s(),
             )
         )
 

@@ -55,7 +55,7 @@ def screen(status: Status | None, stale_s: float) -> RenderableType:
         stale_s: seconds since it came.
     """
     if status is None:
-        said = "Waiting for the edge. Its first start takes one to two minutes (Ctrl-C quits)."
+        said = "Waiting for the edge (Ctrl-C quits)."
         return Text(said, style="yellow")
     lines: list[RenderableType] = [_head(status, stale_s), _Cameras(status)]
     for camera in status.cameras:
@@ -77,6 +77,8 @@ def _head(status: Status, stale_s: float) -> Text:
     head.append(f"{online}/{len(status.cameras)} cameras online", style=style)
     head.append(f"  {plural(status.people, 'person', 'people')}", style="bold")
     head.append_text(_expected_error(status))
+    if status.compiling_s is not None:
+        head.append(f"\n{compiling_words(status.compiling_s)}", style="yellow")
     if status.fps == 0:
         head.append(f"\nno slots yet  up {_duration(status.uptime_s)}")
         return head
@@ -108,6 +110,12 @@ def _blind(status: Status) -> Text:
         f"{blind_words(status.blind)}",
         style=BLIND if share > 0 else "",
     )
+
+
+def compiling_words(rest_s: float) -> str:
+    """Return how long the edge still compiles."""
+    rest = f"{rest_s:.0f} s left" if rest_s else "a minute or so"
+    return f"compiling: {rest} (first start only), then cameras get orders"
 
 
 def _expected_error(status: Status) -> Text:

@@ -281,6 +281,7 @@ def _check_status(status: Status, where: str) -> None:
         num_selected=status.num_selected,
         target_error_mm=status.target_error_mm,
         quality_weight=status.quality_weight,
+        compiling_s=status.compiling_s,
     )
     # Below zero where a clock was set back meanwhile.
     for name, durations in (("step_ms", status.step_ms), ("latency_ms", status.latency_ms)):

@@ -216,9 +216,13 @@ function liveNotice(open) {
     return `No connection to e3pose view since ${clock(lostAt / 1000)}: it was stopped, or cannot be reached. The page connects again by itself; what it shows is old.`;
   }
   if (!status && (!open || edge.there)) return "";
-  if (!status) return "Waiting for the edge. It is not running, or still starting: the first start compiles for one to two minutes.";
+  if (!status) return "Waiting for the edge. It is not running, or still starting.";
   if (open && !edge.there) {
     return `Edge gone since ${clock(edge.heard_ns / 1e9)}: it was stopped, or cannot be reached. What is shown is its last state; the page goes on by itself when the edge is back.`;
+  }
+  if (status.compiling_s != null) {
+    const rest = status.compiling_s ? `${Math.round(status.compiling_s)} s left` : "a minute or so";
+    return `The edge is compiling: ${rest}. Cameras connect meanwhile and get orders then; this happens only at the first start.`;
   }
   return status.overload || "";
 }
