@@ -27,6 +27,7 @@ from typing import Any
 
 import zenoh
 
+from attack_doors import after, doors, operator_of
 from attack_inputs import GROWTH_MB, Result, fuzz, hostile_files
 from attack_lies import Seen, got, tell, viewer
 from e3pose.settings.site_file import load_site
@@ -251,7 +252,8 @@ def silence(target: Target) -> Callable[[float], str]:
 
 def live(seconds: float) -> list[Result]:
     """Attack a site of four cameras and three people that runs at 25 slots per second."""
-    with live_site(cameras=4, people=3, fps=FPS) as site, viewer(site) as seen:
+    with live_site(cameras=4, people=3, fps=FPS, page=True) as site, viewer(site) as seen:
+        operator_of(site)
         target, begun_s = Target(site), time.monotonic()
         wait(max(5.0, seconds * 0.1))
         usual = Pace.since(seen, begun_s)
@@ -263,11 +265,14 @@ def live(seconds: float) -> list[Result]:
             ("large messages of a camera", 0.1, large(target, target.camera_id, 4)),
             ("noise", 0.1, garbage(target)),
             ("silence", 0.3, silence(target)),
+            *doors(site),
         )
         report(results[-1])
         for name, share, attack in attacks:
             results.append(under(target, seen, name, seconds * share, attack, usual))
             report(results[-1])
+        results += after(site)
+        report(results[-1])
         recovered = False
         end_s = time.monotonic() + 30
         while not recovered and time.monotonic() < end_s:
