@@ -42,6 +42,8 @@ class Slow(int):
 class SlowEvent:
     """An event of which other threads can run while it is read."""
 
+    time_ns = 0
+
     @property
     def message(self) -> str:
         time.sleep(0)
