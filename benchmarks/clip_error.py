@@ -7,6 +7,8 @@ The reference is the offline smoother over every view of every camera (`e3pose.e
 With `--reference` it is read from a file, or written to it if there is none: make it once, at the
 revision to compare with, so that a change is not measured by itself.
 
+With `--loose-limbs` it does not hold arms and legs to lengths that people have.
+
 Compared are the joints that at least two cameras saw within 0.12 s, after the warm-up; people one
 to one, below 0.5 m on average. `found` is the share of the people of the reference who are shown,
 `more` that of shown people who are nobody of the reference. Each row is over several phases of the
@@ -31,6 +33,8 @@ from scipy.ndimage import maximum_filter1d
 from scipy.optimize import linear_sum_assignment
 
 from e3pose.estimate.filter import Noise
+from e3pose.estimate.filter.proportions import proportions_of
+from e3pose.estimate.filter.tree import grow
 from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.metrics import mean_errors_m
 from e3pose.evaluate.noise.calibrate import all_camera_tracks, first_slots
@@ -81,8 +85,9 @@ class Reference:
         return np.asarray((1 - share) * self.joints_m[low] + share * self.joints_m[low + 1])
 
 
-def references(recording: Recording, noise: Noise) -> list[Reference]:
-    """Return everybody as the smoother over all views sees them."""
+def references(recording: Recording, noise: Noise, limbs: bool = True) -> list[Reference]:
+    """Return everybody as the smoother over all views sees them; limbs of one length each."""
+    body = proportions_of(recording.skeleton.joints, grow(recording.skeleton))
     tracks, _, _ = all_camera_tracks(recording, recording.num_slots)
     scales = np.array([max(c.image_size) for c in recording.rig.cameras]) / noise.image_px
     reach = 2 * max(1, round(SUPPORT_S / recording.interval_s)) + 1
@@ -96,6 +101,7 @@ def references(recording: Recording, noise: Noise) -> list[Reference]:
             recording.rig.projections,
             person.joints_m,
             recording.interval_s,
+            rigid=body if limbs else None,
         )
         near = maximum_filter1d(seen.astype(np.int8), reach, axis=0, mode="constant").sum(axis=1)
         found.append(
@@ -192,6 +198,9 @@ def main() -> None:
     parser.add_argument("--share", type=float, default=1.0, help="of the recording, from its start")
     parser.add_argument("--joints", default="", help="compared, of both sides, such as elbow,wrist")
     parser.add_argument("--reference", type=Path, help="file to read the reference from, or write")
+    parser.add_argument(
+        "--loose-limbs", dest="limbs", action="store_false", help="a reference without lengths"
+    )
     parser.add_argument("--worst", action="store_true", help="list the worst joints of each row")
     options = parser.parse_args()
     recording = load_recording(options.recording)
@@ -201,10 +210,11 @@ def main() -> None:
         recording = first_slots(recording, round(options.share * recording.num_slots))
     rows = named_joints(recording.skeleton, options.joints)
     noise = load_noise(detector_of(recording))
-    if options.reference:
-        people = saved_references(options.reference, lambda: references(recording, noise))
-    else:
-        people = references(recording, noise)
+
+    def make() -> list[Reference]:
+        return references(recording, noise, options.limbs)
+
+    people = saved_references(options.reference, make) if options.reference else make()
     print(f"{recording.name}: {recording.num_slots} slots, {len(people)} people")
     print(
         "policy        C lead cameras   mean   95 %   99 %    max  in 90  lag ms  at lag  found"

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from e3pose.estimate.filter.proportions import proportions_of
+from e3pose.estimate.filter.tree import grow
 from e3pose.evaluate.smoother import project_all, smooth
 from e3pose.simulate import DetectorSettings, SceneSettings, simulate
 
@@ -90,3 +92,22 @@ def test_a_joint_that_nobody_sees_stays_finite() -> None:
 def test_few_slots_are_enough(slots: int) -> None:
     path = smooth(KEYPOINTS[:slots], SIGMA[:slots], P, PATH[:slots] + 0.03, INTERVAL_S)
     assert 1000 * np.linalg.norm(path - PATH[:slots], axis=-1).max() < 1
+
+
+def test_guessed_ankles_are_held_to_the_length_of_the_shank() -> None:
+    skeleton = RECORDING.skeleton
+    knee, ankle = skeleton.index("left_knee"), skeleton.index("left_ankle")
+    seen = noisy()
+    rng = np.random.default_rng(2)
+    seen[:, :, ankle] += rng.normal(scale=50, size=(1, seen.shape[1], 2))  # a guess of every camera
+    body = proportions_of(skeleton.joints, grow(skeleton))
+    loose = smooth(seen, SIGMA, P, roughly(), INTERVAL_S)
+    held = smooth(seen, SIGMA, P, roughly(), INTERVAL_S, rigid=body)
+    true_m = np.linalg.norm(PATH[:, knee] - PATH[:, ankle], axis=-1)
+    off = [
+        np.abs(np.linalg.norm(path[:, knee] - path[:, ankle], axis=-1) / true_m - 1)
+        for path in (loose, held)
+    ]
+    assert off[0].max() > 0.3 and off[1].max() < 0.1
+    others = np.setdiff1d(np.arange(len(skeleton)), [ankle])
+    assert 1000 * np.linalg.norm(held - PATH, axis=-1)[:, others].mean() < 10

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_existence import wide
+from tests.reference.filter_proportions import stature_m
 from tests.reference.triangulate import triangulate
 
 from e3pose.estimate.filter.kernels.births import (
@@ -34,6 +35,7 @@ from e3pose.estimate.filter.state import (
     Model,
 )
 from e3pose.geometry.projection import project
+from e3pose.model.proportions import LEAST_M, MOST_M
 
 Floats = NDArray[np.float64]
 
@@ -113,7 +115,9 @@ def _pairs(
 
 def _human(joints_m: Floats, model: Model) -> bool:
     extent = (np.nanmax(joints_m, axis=0) - np.nanmin(joints_m, axis=0)).max()
-    return bool(MIN_EXTENT_M <= extent <= MAX_EXTENT_M) and not wide(joints_m, model)
+    stature = stature_m(joints_m, model.proportions)
+    human = stature == 0 or LEAST_M <= stature <= MOST_M
+    return bool(MIN_EXTENT_M <= extent <= MAX_EXTENT_M) and human and not wide(joints_m, model)
 
 
 def _apart(belief: Belief, joints_m: Floats) -> bool:
@@ -144,7 +148,7 @@ def _start(
     shared[:, 3:, 3:] = has_parent * (speed - START_TURN_MPS**2)[:, None, None] * np.eye(3)
     seen_by = np.zeros(len(model.rig), dtype=bool)
     seen_by[cameras] = True
-    no_bones = np.zeros(len(model.bones))
+    no_bones = np.zeros(len(model.proportions.bones))
     new = {
         "track_ids": belief.next_id,
         "state": state,

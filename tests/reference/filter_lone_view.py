@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.reference.filter_update import size_variances
 
 from e3pose.estimate.filter.kernels.lone_view import SIZE_SHARE
 from e3pose.estimate.filter.state import Belief, Floats, Ints, Model
@@ -30,7 +31,7 @@ def discount(
         model: of both.
     """
     state, covariance, shared = after.state.copy(), after.covariance.copy(), after.shared.copy()
-    root = model.tree.order[0]
+    root, sizes = model.tree.order[0], size_variances(before, model)
     for track in np.flatnonzero(assigned.sum(axis=0) == 1):
         centre_m = model.rig.centers_m[cameras[int(np.argmax(assigned[:, track]))]]
         away = before.state[track, root, :3] - centre_m
@@ -49,7 +50,7 @@ def discount(
         counted = 0.0
         if dt > 0:
             repeats = 1 / np.tanh(dt / (2 * model.noise.memory.lasting_s))
-            counted = 1 / (1 / gained + (SIZE_SHARE * far_m) ** 2 * repeats)
+            counted = 1 / (1 / gained + (SIZE_SHARE**2 + sizes[track]) * far_m**2 * repeats)
         honest_m2 = 1 / (1 / had_m2 + counted)
         moved_m = line @ (after.state[track, root, :3] - before.state[track, root, :3])
         back_m = moved_m * (honest_m2 * counted / (has_m2 * gained) - 1)

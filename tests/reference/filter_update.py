@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.reference import filter_bias
+from tests.reference import filter_bias, filter_proportions
 from tests.reference.filter_motion import spread
 from tests.reference.filter_tree import Links, conditionals, solve
 
@@ -79,6 +79,7 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
     measured = np.zeros(belief.unmeasured_s.shape, dtype=bool)
     if len(seen.projections):
         prior = conditionals(model.tree, belief.covariance, belief.shared)
+        lengths = _lengths(belief, model)
         moved = np.zeros_like(belief.state)
         for iteration in range(ITERATIONS):
             state = belief.state + moved
@@ -96,8 +97,8 @@ def update(belief: Belief, seen: Sightings, model: Model) -> Belief:
                 "v...,v...ab,v...ac->...bc", weight, jacobian, jacobian
             )
             pull[..., :3] = np.einsum("v...,v...ab,v...a->...b", weight, jacobian, error)
-            _pull_bones(belief, moved, seen, information, pull, model)
-            links = _links(belief, moved, model)
+            _pull_bones(belief, moved, seen, lengths, information, pull, model)
+            links = _links(belief, moved, lengths, model)
             moved, covariance, shared = solve(model.tree, prior, information, pull, links)
         belief = replace(belief, state=belief.state + moved, covariance=covariance, shared=shared)
     return replace(belief, unmeasured_s=np.where(measured, 0.0, belief.unmeasured_s))
@@ -118,9 +119,28 @@ def learn_biases(belief: Belief, seen: Sightings, cameras: Ints, dt: float, mode
     return replace(belief, bias_px=biases)
 
 
-def _links(belief: Belief, moved: Floats, model: Model) -> Links:
+def size_variances(belief: Belief, model: Model) -> Floats:
+    """Return `(num_tracks,)` of the logarithms of people's sizes."""
+    rows = zip(belief.bones_m, belief.bone_counts, strict=True)
+    return np.array([filter_proportions.expect(*row, model.proportions)[2] for row in rows])
+
+
+def _lengths(belief: Belief, model: Model) -> tuple[Floats, Floats]:
+    """Return lengths and slacks of bones, `(num_tracks, num_bones)`; a slack of inf for unknown."""
+    body = model.proportions
+    lengths_m, slacks_m = belief.bones_m.copy(), np.zeros_like(belief.bones_m)
+    limb = body.kinds >= 0
+    for track, learned in enumerate(zip(belief.bones_m, belief.bone_counts, strict=True)):
+        expected_m, variances, _ = filter_proportions.expect(*learned, body)
+        lengths_m[track, limb] = expected_m[limb]
+        slacks_m[track] = np.sqrt(body.slacks_m**2 + variances * expected_m**2)
+    unknown = ~limb & (belief.bone_counts <= BONE_TEACHERS)
+    return lengths_m, np.where(unknown, np.inf, slacks_m)
+
+
+def _links(belief: Belief, moved: Floats, lengths: tuple[Floats, Floats], model: Model) -> Links:
     """Return the bones within the tree, which are solved together with it."""
-    parents, rows = np.maximum(model.tree.parents, 0), model.links
+    parents, rows = np.maximum(model.tree.parents, 0), model.proportions.links
     state = belief.state + moved
     between = state[..., :3] - state[:, parents, :3]
     length = np.maximum(np.linalg.norm(between, axis=-1), 1e-6)
@@ -128,12 +148,14 @@ def _links(belief: Belief, moved: Floats, model: Model) -> Links:
     turned = ((moved[..., :3] - moved[:, parents, :3]) * along).sum(axis=-1)
     usual_m = np.broadcast_to(model.tree.usual_m, length.shape)
     held = np.flatnonzero(rows >= 0)
-    known = belief.bone_counts[:, rows[held]] > BONE_TEACHERS
+    lengths_m, slacks_m = (each[:, rows[held]] for each in lengths)
+    known = np.isfinite(slacks_m)
     excess = length - usual_m - turned
     weights = np.where(usual_m > 0, 1 / USUAL_SLACK_M**2, 0.0)
-    learned = length[:, held] - belief.bones_m[:, rows[held]] - turned[:, held]
-    excess[:, held] = np.where(known, learned, excess[:, held])
-    weights[:, held] = np.where(known, 1 / model.slacks_m[rows[held]] ** 2, weights[:, held])
+    excess[:, held] = np.where(
+        known, length[:, held] - lengths_m - turned[:, held], excess[:, held]
+    )
+    weights[:, held] = np.where(known, 1 / slacks_m**2, weights[:, held])
     return Links(along, excess, weights)
 
 
@@ -141,6 +163,7 @@ def _pull_bones(
     belief: Belief,
     moved: Floats,
     seen: Sightings,
+    lengths: tuple[Floats, Floats],
     information: Floats,
     pull: Floats,
     model: Model,
@@ -150,20 +173,20 @@ def _pull_bones(
     Only of people whom a view shows: for the others two joints would make each other surer of
     where they are, slot by slot, without anybody having looked.
     """
-    across = np.setdiff1d(np.arange(len(model.bones)), model.links)
-    first, second = model.bones[across].T
+    across = np.setdiff1d(np.arange(len(model.proportions.bones)), model.proportions.links)
+    first, second = model.proportions.bones[across].T
     state = belief.state + moved
     apart = state[:, first, :3] - state[:, second, :3]  # (num_tracks, num_bones, 3)
     length = np.maximum(np.linalg.norm(apart, axis=-1), 1e-6)
     along = apart / length[..., None]
-    excess = length - belief.bones_m[:, across]
-    trusted = belief.bone_counts[:, across] > BONE_TEACHERS
-    trusted &= np.asarray((seen.scores > 0).any(axis=(0, 2)))[:, None]
+    lengths_m, slacks_m = (each[:, across] for each in lengths)
+    excess = length - lengths_m
+    trusted = np.asarray((seen.scores > 0).any(axis=(0, 2)))[:, None]
     outer = along[..., :, None] * along[..., None, :]
     rows = np.arange(len(belief))[:, None]
     for end, other, sign in ((first, second, 1.0), (second, first, -1.0)):
         spread = np.einsum("tba,tbac,tbc->tb", along, belief.covariance[:, other, :3, :3], along)
-        weight = np.where(trusted, 1 / (spread / 2 + model.slacks_m[across] ** 2), 0.0)
+        weight = np.where(trusted, 1 / (spread / 2 + slacks_m**2), 0.0)
         gone = (moved[:, end, :3] * along).sum(axis=-1)
         np.add.at(information[..., :3, :3], (rows, end), weight[..., None, None] * outer)
         np.add.at(pull[..., :3], (rows, end), (weight * (gone - sign * excess))[..., None] * along)
@@ -171,7 +194,7 @@ def _pull_bones(
 
 def learn_bones(belief: Belief, model: Model) -> Belief:
     """Return the belief after joints that are well known taught how far apart they are."""
-    first, second = model.bones.T
+    first, second = model.proportions.bones.T
     spread = np.trace(belief.covariance[..., :3, :3], axis1=-2, axis2=-1)
     known = spread < 3 * BONE_KNOWN_M**2
     fresh = belief.unmeasured_s == 0

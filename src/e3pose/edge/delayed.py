@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from e3pose.edge.reports import poses_message
 from e3pose.estimate.base import People
+from e3pose.estimate.filter.proportions import Proportions, proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.bodies import FixedLag
 from e3pose.model.pose import Poses3D
@@ -26,6 +27,7 @@ class DelayedPoses:
 
     joints: Sequence[str]
     lag_slots: int
+    _body: Proportions = field(init=False)
     _lag: FixedLag = field(init=False)
     _waiting: deque[tuple[int, int, People]] = field(init=False)
 
@@ -35,6 +37,7 @@ class DelayedPoses:
     def forget(self) -> None:
         """Start again: slots that wait are never published."""
         tree = grow(Skeleton("", tuple(self.joints), ()))
+        self._body = proportions_of(self.joints, tree)
         self._lag, self._waiting = FixedLag(tree, self.lag_slots), deque()
 
     def push(
@@ -55,7 +58,9 @@ class DelayedPoses:
         if late is None:
             return None
         slot, time_ns, shown = self._waiting.popleft()
-        joints_m, covariance_m2 = late.of(shown.track_ids, shown.poses, shown.covariance_m2)
+        joints_m, covariance_m2 = late.of(
+            shown.track_ids, shown.poses, shown.covariance_m2, self._body
+        )
         smoothed = replace(
             shown, poses=Poses3D(joints_m, shown.poses.scores), covariance_m2=covariance_m2
         )

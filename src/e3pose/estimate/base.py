@@ -46,6 +46,8 @@ class Posterior:
         state: `(num_tracks, num_joints, 6)` position in metres, velocity in metres per second.
         covariance: `(num_tracks, num_joints, 6, 6)` of `state`.
         shared: `(num_tracks, num_joints, 6, 6)` of each joint's `state` with its parent's.
+        bones_m: `(num_tracks, num_bones)` lengths learned.
+        bone_counts: `(num_tracks, num_bones)` slots that taught them.
         start: of the prediction.
     """
 
@@ -55,6 +57,8 @@ class Posterior:
     state: NDArray[np.float64]
     covariance: NDArray[np.float64]
     shared: NDArray[np.float64]
+    bones_m: NDArray[np.float64]
+    bone_counts: NDArray[np.float64]
     start: Start
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.base import Posterior
+from e3pose.estimate.filter.proportions import Proportions, proportions_of
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.estimate.smooth import SmoothSettings, smoothed
 from e3pose.estimate.smooth.bodies import FixedLag, Smoothed, smooth_bodies
@@ -43,7 +44,9 @@ def smooth_records(
         found = smooth_bodies(tree, posteriors)
     else:
         found = list(_lagging(tree, posteriors, lag_slots))
-    return [_with_smoothed(record, late) for record, late in zip(records, found, strict=True)]
+    body = proportions_of(skeleton.joints, tree)
+    pairs = zip(records, found, strict=True)
+    return [_with_smoothed(record, late, body) for record, late in pairs]
 
 
 def take_of_records(
@@ -108,7 +111,7 @@ def _lagging(tree: Tree, posteriors: Sequence[Posterior], lag_slots: int) -> Ite
     yield from smooth_bodies(tree, posteriors[max(0, len(posteriors) - lag_slots) :])
 
 
-def _with_smoothed(record: SlotRecord, late: Smoothed) -> SlotRecord:
-    joints_m, covariance_m2 = late.of(record.track_ids, record.poses, record.covariance_m2)
+def _with_smoothed(record: SlotRecord, late: Smoothed, body: Proportions) -> SlotRecord:
+    joints_m, covariance_m2 = late.of(record.track_ids, record.poses, record.covariance_m2, body)
     poses = Poses3D(joints_m, record.poses.scores)
     return replace(record, poses=poses, covariance_m2=covariance_m2)

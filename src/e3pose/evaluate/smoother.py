@@ -4,13 +4,17 @@
 
 with `pi` the projection, `a` the second difference of the path and `rho` growing slowly for
 outliers: iterated, reweighted least squares, each pass one banded system per joint. No labels, no
-causality: what calibration compares single views with, not an estimator of the loop.
+causality: what calibration compares single views with, not an estimator of the loop. Arms and legs
+may be held to one length each, which the path itself tells: `rigid`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from e3pose.estimate.filter.proportions import Proportions, expected_m, median_lengths_m
+from e3pose.model.proportions import RIGID
 
 Floats = NDArray[np.float64]
 
@@ -19,6 +23,8 @@ DENSITY_M2_PER_S3 = 7.0**2 / 25
 OUTLIER_SIGMAS = 2.5
 PASSES = 5
 MIN_DEPTH_M = 0.1
+BONE_SLACK_M = 0.01  # how far a detector's limb strays from its length, over many views
+TELLING_VIEWS = 2
 ANCHOR_M = 1.0  # a joint that nothing sees stays about where it was believed, this loosely
 
 
@@ -29,6 +35,7 @@ def smooth(
     start_m: Floats,
     interval_s: float,
     passes: int = PASSES,
+    rigid: Proportions | None = None,
 ) -> Floats:
     """Return the paths of the joints of one person.
 
@@ -39,6 +46,8 @@ def smooth(
         start_m: `(num_slots, num_joints, 3)` where joints were roughly, all finite.
         interval_s: seconds per slot.
         passes: how often to start again from the last path.
+        rigid: bones, to hold those of arms and legs to lengths that people have; as many passes
+            again.
 
     Returns:
         `(num_slots, num_joints, 3)` metres.
@@ -46,7 +55,11 @@ def smooth(
     path: Floats = start_m.copy()
     seen = np.isfinite(keypoints_px).all(axis=-1) & np.isfinite(sigma_px)
     variance = np.where(seen, sigma_px, 1.0) ** 2
-    for _ in range(passes):
+    lengths_m: Floats | None = None
+    for number in range(passes if rigid is None else 2 * passes):
+        if rigid is not None and number >= passes:
+            telling = seen.sum(axis=1) >= TELLING_VIEWS
+            lengths_m = expected_m(rigid, *median_lengths_m(rigid, path, telling))
         pixels, depth, jacobian = project_all(path, projections)
         usable = seen & (depth > MIN_DEPTH_M)
         error = np.where(usable[..., None], keypoints_px - pixels, 0.0)
@@ -55,8 +68,26 @@ def smooth(
         information = np.einsum("tcj,tcjab,tcjad->tjbd", weight, jacobian, jacobian, optimize=True)
         pull = np.einsum("tcj,tcjab,tcja->tjb", weight, jacobian, error, optimize=True)
         pull += (information @ path[..., None])[..., 0] + path / ANCHOR_M**2
+        if rigid is not None and lengths_m is not None:
+            _hold_bones(rigid, lengths_m, path, information, pull)
         path = _solve(information, pull, interval_s)
     return path
+
+
+def _hold_bones(
+    body: Proportions, lengths_m: Floats, path: Floats, information: Floats, pull: Floats
+) -> None:
+    """Add what lengths tell of either end of arms and legs, with the other where it was."""
+    for bone in np.flatnonzero((body.kinds >= 0) & (body.gives == RIGID)).tolist():
+        first, second = body.bones[bone]
+        between = path[:, second] - path[:, first]
+        apart_m = np.maximum(np.linalg.norm(between, axis=-1, keepdims=True), 1e-6)
+        along = between / apart_m
+        outer = along[:, :, None] * along[:, None, :] / BONE_SLACK_M**2
+        step = (apart_m - lengths_m[bone]) / 2 * along  # half of what is too long at either end
+        for joint, target in ((first, path[:, first] + step), (second, path[:, second] - step)):
+            information[:, joint] += outer
+            pull[:, joint] += (outer @ target[..., None])[..., 0]
 
 
 def project_all(points_m: Floats, projections: Floats) -> tuple[Floats, Floats, Floats]:

@@ -38,6 +38,7 @@ FILTER_SOURCES = (
     *SOURCES,
     *sorted((_FILTER / "kernels").glob("*.py")),
     *(_FILTER / f"{name}.py" for name in FILTER_CONSTANTS),
+    _PACKAGE / "model" / "proportions.py",
 )
 PREDICTOR = "e3pose.predict."
 PREDICTOR_SOURCES = (*sorted((_PACKAGE / "predict" / "kernels").glob("*.py")), *SOURCES[-2:])

@@ -16,9 +16,7 @@ from e3pose.estimate.filter.reidentification import (
     DEPARTED_S,
     MAX_DEPARTED,
     NEVER,
-    NOISE_M,
     PROPORTION_SPREAD,
-    SLIDE_M,
     STATURE_SPREAD,
     Identities,
     identify,
@@ -27,6 +25,7 @@ from e3pose.estimate.filter.reidentification import (
 )
 from e3pose.model.noises import load_noise
 from e3pose.model.pose import Poses2D
+from e3pose.model.proportions import NOISE_M, SLIDE_M
 from e3pose.model.skeleton import COCO17
 from e3pose.simulate import SceneSettings, simulate
 
@@ -53,12 +52,12 @@ def belief(
     sizes = [size for _, _, size in people.values()]
     for row, (x, y, _) in enumerate(people.values()):
         state[row, :, :2] = x, y
-    lengths = np.linspace(0.2, 0.5, len(MODEL.bones))
+    lengths = np.linspace(0.2, 0.5, len(MODEL.proportions.bones))
     rows["track_ids"] = np.array(list(people), dtype=np.int64)
     rows["state"] = state
     rows["confirmed"] = np.ones(len(people), dtype=bool)
     rows["bones_m"] = np.array(sizes)[:, None] * lengths
-    rows["bone_counts"] = np.full((len(people), len(MODEL.bones)), float(taught))
+    rows["bone_counts"] = np.full((len(people), len(MODEL.proportions.bones)), float(taught))
     return replace(empty, time_s=time_s, **rows)  # type: ignore[arg-type]
 
 

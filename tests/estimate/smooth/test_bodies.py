@@ -10,6 +10,7 @@ from tests.reference.filter_motion import spread
 
 from e3pose.estimate.base import People, Posterior, Start
 from e3pose.estimate.filter.motion import places
+from e3pose.estimate.filter.proportions import proportions_of
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.bodies import FixedLag, body_transition, smooth_bodies, written_out
 from e3pose.estimate.smooth.rauch import expect, step_back
@@ -24,6 +25,7 @@ from e3pose.simulate import SceneSettings, simulate
 pytestmark = pytest.mark.slow
 
 TREE = grow(COCO17)
+BONES = proportions_of(COCO17.joints, TREE)
 
 
 @cache
@@ -167,6 +169,7 @@ def test_nobody_is_nobody() -> None:
     none = np.zeros(0, dtype=np.int64)
     state, covariance = np.zeros((0, 17, 6)), np.zeros((0, 17, 6, 6))
     start = Start(0.0, none, state, np.ones((0, 17)))
-    empty = Posterior(0.0, none, none, state, covariance, covariance, start)
+    bones = np.zeros((0, len(BONES.bones)))
+    empty = Posterior(0.0, none, none, state, covariance, covariance, bones, bones, start)
     assert [late.joints_m.shape for late in smooth_bodies(TREE, [empty, empty])] == [(0, 17, 3)] * 2
     assert smooth_bodies(TREE, []) == []

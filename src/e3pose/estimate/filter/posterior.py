@@ -21,5 +21,7 @@ def posterior_of(before: Belief, belief: Belief, track_ids: Ints) -> Posterior:
         belief.state,
         belief.covariance,
         belief.shared,
+        belief.bones_m,
+        belief.bone_counts,
         Start(before.time_s, before.track_ids, before.state, before.drift_share),
     )

@@ -21,7 +21,7 @@ from typing import TypeVar
 import numpy as np
 
 from e3pose.estimate.filter.state import Belief, Flags, Floats, Ints, Model
-from e3pose.model.skeleton import BODY_LIMBS
+from e3pose.model.proportions import KINDS, NOISE_M, SLIDE_M
 
 DEPARTED_S = 300.0
 MAX_DEPARTED = 32  # the newest; among many somebody always looks like a stranger
@@ -32,7 +32,6 @@ SURE_ODDS = 40.0  # takes an identity over: of 41 such cases one would be wrong
 
 STATURE_SPREAD = 0.055  # of adults: 9.5 cm of 1.72 m
 PROPORTION_SPREAD = 0.03  # of the bones of people of one stature
-SLIDE_M, NOISE_M = 0.010, 0.025  # a length that n slots taught is off by sqrt(SLIDE^2 + NOISE^2/n)
 MIN_TAUGHT = 5  # slots before a length is compared
 MIN_LENGTH_M = 0.05
 NEVER = -1e3  # a logarithm of odds
@@ -258,13 +257,8 @@ def _lengths(belief: Belief, tracks: Ints, model: Model) -> tuple[Floats, Floats
 @lru_cache(maxsize=8)
 def _kinds(model: Model) -> list[list[int]]:
     """Return the bones of each kind, left and right as one; one empty kind where there are none."""
-    names = [joint.removeprefix("left_").removeprefix("right_") for joint in model.skeleton.joints]
-    limbs = {frozenset(pair) for pair in BODY_LIMBS}
-    kinds: dict[tuple[str, ...], list[int]] = {}
-    for bone, (a, b) in enumerate(model.bones.tolist()):
-        if frozenset((model.skeleton.joints[a], model.skeleton.joints[b])) in limbs:
-            kinds.setdefault(tuple(sorted((names[a], names[b]))), []).append(bone)
-    return list(kinds.values()) or [[]]
+    kinds = [np.flatnonzero(model.proportions.kinds == kind).tolist() for kind in range(len(KINDS))]
+    return [bones for bones in kinds if bones] or [[]]
 
 
 def _not_among(known: Ints, tracks: Ints) -> list[int]:

@@ -62,10 +62,13 @@ def estimate_of(belief: Belief, model: Model) -> Estimate:
     joints_m, covariance_m2 = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
     measured = np.empty(shape, dtype=bool)
     kernels.show(
+        model.proportions,
         rows,
         belief.unmeasured_s,
         belief.state,
         belief.covariance,
+        belief.bones_m,
+        belief.bone_counts,
         joints_m,
         covariance_m2,
         measured,

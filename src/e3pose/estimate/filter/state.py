@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter import blindness
 from e3pose.estimate.filter.motion import alone
+from e3pose.estimate.filter.proportions import GIRDLES, SIDES, Proportions, proportions_of
 from e3pose.estimate.filter.tree import Tree, grow
 from e3pose.geometry.camera import Rig
 from e3pose.model.noise import Noise
-from e3pose.model.skeleton import BODY_LIMBS, FACE_LIMBS, Skeleton
+from e3pose.model.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-SIDES = ("left", "right")
 OF_THE_SITE = (
     "time_s",
     "leftovers",
@@ -30,25 +30,8 @@ OF_THE_SITE = (
     "shifts",
     "next_id",
 )
-LIMBS = (  # joints of which detectors exchange left and right together
-    ("shoulder", "elbow", "wrist", "palm", "hand", "thumb", "fingers"),
-    ("hip", "knee", "ankle", "foot", "toes", "big_toe", "small_toe", "heel"),
-)
-GIRDLES = ("shoulder", "hip")
-STIFF = (
-    *BODY_LIMBS,
-    ("left_shoulder", "right_hip"),
-    ("right_shoulder", "left_hip"),
-    *FACE_LIMBS,
-    ("left_eye", "right_eye"),
-    ("left_ear", "right_ear"),
-)
 WAIT_S = 0.14  # three slots of 1/25 s
 WAIT_VIEWS = 2.5  # that a detection waits for where slots are long or few cameras look
-STIFF_SLACK_M = 0.03  # detectors slide joints along the body by about this
-# A head turns and nods: what it does to these lengths is a few centimetres.
-LOOSE = tuple((f, f"{s}_shoulder") for f in ("nose", "left_ear", "right_ear") for s in SIDES)
-LOOSE_SLACK_M = 0.08
 MAX_LEFTOVERS = 64  # newest first: a view full of noise must not cost the slot
 MAX_TRACKS = 64  # nobody is started beyond, so that ghosts of hostile views cannot pile up
 APART_M = 0.35  # somebody nearer to a track than this is that track
@@ -95,22 +78,9 @@ class Model:
         return alone(self.tree)
 
     @cached_property
-    def links(self) -> Ints:
-        """`(num_joints,)` the bone between each joint and its parent, -1 where there is none."""
-        rows = {frozenset(pair): row for row, pair in enumerate(self.bones.tolist())}
-        edges = enumerate(self.tree.parents.tolist())
-        return np.array([rows.get(frozenset(edge), -1) for edge in edges], dtype=np.int64)
-
-    @cached_property
-    def bones(self) -> Ints:
-        """`(num_bones, 2)` joints that stay about as far apart as they are."""
-        pairs = [pair for pair, _ in self._bones]
-        return np.array(pairs, dtype=np.int64).reshape(-1, 2)
-
-    @cached_property
-    def slacks_m(self) -> Floats:
-        """`(num_bones,)` how far the length of a bone strays, as a standard deviation."""
-        return np.array([slack for _, slack in self._bones])
+    def proportions(self) -> Proportions:
+        """The bones of the skeleton, and what is known of their lengths."""
+        return proportions_of(self.skeleton.joints, self.tree)
 
     @cached_property
     def girdles(self) -> Ints:
@@ -126,26 +96,12 @@ class Model:
 
         `(num_joints,)` each. Joints that the skeleton has on one side only have none.
         """
-        names = self.skeleton.joints
-        opposites, limbs = np.arange(len(names)), np.zeros(len(names), dtype=np.int64)
-        for limb, joints in enumerate(LIMBS, start=1):
-            for joint in joints:
-                pair = [f"{side}_{joint}" for side in SIDES]
-                if set(pair) <= set(names):
-                    left, right = (names.index(name) for name in pair)
-                    opposites[[left, right]] = right, left
-                    limbs[[left, right]] = limb
+        names, limbs = self.skeleton.joints, self.proportions.limbs
+        opposites = np.arange(len(names))
+        for joint in np.flatnonzero(limbs).tolist():
+            side, name = names[joint].split("_", 1)
+            opposites[joint] = names.index(f"{SIDES[1 - SIDES.index(side)]}_{name}")
         return opposites, limbs
-
-    @cached_property
-    def _bones(self) -> list[tuple[tuple[int, int], float]]:
-        names = self.skeleton.joints
-        return [
-            ((names.index(a), names.index(b)), slack)
-            for links, slack in ((STIFF, STIFF_SLACK_M), (LOOSE, LOOSE_SLACK_M))
-            for a, b in links
-            if {a, b} <= set(names)
-        ]
 
 
 def wait_s(interval_s: float, num_selected: float) -> float:
@@ -272,7 +228,7 @@ class Belief:
     @classmethod
     def empty(cls, model: Model) -> Belief:
         """Return the belief before the first slot."""
-        joints, bones = len(model.skeleton), len(model.bones)
+        joints, bones = len(model.skeleton), len(model.proportions.bones)
         return cls(
             time_s=np.nan,
             track_ids=np.zeros(0, dtype=np.int64),

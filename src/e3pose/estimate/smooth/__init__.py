@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from e3pose.errors import InputError
 from e3pose.estimate.smooth.butterworth import butterworth
 from e3pose.estimate.smooth.gaps import fill_gaps
+from e3pose.estimate.smooth.limbs import keep_limbs
 from e3pose.estimate.smooth.one_euro import one_euro
 from e3pose.estimate.smooth.points import smooth_points
 from e3pose.model.skeleton import Skeleton
@@ -65,6 +66,7 @@ def smoothed(take: Take, settings: SmoothSettings) -> Take:
         usual_hz = min(CUTOFFS_HZ.get(settings.method, 0.0), HIGHEST_SHARE * take.fps)
         cutoff_hz = settings.cutoff_hz or usual_hz
         motions = tuple(
-            smoother(motion, take.skeleton, take.interval_s, cutoff_hz) for motion in motions
+            keep_limbs(smoother(motion, take.skeleton, take.interval_s, cutoff_hz), take.skeleton)
+            for motion in motions
         )
     return replace(take, motions=motions)

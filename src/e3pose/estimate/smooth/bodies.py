@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.base import Posterior
 from e3pose.estimate.filter.motion import places, transitions
+from e3pose.estimate.filter.proportions import Proportions, kept
 from e3pose.estimate.filter.tree import Tree
 from e3pose.estimate.smooth.rauch import Expected, expect, step_back
 from e3pose.model.pose import Poses3D
@@ -33,11 +34,15 @@ class Smoothed:
         posterior: what the filter knew in the slot.
         mean: `(num_tracks, 6 num_joints, 1)` position and velocity, joint by joint.
         covariance: `(num_tracks, 6 num_joints, 6 num_joints)` of them.
+        bones_m: `(num_tracks, num_bones)` lengths that the last of these slots had learned.
+        bone_counts: `(num_tracks, num_bones)` slots that taught them.
     """
 
     posterior: Posterior
     mean: Floats
     covariance: Floats
+    bones_m: Floats
+    bone_counts: Floats
 
     @property
     def joints_m(self) -> Floats:
@@ -52,16 +57,19 @@ class Smoothed:
         own = np.moveaxis(np.diagonal(blocks, axis1=1, axis2=3), -1, 1)
         return np.asarray(own[..., :3, :3])
 
-    def of(self, track_ids: Ints, poses: Poses3D, covariance_m2: Floats) -> tuple[Floats, Floats]:
+    def of(
+        self, track_ids: Ints, poses: Poses3D, covariance_m2: Floats, body: Proportions
+    ) -> tuple[Floats, Floats]:
         """Return the published people of the slot, and their covariances.
 
-        A joint that was missing stays missing, and the covariance keeps the factor of what is
-        stated (`covariance_inflation`).
+        A joint that was missing stays missing, the covariance keeps the factor of what is stated
+        (`covariance_inflation`), and limbs are as long as they can be.
 
         Args:
             track_ids: `(num_persons,)` of the people, all of whom were followed.
             poses: as they were shown.
             covariance_m2: `(num_persons, num_joints, 3, 3)` as it was stated.
+            body: the bones.
 
         Returns:
             `(num_persons, num_joints, 3)` metres and `(num_persons, num_joints, 3, 3)`.
@@ -72,7 +80,9 @@ class Smoothed:
         before = np.trace(self.posterior.covariance[rows, :, :3, :3], axis1=-2, axis2=-1)
         factor = np.where(known, np.trace(covariance_m2, axis1=-2, axis2=-1) / before, np.nan)
         joints_m = np.where(known[..., None], self.joints_m[rows], np.nan)
-        return joints_m, self.covariance_m2[rows] * factor[..., None, None]
+        wider_m2 = self.covariance_m2[rows] * factor[..., None, None]
+        lengths = self.bones_m[rows], self.bone_counts[rows]
+        return kept(body, *lengths, joints_m, wider_m2, known)[:2]
 
 
 def smooth_bodies(tree: Tree, posteriors: Sequence[Posterior]) -> list[Smoothed]:
@@ -221,12 +231,14 @@ def _taken_back(link: _Link, later: Smoothed | None) -> Smoothed:
     posterior = link.posterior
     mean = _columns(posterior.state)
     covariance = link.covariance.copy()
+    bones_m, counts = posterior.bones_m.copy(), posterior.bone_counts.copy()
     if later is not None and link.expected is not None:
         now, then = link.now, link.then
         mean[now], covariance[now] = step_back(
             mean[now], covariance[now], link.expected, later.mean[then], later.covariance[then]
         )
-    return Smoothed(posterior, mean, covariance)
+        bones_m[now], counts[now] = later.bones_m[then], later.bone_counts[then]
+    return Smoothed(posterior, mean, covariance, bones_m, counts)
 
 
 def _columns(state: Floats) -> Floats:

@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.kernels.existence import DELIVERED_PRIOR, is_wide
 from e3pose.estimate.filter.kernels.leftovers import MIN_JOINTS, collect
+from e3pose.estimate.filter.kernels.proportions import median_of, stature_of
 from e3pose.estimate.filter.kernels.scratch import Pairs, Tracks, Views, Waiting
+from e3pose.estimate.filter.proportions import Proportions
 from e3pose.estimate.filter.state import APART_M, MAX_TRACKS
 from e3pose.estimate.per_slot.triangulate import triangulate_person
+from e3pose.model.proportions import LEAST_M, MOST_M
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -38,6 +41,7 @@ def give_birth(
     scales: Floats,
     depths: Integers,
     girdles: Integers,
+    body: Proportions,
     views: Views,
     tracks: Tracks,
     waiting: Waiting,
@@ -49,7 +53,7 @@ def give_birth(
     the rows that `waiting.order` begins with.
     """
     num_waiting = collect(num_old, time_s, wait_s, views, waiting)
-    num_pairs = _pair(num_waiting, time_s, projections, scales, girdles, waiting, pairs)
+    num_pairs = _pair(num_waiting, time_s, projections, scales, girdles, body, waiting, pairs)
     for index in range(num_waiting):
         pairs.taken[index] = False
     while num_tracks < MAX_TRACKS:
@@ -99,6 +103,7 @@ def _pair(
     projections: Floats,
     scales: Floats,
     girdles: Integers,
+    body: Proportions,
     waiting: Waiting,
     pairs: Pairs,
 ) -> int:
@@ -127,7 +132,7 @@ def _pair(
                 joints_m,
             )
             fit = _fit(joints_m, projections, scales, pairs.cameras, pairs.px, pairs.sorted)
-            if fit < np.inf and _is_human(joints_m, girdles):
+            if fit < np.inf and _is_human(joints_m, girdles, body, pairs.logs):
                 pairs.fits[num_pairs] = fit
                 pairs.ends[num_pairs, 0] = a
                 pairs.ends[num_pairs, 1] = b
@@ -184,21 +189,7 @@ def _fit(
 
 
 @kernel
-def median_of(values: Floats, count: int) -> float:
-    """Return the median of the first `count` values, which it puts in order."""
-    for index in range(1, count):
-        value = values[index]
-        place = index
-        while place > 0 and values[place - 1] > value:
-            values[place] = values[place - 1]
-            place -= 1
-        values[place] = value
-    half = count // 2
-    return float(values[half] if count % 2 else (values[half - 1] + values[half]) / 2)
-
-
-@kernel
-def _is_human(joints_m: Floats, girdles: Integers) -> bool:
+def _is_human(joints_m: Floats, girdles: Integers, body: Proportions, logs: Floats) -> bool:
     extent = 0.0
     for axis in range(3):
         lowest, highest = np.inf, -np.inf
@@ -208,7 +199,10 @@ def _is_human(joints_m: Floats, girdles: Integers) -> bool:
                 lowest = at if at < lowest else lowest
                 highest = at if at > highest else highest
         extent = highest - lowest if highest - lowest > extent else extent
-    return MIN_EXTENT_M <= extent <= MAX_EXTENT_M and not is_wide(joints_m, girdles)
+    if not MIN_EXTENT_M <= extent <= MAX_EXTENT_M or is_wide(joints_m, girdles):
+        return False
+    stature_m = stature_of(joints_m, body, logs)
+    return stature_m == 0.0 or LEAST_M <= stature_m <= MOST_M
 
 
 @kernel

@@ -58,12 +58,13 @@ def update_by_views(
     for axis in range(3):
         for a in range(3):
             moved_m[axis] -= axes[axis, a] * state[root, a]
-    update(track, dt, site, views, assigned, tracks, passes)
+    size_variance = update(track, dt, site, views, assigned, tracks, passes)
     _turn(covariance[root], axes, new)
     for axis in range(3):
         for a in range(3):
             moved_m[axis] += axes[axis, a] * state[root, a]
-    back_m, wider_m2 = _discount(old, new, moved_m, (SIZE_SHARE * far_m) ** 2, dt, site.memory)
+    repeated_m2 = (SIZE_SHARE**2 + size_variance) * far_m**2
+    back_m, wider_m2 = _discount(old, new, moved_m, repeated_m2, dt, site.memory)
     if wider_m2 > 0.0:
         _move(
             back_m,

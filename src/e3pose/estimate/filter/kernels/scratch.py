@@ -12,8 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
+from e3pose.estimate.filter.proportions import Proportions
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, Belief, Model
 from e3pose.geometry.undistort import Lenses, make_lenses
+from e3pose.model.proportions import KINDS
 from e3pose.runtime.held import Held, hold
 from e3pose.runtime.kernel import LANES
 
@@ -33,10 +35,8 @@ class Site(NamedTuple):
     noise_px: Floats  # (num_knots,)
     noise_weight: float
     memory: MemoryTerms  # of the detector's errors
-    bones: Integers  # (num_bones, 2)
-    slacks_m: Floats  # (num_bones,)
+    body: Proportions  # its bones
     loose: Flags  # (num_bones,) not between a joint and its parent
-    links: Integers  # (num_joints,) the bone to its parent, -1 for none
     girdles: Integers  # (num_girdles, 2) left and right shoulder, left and right hip
     parents: Integers  # (num_joints,) -1 at the root
     order: Integers  # (num_joints,) the root first, each joint after its parent
@@ -55,8 +55,9 @@ class Site(NamedTuple):
 def make_site(model: Model) -> Site:
     """Collect the constants of a model."""
     tree = model.tree
-    loose = np.ones(len(model.bones), bool)
-    loose[model.links[model.links >= 0]] = False
+    body = model.proportions
+    loose = np.ones(len(body.bones), bool)
+    loose[body.links[body.links >= 0]] = False
     depths = np.zeros(len(model.skeleton), np.int64)
     for depth, joints in enumerate(tree.levels):
         depths[joints] = depth
@@ -69,10 +70,8 @@ def make_site(model: Model) -> Site:
         np.array(model.noise.sigma_px),
         float(model.noise.weight),
         memory_terms(model.noise.memory),
-        np.ascontiguousarray(model.bones),
-        np.ascontiguousarray(model.slacks_m),
+        body,
         loose,
-        np.ascontiguousarray(model.links),
         np.ascontiguousarray(model.girdles),
         np.ascontiguousarray(tree.parents),
         np.concatenate(tree.levels),
@@ -198,6 +197,10 @@ class Passes(NamedTuple):
     places: Floats  # (num_joints, 3)
     seen: Floats  # (num_joints, 9) of keypoints and loose bones: a symmetric 3 x 3, a vector
     measured: Flags  # (num_joints,)
+    kinds: Floats  # (4, num_kinds) for `proportions`
+    lengths_m: Floats  # (num_bones,) expected
+    variances: Floats  # (num_bones,) of their logarithms
+    slacks_m: Floats  # (num_bones,) how far they stray; 0 for bones of unknown length
 
 
 class Pairs(NamedTuple):
@@ -214,6 +217,7 @@ class Pairs(NamedTuple):
     small: Floats  # (4, 4, 4)
     middle: Floats  # (3,)
     sorted: Floats  # (num_joints,)
+    logs: Floats  # (num_bones,)
 
 
 class Memory(NamedTuple):
@@ -240,8 +244,8 @@ def make_memory(model: Model, num_tracks: int, num_people: int, num_waiting: int
         _matches(cameras, num_tracks),
         _detectors(cameras, len(model.noise.scores)),
         _offers(num_tracks, num_people, joints),
-        _passes(joints),
-        _pairs(waiting, joints),
+        _passes(joints, len(model.proportions.bones)),
+        _pairs(waiting, joints, len(model.proportions.bones)),
     )
 
 
@@ -323,7 +327,7 @@ def _offers(tracks: int, people: int, joints: int) -> Offers:
     )
 
 
-def _passes(joints: int) -> Passes:
+def _passes(joints: int, bones: int) -> Passes:
     return Passes(
         prior_own=np.zeros((joints, 36)),
         prior_across=np.zeros((joints, 36)),
@@ -335,10 +339,14 @@ def _passes(joints: int) -> Passes:
         places=np.zeros((joints, 3)),
         seen=np.zeros((joints, 9)),
         measured=np.zeros(joints, bool),
+        kinds=np.zeros((4, len(KINDS))),
+        lengths_m=np.zeros(bones),
+        variances=np.zeros(bones),
+        slacks_m=np.zeros(bones),
     )
 
 
-def _pairs(waiting: int, joints: int) -> Pairs:
+def _pairs(waiting: int, joints: int, bones: int) -> Pairs:
     pairs = MAX_LEFTOVERS * (MAX_LEFTOVERS - 1) // 2
     return Pairs(
         fits=np.zeros(pairs),
@@ -352,4 +360,5 @@ def _pairs(waiting: int, joints: int) -> Pairs:
         small=np.zeros((4, 4, 4)),
         middle=np.zeros(3),
         sorted=np.zeros(joints),
+        logs=np.zeros(bones),
     )

@@ -13,8 +13,10 @@ from e3pose.estimate.filter.kernels.blindness import chance, proof, share_at
 from e3pose.estimate.filter.kernels.covariance_inflation import learned_factor, spread_factor
 from e3pose.estimate.filter.kernels.exits import place_back
 from e3pose.estimate.filter.kernels.learned_noise import quietest
+from e3pose.estimate.filter.kernels.proportions import keep_all
 from e3pose.estimate.filter.kernels.repeated_errors import add_repeated, weigh_views
 from e3pose.estimate.filter.kernels.scratch import Site
+from e3pose.estimate.filter.proportions import Proportions
 from e3pose.runtime.held import Held
 from e3pose.runtime.kernel import kernel
 
@@ -158,15 +160,18 @@ def find_needed(
 
 @kernel
 def show(
+    body: Proportions,
     rows: Integers,
     unmeasured_s: Floats,
     state: Floats,
     covariance: Floats,
+    bones_m: Floats,
+    bone_counts: Floats,
     joints_m: Floats,
     covariance_m2: Floats,
     measured: Flags,
 ) -> None:
-    """Fill an `Estimate` with the tracks at `rows`; up to `covariance` all is of `Belief`."""
+    """Fill an `Estimate` with the tracks at `rows`; up to `bone_counts` all is of `Belief`."""
     for index in range(len(rows)):
         track = rows[index]
         for joint in range(state.shape[1]):
@@ -178,6 +183,7 @@ def show(
                 for b in range(3):
                     block = covariance[track, joint, a, b]
                     covariance_m2[index, joint, a, b] = block if ever_measured else np.nan
+    keep_all(body, bones_m[rows], bone_counts[rows], joints_m, covariance_m2, measured)
 
 
 @kernel

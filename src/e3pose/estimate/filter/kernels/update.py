@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.kernels.bias import inflation
 from e3pose.estimate.filter.kernels.projected import shown_at
+from e3pose.estimate.filter.kernels.proportions import expect_lengths
 from e3pose.estimate.filter.kernels.scratch import Passes, Site, Tracks, Views
 from e3pose.estimate.filter.kernels.tree import eliminate, prepare, spread_out
 from e3pose.estimate.filter.state import MIN_SCORE
@@ -37,13 +38,13 @@ def update(
     assigned: Integers,
     tracks: Tracks,
     passes: Passes,
-) -> None:
-    """Update a track with the views of the slot and the learned bone lengths.
+) -> float:
+    """Update a track with the views of the slot and the lengths of its bones.
 
-    `assigned` is that of `Matches`, `dt` the seconds since the slot before.
+    `assigned` is that of `Matches`, `dt` the seconds since the slot before. Returns the variance of
+    the logarithm of the person's size, as its lengths were before the slot.
     """
     state, covariance = tracks.state[track], tracks.covariance[track]
-    bones_m, counts = tracks.bones_m[track], tracks.bone_counts[track]
     num_joints, num_cameras = len(state), len(views.counts)
     blocks = covariance.reshape(num_joints, 36)
     shared = tracks.shared[track].reshape(num_joints, 36)
@@ -58,6 +59,7 @@ def update(
         passes.own,
         passes.room,
     )
+    size_variance = _expect_bones(track, site, tracks, passes)
     for joint in range(num_joints):
         passes.measured[joint] = False
         for axis in range(6):
@@ -72,10 +74,9 @@ def update(
                 places,
                 moved,
                 covariance,
-                bones_m,
-                counts,
-                site.bones,
-                site.slacks_m,
+                passes.lengths_m,
+                passes.slacks_m,
+                site.body.bones,
                 site.loose,
                 passes.seen,
             )
@@ -83,11 +84,10 @@ def update(
         _pull_links(
             places,
             moved,
-            bones_m,
-            counts,
-            site.links,
+            passes.lengths_m,
+            passes.slacks_m,
+            site.body.links,
             site.parents,
-            site.slacks_m,
             site.usual_m,
             passes.own,
             passes.across,
@@ -100,6 +100,30 @@ def update(
         if passes.measured[joint]:
             tracks.unmeasured_s[track, joint] = 0.0
     spread_out(site.order, site.parents, passes.own, passes.across, blocks, shared, passes.room)
+    return size_variance
+
+
+@kernel
+def _expect_bones(track: int, site: Site, tracks: Tracks, passes: Passes) -> float:
+    """Fill the lengths and slacks of bones: of limbs by proportions, of others as learned."""
+    bones_m, counts = tracks.bones_m[track], tracks.bone_counts[track]
+    size_variance = expect_lengths(
+        bones_m,
+        counts,
+        site.body,
+        passes.kinds,
+        passes.lengths_m,
+        passes.variances,
+    )
+    for bone in range(len(bones_m)):
+        slack_m = site.body.slacks_m[bone]
+        if site.body.kinds[bone] >= 0:
+            spread_m2 = passes.variances[bone] * passes.lengths_m[bone] ** 2
+            passes.slacks_m[bone] = math.sqrt(slack_m**2 + spread_m2)
+        else:
+            passes.lengths_m[bone] = bones_m[bone]
+            passes.slacks_m[bone] = slack_m if counts[bone] > BONE_TEACHERS else 0.0
+    return size_variance
 
 
 @kernel
@@ -206,15 +230,14 @@ def _pull_loose_bones(
     moved: Floats,
     covariance: Floats,
     bones_m: Floats,
-    counts: Floats,
-    bones: Integers,
     slacks_m: Floats,
+    bones: Integers,
     loose: Flags,
     seen: Floats,
 ) -> None:
     """Add the information of bones outside the tree to either end, with the other end fixed."""
     for bone in range(len(bones_m)):
-        if not (loose[bone] and counts[bone] > BONE_TEACHERS):
+        if not (loose[bone] and slacks_m[bone] > 0):
             continue
         first, second = bones[bone, 0], bones[bone, 1]
         x = places[first, 0] - places[second, 0]
@@ -271,10 +294,9 @@ def _pull_links(
     places: Floats,
     moved: Floats,
     bones_m: Floats,
-    counts: Floats,
+    slacks_m: Floats,
     links: Integers,
     parents: Integers,
-    slacks_m: Floats,
     usual_m: Floats,
     own: Floats,
     across: Floats,
@@ -283,7 +305,7 @@ def _pull_links(
     """Add the information of the bones of the tree to both ends jointly."""
     for joint in range(len(links)):
         bone, parent = links[joint], parents[joint]
-        if bone >= 0 and counts[bone] > BONE_TEACHERS:
+        if bone >= 0 and slacks_m[bone] > 0:
             bone_m, slack_m = bones_m[bone], slacks_m[bone]
         elif usual_m[joint] > 0:
             bone_m, slack_m = usual_m[joint], USUAL_SLACK_M
