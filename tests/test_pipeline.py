@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tests.estimate.filter.room import BODY
 
 from e3pose.estimate.base import STEER_SLOTS, People
 from e3pose.estimate.filter import Model
@@ -30,7 +31,6 @@ Floats = NDArray[np.float64]
 
 NUM_CAMERAS, NUM_JOINTS = 5, 17
 ONLINE = np.ones(NUM_CAMERAS, dtype=bool)
-BODY = np.random.default_rng(0).normal(scale=[0.2, 0.2, 0.4], size=(NUM_JOINTS, 3)) + [0, 0, 1]
 
 
 def ring() -> Rig:
