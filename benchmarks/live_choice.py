@@ -27,13 +27,12 @@ from e3pose.recording import Recording
 from e3pose.reproduce.relay import relay
 from e3pose.settings.site_file import load_site
 from e3pose.simulate import SCENES, SceneSettings, simulate
-from e3pose.site.demo.live import Heard, last_words, open_tap
+from e3pose.site.demo.live import Heard, last_words
 from e3pose.site.demo.stored_run import Film, as_recording, stored_records
 from e3pose.site.example import STORE_FILE, write_recorded
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire.network import open_network
-from e3pose.wire.transport import Transport
 
 START_S, READY_S, SILENT_S = 240.0, 10.0, 30.0
 LEARN_SLOTS = 75  # at the start, in which the edge still finds its lead; not counted
@@ -95,16 +94,16 @@ def _play(path: Path, through: Any, recording: Recording) -> tuple[Heard, list[i
     link = viewer_link(load_site(path), None)
     transport = open_network(link)
     follower.listen(transport, heard.poses, lambda status: leads.append(status.lead))
-    tap: Transport | None = None
-    begun_s = newest_s = time.monotonic()
+    heard.listen(through.name, transport)
+    newest_s = time.monotonic()
     newest = 0
 
     def stopped() -> bool:
-        nonlocal tap, newest, newest_s
-        now_s = time.monotonic()
-        if tap is None and follower.status is not None:
-            tap = open_tap(link)
-            heard.listen(through.name, tap)
+        nonlocal newest, newest_s
+        now_s, status = time.monotonic(), follower.status
+        if status is not None and status.compiling_s is not None:
+            newest_s = now_s
+        elif status is not None and not heard.begin_ns:
             heard.begin_ns = time.time_ns() + round(READY_S * 1e9)
             for camera_id in recording.rig.camera_ids:
                 command = camera_command(through, camera_id, recording.rig)
@@ -113,7 +112,7 @@ def _play(path: Path, through: Any, recording: Recording) -> tuple[Heard, list[i
                 programs[-1].start()
         if heard.slots > newest:
             newest, newest_s = heard.slots, now_s
-        if now_s - (newest_s if newest else begun_s) > (SILENT_S if newest else START_S):
+        if now_s - newest_s > (SILENT_S if newest else START_S):
             raise SystemExit(f"the site stands still: {last_words(programs)}")
         end_ns = heard.begin_ns + round((recording.num_slots - 1.5) * recording.interval_s * 1e9)
         return heard.begin_ns > 0 and heard.newest_ns >= end_ns
@@ -122,8 +121,6 @@ def _play(path: Path, through: Any, recording: Recording) -> tuple[Heard, list[i
         run_site(programs, stopped, lambda line: None)
     finally:
         transport.close()
-        if tap is not None:
-            tap.close()
     return heard, leads
 
 

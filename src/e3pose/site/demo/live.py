@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -16,15 +15,14 @@ from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import Program, camera_command, edge_command, run_site
 from e3pose.wire import topics
-from e3pose.wire.access import Link, zenoh_config
 from e3pose.wire.arrays import poses_2d
 from e3pose.wire.codec import decode
 from e3pose.wire.messages import Heartbeat, Order, View
-from e3pose.wire.network import NetworkTransport, open_network
+from e3pose.wire.network import open_network
 from e3pose.wire.site_messages import Poses, Status
 from e3pose.wire.transport import Transport
 
-START_S = 180.0  # the very first time the edge compiles for a minute or two
+START_S = 60.0  # until the first slot, without what the edge compiles on its first start
 SLOT_S = 30.0  # without a new slot for so long, something hangs
 SHOW_S = 0.2
 PATIENCE = 3.0  # times the usual, at most, until cameras must be ready
@@ -101,9 +99,9 @@ def run_live(
 ) -> Heard:
     """Run the edge and every camera as processes of their own until enough slots are done.
 
-    The cameras are started once the edge is ready, and all begin to play at one moment. What they
-    play begins again after `round_s`, where people jump: the run ends there if half of the slots
-    are done. Whatever ends it, an exception or a signal that raises one, ends the processes.
+    The cameras are started once the edge has compiled, and all begin to play at one moment. What
+    they play begins again after `round_s`, where people jump: the run ends there if half of the
+    slots are done. Whatever ends it, an exception or a signal that raises one, ends the processes.
 
     Args:
         site_file: of the site; its output goes to `logs` beside it.
@@ -124,31 +122,33 @@ def run_live(
     link = viewer_link(site, None)
     transport = open_network(link)
     follower.listen(transport, heard.poses)
-    tap: Transport | None = None
+    heard.listen(site.name, transport)
     begun_s = newest_s = shown_s = time.monotonic()
-    newest = 0
+    edge_s, newest = 0.0, 0  # how long the edge took to be there; the newest slot
 
     def stopped() -> bool:
-        nonlocal newest, newest_s, shown_s, tap
-        now_s = time.monotonic()
-        if tap is None and follower.status is not None:  # it is there before it is ready
-            tap = open_tap(link)
-            heard.listen(site.name, tap)
+        nonlocal edge_s, newest, newest_s, shown_s
+        now_s, status = time.monotonic(), follower.status
+        if status is not None and not edge_s:
+            edge_s = now_s - begun_s
+        if status is not None and status.compiling_s is not None:
+            newest_s = now_s
+        elif status is not None and not heard.begin_ns:
             # A machine on which the edge took long will take long for the cameras too.
-            wait_s = min(max(ready_s, now_s - begun_s), PATIENCE * ready_s)
+            wait_s = min(max(ready_s, edge_s), PATIENCE * ready_s)
             heard.begin_ns = time.time_ns() + round(wait_s * 1e9)
             for camera_id in rig.camera_ids:
                 begin = ["--begin-s", str(heard.begin_ns / 1e9)]
                 command = camera_command(site, camera_id, rig) + begin
                 programs.append(Program(camera_id, command, logs / f"{camera_id}.log"))
                 programs[-1].start()
-        heard.status = follower.status or heard.status
+        heard.status = status or heard.status
         if heard.slots > newest:
             newest, newest_s = heard.slots, now_s
         if now_s - shown_s >= SHOW_S:
             shown_s = now_s
             show(heard.status, min(heard.slots, num_slots), num_slots)
-        waited_s = now_s - (newest_s if newest else begun_s)
+        waited_s = now_s - newest_s
         if waited_s > (SLOT_S if newest else START_S):
             raise InputError(f"edge: no slot for {waited_s:.0f} s: {last_words(programs)}")
         if any(program.restarts for program in programs):
@@ -161,20 +161,7 @@ def run_live(
         run_site(programs, stopped, lambda line: None)
     finally:
         transport.close()
-        if tap is not None:
-            tap.close()
     return heard
-
-
-def open_tap(link: Link) -> NetworkTransport:
-    """Join a running site as a client, to which the edge forwards the messages of cameras.
-
-    To peers, as all other programs are, it sends only its own messages.
-    """
-    import zenoh
-
-    config = {**zenoh_config(link), "mode": "client"}
-    return NetworkTransport(zenoh.open(zenoh.Config.from_json5(json.dumps(config))))
 
 
 def last_words(programs: list[Program]) -> str:
