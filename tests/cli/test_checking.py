@@ -88,9 +88,9 @@ def test_certificates_of_everybody_are_reported_a_month_before_their_end(
     for name, option in (("cam0", ""), ("wall", " --viewer"), ("hall", " --router")):
         line = out[out.index(f"{level} certificate {name} ") :]
         assert expected in line[:200]
-        assert f"-> e3pose keys add {name}{option} --again --keys lab/keys, then copy" in line
-        words = ["keys", "add", name, *option.split(), "--again", "--keys", site / "keys"]
-        assert run(*words) == 0
+        advice = f"renew {name}" if days > 0 else f"add {name}{option} --again"
+        assert f"-> e3pose keys {advice} --keys lab/keys, then copy" in line
+        assert run("keys", *advice.split(), "--keys", site / "keys") == 0
     assert f"{level} certificate" not in checked(site, capsys)[1], "what was advised helps"
 
 
@@ -107,7 +107,7 @@ def test_the_edges_own_certificate_is_reported_too(
     if days > 0:
         assert code == 0
         assert "warning certificate edge expires on 2" in out
-        assert "-> e3pose keys init lab --out lab/keys-new, then copy all its folders" in out
+        assert "-> e3pose keys renew edge --keys lab/keys" in out
     else:
         assert code == 1 and "edge.pem: certificate expired on 2" in out
 

@@ -45,11 +45,13 @@ def warm_up(pipeline: Pipeline) -> None:
         state, _record = step(pipeline, state, views, everybody)
 
 
-def compiling_left_s() -> float | None:
-    """Return the seconds until all kernels are compiled, 0 while unknown; None if all were."""
-    from e3pose.runtime.compiling import COMPILING
+def compiling_left_s() -> float:
+    """Return the seconds until all kernels are compiled; 0 while that is unknown.
 
-    return (COMPILING.left_s() or 0.0) if COMPILING.begun else None
+    It imports nothing: another thread may be importing numba just now.
+    """
+    compiling = getattr(sys.modules.get("e3pose.runtime.compiling"), "COMPILING", None)
+    return (compiling.left_s() or 0.0) if compiling is not None and compiling.begun else 0.0
 
 
 def compile_prediction() -> None:

@@ -113,9 +113,10 @@ def _blind(status: Status) -> Text:
 
 
 def compiling_words(rest_s: float) -> str:
-    """Return how long the edge still compiles."""
-    rest = f"{rest_s:.0f} s left" if rest_s else "a minute or so"
-    return f"compiling: {rest} (first start only), then cameras get orders"
+    """Return how long the edge still compiles, or that it gets ready if that is unknown (0)."""
+    if rest_s:
+        return f"compiling: {rest_s:.0f} s left (first start only), then cameras get orders"
+    return "getting ready, then cameras get orders; a first start compiles for a minute or so"
 
 
 def _expected_error(status: Status) -> Text:

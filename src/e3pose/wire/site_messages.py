@@ -210,7 +210,7 @@ class Status(msgspec.Struct, array_like=True, frozen=True, tag="status"):
         blind_share: of the last minute's slots, [0, 1].
         overload: that the edge is too slow for its slots, for operators; empty if it is not.
         events_ns: when each of `events` happened, by the edge's clock.
-        compiling_s: seconds until all kernels are compiled, 0 while unknown; None if they are.
+        compiling_s: seconds until the kernels are compiled, 0 while unknown; None if they are.
     """
 
     site: str

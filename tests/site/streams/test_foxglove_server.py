@@ -37,7 +37,7 @@ def served(query: str = "", source: Source = SOURCE) -> Iterator[tuple[Stream, s
 
 
 def joined(url: str, **more: Any) -> ClientConnection:
-    made: ClientConnection = connect_socket(url, subprotocols=PROTOCOL, **more)
+    made: ClientConnection = connect_socket(url, subprotocols=PROTOCOL, ping_interval=None, **more)
     return made
 
 

@@ -221,8 +221,9 @@ function liveNotice(open) {
     return `Edge gone since ${clock(edge.heard_ns / 1e9)}: it was stopped, or cannot be reached. What is shown is its last state; the page goes on by itself when the edge is back.`;
   }
   if (status.compiling_s != null) {
-    const rest = status.compiling_s ? `${Math.round(status.compiling_s)} s left` : "a minute or so";
-    return `The edge is compiling: ${rest}. Cameras connect meanwhile and get orders then; this happens only at the first start.`;
+    return status.compiling_s
+      ? `The edge is compiling: ${Math.round(status.compiling_s)} s left. Cameras connect meanwhile and get orders then; this happens only at the first start.`
+      : "The edge is getting ready. Cameras connect meanwhile; a first start compiles for a minute or so.";
   }
   return status.overload || "";
 }
