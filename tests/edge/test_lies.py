@@ -47,7 +47,9 @@ def check(
     assert np.median(kept.latencies_s[BEGUN:]) <= worst("latencies_s", np.median) + 0.005
     tracked = [np.mean(np.array(each.people[BEGUN:]) >= 2) for each in (kept, honest, gone)]
     # What views show is beyond what this defends against: false people hide and attract.
-    assert tracked[0] >= min(tracked[1:]) - (0.3 if false_people else 0.05)
+    # While a slow link is believed, orders are made up to half a second earlier, of older views.
+    allowed = 0.3 if false_people else 0.2 if more_lead > 2 else 0.05
+    assert tracked[0] >= min(tracked[1:]) - allowed
     assert np.mean(kept.views[BEGUN:]) >= 0.9 * worst("views")
     assert len(kept.leads) >= len(honest.leads) - 1 and kept.lines > 0
     np.testing.assert_allclose(kept.budget, honest.budget)
