@@ -13,6 +13,7 @@ import base64
 import json
 import struct
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -64,19 +65,35 @@ class Channel:
 
 @dataclass(eq=False)
 class _Client:
-    """A client and what it subscribes to, for the thread of its event loop."""
+    """A client, what it subscribes to and what waits for it.
+
+    Messages are put in on any thread. One that does not take any costs its loop nothing more: the
+    loop is woken once for all that came since it last looked.
+    """
 
     loop: asyncio.AbstractEventLoop
-    queue: asyncio.Queue[bytes] = field(default_factory=lambda: asyncio.Queue(WAITING))
-    channels: dict[int, int] = field(default_factory=dict)  # by subscription
+    channels: dict[int, int] = field(default_factory=dict)  # by subscription; replaced whole
+    waiting: deque[tuple[int, int, bytes]] = field(default_factory=lambda: deque(maxlen=WAITING))
+    ready: asyncio.Event = field(default_factory=asyncio.Event)
+    woken: bool = False
 
     def put(self, channel: int, time_ns: int, payload: bytes) -> None:
-        for subscription, subscribed in self.channels.items():
-            if subscribed == channel:
-                if self.queue.full():
-                    self.queue.get_nowait()
-                head = struct.pack("<BIQ", MESSAGE_DATA, subscription, time_ns)
-                self.queue.put_nowait(head + payload)
+        """Let a message wait for the client; on any thread."""
+        wanted = [number for number, subscribed in self.channels.items() if subscribed == channel]
+        self.waiting.extend((number, time_ns, payload) for number in wanted)
+        if wanted and not self.woken:
+            self.woken = True
+            with suppress(RuntimeError):  # its loop has ended
+                self.loop.call_soon_threadsafe(self.ready.set)
+
+    async def taken(self) -> bytes:
+        """Return the next message as it is sent, once there is one."""
+        while not self.waiting:
+            await self.ready.wait()
+            self.ready.clear()
+            self.woken = False  # before the next look at what waits: what comes later wakes again
+        number, time_ns, payload = self.waiting.popleft()
+        return struct.pack("<BIQ", MESSAGE_DATA, number, time_ns) + payload
 
 
 class FoxgloveServer:
@@ -116,8 +133,7 @@ class FoxgloveServer:
     def log(self, topic: str, payload: bytes, time_ns: int) -> None:
         """Send a message to those who subscribed to its topic; on any thread, without waiting."""
         for client in list(self._clients):
-            with suppress(RuntimeError):  # its loop has ended
-                client.loop.call_soon_threadsafe(client.put, self._ids[topic], time_ns, payload)
+            client.put(self._ids[topic], time_ns, payload)
 
     def lets_in(self, origin: str | None) -> bool:
         """Return whether a page of an origin may connect; programs that are no browser have none.
@@ -173,7 +189,7 @@ class FoxgloveServer:
         for said in self._greeting:
             await send({"type": "websocket.send", "text": json.dumps(said)})
         while True:
-            await send({"type": "websocket.send", "bytes": await client.queue.get()})
+            await send({"type": "websocket.send", "bytes": await client.taken()})
 
     async def _hear(self, client: _Client, receive: Receive, send: Send) -> None:
         while (message := await receive())["type"] == "websocket.receive":
@@ -193,10 +209,10 @@ class FoxgloveServer:
                         return f"Unknown channel ID: {channel}"
                     if not 0 <= subscription < 2**32 or len(client.channels) >= MAX_SUBSCRIPTIONS:
                         return "Too many subscriptions"
-                    client.channels[subscription] = channel
+                    client.channels = {**client.channels, subscription: channel}
             elif said["op"] == "unsubscribe":
-                for subscription in said["subscriptionIds"]:
-                    client.channels.pop(int(subscription), None)
+                ended = {int(subscription) for subscription in said["subscriptionIds"]}
+                client.channels = {i: c for i, c in client.channels.items() if i not in ended}
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError):
             return "Invalid message"
         return ""
