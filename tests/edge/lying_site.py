@@ -32,7 +32,7 @@ from e3pose.settings.parts import make_pipeline
 from e3pose.simulate.settings import SceneSettings
 from e3pose.simulate.simulation import simulate
 from e3pose.store.rows import EnergyReading
-from e3pose.wire.arrays import pack_poses
+from e3pose.wire.arrays import pack_poses, unpack
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import CameraMode, ClockQuestion, Heartbeat, Hello, Order, View
 from e3pose.wire.site_messages import Poses, Status
@@ -42,11 +42,20 @@ FPS = 10.0
 BEGIN_NS = 1_795_000_000 * 10**9
 LINK_NS, DETECT_NS = 8_000_000, 15_000_000
 DEADLINE_S = 0.12
+LIES_AFTER_S = 4.0
+LOST_M = 0.5  # error of somebody who is not found
 
 
 @cache
 def scene(cameras: int) -> Recording:
     return simulate(SceneSettings("ring", people=2, seconds=10.0, fps=FPS, cameras=cameras), seed=2)
+
+
+def _here(recording: Recording, time_ns: int) -> int:
+    """Return what is seen at a time. After the last slot, people go back as they came."""
+    last = recording.num_slots - 1
+    here = (time_ns - BEGIN_NS) * round(FPS) // 10**9 % (2 * last)
+    return min(here, 2 * last - here)
 
 
 @dataclass(eq=False)
@@ -95,6 +104,9 @@ class SimulatedCamera:
     sent: int = 0
     active_s: float = 0.0
     delay_ns: int = 0
+    beat_ns: int = 500_000_000
+    beats_per_hello: int = 4
+    slots: set[int] = field(default_factory=set)  # ordered
 
     @property
     def camera_id(self) -> str:
@@ -109,7 +121,7 @@ class SimulatedCamera:
 
     def beat(self, number: int) -> None:
         now_ns = self.air.clock.time_ns
-        if number % 4 == 0:
+        if number % self.beats_per_hello == 0:
             size = self.recording.rig.cameras[self.index].image_size
             joints = self.recording.skeleton.joints
             hello = Hello(self.camera_id, self.session, joints, size, FPS, self.wake_s)
@@ -126,7 +138,7 @@ class SimulatedCamera:
         )  # fmt: skip
         self.delay_ns = 0
         self.transport.publish(self.topic("heartbeat"), encode(beat))
-        self.air.after(500_000_000, lambda: self.beat(number + 1))
+        self.air.after(self.beat_ns, lambda: self.beat(number + 1))
 
     def take(self, payload: bytes) -> None:
         order, now_ns = decode(payload, Order, "edge"), self.air.clock.time_ns
@@ -135,15 +147,15 @@ class SimulatedCamera:
         self.delay_ns = max(self.delay_ns, now_ns - times.middle_ns(order.slot - order.lead))
         if now_ns > times.begin_ns(order.slot):
             self.late += 1
-        elif order.active:
+        elif order.active and order.slot not in self.slots:
+            self.slots.add(order.slot)
             seen_ns = times.middle_ns(order.slot)
             self.active_s += order.interval_ns / 1e9
             wait_ns = seen_ns - now_ns + DETECT_NS + 1_000_000 * self.index + LINK_NS
             self.air.after(wait_ns, lambda: self.send(order.slot, seen_ns))
 
     def send(self, slot: int, seen_ns: int) -> None:
-        here = (seen_ns - BEGIN_NS) * round(FPS) // 10**9 % self.recording.num_slots
-        poses = self.recording.views[self.index].view(here)
+        poses = self.recording.views[self.index].view(_here(self.recording, seen_ns))
         poses = Poses2D.empty(len(self.recording.skeleton)) if poses is None else poses
         now_ns = self.air.clock.time_ns
         view = View(
@@ -162,7 +174,9 @@ class Kept:
         leads: by slot.
         latencies_s: by slot, from its middle to its poses.
         people: by slot.
+        errors_m: by slot, from joints of people to those of the nearest pose, `LOST_M` at most.
         views: by slot, how many of honest cameras were used.
+        others: by slot, how many of liars.
         lines: recorded views.
         readings: rows of energy, with the time at which they came.
         price: `(num_honest,)` relative cost of active slots at the end.
@@ -174,13 +188,25 @@ class Kept:
     leads: list[int] = field(default_factory=list)
     latencies_s: list[float] = field(default_factory=list)
     people: list[int] = field(default_factory=list)
+    errors_m: list[float] = field(default_factory=list)
     views: list[int] = field(default_factory=list)
+    others: list[int] = field(default_factory=list)
     lines: int = 0
     readings: list[tuple[int, EnergyReading]] = field(default_factory=list)
     price: tuple[float, ...] = ()
     budget: tuple[float, ...] = ()
     deficit: tuple[float, ...] = ()
     events: int = 0
+
+
+def _error_m(recording: Recording, poses: Poses) -> float:
+    """Return the mean distance from people's joints to those of the nearest pose."""
+    assert recording.truth is not None
+    true_m = recording.truth.joints_m[_here(recording, poses.time_edge_ns)]
+    found_m = unpack(poses.joints_m)
+    apart_m = np.linalg.norm(true_m[:, None] - found_m[None], axis=-1)
+    nearest_m = np.nan_to_num(apart_m, nan=LOST_M).mean(axis=-1).min(axis=1, initial=LOST_M)
+    return float(nearest_m.mean())
 
 
 @dataclass(eq=False)
@@ -200,6 +226,8 @@ def run(
     seconds: float = 20.0,
     cameras: int = 4,
     idle_mode: CameraMode = "power-saving",
+    talkative: bool = False,
+    link_s: Callable[[float], float] = lambda since_s: LINK_NS / 1e9,
 ) -> Kept:
     """Return what a site gave while its last cameras lied.
 
@@ -209,6 +237,8 @@ def run(
         seconds: simulated.
         cameras: in all.
         idle_mode: of all cameras.
+        talkative: whether cameras send heartbeats twice as often, and a hello with each.
+        link_s: what orders to the liars take, by the seconds since they began to lie.
     """
     recording, clock, hub, kept = scene(cameras), ManualClock(BEGIN_NS), Hub(), Kept()
     air = Air(clock)
@@ -237,17 +267,25 @@ def run(
         SimulatedCamera(index, recording, air, LyingTransport(hub.join(), seed=index))
         for index in range(cameras)
     ]
+    for camera in made if talkative else []:
+        camera.beat_ns, camera.beats_per_hello = 250_000_000, 1
     by_topic = {f"e3pose/lab/order/{camera.camera_id}": camera for camera in made}
     honest = cameras - liars
 
     def publish(topic: str, payload: bytes, slot: int) -> None:
         if (camera := by_topic.get(topic)) is not None:
-            air.after(LINK_NS, lambda: camera.take(payload))
+            since_s = (clock.time_ns - BEGIN_NS) / 1e9 - LIES_AFTER_S
+            lies = since_s >= 0 and camera.index >= honest
+            air.after(
+                round(link_s(since_s) * 1e9) if lies else LINK_NS, lambda: camera.take(payload)
+            )
         elif topic.endswith("/poses"):
             poses = decode(payload, Poses, "edge")
             kept.latencies_s.append((clock.time_ns - poses.time_edge_ns) / 1e9)
             kept.people.append(poses.track_ids.shape[0])
+            kept.errors_m.append(_error_m(recording, poses))
             kept.views.append(sum(camera_id in ids[:honest] for camera_id in poses.arrived))
+            kept.others.append(len(poses.arrived) - kept.views[-1])
         elif topic.endswith("/status"):
             decode(payload, Status, "edge")  # viewers can read it
 
@@ -258,7 +296,9 @@ def run(
     deficits = np.zeros(honest)
     begun = False
     while clock.time_ns < BEGIN_NS + seconds * 1e9:
-        if not begun and clock.time_ns > BEGIN_NS + 4e9:  # they seem honest until they are trusted
+        if (
+            not begun and clock.time_ns > BEGIN_NS + LIES_AFTER_S * 1e9
+        ):  # they seem honest until they are trusted
             begun = True
             for camera in made[honest:]:
                 camera.transport.lie = lie

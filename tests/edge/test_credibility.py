@@ -10,17 +10,16 @@ from e3pose.edge.credibility import (
     AWAITED,
     EXCUSED_S,
     MEMORY_ORDERS,
-    RELIABLE,
-    TRIAL_EVERY_S,
-    TRIAL_S,
+    NEWEST_AGES,
+    PATIENCE,
+    SILENT_ORDERS,
     Credibility,
-    answers_enough,
-    followed,
-    lower_median,
 )
-from e3pose.edge.lead import FAR_S, MAX_DELAY_S, Lead, adapt
+from e3pose.edge.lead import FAR_S, MAX_DELAY_S, Lead, adapt, lower_median
+from e3pose.edge.trials import RELIABLE
 
 INTERVAL_S = 0.04
+AGE_S, DEADLINE_S = 0.02, 0.12  # of views; of slots
 ALL = np.ones(4, dtype=bool)
 Flags = NDArray[np.bool_]
 views = np.zeros(4, dtype=np.int64)  # that came so far
@@ -29,7 +28,8 @@ views = np.zeros(4, dtype=np.int64)  # that came so far
 def observe(credibility: Credibility, slot: int, arrived: Flags) -> None:
     """Add a slot for which all cameras were ordered, and some answered."""
     views[:] += arrived
-    credibility.observe(slot, ALL, ALL, arrived, views)
+    ages_s = dict.fromkeys(np.flatnonzero(arrived).tolist(), AGE_S)
+    credibility.observe(slot, ALL, ALL, ages_s, views)
 
 
 def leads(
@@ -80,9 +80,25 @@ def test_lead_that_only_a_word_holds_shrinks() -> None:
     assert held[-1] <= 6
 
 
-def test_camera_that_is_given_up_again_and_again_is_followed_for_rare_attempts() -> None:
-    counts = np.flatnonzero(followed(np.arange(300)))
-    assert counts.tolist() == [0, 1, 2, 4, 16, 64, 256]
+def test_camera_that_is_given_up_again_and_again_is_not_followed() -> None:
+    credibility = Credibility(5, INTERVAL_S)
+    assert credibility.followed(np.arange(5)).tolist() == [True, True, True, False, False]
+    credibility.share[0] = RELIABLE - 0.1
+    assert not credibility.followed(np.zeros(5, dtype=np.int64))[0]
+
+
+def test_delays_of_cameras_that_are_not_followed_move_nothing() -> None:
+    followed, lead = [True, True, False, False], Lead(2)
+    credibility = Credibility(4, INTERVAL_S)
+    credibility.share[:] = 0.6
+    for _ in range(8):
+        for camera, claim_s in enumerate([0.02, 0.03, 0.4, 0.4]):
+            credibility.claim(camera, claim_s)
+        lead = credibility.lead_after_claims(lead, followed=followed)
+        lead = adapt(lead, INTERVAL_S, online=[True] * 4, followed=followed)
+        assert lead.slots == 2
+    # They are known all the same, for the day on which the camera is followed again.
+    assert adapt(lead, INTERVAL_S, online=[True] * 4).slots == 11
 
 
 def test_late_orders_excuse_a_camera_for_some_seconds() -> None:
@@ -96,27 +112,43 @@ def test_late_orders_excuse_a_camera_for_some_seconds() -> None:
     assert all(each[3] for each in excused)  # its views arrive
 
 
-def test_cameras_that_seldom_answer_are_used_now_and_then() -> None:
-    share = np.array([1.0, 0.9, RELIABLE - 0.1, 0.0])
-    times_s = np.arange(0, 10 * TRIAL_EVERY_S, INTERVAL_S)
-    used = np.array([answers_enough(share, RELIABLE, ALL, time_s) for time_s in times_s])
-    tried = TRIAL_S / TRIAL_EVERY_S
-    np.testing.assert_allclose(used.mean(axis=0), [1, 1, tried, tried], atol=0.001)
-    assert (used[:, 2:].sum(axis=1) <= 1).all()  # one after the other
+def test_cameras_that_seldom_answer_are_not_selected() -> None:
+    credibility = Credibility(4, INTERVAL_S)
+    credibility.share = np.array([1.0, 0.9, RELIABLE - 0.1, 0.0])
+    assert credibility.usable(ALL).tolist() == [True, True, False, False]
     # Two cameras are needed: without the second one all are used.
-    assert answers_enough(share, RELIABLE, np.array([True, False, True, True]), 5.0).all()
+    assert credibility.usable(np.array([True, False, True, True])).all()
 
 
 def test_slots_wait_for_cameras_that_answer_most_orders() -> None:
     credibility = Credibility(4, INTERVAL_S)
-    credibility.share = np.array([1.0, 0.9, AWAITED - 0.1, 1.0])
-    slots = range(round(10 * TRIAL_EVERY_S / INTERVAL_S))
-    waits = np.array([credibility.awaited(ALL, ALL, slot) for slot in slots])
-    np.testing.assert_allclose(waits.mean(axis=0), [1, 1, TRIAL_S / TRIAL_EVERY_S, 1], atol=0.001)
-    used = np.array([credibility.usable(ALL, slot) for slot in slots])
-    assert used.all()
-    alone = np.array([False, False, True, False])
-    assert all((credibility.awaited(alone, ALL, slot) == alone).all() for slot in slots)
+    observe(credibility, 0, ALL)
+    credibility.share = np.array([1.0, AWAITED, AWAITED - 0.1, RELIABLE - 0.1])
+    ordered = np.array([True, True, True, False])
+    usual_s = PATIENCE * AGE_S
+    waits_s = credibility.waits_s(ordered, ALL, DEADLINE_S)
+    np.testing.assert_allclose(waits_s, [DEADLINE_S, DEADLINE_S, usual_s, 0.0])
+    assert credibility.waits_s(ALL, ordered, DEADLINE_S)[3] == 0.0  # it cannot be reached
+    views[2] += 1  # late, so that the usual time is too short
+    observe(credibility, 1, ~ordered)
+    assert credibility.waits_s(ALL, ALL, DEADLINE_S)[2] == DEADLINE_S
+    for slot in range(2, 2 + NEWEST_AGES):
+        observe(credibility, slot, ALL)
+    credibility.share[2] = AWAITED - 0.1
+    assert credibility.waits_s(ALL, ALL, DEADLINE_S)[2] == pytest.approx(usual_s)
+
+
+def test_slots_do_not_wait_for_silent_cameras_until_a_view_comes() -> None:
+    credibility, three = Credibility(4, INTERVAL_S), np.array([True, True, True, False])
+    observe(credibility, -1, ALL)
+    waited = []
+    for slot in range(20):
+        waited.append(bool(credibility.waits_s(ALL, ALL, DEADLINE_S)[3]))
+        observe(credibility, slot, three)
+    assert waited == [True] * SILENT_ORDERS + [False] * (20 - SILENT_ORDERS)
+    views[3] += 1  # late, so that none arrived in time
+    observe(credibility, 20, three)
+    assert credibility.waits_s(ALL, ALL, DEADLINE_S)[3] == DEADLINE_S
 
 
 def test_slots_without_any_view_blame_no_camera() -> None:
@@ -136,8 +168,12 @@ def test_camera_that_answers_again_is_waited_for_again() -> None:
     for slot in range(3 * MEMORY_ORDERS):
         observe(credibility, slot, three)
     assert credibility.share[3] < RELIABLE
-    said = credibility.impairments(["broken", "", "", ""])
+    in_time = np.full(4, np.nan)
+    said = credibility.impairments(["broken", "", "", ""], in_time)
     assert said == ["broken", "", "", f"answers {credibility.share[3]:.0%} of its orders in time"]
+    late_s = np.array([np.nan, 0.2, np.nan, 0.2])
+    said = credibility.impairments([""] * 4, late_s)
+    assert said == ["", "", "", "views arrive too late, 200 ms after capture"]
     for slot in range(20 * MEMORY_ORDERS):
         observe(credibility, slot, ALL)
     assert credibility.share[3] > RELIABLE

@@ -140,24 +140,31 @@ class Arrivals(Naps):
 
 
 @pytest.mark.parametrize(
-    ("views", "able", "closed_s", "naps"),
+    ("views", "able", "closed_s", "naps", "until_s"),
     [
-        ([(1.03, 0), (1.04, 1)], [0, 1], 1.04, 1),  # one nap until the last view
-        ([(0.996, 0), (0.998, 1)], [0, 1], 1.0, 2),  # not before the middle of the slot
-        ([(1.03, 0)], [0, 1], 1.045, 1),  # the deadline
-        ([(1.03, 0)], [0], 1.03, 1),  # nobody waits for a camera that is offline
-        ([], [], 1.0, 1),
+        ([(1.03, 0), (1.04, 1)], [0, 1], 1.04, 1, 1.045),  # one nap until the last view
+        ([(0.996, 0), (0.998, 1)], [0, 1], 1.0, 2, 1.045),  # not before the middle of the slot
+        ([(1.03, 0)], [0, 1], 1.045, 1, 1.045),  # the deadline
+        ([(1.03, 0)], [0], 1.03, 1, 1.045),  # nobody waits for a camera that is offline
+        ([], [], 1.0, 1, 1.045),
+        ([(1.04, 0)], [0, 1], 1.04, 2, 1.02),  # no longer than usual for a camera that fails often
+        ([(1.01, 0)], [0, 1], 1.02, 1, 1.02),
+        ([(1.01, 1), (1.03, 0)], [0, 1], 1.03, 2, 1.02),
     ],
 )
 def test_slot_closes_with_its_last_view_between_middle_and_deadline(
-    views: list[tuple[float, int]], able: list[int], closed_s: float, naps: int
+    views: list[tuple[float, int]], able: list[int], closed_s: float, naps: int, until_s: float
 ) -> None:
     clock = ManualClock(995_000_000)
     lock = Arrivals(clock, views)
-    span_ns = 1_000_000_000, 1_045_000_000
+    until_ns = {0: 1_045_000_000, 1: round(until_s * 1e9)}
     stopping = threading.Event()
     assert lock.gather.wait(
-        clock, stopping, span_ns, [0, 1], lambda missing: [c for c in missing if c in able]
+        clock,
+        stopping,
+        1_000_000_000,
+        until_ns,
+        lambda missing: [camera for camera in missing if camera in able],
     )
     assert clock.now_ns() == pytest.approx(closed_s * 1e9, abs=2)
     assert len(lock.seconds) == naps
@@ -166,7 +173,7 @@ def test_slot_closes_with_its_last_view_between_middle_and_deadline(
 def test_nobody_waits_once_the_program_ends() -> None:
     stopping = threading.Event()
     stopping.set()
-    assert not Gather(1).wait(ManualClock(), stopping, (10**12, 10**12), [0], lambda missing: [0])
+    assert not Gather(1).wait(ManualClock(), stopping, 10**12, {0: 10**12}, lambda missing: [0])
 
 
 def test_nobody_sleeps_past_the_deadline() -> None:

@@ -99,8 +99,8 @@ class Gather:
         self,
         clock: Clock,
         stopping: threading.Event,
-        span_ns: tuple[int, int],
-        ordered: Sequence[int],
+        middle_ns: int,
+        until_ns: Mapping[int, int],
         awaited: Callable[[Sequence[int]], Sequence[int]],
     ) -> bool:
         """Wait for the views of the oldest open slot; return False when the program ends.
@@ -111,15 +111,15 @@ class Gather:
         Args:
             clock: the edge's.
             stopping: set when the program ends, with `wake`.
-            span_ns: the middle of the slot, before which it is not closed, and its deadline.
-            ordered: cameras whose views belong to the slot.
+            middle_ns: the middle of the slot, before which it is not closed.
+            until_ns: by camera whose view belongs to the slot, how long to wait for it.
             awaited: returns those of some cameras that can still send one.
         """
-        middle_ns, deadline_ns = span_ns
         while not stopping.is_set():
-            cameras = awaited(self.missing(ordered))
-            end_ns = deadline_ns if cameras else middle_ns
-            if clock.now_ns() >= end_ns:
+            now_ns = clock.now_ns()
+            cameras = awaited(self.missing(c for c, end_ns in until_ns.items() if now_ns < end_ns))
+            end_ns = min((until_ns[camera] for camera in cameras), default=middle_ns)
+            if now_ns >= end_ns:
                 return True
             self.sleep(clock, end_ns, cameras)
         return False

@@ -67,5 +67,10 @@ def impairments(
 
 def _impairment(failures: int, alive: bool, age_s: float) -> str:
     if failures and alive and age_s < NEAR_S:  # otherwise its clock is wrong
-        return f"views arrive too late, {age_s * 1e3:.0f} ms after capture"
+        return too_late(age_s)
     return "no views arrive in time" if failures >= REPORTED_FAILURES else ""
+
+
+def too_late(age_s: float) -> str:
+    """Return what is said of a camera whose views are so old when they arrive."""
+    return f"views arrive too late, {age_s * 1e3:.0f} ms after capture"

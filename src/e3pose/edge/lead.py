@@ -126,7 +126,11 @@ def with_edge_delay(lead: Lead, late_s: float, interval_s: float) -> Lead:
 
 
 def adapt(
-    lead: Lead, interval_s: float, wake_s: float = 0.0, online: Sequence[bool] | None = None
+    lead: Lead,
+    interval_s: float,
+    wake_s: float = 0.0,
+    online: Sequence[bool] | None = None,
+    followed: Sequence[bool] | None = None,
 ) -> Lead:
     """Return the lead for the next slot.
 
@@ -138,8 +142,9 @@ def adapt(
         lead: of this slot.
         interval_s: seconds per slot.
         wake_s: how long the slowest camera takes to wake.
-        online: by camera, whether it can be selected. Delays of others do not count, and are
+        online: by camera, whether it can be reached. Delays of others do not count, and are
             dropped: a camera that comes back runs another program, or uses another link.
+        followed: by camera, whether its delays count; None: all do.
 
     Returns:
         The lead with `slots` in 1..`MAX_LEAD`.
@@ -147,15 +152,41 @@ def adapt(
     lead = _without_absent(lead, online)
     if lead.quiet_s > 0:
         lead = replace(lead, quiet_s=max(lead.quiet_s - interval_s, 0.0))
-    lead, delay_s = _followed(lead)
+    lead, delay_s = _followed(lead, followed)
     if math.isnan(delay_s):
         return lead
     return _stepped(lead, _needed(delay_s + wake_s, interval_s), interval_s)
 
 
-def _followed(lead: Lead) -> tuple[Lead, float]:
+def lead_for(lead: Lead, camera: int, interval_s: float, wake_s: float = 0.0) -> int:
+    """Return the slots ahead at which orders for one camera leave: the lead, or more if it is slow.
+
+    Args:
+        lead: the present one.
+        camera: which.
+        interval_s: seconds per slot.
+        wake_s: how long it takes to wake.
+    """
+    known_s = sorted(delay_s for delay_s in lead.longest_s if not math.isnan(delay_s))
+    if not known_s:
+        return lead.slots
+    own_s = lead.longest_s[camera] if camera < len(lead.longest_s) else math.nan
+    delay_s = lower_median(known_s) if math.isnan(own_s) else min(own_s, _limit_s(known_s))
+    return max(lead.slots, _needed(delay_s + wake_s, interval_s))
+
+
+def lower_median(values: Sequence[float]) -> float:
+    """Return the middle value, or the lower one of two: half of the sources cannot raise it."""
+    return sorted(values)[(len(values) - 1) // 2]
+
+
+def _followed(lead: Lead, followed: Sequence[bool] | None) -> tuple[Lead, float]:
     """Return the lead with the cameras that it excludes, and the longest delay of the others."""
-    known = {c: delay_s for c, delay_s in enumerate(lead.longest_s) if not math.isnan(delay_s)}
+    known = {
+        camera: delay_s
+        for camera, delay_s in enumerate(lead.longest_s)
+        if not math.isnan(delay_s) and (followed is None or followed[camera])
+    }
     if not known:
         return lead, math.nan
     limit_s = _limit_s(sorted(known.values()))
@@ -230,5 +261,5 @@ def _limit_s(delays_s: Sequence[float]) -> float:
     It is measured from the lower median of the delays, which rise: half of the cameras can
     neither raise it nor be followed against the other half, one a little slower than the next.
     """
-    typical_s = delays_s[(len(delays_s) - 1) // 2]
+    typical_s = lower_median(delays_s)
     return min(MAX_DELAY_S, max(FAR_TIMES * typical_s, typical_s + FAR_S))

@@ -67,26 +67,44 @@ class Orders:
         """
         if no_choice:
             self.no_choice[slot] = no_choice
-        sent_ns = self._sent_ns[slot] = self.clock.now_ns()
-        payloads: dict[str, bytes] = {}
-        for index, camera_id in enumerate(self.camera_ids):
-            view = None if expected is None or not decision[index] else expected[index]
-            expected_px, reach_px = packed_expected(view)
-            order = Order(
-                camera_id=camera_id,
+        self._sent_ns[slot] = self.clock.now_ns()
+        views = [None] * len(self.camera_ids) if expected is None else expected
+        payloads = {
+            topic: self._order(times, slot, camera, bool(decision[camera]), lead, view)
+            for camera, (topic, view) in enumerate(zip(self._topics, views, strict=True))
+        }
+        self.outbox.put_all(payloads, slot)
+
+    def give_early(self, times: SlotTimes, slot: int, camera: int, ahead: int) -> None:
+        """Order one camera to be active so many slots ahead, before the others' orders leave."""
+        payload = self._order(times, slot + ahead, camera, active=True, lead=ahead)
+        self.outbox.put_all({self._topics[camera]: payload}, slot + ahead)
+
+    def _order(
+        self,
+        times: SlotTimes,
+        slot: int,
+        camera: int,
+        active: bool,
+        lead: int,
+        expected: ExpectedView | None = None,
+    ) -> bytes:
+        expected_px, reach_px = packed_expected(expected if active else None)
+        return encode(
+            Order(
+                camera_id=self.camera_ids[camera],
                 slot=slot,
-                active=bool(decision[index]),
-                idle_mode=self.idle_modes[index],
+                active=active,
+                idle_mode=self.idle_modes[camera],
                 origin_edge_ns=times.origin_ns,
                 interval_ns=times.interval_ns,
-                sent_edge_ns=sent_ns,
+                sent_edge_ns=self.clock.now_ns(),
                 session=self.session,
                 lead=lead,
                 expected_px=expected_px,
                 reach_px=reach_px,
             )
-            payloads[self._topics[index]] = encode(order)
-        self.outbox.put_all(payloads, slot)
+        )
 
     def in_time(self, times: SlotTimes, slot: int) -> bool:
         """Return whether the orders for a slot were sent before it began.

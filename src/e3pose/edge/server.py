@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from e3pose.edge.consumers import NO_CONSUMERS, Consumers
 from e3pose.edge.counters import Counts
-from e3pose.edge.credibility import Credibility, followed
+from e3pose.edge.credibility import Credibility
 from e3pose.edge.events import EventLog
 from e3pose.edge.gather import Arrival, Gather
 from e3pose.edge.health import Health
@@ -181,7 +181,8 @@ class EdgeServer:
         useless, short = self.health.impairments(
             self.state.silence, late_by_s, interval_s, self.lead, cameras
         )
-        return self.credibility.impairments(useless), short
+        late_by_s = np.where(self.gather.newest_late, late_by_s, np.nan)
+        return self.credibility.impairments(useless, late_by_s), short
 
     def status(self) -> Status:
         """Return the status of the site."""
@@ -285,11 +286,11 @@ class EdgeServer:
             problems = self.inbox.problems_of(missing)
             return [camera for camera, why in zip(missing, problems, strict=True) if not why]
 
-        stopping, online = self.threads.stopping, self.inbox.online()
-        ordered = self.credibility.awaited(self._ordered(times, slot), online, slot)
-        span_ns = times.middle_ns(slot), self._deadline_ns(times, slot)
-        orders = np.flatnonzero(ordered).tolist()
-        return self.gather.wait(self.clock, stopping, span_ns, orders, awaited)
+        ordered, online = self._ordered(times, slot), self.inbox.online()
+        waits_s = self.credibility.waits_s(ordered, online, self.settings.deadline_s)
+        middle_ns = times.middle_ns(slot)
+        until_ns = {c: middle_ns + round(s * 1e9) for c, s in enumerate(waits_s.tolist()) if s}
+        return self.gather.wait(self.clock, self.threads.stopping, middle_ns, until_ns, awaited)
 
     def _compute(self, times: SlotTimes, slot: int, arrivals: Mapping[int, Arrival]) -> None:
         begun_ns = self.clock.now_ns()
@@ -305,9 +306,9 @@ class EdgeServer:
         state = without_late_failures(self.state, views_late, orders_late, interval_s)
         state = replace(state, selections=np.concatenate([ordered[None], state.selections[1:]]))
         views = {camera: arrival.poses for camera, arrival in arrivals.items()}
-        # A camera presumed offline that delivered a view was online.
-        online[list(views)] = True
         used = {camera: a.arrived_ns for camera, a in arrivals.items() if ordered[camera]}
+        # A camera presumed offline that delivered a view was online.
+        online[list(used)] = True
         time_ns, decided = times.middle_ns(slot), self.state.selections[0]
         late_now = orders_late, self.gather.newest_late
         blind = "" if used else self.orders.why_blind(times, slot, decided, online, *late_now)
@@ -317,20 +318,22 @@ class EdgeServer:
             self.publisher.publish(slot, time_ns, people, used, ordered & online, blind, stored)
 
         pipeline = shed_load(self.pipeline, self.health.load)
-        usable = online & self.credibility.usable(reachable, slot)
-        usable[list(views)] = True
+        usable = online & self.credibility.usable(reachable)
+        usable[list(used)] = True
         self.state, record = step(pipeline, state, views, usable, publish)
         record = replace(record, blind=blind)
         took_ns = self.clock.now_ns() - begun_ns
         lead = self.pipeline.lead_slots
         answering = self.state.silence.answering(slot + lead)
         none = no_choice(online, answering, self.gather.newest_late)
-        self.orders.give(times, slot + lead, record.next_selection, lead, record.expected, none)
+        decision = self._with_trial(times, slot, record.next_selection, reachable)
+        self.orders.give(times, slot + lead, decision, lead, record.expected, none)
         late_s = (self.clock.now_ns() - self._deadline_ns(times, slot)) / 1e9
         self.lead = with_edge_delay(self.lead, late_s, self.interval_ns / 1e9)
         self.orders.forget_before(slot)
         self.newest = record
-        self.credibility.observe(slot, ordered, reachable, record.arrived, self.gather.views)
+        ages_s = {camera: (arrived_ns - time_ns) / 1e9 for camera, arrived_ns in used.items()}
+        self.credibility.observe(slot, ordered, reachable, ages_s, self.gather.views)
         self.counts.count_slot(len(used), wanted, record, begun_ns, took_ns)
         self.consumers.observe(record, time_ns, arrivals)
         self.consumers.keep(record, time_ns)
@@ -340,6 +343,20 @@ class EdgeServer:
         if said := self.health.after_slot(record, wanted, *lately, took_ns / 1e9, behind_s):
             self.event_log.report("overload", said)
         self.housekeeping.quiet.set()
+
+    def _with_trial(
+        self, times: SlotTimes, slot: int, decision: NDArray[np.bool_], online: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Return a decision with the camera tried in its slot; order the one tried next."""
+        claims_s = wakes_s(self.inbox.roster.cameras, self.settings.idle_modes)
+        trial = self.credibility.trial(slot, online, self.lead, claims_s)
+        if trial is not None and trial[1] > self.pipeline.lead_slots:
+            self.orders.give_early(times, slot, *trial)
+        tried = self.credibility.trials.take(slot + self.pipeline.lead_slots) & ~decision
+        decision, deficit = decision | tried, self.state.deficit + tried
+        selections = np.concatenate([self.state.selections[:-1], decision[None]])
+        self.state = replace(self.state, selections=selections, deficit=deficit)
+        return decision
 
     def _ordered(self, times: SlotTimes, slot: int) -> NDArray[np.bool_]:
         """Return `(num_cameras,)`: cameras selected for a slot whose order was in time."""
@@ -355,11 +372,11 @@ class EdgeServer:
         if not self.settings.adaptive_lead:
             return
         claims_s = wakes_s(self.inbox.roster.cameras, self.settings.idle_modes)
-        counted = (followed(self.state.silence.failures) & online).tolist()
+        counted = (self.credibility.followed(self.state.silence.failures) & online).tolist()
         claims_s = [s if counts else None for s, counts in zip(claims_s, counted, strict=True)]
         wake_s, before = self.credibility.wake_s(claims_s), self.lead.slots
-        self.lead = self.credibility.lead_after_claims(self.lead, wake_s)
-        self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, counted)
+        self.lead = self.credibility.lead_after_claims(self.lead, wake_s, counted)
+        self.lead = adapt(self.lead, self.interval_ns / 1e9, wake_s, online.tolist(), counted)
         if self.lead.slots != before:
             changed = "raised" if self.lead.slots > before else "reduced"
             change = f"lead {changed} from {before} to {plural(self.lead.slots, 'slot')}"
