@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import fftconvolve
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ def heard(
     own = np.interp(time_s * rate, np.arange(len(sound)), sound)
     late_s = np.arange(1, round(0.3 * rate)) / rate
     echo = 0.15 * rng.normal(size=len(late_s)) * np.exp(-late_s / 0.05)
-    own = np.convolve(own, np.concatenate([[1.0], echo]))[: len(own)]
+    own = fftconvolve(own, np.concatenate([[1.0], echo]))[: len(own)]
     return np.asarray(own + rng.normal(size=len(own)) * noise_share * np.sqrt((own**2).mean()))
 
 
