@@ -50,10 +50,17 @@ def at(page: Page, x: float, y: float, z: float) -> tuple[int, int, int]:
     return red, green, blue
 
 
-def test_people_stand_where_the_edge_says(page: Page, watched: Watched) -> None:
-    page.open(watched.view.url)
+def follow(page: Page, watched: Watched, *size: int) -> None:
+    """Open the live page in a window of a size; return once it hears of every slot."""
+    page.open("about:blank")
+    assert eventually(lambda: watched.view.feed.followers == 0), "the page before is still there"
+    page.open(watched.view.url, *size)
     assert page.shows("site", "lab")
     assert eventually(lambda: watched.view.feed.followers == 1)
+
+
+def test_people_stand_where_the_edge_says(page: Page, watched: Watched) -> None:
+    follow(page, watched)
     watched.publish(20)
     assert page.shows("where", "slot 20") and page.shows("people", "track 11")
     # The joints of a person lie on a line: the left shin, from knee to ankle, is at (x, 0.2 m).
@@ -89,9 +96,7 @@ def test_past_is_played_from_the_store_and_the_present_found_again(
 
 
 def test_walls_behind_the_scene_are_drawn(page: Page, watched: Watched) -> None:
-    page.open(watched.view.url)
-    assert page.shows("site", "lab")
-    assert eventually(lambda: watched.view.feed.followers == 1)
+    follow(page, watched)
     watched.publish(60)
     assert page.shows("where", "slot 60")
     # On the wall that faces whoever looks along x, above all people.
@@ -132,9 +137,7 @@ def test_another_page_gets_nothing(page: Page, watched: Watched, tmp_path: Path)
 
 
 def test_phone_has_room_for_all_of_it(page: Page, watched: Watched) -> None:
-    page.open(watched.view.url, 390, 844)
-    assert page.shows("site", "lab")
-    assert eventually(lambda: watched.view.feed.followers == 1)
+    follow(page, watched, 390, 844)
     watched.publish(30)
     assert page.shows("where", "slot 30")
     assert page.run("document.documentElement.scrollWidth") == 390
@@ -202,23 +205,34 @@ def follows(page: Page, watched: Watched, *slots: int, blind: str = "") -> None:
         assert page.shows("where", f"slot {slot}")
 
 
+def stopped(page: Page, since_s: float = 0.0) -> float:
+    """Stop the clock of the page some seconds after the last slot came, and draw the time line.
+
+    Otherwise it moves on between one look and the next.
+
+    Returns:
+        The share of its width at which two seconds before the last slot are.
+    """
+    page.run(f"((now) => {{ performance.now = () => now; }})(cameAt + {1000 * since_s})")
+    page.run("drawStrips()")
+    return float(page.run("1 - (strips_end() - history30.at(-1).t + 2) / STRIP_S"))
+
+
 def test_time_that_the_page_did_not_see_is_unknown_and_not_idle(
     page: Page, watched: Watched
 ) -> None:
-    page.open(watched.view.url)
-    assert page.shows("site", "lab")
-    assert eventually(lambda: watched.view.feed.followers == 1)
+    follow(page, watched)
     assert IDLE not in strip(page, 0.5, 2), "no slot came yet"
     follows(page, watched, *range(1000, 1101))  # four seconds of thirty
-    # Time passes without further slots: the end of those that came moves to the left.
-    seen = "(1 - (strips_end() - history30.at(-1).t + 2) / STRIP_S)"
-    share = page.run(seen)
+    assert stopped(page) == pytest.approx(1 - 2 / 30)
+    share = stopped(page, 6.0)  # without further slots, those that came move to the left
+    assert share == pytest.approx(1 - 8 / 30)
     assert strip(page, share, 2) == {IDLE} and strip(page, share, 0) == {ACTIVE}
     assert strip(page, share, 1) == {LOST}
     for row in range(3):
         assert not {IDLE, ACTIVE, LOST} & strip(page, 0.3, row), "before the page was opened"
     follows(page, watched, 1200)  # what came between was lost
-    gap = page.run("(1 - (strips_end() - history30.at(-1).t + 2) / STRIP_S)")
+    gap = stopped(page)
     assert not {IDLE, ACTIVE, LOST} & strip(page, gap, 0)
     unknown = page.run("atPointer({ offsetX: 0.5 * document.getElementById('strips').clientWidth,"
                        " offsetY: 4 })")  # fmt: skip
@@ -228,11 +242,9 @@ def test_time_that_the_page_did_not_see_is_unknown_and_not_idle(
 def test_blind_slots_have_a_colour_a_cause_and_a_figure_of_their_own(
     page: Page, watched: Watched
 ) -> None:
-    page.open(watched.view.url)
-    assert page.shows("site", "lab")
-    assert eventually(lambda: watched.view.feed.followers == 1)
+    follow(page, watched)
     follows(page, watched, *range(2000, 2100), blind="orders-late")
-    share = page.run("(1 - (strips_end() - history30.at(-1).t + 2) / STRIP_S)")
+    share = stopped(page)
     for row in range(3):
         assert strip(page, share, row) == {BLIND}, "also of cameras that were not selected"
     assert "orders late: 100" in page.text("blind-why")
@@ -248,9 +260,7 @@ def test_blind_slots_have_a_colour_a_cause_and_a_figure_of_their_own(
 
 
 def test_live_events_have_the_time_of_day(page: Page, watched: Watched) -> None:
-    page.open(watched.view.url)
-    assert page.shows("site", "lab")
-    assert eventually(lambda: watched.view.feed.followers == 1)
+    follow(page, watched)
     watched.publish(70)
     assert page.shows("events", "c2 connected")
     first, second = page.run("[...document.querySelectorAll('#events li')].map((e) => e.innerText)")
@@ -260,9 +270,7 @@ def test_live_events_have_the_time_of_day(page: Page, watched: Watched) -> None:
 
 def test_time_before_the_first_slot_shows_nothing_of_now(page: Page, watched: Watched) -> None:
     page.messages.clear()
-    page.open(watched.view.url)
-    assert page.shows("site", "lab")
-    assert eventually(lambda: watched.view.feed.followers == 1)
+    follow(page, watched)
     follows(page, watched, 80)
     assert eventually(lambda: pixels(page, TRACK_11) > 100)
     assert eventually(lambda: not page.run("document.getElementById('scrub').disabled"))
