@@ -15,6 +15,10 @@ import pytest
 from hypothesis import settings
 from tests.postgres import WAY_OUT, Server, programs, running_server
 
+# Matrices are small: several threads for each cost twice the time of the cores. For this process,
+# which has not imported numpy yet, and all that it starts.
+os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
 # The same examples in every run. Others are found, and worth looking for, with
 # pytest --hypothesis-profile=default
 settings.register_profile("fixed", derandomize=True)

@@ -115,7 +115,6 @@ class LiveSite:
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                env={**os.environ, "OMP_NUM_THREADS": "1"},
             )
         self.programs[name] = program
         return program

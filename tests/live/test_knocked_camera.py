@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -53,7 +52,6 @@ def test_turned_camera_is_reported_and_placed_anew_while_the_site_runs(
     program = subprocess.Popen(
         [sys.executable, "-m", "e3pose", "up", "room"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
     )  # fmt: skip
     follower = Follower("room")
     transport = open_network(viewer_link(load_site(site_file), None))

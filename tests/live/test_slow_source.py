@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -62,7 +61,7 @@ def running(site: Path) -> Iterator[Follower]:
     with log.open("wb") as output:
         up = subprocess.Popen(
             [sys.executable, "-m", "e3pose", "up", str(site)],
-            stdout=output, stderr=subprocess.STDOUT, env={**os.environ, "OMP_NUM_THREADS": "1"},
+            stdout=output, stderr=subprocess.STDOUT,
         )  # fmt: skip
     transport = open_network(viewer_link(load_site(site), None))
     follower.listen(transport)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -132,6 +131,5 @@ def test_a_trainer_whose_edge_is_gone_ends(tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         timeout=120,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
     )
     assert result.returncode == 2 and "edge has ended" in result.stderr
