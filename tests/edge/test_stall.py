@@ -73,10 +73,14 @@ def gone(camera: CameraSigns) -> CameraSigns:
 
 
 def alarms(
-    steps: list[Step], seconds: float, watch: StallWatch | None = None, begin_s: float = 100.0
+    steps: list[Step],
+    seconds: float,
+    watch: StallWatch | None = None,
+    begin_s: float = 100.0,
+    camera: CameraSigns = WELL,
 ) -> list[tuple[float, str]]:
     """Return when an alarm was raised while cameras did these things, seconds from the begin."""
-    cameras = [replace(WELL, heard_ns=round(begin_s * 1e9)) for _ in steps]
+    cameras = [replace(camera, heard_ns=round(begin_s * 1e9)) for _ in steps]
     watch, found, slots = watch or StallWatch(), [], 1000
     for number in range(round(seconds / LOOK_S)):
         now_ns = round((begin_s + number * LOOK_S) * 1e9)
@@ -102,6 +106,22 @@ def test_useless_edge_is_noticed_within_four_seconds(step: Step, why: str, camer
     [(at_s, found), *_] = alarms([step] * cameras, 8.0)
     assert found.startswith(why)
     assert STALL_S <= at_s <= STALL_S + 2 * LOOK_S
+
+
+@pytest.mark.parametrize("cameras", [1, 3])
+def test_views_that_a_heartbeat_counts_after_they_came_are_not_lost(cameras: int) -> None:
+    """The last views before orders are lost are counted by the next heartbeat only."""
+    seen = 0
+
+    def last_views(camera: CameraSigns) -> CameraSigns:
+        nonlocal seen
+        seen += 1
+        late = replace(deaf(camera), sent=camera.sent + 5, orders=camera.orders + 10)
+        return late if seen <= cameras else deaf(camera)
+
+    ahead = replace(WELL, sent=WELL.sent - 5)  # of what its heartbeats have counted
+    [(at_s, found), *_] = alarms([last_views] * cameras, 8.0, camera=ahead)
+    assert found.startswith("orders do not reach") and at_s <= STALL_S + 3 * LOOK_S
 
 
 @pytest.mark.parametrize("step", [works, hung, slow, asleep, gone])

@@ -14,6 +14,7 @@ STALL_S = 3.0  # without any progress
 LEAST_ORDERS = 4  # that must have gone unanswered meanwhile
 LEAST_SENT = 2  # views that a camera says it sent, and that did not arrive
 WAIT_S, LONGEST_WAIT_S = 10.0, 640.0  # between two alarms, doubled each time
+SETTLED_S = 1.0  # after a view, a heartbeat has counted it: before, it is no lost one
 CALM_S = 60.0  # without an alarm after its time: the next one waits for `WAIT_S` again
 
 
@@ -113,8 +114,10 @@ def _progress(before: Progress, camera: CameraSigns, slots: int, now_ns: int) ->
         signs = replace(signs, orders=camera.orders)
         before = replace(before, orders_ns=now_ns, slots=slots)
     if camera.views > signs.views:
-        signs = replace(signs, views=camera.views, sent=camera.sent, due=camera.due)
+        signs = replace(signs, views=camera.views, due=camera.due)
         before = replace(before, views_ns=now_ns)
+    if now_ns - before.views_ns < SETTLED_S * 1e9:
+        signs = replace(signs, sent=camera.sent)
     return replace(before, signs=replace(signs, fresh=True))
 
 
