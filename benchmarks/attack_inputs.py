@@ -28,6 +28,7 @@ from e3pose.wire.arrays import pack, poses_2d
 from e3pose.wire.codec import Message, decode, encode
 from e3pose.wire.messages import ClockAnswer, ClockQuestion, Heartbeat, Hello, Order, View
 from e3pose.wire.site_messages import CameraStatus, Poses, Status
+from hostile_trials import NO_ERRORS
 
 GROWTH_MB = 100.0  # more than this, and something was kept
 BATCH = 1000  # decodes between two looks at the clock
@@ -186,7 +187,7 @@ def hostile_files(
                 words = [str(folder / w) if (folder / w).exists() else w for w in words]
                 code, said = run_quietly(words)
                 tried, refused = tried + 1, refused + (code == 2)
-                errors = [s for s in said.splitlines() if not s.startswith("e3pose: warning: ")]
+                errors = [s for s in said.splitlines() if not s.startswith(NO_ERRORS)]
                 if code not in (0, 1, 2) or (code == 2 and len(errors) != 1):
                     worst = worst or f"; {path.name}: {words[0]} ended with {code}: {said[-200:]}"
             path.write_bytes(good)

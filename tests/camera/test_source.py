@@ -13,7 +13,7 @@ import pytest
 
 from e3pose.camera.source import Frame, VideoSource, open_video
 from e3pose.errors import InputError
-from hostile_inputs import film
+from hostile_videos import film
 
 WIDTH, HEIGHT = 64, 48
 CORNERS = np.array(
