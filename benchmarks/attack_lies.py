@@ -8,12 +8,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import datetime, timezone
 from pathlib import Path
 
 from attack_inputs import Result
 from e3pose.camera.base import NodeSettings
 from e3pose.camera.live import CameraNode
 from e3pose.camera.live_source import RecordedDetector, RecordedSource
+from e3pose.camera.pictures import Pictures
 from e3pose.edge.inbox import BEAT_S, NEAR_S
 from e3pose.edge.lead import FAR_S
 from e3pose.recording import load_recording
@@ -21,15 +23,28 @@ from e3pose.runtime.clock import WallClock
 from e3pose.settings.site_file import load_site
 from e3pose.site.follow import Follower, viewer_link
 from e3pose.site.up import end
+from e3pose.site.web.feed import Feed
+from e3pose.site.web.pictures import CameraPictures
+from e3pose.site.web.program import PICTURE_S
 from e3pose.store import Store
 from e3pose.wire.access import Link, split_endpoint
-from e3pose.wire.keys.folder import certificates_in
+from e3pose.wire.keys.folder import add_keys, certificates_in
 from e3pose.wire.network import NetworkTransport, open_network
-from e3pose.wire.site_messages import Poses, Status
-from lies import HONEST, KINDS, Lie, LyingTransport, lies_of_fields, schemes
+from e3pose.wire.site_messages import Picture, Poses, Status
+from e3pose.wire.topics import of_camera
+from lies import (
+    HONEST,
+    KINDS,
+    Lie,
+    LyingTransport,
+    picture_schemes,
+    schemes,
+    swept,
+)
 from live_site import Site, live_site, wait
 
 CAMERAS, FPS = 5, 25.0
+DESK, ADMITTED_S, SHOWN_S = "desk", 6.0, 4.0  # an operator, until it is admitted; each lie
 LEAST_S = 6.0  # for a lie
 NOTICED_S = 3.0  # until the edge has noticed it; what a site gives is measured from then on
 PAUSE_S = 1.0  # of honesty between two
@@ -131,7 +146,10 @@ def liars(site: Site, camera_ids: list[str]) -> Iterator[list[LyingTransport]]:
         transport = LyingTransport(network)
         settings = NodeSettings("bench", camera_id, recording.skeleton.joints)
         source = RecordedSource(recording, camera_id, clock)
-        nodes.append(CameraNode(settings, source, RecordedDetector(), transport, clock))
+        pictures = Pictures(camera_id, clock)
+        nodes.append(
+            CameraNode(settings, source, RecordedDetector(), transport, clock, pictures=pictures)
+        )
         transports.append(transport)
     for node in nodes:
         node.start()
@@ -144,18 +162,10 @@ def liars(site: Site, camera_ids: list[str]) -> Iterator[list[LyingTransport]]:
 
 def lies_to_tell(seconds: float) -> list[tuple[Lie, float]]:
     """Return lies, and how long each is told: schemes, and the fields of each message."""
-    swept = []
-    for kind in KINDS.values():
-        fields = [lie.changes[kind] for lie, _ in lies_of_fields(hold=1) if kind in lie.changes]
-
-        def change(message: object, n: int, dice: object, fields: object = fields) -> object:
-            number = n % len(fields)  # type: ignore[arg-type]
-            return fields[number](message, n // len(fields), dice)  # type: ignore[index, arg-type]
-
-        swept.append(Lie(f"every field of {kind.__name__} at its extremes", {kind: change}))
+    fields = [swept(kind) for kind in KINDS.values() if kind is not Picture]
     told = schemes()
-    each_s = max(LEAST_S, seconds / 2 / (len(told) + 2 * len(swept)) - PAUSE_S)
-    return [(lie, each_s) for lie in told] + [(lie, 2 * each_s) for lie in swept]
+    each_s = max(LEAST_S, seconds / 2 / (len(told) + 2 * len(fields)) - PAUSE_S)
+    return [(lie, each_s) for lie in told] + [(lie, 2 * each_s) for lie in fields]
 
 
 def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
@@ -194,8 +204,50 @@ def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
                     found = _while(transports, lie, number, each_s, seen, honest)
                     add(f"{number} liars, {lie.name}", found.words(), _held(found, usual, gone))
                     _while(transports, HONEST, number, PAUSE_S, seen, honest)
+            show(site, ids[-2:], transports, seen, add)
         _kept(site, seen, ids[:3], add)
     return results
+
+
+def show(
+    site: Site,
+    camera_ids: list[str],
+    transports: list[LyingTransport],
+    seen: Seen,
+    add: Callable[[str, str, bool], None],
+) -> None:
+    """Ask two cameras for pictures as the page does, while the second one lies about its own."""
+    add_keys(site.folder / "keys", DESK, datetime.now(timezone.utc), kind="operator")
+    wait(ADMITTED_S)
+    table = load_site(site.folder / "site.toml")
+    transport = open_network(viewer_link(table, site.folder / "keys" / "operators" / DESK))
+    feed, rig = Feed("bench"), load_recording(site.folder / "recording").rig
+    feed.listen(transport)
+
+    def pictures(camera_id: str) -> CameraPictures:
+        topic, camera = of_camera("bench", camera_id, "picture"), rig.cameras[rig.index(camera_id)]
+        return CameraPictures(
+            camera, feed, lambda asked: transport.ask(topic, asked, PICTURE_S), 1 / FPS, 10.0
+        )
+
+    for lie in [*picture_schemes(), swept(Picture)]:
+        transports[-1].lie = HONEST
+        honest, liar = map(pictures, camera_ids)
+        transports[-1].lie, begun_s, shown, false = lie, time.monotonic(), 0, 0
+        while time.monotonic() < begun_s + SHOWN_S:
+            false += bool(liar.newest("", False)["jpeg"])
+            shown += bool(honest.newest("", False)["jpeg"])
+            wait(0.1)
+        found = got(seen, {camera_ids[0]}, begun_s, time.monotonic())
+        words = (
+            f"{found.poses:.1f} poses per second; the other camera shown {shown} times, the liar "
+            f"{false} times, {liar.newest('', False)['why'] or 'without a reason'}"
+        )
+        harmless = lie.name.startswith("every")  # some extremes are what honest cameras say
+        held = found.poses > POSES_SHARE * FPS and shown > 0 and (harmless or not false)
+        add(lie.name, words, held)
+    transports[-1].lie = HONEST
+    transport.close()
 
 
 def _gone() -> Lie:

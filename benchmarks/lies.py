@@ -6,6 +6,8 @@ A lie changes honest messages just before they are sent.
 from __future__ import annotations
 
 import random
+import struct
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -17,17 +19,21 @@ from e3pose.errors import InputError
 from e3pose.wire.arrays import pack
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.messages import Array, CameraMode, ClockQuestion, Heartbeat, Hello, View
+from e3pose.wire.site_messages import Picture
 from e3pose.wire.transport import Answer, Presence, Receive, Transport
 
 HOUR_NS = 3600 * 10**9
+LATE_S = 3.0  # after which nobody waits for a picture
 YEAR_2100_NS = 4_102_444_800 * 10**9
 KINDS: dict[str, type[Any]] = {
     "hello": Hello,
     "view": View,
     "heartbeat": Heartbeat,
     "clock": ClockQuestion,
+    "picture": Picture,  # an answer
 }
-Change = Callable[[Any, int, random.Random], Any]  # message, how many before -> message or None
+# Message, how many before -> message, None for none, or bytes that are none.
+Change = Callable[[Any, int, random.Random], Any]
 
 
 @dataclass(frozen=True)
@@ -115,6 +121,8 @@ def _fields(kind: type[Any]) -> Iterator[tuple[str, list[Change]]]:
             fixed += [*get_args(hint), "asleep"]
         elif hint is str:
             fixed += ["", "x" * 500, "x" * 30_000, "\x1b[2J", "../cam0", "cam0"]
+        elif hint is bytes:
+            fixed += [b"", b"no JPEG", jpeg_header(60_000, 60_000), bytes(900_000), bytes(2**21)]
         elif hint is bool:
             fixed += [True, False]
             changes.append(lambda message, n, dice: n % 2 == 0)
@@ -129,6 +137,12 @@ def _fields(kind: type[Any]) -> Iterator[tuple[str, list[Change]]]:
         yield name, changes + [_always(v) for v in fixed]
 
 
+def jpeg_header(width: int, height: int) -> bytes:
+    """Return the begin of a JPEG of some size, which has no image."""
+    frame = struct.pack(">BHHB", 8, height, width, 1) + b"\1\x11\0"
+    return b"\xff\xd8\xff\xc0" + struct.pack(">H", 2 + len(frame)) + frame
+
+
 def lies_of_fields(hold: int = 8) -> list[tuple[Lie, int]]:
     """Return a lie for each field of each message, and how many messages it takes.
 
@@ -141,6 +155,16 @@ def lies_of_fields(hold: int = 8) -> list[tuple[Lie, int]]:
             lie = Lie(f"{kind.__name__}.{name}", {kind: _in_turn(name, changes, hold)})
             lies.append((lie, hold * len(changes)))
     return lies
+
+
+def swept(kind: type[Any]) -> Lie:
+    """Return a lie that goes through the extremes of all fields of a message, one after another."""
+    fields = [lie.changes[kind] for lie, _ in lies_of_fields(hold=1) if kind in lie.changes]
+
+    def change(message: Any, n: int, dice: random.Random) -> Any:
+        return fields[n % len(fields)](message, n // len(fields), dice)
+
+    return Lie(f"every field of {kind.__name__} at its extremes", {kind: change})
 
 
 def _in_turn(name: str, changes: Sequence[Change], hold: int) -> Change:
@@ -172,6 +196,29 @@ def _share(one_in: int) -> Change:
 
 def _never(message: Any, n: int, dice: random.Random) -> None:
     """Drop a message."""
+
+
+def picture_schemes() -> list[Lie]:
+    """Return what a camera can answer to an operator who asks for its picture."""
+
+    def late(message: Picture, n: int, dice: random.Random) -> Picture:
+        time.sleep(LATE_S)
+        return message
+
+    return [
+        Lie("picture of 60000 x 60000", {Picture: _set(jpeg=jpeg_header(60_000, 60_000))}),
+        Lie("picture that is no JPEG", {Picture: _set(jpeg=b"GIF89a")}),
+        Lie("picture without a byte", {Picture: _set(jpeg=b"")}),
+        Lie("picture of 2 MB", {Picture: _set(jpeg=bytes(2**21))}),
+        Lie("picture of the year 2100", {Picture: _set(captured_edge_ns=YEAR_2100_NS)}),
+        Lie("picture of another camera", {Picture: _set(camera_id="cam0")}),
+        Lie("no picture but garbage", {Picture: lambda m, n, dice: dice.randbytes(300)}),
+        Lie("no picture but a clock's question", {
+            Picture: lambda m, n, dice: encode(ClockQuestion("cam0", n))
+        }),
+        Lie("no answer", {Picture: _never}),
+        Lie("late answer", {Picture: late}),
+    ]  # fmt: skip
 
 
 def schemes() -> list[Lie]:
@@ -248,6 +295,8 @@ class LyingTransport:
         self._counts[what] += 1
         self.sent += 1
         message = change(decode(payload, kind, "liar"), number, self._dice)
+        if isinstance(message, bytes):
+            return message
         try:
             return None if message is None else encode(message)
         except (OverflowError, msgspec.MsgspecError, InputError):
@@ -266,7 +315,11 @@ class LyingTransport:
         self.inner.subscribe(topic, receive)
 
     def answer(self, topic: str, answer: Answer) -> None:
-        self.inner.answer(topic, answer)
+        def reply(asked: str, payload: bytes) -> bytes | None:
+            honest = answer(asked, payload)
+            return None if honest is None else self._changed(asked, honest)
+
+        self.inner.answer(topic, reply)
 
     def be_present(self, topic: str) -> None:
         self.inner.be_present(topic)

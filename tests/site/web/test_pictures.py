@@ -3,25 +3,39 @@
 from __future__ import annotations
 
 import base64
+import threading
 from dataclasses import dataclass, field
+from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
 from fastapi import FastAPI
 from starlette.testclient import TestClient
+from tests.manual_clock import ManualClock
 from tests.memory_transport import Hub, MemoryTransport
 from tests.site.tables import write_site
 from tests.site.web.watched import FPS, RIG, STARTED_NS, Watched, poses, record
 
+from e3pose.camera.pictures import Pictures
+from e3pose.errors import InputError
 from e3pose.site.connect import live_slot
 from e3pose.site.web.access import Client, Rules
+from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
-from e3pose.site.web.pictures import CameraPictures, PictureRules, make_pictures, reprojected
+from e3pose.site.web.jpeg import jpeg_size
+from e3pose.site.web.pictures import (
+    POSES_S,
+    CameraPictures,
+    PictureRules,
+    make_pictures,
+    reprojected,
+)
 from e3pose.site.web.program import picture_rules
 from e3pose.site.web.tokens import make_tokens
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import CameraStatus, Picture, PictureQuestion, Status
+from lies import jpeg_header, lies_of_fields, picture_schemes
 
 SLOT_NS = round(1e9 / FPS)
 PER_S = 2.0
@@ -31,7 +45,11 @@ def captured(slot: float) -> int:
     return STARTED_NS + round(slot * SLOT_NS)
 
 
-def taken(slot: float, jpeg: bytes = b"jpeg") -> Picture:
+JPEG = jpeg_header(320, 256)
+NEXT, LARGE = JPEG + b"next", jpeg_header(960, 768)
+
+
+def taken(slot: float, jpeg: bytes = JPEG) -> Picture:
     """A picture captured at a time in slots, which the camera calls slot 99."""
     return Picture("c0", 99, (1000, 800), jpeg, 7, 0.5, captured(slot))
 
@@ -79,7 +97,7 @@ def test_people_are_those_of_the_slot_nearest_to_the_capture() -> None:
     seen = Seen(answer=taken(3.4))
     seen.publish(2, 3, 4)
     found = seen.ask()
-    assert base64.b64decode(found["jpeg"]) == b"jpeg"
+    assert base64.b64decode(found["jpeg"]) == JPEG
     assert (found["slot"], found["captured_ns"]) == (3, captured(3.4))
     assert found["apart_ms"] == pytest.approx(-0.4 * 1000 / FPS, abs=0.01)
     people = {person["track"]: person for person in found["people"]}
@@ -93,12 +111,12 @@ def test_picture_waits_until_the_poses_of_its_moment_are_published() -> None:
     seen = Seen(answer=taken(2))
     seen.publish(1, 2)
     assert seen.ask()["slot"] == 2
-    seen.answer = taken(4, b"next")
+    seen.answer = taken(4, NEXT)
     waiting = seen.ask()
-    assert waiting["slot"] == 2 and base64.b64decode(waiting["jpeg"]) == b"jpeg"
+    assert waiting["slot"] == 2 and base64.b64decode(waiting["jpeg"]) == JPEG
     seen.publish(3, 4)
     found = seen.ask(after_s=0.01)
-    assert found["slot"] == 4 and base64.b64decode(found["jpeg"]) == b"next"
+    assert found["slot"] == 4 and base64.b64decode(found["jpeg"]) == NEXT
     assert len(seen.asked) == 2
 
 
@@ -138,10 +156,10 @@ def test_large_picture_is_asked_for_while_somebody_wants_one() -> None:
     seen = Seen(answer=taken(2))
     seen.publish(2)
     small = seen.ask()
-    seen.answer = taken(2, b"large")
+    seen.answer = taken(2, LARGE)
     large = seen.ask(small["have"], large=True)
     assert seen.asked[-1] == PictureQuestion(0, True)
-    assert base64.b64decode(large["jpeg"]) == b"large"
+    assert base64.b64decode(large["jpeg"]) == LARGE
     seen.answer = Picture("c0", 0, (1, 1), b"")
     seen.ask(large["have"], large=True)
     assert seen.asked[-1] == PictureQuestion(captured(2), True)
@@ -178,6 +196,98 @@ def test_missing_picture_says_why(
     found = seen.ask()
     assert found["why"].startswith(why) and found["jpeg"] is None and found["captured_ns"] is None
     assert len(found["why"]) < 70
+
+
+LIES = {lie.name: lie.changes[Picture] for lie in picture_schemes() if lie.name != "late answer"}
+
+
+@pytest.mark.parametrize("name", LIES)
+def test_camera_that_lies_shows_nothing_and_is_named(name: str) -> None:
+    seen = Seen(answer=taken(2))
+    seen.publish(2)
+    seen.say(CameraStatus("c0", True))
+    before = seen.ask()
+    message = LIES[name](taken(3), 0, Random(1))
+    seen.answer = encode(message) if isinstance(message, Picture) else message
+    seen.publish(3)
+    seen.ask()
+    found = seen.ask(after_s=POSES_S)  # also what comes of a later moment would be shown by now
+    assert found["captured_ns"] == before["captured_ns"] and found["jpeg"] == before["jpeg"]
+    assert len(found["why"]) < 200
+    assert "byte" in name or found["why"].startswith(("c0: ", "not allowed"))
+    seen.answer = taken(3)
+    assert seen.ask()["slot"] == 3  # an honest one
+
+
+def test_extremes_of_every_field_of_a_picture_end_no_page() -> None:
+    app, said = FastAPI(), []
+    for lie, count in lies_of_fields(hold=1):
+        for n in range(count if Picture in lie.changes else 0):
+            seen = Seen()
+            seen.publish(2)
+            try:
+                seen.answer = encode(lie.changes[Picture](taken(2), n, Random(1)))
+            except (OverflowError, TypeError, ValueError):
+                seen.answer = b"\xc1"  # what msgpack cannot hold
+            name = f"/{lie.name}/{n}"
+            app.get(name)(seen.ask)
+            shown = TestClient(app).get(name, params={"after_s": 1.0})
+            assert shown.status_code == 200, lie.name
+            if jpeg := shown.json()["jpeg"]:
+                assert base64.b64decode(jpeg) == JPEG
+            said.append(shown.json()["why"])
+    assert len(said) > 50 and any(said)
+
+
+def test_camera_that_never_answers_keeps_nobody_waiting() -> None:
+    asked, end, app = threading.Event(), threading.Event(), FastAPI()
+
+    def hangs(payload: bytes) -> None:
+        asked.set()
+        end.wait(20.0)
+
+    asks: dict[str, Ask] = {i: lambda payload: encode(taken(2)) for i in RIG.camera_ids}
+    app.include_router(make_pictures(RIG, Feed("lab"), {**asks, "c0": hangs}, 1 / FPS, PER_S))
+    with TestClient(app) as client:
+        first = threading.Thread(target=lambda: client.get("/api/pictures/c0"))
+        first.start()
+        assert asked.wait(20.0)
+        for _ in range(60):  # more than a server has threads
+            assert client.get("/api/pictures/c0").json()["jpeg"] is None
+        assert client.get("/api/pictures/c1").status_code == 200
+        assert first.is_alive()
+        end.set()
+        first.join(20.0)
+
+
+@pytest.mark.parametrize(
+    ("data", "size"),
+    [
+        (jpeg_header(320, 240), (320, 240)),
+        (b"\xff\xd8\xff\xe0\0\4ab\xff\xff\xff\xd0" + jpeg_header(2, 3)[2:], (2, 3)),
+        (jpeg_header(60_000, 60_000), None),
+        (jpeg_header(0, 10), None),
+        (jpeg_header(320, 240)[:8], None),
+        (b"\xff\xd8" + 10 * b"\xff\xe0\0\0", None),
+        (b"", None),
+    ],
+)
+def test_size_of_a_jpeg_is_read_before_it_is_shown(
+    data: bytes, size: tuple[int, int] | None
+) -> None:
+    if size is None:
+        with pytest.raises(InputError, match="picture: found"):
+            jpeg_size(data)
+    else:
+        assert jpeg_size(data) == size
+
+
+def test_pictures_of_cameras_are_read_as_they_are() -> None:
+    pictures = Pictures("c0", ManualClock(0))
+    pictures.offer(np.zeros((1080, 1920, 3), np.uint8), 1, 5, (1920, 1080))
+    answer = pictures.answer("", encode(PictureQuestion(0, True)))
+    assert answer is not None
+    assert jpeg_size(decode(answer, Picture, "c0").jpeg) == (960, 540)
 
 
 def test_route_knows_its_cameras() -> None:

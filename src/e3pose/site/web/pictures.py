@@ -22,10 +22,12 @@ from e3pose.geometry.camera import Camera, Rig
 from e3pose.site.connect import LiveSlot
 from e3pose.site.web.control import Ask
 from e3pose.site.web.feed import Feed
+from e3pose.site.web.jpeg import jpeg_size
 from e3pose.wire.codec import decode, encode
 from e3pose.wire.site_messages import Picture, PictureQuestion
 
 POSES_S = 2.0  # to wait for the poses of a picture's moment
+AHEAD_S = 5.0  # that the clock of a camera may be ahead of the edge's
 LARGE_S = 2.0  # large pictures are asked for so long after somebody wanted one
 
 
@@ -130,12 +132,28 @@ class CameraPictures:
             return
         try:
             found = decode(answer, Picture, self.camera.camera_id)
+            self._check(found)
         except InputError as error:
             self._why = str(error)
             return
         self._why = found.why
         if found.jpeg:
             self._coming = found, large, self.now_s()
+
+    def _check(self, found: Picture) -> None:
+        """Refuse a picture that no honest camera sends, before a browser decodes it."""
+        camera_id, edge_ns = self.camera.camera_id, self.feed.edge_ns()
+        if found.camera_id != camera_id:
+            raise InputError(f"{camera_id}: picture: found one of {found.camera_id}")
+        if not found.jpeg:
+            return
+        try:
+            jpeg_size(found.jpeg)
+        except InputError as error:
+            raise InputError(f"{camera_id}: {error}") from None
+        ahead_s = 0.0 if edge_ns is None else (found.captured_edge_ns - edge_ns) / 1e9
+        if ahead_s > AHEAD_S:
+            raise InputError(f"{camera_id}: picture: found one of {ahead_s:.0f} s from now")
 
     def _silent(self) -> str:
         """Return why a camera does not answer."""
