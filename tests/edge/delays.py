@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -70,6 +72,7 @@ def simulated(
     """
     interval_s = 1 / slots_per_s
     lead = starting(4) if lead is None else lead
+    either = (*pauses, *stalls)
     times_s = np.asarray(np.arange(round(seconds * slots_per_s)) * interval_s, dtype=np.float64)
     leads = np.empty(len(times_s), np.int64)
     late = np.empty((len(times_s), len(links)), bool)
@@ -79,13 +82,12 @@ def simulated(
         leads[slot] = lead.slots
         left_s = _resumed(time_s + own_s, stalls)
         for camera, delay_of in enumerate(links):
-            came_s = _resumed(left_s + delay_of(left_s), (*pauses, *stalls))
+            came_s = _resumed(left_s + delay_of(left_s), either)
             arrived[camera].append((came_s, came_s - time_s))
             late[slot, camera] = came_s - time_s > (lead.slots - 0.5) * interval_s
         lead = with_edge_delay(lead, left_s - time_s - own_s, interval_s)
         for camera in range(len(links)):
-            while _resumed(beats[camera], (*pauses, *stalls)) <= left_s:
-                beat_s = _resumed(beats[camera], (*pauses, *stalls))
+            while (beat_s := _resumed(beats[camera], either)) <= left_s:
                 said = [delay_s for came_s, delay_s in arrived[camera] if came_s <= beat_s]
                 arrived[camera] = [order for order in arrived[camera] if order[0] > beat_s]
                 beats[camera] = beat_s + BEAT_S
@@ -97,6 +99,8 @@ def simulated(
 
 def _resumed(time_s: float, pauses: Pauses) -> float:
     """Return when something goes on that was due at a time."""
+    if not pauses:
+        return time_s
     return max((end_s for start_s, end_s in pauses if start_s <= time_s < end_s), default=time_s)
 
 
@@ -113,4 +117,5 @@ def during(start_s: float, end_s: float, disturbed_s: float, delay_s: float) -> 
 def wireless(seed: int, median_s: float = 0.02, spread: float = 0.8) -> Link:
     """Return a link with lognormal delays: at 0.8, one in a hundred is six times the median."""
     rng = np.random.default_rng(seed)
-    return lambda time_s: float(median_s * np.exp(spread * rng.standard_normal()))
+    draws = (draw for _ in itertools.count() for draw in rng.standard_normal(1024).tolist())
+    return lambda time_s: median_s * math.exp(spread * next(draws))
