@@ -15,10 +15,11 @@ from tests.waiting import eventually
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect as connect_socket
 
+import e3pose.site.web.guesses as limits
 from e3pose.site.listener import Bounds
 from e3pose.site.serving import Serving
 from e3pose.site.web.feed import MAX_OF_ADDRESS
-from e3pose.site.web.guesses import FREE, LONGEST_WAIT_S
+from e3pose.site.web.guesses import FREE, Guesses
 
 JSON = {"Content-Type": "application/json"}
 HALF = b"GET /api/status HTTP/1.1\r\nHost: localhost\r\n"
@@ -124,26 +125,36 @@ def test_wrong_number_is_named(watched: Watched) -> None:
     assert answer.json()["detail"] == "cameras: Input should be a finite number"
 
 
-def test_guessing_is_slow_and_the_owner_comes_in(tmp_path: Path) -> None:
+def test_guessing_is_slow_and_the_owner_comes_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first_s, longest_s, guesses = 0.01, 0.4, int(FREE) + 6
+    monkeypatch.setattr(limits, "FIRST_WAIT_S", first_s)  # all waits are so much shorter
+    monkeypatch.setattr(limits, "LONGEST_WAIT_S", longest_s)
+    waits_s: list[float] = []
+    wait_s = Guesses.wait_s
+
+    def noted(self: Guesses, address: str, token: str) -> float:
+        waits_s.append(wait_s(self, address, token))
+        return waits_s[-1]
+
+    monkeypatch.setattr(Guesses, "wait_s", noted)
     with watched_site(tmp_path) as made, ExitStack() as stack:
-        said: list[str] = []
-        made.view.rules.guesses.report = said.append
+        made.view.rules.guesses = Guesses(lambda: 0.0)  # nothing is forgiven meanwhile
         known = stack.enter_context(made.client(made.view.tokens.read))
         assert known.get("/api/site").json()["scope"] == "read"
         guesser = stack.enter_context(made.client("x" * 20))
-        begun_s, guesses = time.monotonic(), 0
-        while time.monotonic() < begun_s + 5.0:
-            assert guesser.get("/api/site").status_code == 401
-            guesses += 1
-        assert guesses <= FREE + 5  # 0.25, 0.5, 1, 2 s
         begun_s = time.monotonic()
-        assert known.get("/api/site").status_code == 200  # who is in does not notice
-        assert time.monotonic() - begun_s < 1.0
+        for _ in range(guesses):
+            assert guesser.get("/api/site").status_code == 401
+        assert time.monotonic() - begun_s >= sum(waits_s) >= first_s * (2**6 - 1)
+        assert known.get("/api/site").status_code == 200
+        assert waits_s[-1] == 0.0, "who is in does not notice"
         owner = stack.enter_context(made.client(made.view.tokens.write))
         begun_s = time.monotonic()
         assert owner.get("/api/site").json()["scope"] == "write"
-        assert 0.5 < time.monotonic() - begun_s < LONGEST_WAIT_S + 15
-        assert owner.get("/api/site").status_code == 200
+        assert time.monotonic() - begun_s >= waits_s[-1] == longest_s
+        assert owner.get("/api/site").status_code == 200 and waits_s[-1] == 0.0
 
 
 def test_one_address_does_not_take_all_live_feeds(watched: Watched) -> None:
