@@ -13,6 +13,7 @@ import pytest
 from tests.edge.one_process import Site, site_at_work
 from tests.waiting import eventually
 
+from e3pose.edge import roster as rosters
 from e3pose.edge.consumers import Consumers
 from e3pose.edge.energy_ledger import EnergyLedger
 from e3pose.energy.budgets import parse_budget
@@ -126,7 +127,10 @@ def test_lossy_network_loses_views_but_no_slot(site: Site) -> None:
     assert eventually(lambda: len(site.online()) == 3)
 
 
-def test_two_programs_with_one_name_are_distinguished(site: Site) -> None:
+def test_two_programs_with_one_name_are_distinguished(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rosters, "RIVAL_S", 4.0)  # each sends two messages per second
     first = site.nodes["cam1"]
     second = site.start_camera("cam1")
     sessions = sorted((first.session, second.session))
