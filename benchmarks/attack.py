@@ -2,7 +2,7 @@
 
 python benchmarks/attack.py                    # about ten minutes
 ATTACK_SECONDS=60 python benchmarks/attack.py  # or --seconds 60; --decodes bounds the fuzzing
-python benchmarks/attack.py --only lies        # or fuzz, files, live
+python benchmarks/attack.py --only lies        # or fuzz, files, live, clocks
 
 Everything is sent to 127.0.0.1, to programs that this one starts, and it ends by itself. The exit
 code is 1 where something did not hold.
@@ -27,6 +27,7 @@ from typing import Any
 
 import zenoh
 
+from attack_clocks import clocks
 from attack_doors import after, doors, operator_of
 from attack_inputs import GROWTH_MB, Result, fuzz, hostile_files
 from attack_lies import Seen, got, tell, viewer
@@ -37,7 +38,7 @@ from e3pose.wire.keys.folder import add_keys, certificates_in, revoke_keys
 from e3pose.wire.network import open_network
 from live_site import Site, live_site, wait
 
-SHARES = {"fuzz": 0.15, "files": 0.1, "live": 0.25, "lies": 0.5}  # of the time
+SHARES = {"fuzz": 0.15, "files": 0.1, "live": 0.25, "lies": 0.5, "clocks": 0.0}  # of the time
 LARGE_BYTES = 100_000_000
 IDLE = 200  # connections that say nothing
 ENTRY_S = 60.0  # after which somebody who does not get in gives up
@@ -303,7 +304,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     wanted = options.only or list(SHARES)
-    total = sum(SHARES[part] for part in wanted)
+    total = sum(SHARES[part] for part in wanted) or 1.0
     seconds = {part: options.seconds * SHARES[part] / total for part in wanted}
     results = []
     if "fuzz" in wanted:
@@ -316,6 +317,8 @@ def main() -> None:
         results += live(seconds["live"])
     if "lies" in wanted:
         results += tell(seconds["lies"], report)
+    if "clocks" in wanted:
+        results += clocks(report)  # takes as long as it does
     sys.exit(0 if all(result.held for result in results) else 1)
 
 

@@ -156,6 +156,8 @@ def live_site(
     page: bool = False,
     spare: int = 0,
     record: bool = False,
+    keys_made: datetime.datetime | None = None,
+    change: Callable[[Program], None] = lambda program: None,
 ) -> Iterator[Site]:
     """Start a site and wait until its slots flow; end it at the end.
 
@@ -170,13 +172,15 @@ def live_site(
         page: whether its page runs too.
         spare: so many cameras, the last ones, have no program.
         record: whether the edge keeps the views of all cameras.
+        keys_made: from when on the certificates are valid; None for now.
+        change: called with each program before it starts.
     """
     with tempfile.TemporaryDirectory(prefix="e3pose-live-") as name:
         folder = Path(name)
         scene = SceneSettings("ring", people=people, seconds=seconds, fps=fps, cameras=cameras)
         recording = simulate(scene, seed=1)
         save_recording(recording, folder / "recording")
-        now = datetime.datetime.now(datetime.timezone.utc)
+        now = keys_made or datetime.datetime.now(datetime.timezone.utc)
         init_keys(folder / "keys", "bench", [], now)
         for camera_id in recording.rig.camera_ids:
             add_keys(folder / "keys", camera_id, now)
@@ -201,6 +205,7 @@ def live_site(
         transport = open_network(viewer_link(site, None))
         follower.listen(transport)
         for program in programs:
+            change(program)
             program.start()
         try:
             _wait_until_it_runs(follower, programs)

@@ -12,6 +12,7 @@ from e3pose.model.slot_record import SlotRecord
 
 MAX_SAMPLES = 4096  # some minutes of slots
 MINUTE_S = 60.0
+SUSPENDED_S = 60.0  # away at once: no slow edge, whose slots per second would count it
 
 
 @dataclass(slots=True, eq=False)
@@ -46,7 +47,7 @@ class Counts:
         ordered: `(num_cameras,)` slots for which each camera was selected.
         missed: `(num_cameras,)` of those, slots without a view in time.
         blind: blind slots by cause; replaced whole, as another thread reads it.
-        first_ns: when the first slot was computed.
+        first_ns: when the first slot was computed, and later by what the machine was suspended.
         latency: from the last view's arrival to the poses.
         stepping: computing of a slot.
     """
@@ -98,6 +99,13 @@ class Counts:
             self.blind = {**self.blind, record.blind: self.blind.get(record.blind, 0) + 1}
         self.add_selection(record.selected, blind=bool(record.blind))
 
+    def skip(self, slots: int) -> None:
+        """Add slots that were skipped; a machine that was away for so long was suspended."""
+        self.lost += slots
+        away_s = slots * self.interval_s
+        if self.first_ns is not None and away_s >= SUSPENDED_S:
+            self.first_ns += round(away_s * 1e9)
+
     def add_selection(self, selected: NDArray[np.bool_], blind: bool = False) -> None:
         """Add the selection of a slot."""
         counted = np.append(selected & (not blind), blind).astype(np.int64)
@@ -119,7 +127,7 @@ class Counts:
         return float(self._sums[-1] / max(len(self._minute), 1))
 
     def fps(self, now_ns: int) -> float:
-        """Return slots per second since the first."""
+        """Return slots per second since the first, while the machine was not suspended."""
         if self.first_ns is None:
             return 0.0
         run_s = max((now_ns - self.first_ns) / 1e9, self.interval_s)

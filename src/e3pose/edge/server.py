@@ -260,7 +260,7 @@ class EdgeServer:
         if behind_ns < BACKLOG_S * 1e9:
             return
         lost = behind_ns // self.interval_ns
-        self.counts.lost += lost
+        self.counts.skip(lost)
         skipped = plural(lost, "slot")
         self.event_log.report("slots-lost", f"skipped {skipped}: the edge was behind")
         self._skip(self.state.slot + lost)

@@ -1,0 +1,233 @@
+"""Certificates that expire and clocks that jump, under a running site of real processes."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from collections.abc import Callable
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+from attack_inputs import Result
+from attack_lies import POSES_SHARE, Seen, got, viewer
+from e3pose.site.up import Program
+from e3pose.wire.keys.authority import LEAF_DAYS
+from e3pose.wire.keys.renewal import certificate_files, expiring, renew_keys
+from live_site import Site, live_site, wait
+
+CAMERAS, FPS = 4, 25.0
+MOVED = Path(__file__).with_name("moved_clock.py")
+LIFE_S = 100.0  # of the first certificates
+WHILE_S = 4.0  # for which a moved clock stays moved
+STEPPED_S = 10.0  # for which poses are counted after a jump
+BACK_S = 20.0  # within which cameras must be back
+STOPPED_S = 15.0
+TRUE_S = 0.5  # that times of poses may be wrong by
+Report = Callable[[Result], None]
+
+
+def clocks(report: Report) -> list[Result]:
+    """Move clocks, stop a camera, let certificates expire; two minutes and more."""
+    offsets: dict[str, Path] = {}
+
+    def moved(program: Program) -> None:
+        """Let a program run with clocks that can be moved."""
+        offsets[program.name] = program.log.with_suffix(".offsets")
+        program.command = [
+            sys.executable,
+            str(MOVED),
+            str(offsets[program.name]),
+            *program.command[3:],
+        ]
+
+    now = datetime.now(timezone.utc)
+    made = now - timedelta(days=LEAF_DAYS) + timedelta(seconds=LIFE_S)
+    with (
+        live_site(cameras=CAMERAS, people=3, fps=FPS, keys_made=made, change=moved) as site,
+        viewer(site) as seen,
+    ):
+        trials = _Trials(site, seen, offsets, report)
+        trials.usual()
+        for seconds in (5.0, -5.0, 600.0, -86400.0):
+            trials.system("cam3", seconds)
+            trials.system("edge", seconds)
+        trials.camera_steps(5.0)
+        trials.camera_steps(600.0)
+        trials.camera_is_stopped()
+        for seconds in (5.0, 600.0):
+            trials.edge_steps(seconds)
+        trials.certificates_expire(now + timedelta(seconds=LIFE_S))
+        trials.certificates_are_renewed()
+    return trials.results
+
+
+class _Trials:
+    """What is tried, and what came of it."""
+
+    def __init__(self, site: Site, seen: Seen, offsets: dict[str, Path], report: Report) -> None:
+        self.site, self.seen, self.offsets, self._report = site, seen, offsets, report
+        self.results: list[Result] = []
+        self._moved = {name: [0.0, 0.0] for name in offsets}
+
+    def _add(self, name: str, figures: str, held: bool) -> None:
+        self.results.append(Result(name, figures, held))
+        self._report(self.results[-1])
+
+    def _move(self, name: str, steady_s: float = 0.0, system_s: float = 0.0) -> None:
+        moved = self._moved[name]
+        moved[:] = moved[0] + steady_s, moved[1] + system_s
+        self.offsets[name].write_text(f"{moved[0]} {moved[1]}")
+
+    def _away(self) -> dict[str, str]:
+        """Return the cameras that are not online by the newest status, and why."""
+        return {c.camera_id: c.why for c in self.seen.statuses[-1][1].cameras if not c.online}
+
+    def _back_s(self, since_s: float, left: bool = False) -> float | None:
+        """Return after how many seconds all cameras are there; None if not within `BACK_S`.
+
+        Args:
+            since_s: when what was tried ended.
+            left: whether to wait first until one was seen to be away, for some seconds.
+        """
+        while left and not self._away() and time.monotonic() < since_s + WHILE_S:
+            wait(0.1)
+        while time.monotonic() < since_s + BACK_S:
+            at_s, status = self.seen.statuses[-1]
+            fresh = at_s > since_s + 1.0 and status.fps > 0.5 * FPS
+            if fresh and not self._away():
+                return time.monotonic() - since_s
+            wait(0.1)
+        return None
+
+    def _flow(self, since_s: float, honest: int = CAMERAS) -> tuple[float, str]:
+        """Return the poses with a view per second since some time, of some cameras, in words."""
+        ids = {f"cam{index}" for index in range(honest)}
+        found = got(self.seen, ids, since_s, time.monotonic()).poses
+        return found, f"{found:.1f} poses per second"
+
+    def usual(self) -> None:
+        since_s = time.monotonic()
+        wait(WHILE_S)
+        found, words = self._flow(since_s)
+        self._add("clocks at rest", words, found > POSES_SHARE * FPS)
+
+    def system(self, name: str, seconds: float) -> None:
+        """Set the system's clock of a program, and back."""
+        since_s, away = time.monotonic(), dict[str, str]()
+        self._move(name, system_s=seconds)
+        while time.monotonic() < since_s + WHILE_S:
+            away |= self._away()
+            wait(0.2)
+        poses = [(at, slot) for at, slot, *_ in list(self.seen.poses) if at >= since_s]
+        (at0, slot0), (at1, slot1) = poses[0], poses[-1]
+        wrong_s = abs((slot1 - slot0) / FPS - (at1 - at0))
+        found, words = self._flow(since_s)
+        self._move(name, system_s=-seconds)
+        self._add(
+            f"system clock of {name} set by {seconds:+g} s",
+            f"{words}, {len(away)} cameras left, times of slots wrong by {wrong_s:.2f} s",
+            found > POSES_SHARE * FPS and not away and wrong_s < TRUE_S,
+        )
+
+    def camera_steps(self, seconds: float) -> None:
+        """Move the steady clock of a camera, for good."""
+        since_s = time.monotonic()
+        self._move("cam3", steady_s=seconds)
+        back_s = self._back_s(since_s, left=True)
+        wait(max(since_s + STEPPED_S - time.monotonic(), 0.0))
+        found, words = self._flow(since_s, CAMERAS - 1)
+        self._add(
+            f"steady clock of a camera jumps by {seconds:+g} s",
+            f"{words}, all cameras there after {_said(back_s)}",
+            back_s is not None and found > POSES_SHARE * FPS,
+        )
+
+    def camera_is_stopped(self) -> None:
+        """Stop a camera for a while, as a suspended machine is."""
+        process = self._program("cam2").process
+        assert process is not None
+        since_s = time.monotonic()
+        process.send_signal(signal.SIGSTOP)
+        wait(STOPPED_S)
+        away = self._away()
+        found, words = self._flow(since_s, CAMERAS - 1)
+        process.send_signal(signal.SIGCONT)
+        back_s = self._back_s(time.monotonic())
+        self._add(
+            f"camera stopped for {STOPPED_S:g} s",
+            f"{words}, away: {', '.join(sorted(away))}; back after {_said(back_s)}",
+            list(away) == ["cam2"] and back_s is not None and found > POSES_SHARE * FPS,
+        )
+
+    def edge_steps(self, seconds: float) -> None:
+        """Move the steady clock of the edge, for good, as after a machine was suspended."""
+        since_s, before = time.monotonic(), self.seen.poses[-1][1]
+        self._move("edge", steady_s=seconds)
+        back_s = self._back_s(since_s, left=True)
+        passed = (time.monotonic() - since_s) * FPS
+        skipped = self.seen.poses[-1][1] - before - passed
+        self._add(
+            f"steady clock of the edge jumps by {seconds:+g} s",
+            f"{max(skipped, 0):.0f} slots skipped, all cameras there after {_said(back_s)}",
+            back_s is not None,
+        )
+
+    def _program(self, name: str) -> Program:
+        (found,) = (program for program in self.site.programs if program.name == name)
+        return found
+
+    def certificates_expire(self, until: datetime) -> None:
+        """Wait until all certificates have expired; then start a camera again with its own."""
+        wait(max((until - datetime.now(timezone.utc)).total_seconds() - 2.0, 0.0))
+        since_s, away = time.monotonic(), dict[str, str]()
+        while time.monotonic() < since_s + 10.0:
+            away |= self._away()
+            wait(0.2)
+        found, words = self._flow(since_s)
+        held = found > POSES_SHARE * FPS and not away
+        self._add("all certificates expire", f"{words}, {len(away)} cameras left", held)
+        camera = self._program("cam1")
+        self._end(camera)
+        camera.start()
+        assert camera.process is not None
+        code = camera.process.wait(30.0)
+        last = camera.log.read_text().strip().splitlines()[-1]
+        self._add(
+            "camera started with an expired certificate",
+            f"exit code {code}: {last[-120:]}",
+            code == 2 and "expired" in last,
+        )
+
+    def certificates_are_renewed(self) -> None:
+        """Renew all certificates; start the camera, then the edge again."""
+        keys, since_s = self.site.folder / "keys", time.monotonic()
+        for name in certificate_files(keys):
+            renew_keys(keys, name, datetime.now(timezone.utc))
+        left = [name for name, _ in expiring(keys, datetime.now(timezone.utc))]
+        wait(3.0)
+        self._program("cam1").start()
+        back_s = self._back_s(time.monotonic())
+        wait(max(since_s + STEPPED_S - time.monotonic(), 0.0))
+        found, words = self._flow(since_s)
+        self._add(
+            "certificates renewed",
+            f"{words}, {len(left)} left expired, all there after {_said(back_s)}",
+            back_s is not None and not left and found > POSES_SHARE * FPS,
+        )
+        edge = self._program("edge")
+        self._end(edge)
+        edge.start()
+        back_s = self._back_s(time.monotonic() + 1.0)
+        self._add(
+            "edge killed and started again", f"all back after {_said(back_s)}", back_s is not None
+        )
+
+    def _end(self, program: Program) -> None:
+        assert program.process is not None
+        program.process.kill()
+        program.process.wait()
+
+
+def _said(back_s: float | None) -> str:
+    return f"more than {BACK_S:g} s" if back_s is None else f"{back_s:.1f} s"
