@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Rig
+from e3pose.geometry.overlap import overlap
 from e3pose.select.kernels.people import FIRST_VIEW
-from e3pose.select.newcomers import Entrants, overlap
+from e3pose.select.newcomers import Entrants
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

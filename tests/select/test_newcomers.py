@@ -7,8 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from tests.rigs import looking
 
+from e3pose.geometry.overlap import overlap
 from e3pose.select.kernels.people import FIRST_VIEW
-from e3pose.select.newcomers import Entrants, expected_entrants, overlap
+from e3pose.select.newcomers import Entrants, expected_entrants
 
 WAIT_S, SLOT_S = 0.14, 0.08
 EACH = np.eye(3, dtype=bool)

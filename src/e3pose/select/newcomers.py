@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.geometry.camera import Rig
+from e3pose.geometry.overlap import overlap
 from e3pose.runtime.deferred import Deferred
 
 if TYPE_CHECKING:
@@ -23,9 +24,6 @@ else:
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-OVERLAP_DEPTHS_M = np.arange(1.0, 9.0, 0.5)
-PERSON_M = 2.0  # up to which height people are seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,25 +91,6 @@ def expected_entrants(
         seen[0, source] = 1.0
         weights[row] *= 1 - kernels.pair_views(seen, ages_s, wait_s, others[row])
     return Entrants(shares, others, weights)
-
-
-@lru_cache(maxsize=8)
-def overlap(rig: Rig) -> Floats:
-    """Return `(num_cameras, num_cameras)`: how much of what one camera (row) sees another sees too.
-
-    The share of points along the rays of its image, at heights of people; 0 on the diagonal.
-    """
-    share = np.zeros((len(rig), len(rig)))
-    for row, camera in enumerate(rig.cameras):
-        width, height = camera.image_size
-        u, v = np.meshgrid(np.linspace(0.1, 0.9, 7) * width, np.linspace(0.1, 0.9, 5) * height)
-        rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=-1))
-        points = camera.center_m + rays[:, None] * OVERLAP_DEPTHS_M[:, None]
-        points = points[(points[..., 2] > 0) & (points[..., 2] < PERSON_M)]
-        if len(points):
-            share[row] = [other.sees(points).mean() for other in rig.cameras]
-    np.fill_diagonal(share, 0.0)
-    return share
 
 
 @lru_cache(maxsize=8)
