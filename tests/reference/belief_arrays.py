@@ -18,6 +18,7 @@ def belief_to_arrays(belief: Belief) -> dict[str, NDArray[np.generic]]:
     return {
         "time_s": np.array(belief.time_s),
         "next_id": np.array(belief.next_id),
+        "failed_pairs": belief.failed_pairs,
         "detection_map": belief.detection_map,
         "exits": belief.exits,
         "noise": belief.noise,
@@ -53,6 +54,7 @@ def belief_from_arrays(arrays: Mapping[str, NDArray[np.generic]], model: Model) 
         time_s=float(np.asarray(arrays["time_s"], dtype=np.float64)),
         next_id=int(np.asarray(arrays["next_id"], dtype=np.int64)),
         leftovers=Leftovers(*waiting),
+        failed_pairs=np.array(arrays["failed_pairs"]),
         detection_map=np.array(arrays["detection_map"]),
         exits=np.array(arrays["exits"]),
         noise=np.array(arrays["noise"]),

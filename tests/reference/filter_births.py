@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from tests.reference.filter_existence import wide
+from tests.reference.filter_failed_pairs import count_failures
 from tests.reference.filter_proportions import stature_m
 from tests.reference.triangulate import triangulate
 
@@ -40,12 +41,14 @@ from e3pose.model.proportions import LEAST_M, MOST_M
 Floats = NDArray[np.float64]
 
 
-def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
+def give_birth(belief: Belief, fresh: Leftovers, cameras: Ints, dt: float, model: Model) -> Belief:
     """Start people from pairs of leftovers, best pair first, and keep the rest waiting.
 
     Args:
         belief: after the update of its slot.
         fresh: detections of this slot that no track explains.
+        cameras: `(num_views,)` of the views of this slot.
+        dt: seconds since the slot before.
         model: the rig.
 
     Returns:
@@ -66,8 +69,9 @@ def give_birth(belief: Belief, fresh: Leftovers, model: Model) -> Belief:
             continue
         taken |= {a, b}
         belief = _start(belief, joints_m, moved_m, waiting.cameras[[a, b]], model)
+    failed = count_failures(belief.failed_pairs, waiting, taken, dt, cameras, model)
     keep = np.array([i not in taken for i in range(len(waiting))], dtype=bool)
-    return replace(belief, leftovers=waiting.take(keep))
+    return replace(belief, leftovers=waiting.take(keep), failed_pairs=failed)
 
 
 def _spread(fresh: Leftovers) -> Ints:

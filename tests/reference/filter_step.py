@@ -81,7 +81,7 @@ def step(
     shares = _information_share(seen, knots_px[cameras])
     belief = attend(belief, predicted, cameras, fits, assigned >= 0, shares, dt, model)
     fresh = _unexplained(belief, cameras, keypoints, scores, assigned)
-    belief = end(give_birth(belief, fresh, model), model)
+    belief = end(give_birth(belief, fresh, cameras, dt, model), model)
     belief = replace(belief, exits=filter_exits.learn(before, belief, model))
     return belief, estimate_of(belief, model)
 

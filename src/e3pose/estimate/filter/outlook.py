@@ -12,9 +12,10 @@ from e3pose.estimate.filter.state import Belief, Ints, Model
 from e3pose.runtime.deferred import Deferred
 
 if TYPE_CHECKING:
+    from e3pose.estimate.filter.kernels import failed_pairs, scratch
     from e3pose.estimate.filter.kernels import outlook as kernels
-    from e3pose.estimate.filter.kernels import scratch
 else:
+    failed_pairs = Deferred("e3pose.estimate.filter.kernels.failed_pairs")
     kernels = Deferred("e3pose.estimate.filter.kernels.outlook")
     scratch = Deferred("e3pose.estimate.filter.kernels.scratch")
 
@@ -64,7 +65,16 @@ def outlook(
         sigma_px,
     )
     unexplained, times_s = np.empty(num_cameras, dtype=np.int64), np.empty(num_cameras)
-    kernels.count_newest(leftovers.cameras, leftovers.times_s, unexplained, times_s)
+    failed_pairs.count_newest(
+        leftovers.cameras,
+        leftovers.times_s,
+        leftovers.keypoints_px,
+        leftovers.scores,
+        np.ascontiguousarray(model.rig.image_sizes),
+        belief.failed_pairs,
+        unexplained,
+        times_s,
+    )
     return Outlook(
         track_ids=belief.track_ids if track_ids is None else track_ids,
         confirmed=belief.confirmed,

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter import blindness
+from e3pose.estimate.filter import blindness, failed_pairs
 from e3pose.estimate.filter.motion import alone
 from e3pose.estimate.filter.proportions import GIRDLES, SIDES, Proportions, proportions_of
 from e3pose.estimate.filter.tree import Tree, grow
@@ -24,6 +24,7 @@ Flags = NDArray[np.bool_]
 OF_THE_SITE = (
     "time_s",
     "leftovers",
+    "failed_pairs",
     "detection_map",
     "exits",
     "noise",
@@ -183,6 +184,8 @@ class Belief:
         innovations: `(num_tracks, 2)` sums of the last seconds, in metres: how far keypoints were
             from where they were predicted, and how far was expected (`covariance_inflation`).
         leftovers: detections that wait for a second view.
+        failed_pairs: `(num_cameras, ROWS, COLUMNS)` looks of other cameras that met no detection
+            waiting there, by its place in the image, lately (`failed_pairs`).
         detection_map: `(num_cameras, NUM_CELLS, NUM_CELLS, 2)` looks of each camera at people who
             were there, by place, and how many of them showed the person (`blindness`).
         exits: `(NUM_CELLS, NUM_CELLS, 2)` seconds that people were followed, by place, and how many
@@ -216,6 +219,7 @@ class Belief:
     bone_counts: Floats
     innovations: Floats
     leftovers: Leftovers
+    failed_pairs: Floats
     detection_map: Floats
     exits: Floats
     noise: Floats
@@ -256,6 +260,7 @@ class Belief:
                 np.zeros((0, joints, 2)),
                 np.zeros((0, joints)),
             ),
+            failed_pairs=failed_pairs.nothing_known(model.rig),
             detection_map=blindness.nothing_known(model.rig),
             exits=np.zeros((blindness.NUM_CELLS, blindness.NUM_CELLS, 2)),
             noise=np.zeros((len(model.rig) + 1, 2)),

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.kernels.existence import DELIVERED_PRIOR, is_wide
+from e3pose.estimate.filter.kernels.failed_pairs import count_failures
 from e3pose.estimate.filter.kernels.leftovers import MIN_JOINTS, collect
 from e3pose.estimate.filter.kernels.proportions import median_of, stature_of
-from e3pose.estimate.filter.kernels.scratch import Pairs, Tracks, Views, Waiting
+from e3pose.estimate.filter.kernels.scratch import Pairs, Site, Tracks, Views, Waiting
 from e3pose.estimate.filter.proportions import Proportions
 from e3pose.estimate.filter.state import APART_M, MAX_TRACKS
 from e3pose.estimate.per_slot.triangulate import triangulate_person
@@ -35,25 +36,31 @@ def give_birth(
     num_tracks: int,
     num_old: int,
     time_s: float,
-    wait_s: float,
+    dt: float,
     next_id: int,
-    projections: Floats,
-    scales: Floats,
-    depths: Integers,
-    girdles: Integers,
-    body: Proportions,
+    site: Site,
     views: Views,
     tracks: Tracks,
     waiting: Waiting,
     pairs: Pairs,
+    failed_pairs: Floats,
 ) -> tuple[int, int, int]:
     """Start people from pairs of leftovers; return numbers of tracks and leftovers, and `next_id`.
 
     The first `num_old` rows of `waiting` are of earlier slots. What still waits in the end is in
     the rows that `waiting.order` begins with.
     """
-    num_waiting = collect(num_old, time_s, wait_s, views, waiting)
-    num_pairs = _pair(num_waiting, time_s, projections, scales, girdles, body, waiting, pairs)
+    num_waiting = collect(num_old, time_s, site.wait_s, views, waiting)
+    num_pairs = _pair(
+        num_waiting,
+        time_s,
+        site.projections,
+        site.scales,
+        site.girdles,
+        site.body,
+        waiting,
+        pairs,
+    )
     for index in range(num_waiting):
         pairs.taken[index] = False
     while num_tracks < MAX_TRACKS:
@@ -75,7 +82,7 @@ def give_birth(
             next_id,
             best,
             moved_m,
-            depths,
+            site.depths,
             pairs.joints_m,
             pairs.middle,
             pairs.sorted,
@@ -88,6 +95,7 @@ def give_birth(
             tracks.last_seen_s[num_tracks, waiting.cameras[waiting.order[index]]] = 0.0
         num_tracks += 1
         next_id += 1
+    count_failures(num_waiting, dt, site, views.arrived, waiting, pairs.taken, failed_pairs)
     left = 0
     for index in range(num_waiting):
         if not pairs.taken[index]:

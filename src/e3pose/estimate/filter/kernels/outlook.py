@@ -14,7 +14,6 @@ from e3pose.runtime.held import Held
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
@@ -104,23 +103,3 @@ def mean_factor(drift_share: Floats, innovations: Floats, confirmed: Flags) -> f
                 total += spread_factor(drift_share[track, joint], of_person)
                 count += 1
     return total / count if count else 1.0
-
-
-@kernel
-def count_newest(
-    cameras: Integers, times_s: Floats, unexplained: Integers, newest_s: Floats
-) -> None:
-    """Count the detections of each camera's newest look that wait for another camera.
-
-    Args:
-        cameras: `(num_leftovers,)` of `Leftovers`.
-        times_s: `(num_leftovers,)` of `Leftovers`.
-        unexplained: `(num_cameras,)` filled.
-        newest_s: `(num_cameras,)` filled: when that look was; -inf where none waits.
-    """
-    unexplained[:] = 0
-    newest_s[:] = -np.inf
-    for row in range(len(cameras)):
-        newest_s[cameras[row]] = max(newest_s[cameras[row]], times_s[row])
-    for row in range(len(cameras)):
-        unexplained[cameras[row]] += times_s[row] == newest_s[cameras[row]]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.bias import MemoryTerms, memory_terms
 from e3pose.estimate.filter.proportions import Proportions
 from e3pose.estimate.filter.state import MAX_LEFTOVERS, Belief, Model
+from e3pose.geometry.overlap import overlap
 from e3pose.geometry.undistort import Lenses, make_lenses
 from e3pose.model.proportions import KINDS
 from e3pose.runtime.held import Held, hold
@@ -48,6 +49,7 @@ class Site(NamedTuple):
     opposites: Integers  # (num_joints,) the joint of the other side, or itself
     limbs: Integers  # (num_joints,) of arms 1, of legs 2, else 0
     corner_m: Floats  # (2,) of the cells of `Belief.detection_map`
+    overlap: Floats  # (num_cameras, num_cameras) share of a camera's view (row) that others see
     wait_s: float  # how long a detection that no track explains waits for a second view
     lenses: Lenses
 
@@ -82,6 +84,7 @@ def make_site(model: Model) -> Site:
         np.ascontiguousarray(tree.usual_m),
         *model.sides,
         np.ascontiguousarray(model.corner_m),
+        np.ascontiguousarray(overlap(model.rig)),
         float(model.wait_s),
         make_lenses(model.rig),
     )

@@ -120,10 +120,12 @@ class StepKernel:
             memory.waiting.keypoints_px[:num_old] = waiting.keypoints_px
             memory.waiting.scores[:num_old] = waiting.scores
         self._newest = (None,) * len(memory.tracks)  # until the kernel returns
-        detection_map, noise, shifts = (
+        failed_pairs, detection_map, noise, shifts = (
             np.array(of_site, order="C")
-            for of_site in (belief.detection_map, belief.noise, belief.shifts)
-        )
+            for of_site in (
+                belief.failed_pairs, belief.detection_map, belief.noise, belief.shifts,
+            )
+        )  # fmt: skip
         num_tracks, num_waiting, next_id = self._call(
             num_tracks,
             num_old,
@@ -131,6 +133,7 @@ class StepKernel:
             dt,
             belief.next_id,
             self._constants,
+            failed_pairs,
             detection_map,
             noise,
             shifts,
@@ -144,7 +147,7 @@ class StepKernel:
             memory.waiting.scores[rows],
         )
         self._newest = tuple(column[:num_tracks].copy() for column in memory.tracks)
-        site = leftovers, detection_map, before.exits.copy(), noise, shifts, next_id
+        site = leftovers, failed_pairs, detection_map, before.exits.copy(), noise, shifts, next_id
         columns: tuple[Any, ...] = (*self._newest, *site)
         belief = Belief(now, *columns)
         exits.count_slot(before, belief, model)
@@ -189,6 +192,7 @@ def step_slot(
     dt: float,
     next_id: int,
     constants: Held[Site],
+    failed_pairs: Floats,
     detection_map: Floats,
     noise: Floats,
     shifts: Floats,
@@ -241,17 +245,14 @@ def step_slot(
         num_tracks,
         num_old,
         time_s,
-        site.wait_s,
+        dt,
         next_id,
-        site.projections,
-        site.scales,
-        site.depths,
-        site.girdles,
-        site.body,
+        site,
         views,
         tracks,
         memory.waiting,
         memory.pairs,
+        failed_pairs,
     )
     num_tracks = end(num_tracks, site.girdles, tracks, memory.offers.flags[0])
     return num_tracks, num_waiting, next_id
