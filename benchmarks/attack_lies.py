@@ -29,6 +29,7 @@ from e3pose.site.web.program import PICTURE_S
 from e3pose.store import Store
 from e3pose.wire.access import Link, split_endpoint
 from e3pose.wire.keys.folder import add_keys, certificates_in
+from e3pose.wire.messages import View
 from e3pose.wire.network import NetworkTransport, open_network
 from e3pose.wire.site_messages import Picture, Poses, Status
 from e3pose.wire.topics import of_camera
@@ -48,6 +49,7 @@ DESK, ADMITTED_S, SHOWN_S = "desk", 6.0, 4.0  # an operator, until it is admitte
 LEAST_S = 6.0  # for a lie
 NOTICED_S = 3.0  # until the edge has noticed it; what a site gives is measured from then on
 PAUSE_S = 1.0  # of honesty between two
+DISTRUSTED_S = 60.0  # at most, of cameras that answered no orders
 LATENCY_S = 0.02  # more than without lies, on a machine that does other things too
 MORE_LEAD = 2  # slots more than without lies
 VIEWS_SHARE, POSES_SHARE = 0.8, 0.9  # of those without lies
@@ -165,7 +167,10 @@ def lies_to_tell(seconds: float) -> list[tuple[Lie, float]]:
     fields = [swept(kind) for kind in KINDS.values() if kind is not Picture]
     told = schemes()
     each_s = max(LEAST_S, seconds / 2 / (len(told) + 2 * len(fields)) - PAUSE_S)
-    return [(lie, each_s) for lie in told] + [(lie, 2 * each_s) for lie in fields]
+    # Cameras that bring no views are distrusted for a while, and their next lies without effect.
+    first = [(lie, each_s) for lie in told if View not in lie.changes]
+    last = [(lie, each_s) for lie in told if View in lie.changes]
+    return [*first, *((lie, 2 * each_s) for lie in fields), *last]
 
 
 def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
@@ -194,6 +199,7 @@ def tell(seconds: float, report: Callable[[Result], None]) -> list[Result]:
                 wait(0.2)
             wait(5.0)
             for number in (1, 2):
+                _while_distrusted(seen, set(ids[-2:]))
                 honest = set(ids[: CAMERAS - number])
                 usual = _while(transports, HONEST, number, 6.0, seen, honest)
                 add(f"{number} liars, honest", usual.words(), usual.poses > POSES_SHARE * FPS)
@@ -252,6 +258,16 @@ def show(
 
 def _gone() -> Lie:
     return Lie("gone", dict.fromkeys(KINDS.values(), lambda message, n, dice: None))
+
+
+def _while_distrusted(seen: Seen, camera_ids: set[str]) -> None:
+    """Wait until the views of some cameras are used, as those of honest ones are."""
+    end_s = time.monotonic() + DISTRUSTED_S
+    while time.monotonic() < end_s:
+        used = [used for at_s, *_, used in seen.poses[-250:] if at_s > time.monotonic() - 2.0]
+        if camera_ids <= {camera_id for each in used for camera_id in each}:
+            return
+        wait(0.5)
 
 
 def _while(

@@ -33,7 +33,7 @@ def test_pauses_of_cameras_that_do_not_answer_double() -> None:
     found = tried(answers=0.05, seconds=1000.0)
     begins = np.flatnonzero(np.diff(found[:, 2].astype(int)) > 0) * INTERVAL_S
     turns = np.round(begins / EVERY_S)
-    assert np.diff(turns).max() == LONGEST_PAUSE and found[:, 2].mean() < 0.02
+    assert np.diff(turns).max() == LONGEST_PAUSE and found[:, 2].mean() < 0.04
     assert (np.diff(turns) <= np.maximum(2 * turns[:-1], 1)).all()
     assert len(turns) >= 1000 / EVERY_S / LONGEST_PAUSE
 

@@ -14,7 +14,7 @@ Flags = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 
 TURN_S, EVERY_S = 1.0, 10.0  # the turn of a camera, and how often it comes
-LONGEST_PAUSE = 16  # turns from one trial to the next
+LONGEST_PAUSE = 4  # turns from one trial to the next
 RELIABLE = 0.4  # share of answered orders below which a camera is tried, and which a trial asks for
 
 
