@@ -162,6 +162,18 @@ def test_restarted_camera_begins_anew() -> None:
     assert watch_for_stall(watch, [again], 100, None, round(10e9))[1] == ""
 
 
+@pytest.mark.parametrize("away_s", [STALL_S, 5.0, 600.0])
+def test_suspended_machine_is_no_reason(away_s: float) -> None:
+    camera, watch = replace(WELL, heard_ns=round(100e9)), StallWatch()
+    for second in range(20):
+        now_s = 100.0 + second + away_s * (second >= 10)
+        watch, why = watch_for_stall(watch, [camera] * 3, 100 * second, None, round(now_s * 1e9))
+        assert not why
+        camera = replace(works(camera), heard_ns=round(now_s * 1e9))
+        if second >= 9:  # its next heartbeats have yet to come
+            camera = replace(camera, orders=camera.orders - 10 * (second < 11))
+
+
 def test_alarms_that_do_not_help_become_rare() -> None:
     times_s = [at_s for at_s, _ in alarms([deaf] * 3, 3000.0)]
     pauses_s = [b - a for a, b in pairwise(times_s)]

@@ -68,11 +68,13 @@ class StallWatch:
         progress: by camera.
         due_ns: no alarm before this time.
         wait_s: how long the alarm after the next one waits.
+        looked_ns: when it looked last; None before the first time.
     """
 
     progress: tuple[Progress, ...] = ()
     due_ns: int = 0
     wait_s: float = WAIT_S
+    looked_ns: int | None = None
 
 
 def watch_for_stall(
@@ -91,11 +93,15 @@ def watch_for_stall(
         sending_ns: since when one message has been being sent; None if none is.
         now_ns: the time.
     """
+    if watch.looked_ns is not None and now_ns - watch.looked_ns >= STALL_S * 1e9:
+        # The machine was suspended, or its clock moved: what is old says nothing.
+        due_ns = max(watch.due_ns, now_ns + round(STALL_S * 1e9))
+        watch = replace(watch, progress=(), due_ns=due_ns)
     before = watch.progress or tuple(Progress(c, now_ns, slots, now_ns) for c in cameras)
     progress = tuple(
         _progress(one, camera, slots, now_ns) for one, camera in zip(before, cameras, strict=True)
     )
-    watch = replace(watch, progress=progress)
+    watch = replace(watch, progress=progress, looked_ns=now_ns)
     if now_ns < watch.due_ns:
         return watch, ""
     why = _stall(progress, cameras, slots, sending_ns, now_ns)
@@ -103,7 +109,7 @@ def watch_for_stall(
         calm = now_ns - watch.due_ns >= CALM_S * 1e9
         return (replace(watch, wait_s=WAIT_S) if calm else watch), ""
     wait_s = min(2 * watch.wait_s, LONGEST_WAIT_S)
-    return StallWatch((), now_ns + round(watch.wait_s * 1e9), wait_s), why
+    return StallWatch((), now_ns + round(watch.wait_s * 1e9), wait_s, now_ns), why
 
 
 def _progress(before: Progress, camera: CameraSigns, slots: int, now_ns: int) -> Progress:
