@@ -173,6 +173,8 @@ def _start(
         "bones_m": no_bones,
         "bone_counts": no_bones,
         "innovations": np.zeros(2),
+        "agility": np.zeros(len(known)),
+        "corrected_m": np.zeros((len(known), 3)),
     }
     columns = {
         name: np.concatenate([column, np.asarray(new[name], dtype=column.dtype)[None]])

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 from tests.reference import (
+    filter_agility,
     filter_bias,
     filter_covariance_inflation,
     filter_exits,
@@ -73,8 +74,10 @@ def step(
     joints = order(exchanged, model)
     seen = _sightings(belief, cameras, keypoints, scores, assigned, joints, dt, model, knots_px)
     belief = filter_covariance_inflation.learn(belief, seen, cameras, dt, model)
+    belief = before_look = filter_agility.learn(belief, seen, cameras, dt)
     updated = update(belief, seen, model)
     belief = filter_lone_view.discount(belief, updated, cameras, assigned >= 0, dt, model)
+    belief = filter_agility.note(belief, before_look, assigned >= 0)
     belief = learn_bones(belief, model)
     belief = filter_learned_noise.learn(belief, seen, cameras, dt, model)
     belief = learn_biases(belief, seen, cameras, dt, model)

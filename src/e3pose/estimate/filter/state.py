@@ -183,6 +183,9 @@ class Belief:
         bone_counts: `(num_tracks, num_bones)` slots that taught them.
         innovations: `(num_tracks, 2)` sums of the last seconds, in metres: how far keypoints were
             from where they were predicted, and how far was expected (`covariance_inflation`).
+        agility: `(num_tracks, num_joints)` logarithm of the factor on the process noise that is
+            left (`filter.agility`).
+        corrected_m: `(num_tracks, num_joints, 3)` by how much the newest look moved each joint.
         leftovers: detections that wait for a second view.
         failed_pairs: `(num_cameras, ROWS, COLUMNS)` looks of other cameras that met no detection
             waiting there, by its place in the image, lately (`failed_pairs`).
@@ -218,6 +221,8 @@ class Belief:
     bones_m: Floats
     bone_counts: Floats
     innovations: Floats
+    agility: Floats
+    corrected_m: Floats
     leftovers: Leftovers
     failed_pairs: Floats
     detection_map: Floats
@@ -254,6 +259,8 @@ class Belief:
             bones_m=np.zeros((0, bones)),
             bone_counts=np.zeros((0, bones)),
             innovations=np.zeros((0, 2)),
+            agility=np.zeros((0, joints)),
+            corrected_m=np.zeros((0, joints, 3)),
             leftovers=Leftovers(
                 np.zeros(0),
                 np.zeros(0, dtype=np.int64),

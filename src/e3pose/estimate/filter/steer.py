@@ -50,7 +50,7 @@ def steer(
         joints_m: `(num_steered, num_joints, 3)` where else they are expected; NaN leaves a joint.
         ahead_s: in how many seconds.
         drift_share: `(num_steered, num_joints)` of the process noise that is left until the next
-            call (`foreseen`); all of it for joints that are left.
+            call (`foreseen`), apart from their agility; all of it for joints that are left.
     """
     shares = np.ones_like(belief.drift_share)
     if ahead_s <= 0:
@@ -68,6 +68,7 @@ def steer(
         rows,
         np.ascontiguousarray(joints_m),
         left,
+        belief.agility,
         state,
         shares,
     )

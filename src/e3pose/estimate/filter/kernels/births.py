@@ -281,6 +281,8 @@ def _start(
     tracks.confirmed[track] = False
     tracks.mirrored[track] = 0.0
     tracks.innovations[track] = 0.0
+    tracks.agility[track] = 0.0
+    tracks.corrected_m[track] = 0.0
     for camera in range(tracks.seen_by.shape[1]):
         tracks.seen_by[track, camera] = False
         tracks.last_seen_s[track, camera] = np.inf

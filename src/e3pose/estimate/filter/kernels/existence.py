@@ -162,6 +162,9 @@ def _move(tracks: Tracks, source: int, target: int) -> None:
     for joint in range(tracks.state.shape[1]):
         tracks.unmeasured_s[target, joint] = tracks.unmeasured_s[source, joint]
         tracks.drift_share[target, joint] = tracks.drift_share[source, joint]
+        tracks.agility[target, joint] = tracks.agility[source, joint]
+        for axis in range(3):
+            tracks.corrected_m[target, joint, axis] = tracks.corrected_m[source, joint, axis]
         for a in range(6):
             tracks.state[target, joint, a] = tracks.state[source, joint, a]
             for b in range(6):

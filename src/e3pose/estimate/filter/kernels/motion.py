@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 LEAST_KNOWN_SLOTS = 4  # of a history before what is predicted from it counts
-LEAST_SHARE, MOST_SHARE = 0.4, 2.0  # of the process noise; 1 is that of the unsteered filter
+LEAST_SHARE, MOST_SHARE = 0.2, 2.0  # of the process noise; 1 is that of the unsteered filter
 SQUARES = 3 * math.pi / 8  # mean square of a distance over the square of its mean, on three axes
 
 
@@ -88,6 +88,7 @@ def steer_all(
     rows: Integers,
     joints_m: Floats,
     drift_share: Floats,
+    agility: Floats,
     state: Floats,
     shares: Floats,
 ) -> None:
@@ -105,6 +106,7 @@ def steer_all(
         rows: `(num_steered,)` of the tracks.
         joints_m: `(num_steered, num_joints, 3)` where joints are foreseen; NaN where they are not.
         drift_share: `(num_steered, num_joints)` of the process noise that is left for them.
+        agility: `(num_tracks, num_joints)` of `Belief`, a factor on that.
         state: `(num_tracks, num_joints, 6)` whose velocities are turned, in place.
         shares: `(num_tracks, num_joints)` filled where joints are foreseen.
     """
@@ -130,7 +132,8 @@ def steer_all(
                     apart[joint, a] = above - reach * turn
                     turned[joint, a] = 0.0
             if finite:
-                shares[track, joint] = drift_share[index, joint]
+                left = drift_share[index, joint] * math.exp(agility[track, joint])
+                shares[track, joint] = left
         for joint in order:
             for a in range(3):
                 state[track, joint, a + 3] += turned[joint, a]

@@ -136,6 +136,8 @@ class Tracks(NamedTuple):
     bones_m: Floats
     bone_counts: Floats
     innovations: Floats
+    agility: Floats
+    corrected_m: Floats
 
 
 class Waiting(NamedTuple):
