@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.reference.filter_bias import inflation
+from tests.reference.filter_bias import inflation, worth_inflation
 
 from e3pose.estimate.base import Outlook
 from e3pose.estimate.filter.bias import memory_terms
@@ -60,6 +60,7 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
         prior=prior,
         views=full,
         counted=1 / inflation(since_s.T, terms),
+        new=1 / worth_inflation(since_s.T, terms),
         weights=delivered.max(axis=1, initial=0.0),
         hidden=HiddenPeople(hidden, useful),
         entrants=Entrants.nobody(len(rig)),
@@ -68,7 +69,7 @@ def foresee(rig: Rig, outlook: Outlook, interval_s: float, ordered: Flags) -> Fo
 
 def information(foresight: Foresight, subsets: Flags) -> Floats:
     """See `Foresight.information`."""
-    after = _after(foresight, subsets)
+    after = _after(foresight, foresight.new, subsets)
     gain = np.log(_det(after)) - np.log(_det(foresight.prior.reshape(-1, 6)))
     weights = np.repeat(foresight.weights, foresight.prior.shape[1])
     return np.asarray(gain @ weights / max(weights.sum(), 1e-9) / 2)
@@ -77,11 +78,13 @@ def information(foresight: Foresight, subsets: Flags) -> Floats:
 def expected_error_m(foresight: Foresight, subsets: Flags) -> Floats:
     """See `Foresight.expected_error_m`."""
     shown = np.repeat(foresight.confirmed, foresight.prior.shape[1])
-    return np.asarray(_distance(_after(foresight, subsets)[:, shown]).mean(axis=-1))
+    return np.asarray(
+        _distance(_after(foresight, foresight.counted, subsets)[:, shown]).mean(axis=-1)
+    )
 
 
-def _after(foresight: Foresight, subsets: Flags) -> Floats:
-    views = (foresight.views * foresight.counted[..., None, None]).reshape(subsets.shape[1], -1)
+def _after(foresight: Foresight, shares: Floats, subsets: Flags) -> Floats:
+    views = (foresight.views * shares[..., None, None]).reshape(subsets.shape[1], -1)
     added = subsets.astype(np.float64) @ views
     return np.asarray((added + foresight.prior.reshape(-1)).reshape(len(subsets), -1, 6))
 

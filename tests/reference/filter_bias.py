@@ -11,6 +11,7 @@ from e3pose.estimate.filter.bias import (
     SHORTEST_S,
     MemoryTerms,
 )
+from e3pose.estimate.filter.kernels.bias import MANY_TIMES
 
 Floats = NDArray[np.float64]
 
@@ -46,6 +47,13 @@ def learn(
     )
     rate = np.minimum(terms.most, 1 - np.exp(-since_s / LEARNED_S))
     return np.asarray(bias_px + (rate[:, None] * blame)[..., None] * error_px)
+
+
+def worth_inflation(since_s: Floats, terms: MemoryTerms) -> Floats:
+    """Return the factor by which a selector counts it."""
+    times = np.clip(since_s, SHORTEST_S, MANY_TIMES * terms.lasting_s)
+    lasting = terms.unlearned / np.tanh(times / (2 * terms.lasting_s))
+    return np.asarray(inflation(since_s, terms) + lasting)
 
 
 def inflation(since_s: Floats, terms: MemoryTerms) -> Floats:

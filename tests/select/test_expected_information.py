@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.reference.filter_bias import inflation
+from tests.reference.filter_bias import inflation, worth_inflation
 from tests.rigs import looking
 
 from e3pose.estimate.base import Outlook
@@ -88,14 +88,14 @@ def test_it_is_the_textbook_formula() -> None:
     assert foresight.views.shape == (4, 2, 4, 6)
     chosen = np.array([True, False, False, True])
     jacobian = project(people, RIG.projections)[2]
-    # The estimator counts a view that comes long after the one before for more than a usual one.
-    weight = 0.7 / 9 / inflation(np.array(np.inf), TERMS)
-    information = np.eye(3) / 0.1**2 + sum(
-        weight * np.swapaxes(jacobian[c], -1, -2) @ jacobian[c] for c in (0, 3)
-    )
+    # A view that comes long after the one before counts for more than a usual one.
+    never = np.array(np.inf)
+    looks = sum(np.swapaxes(jacobian[c], -1, -2) @ jacobian[c] for c in (0, 3)) * 0.7 / 9
+    information = np.eye(3) / 0.1**2 + looks / worth_inflation(never, TERMS)
     gain = 0.5 * (np.linalg.slogdet(information)[1] - np.log(0.1**-6)).mean()
     # Nobody hides anybody but in camera 3, where the second person stands beside the first.
     assert foresight.information(chosen[None])[0] == pytest.approx(gain, rel=1e-9)
+    information = np.eye(3) / 0.1**2 + looks / inflation(never, TERMS)
     error = expected_distance_m(np.linalg.inv(information)).mean()
     assert foresight.expected_error_m(chosen[None])[0] == pytest.approx(error, rel=1e-9)
 
@@ -223,6 +223,7 @@ def test_what_is_known_is_carried_as_a_kalman_filter_would(num_ordered: int) -> 
     expected = np.linalg.inv(covariance[:, :3, :3])[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     np.testing.assert_allclose(found.prior[0], expected, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found.counted[:, 0], 1 / inflation(since_s, TERMS))
+    np.testing.assert_allclose(found.new[:, 0], 1 / worth_inflation(since_s, TERMS))
 
 
 def test_without_a_memory_views_in_flight_tell_nothing_of_a_later_slot() -> None:

@@ -2,7 +2,7 @@
 
 A joint at p with covariance P, seen by the cameras of a set S, is expected to be left with
 
-    L(S) = P^-1 + sum_{c in S} w_c J_c' J_c,    w_c = delivered * visible * counted / sigma_c^2
+    L(S) = P^-1 + sum_{c in S} w_c J_c' J_c,    w_c = delivered * visible * new / sigma_c^2
 
 where J_c is the derivative of the projection. Between the newest slot and the one that is decided
 lie slots whose cameras are already ordered: P is what their views are expected to leave of what is
@@ -49,6 +49,8 @@ class Foresight:
             were new ones.
         counted: `(num_cameras, num_tracks)` share of that which the estimator counts, less the
             sooner the camera looks again.
+        new: `(num_cameras, num_tracks)` share of that which is worth something: less than what is
+            counted where a camera looks again, for errors last that the estimator does not learn.
         weights: `(num_tracks,)` weight of each person. One whom no camera showed recently may be
             away, so the information that cameras would have about them counts for less.
         entrants: people who are not tracked yet.
@@ -60,6 +62,7 @@ class Foresight:
     prior: Floats
     views: Floats
     counted: Floats
+    new: Floats
     weights: Floats
     entrants: Entrants
     hidden: HiddenPeople
@@ -75,7 +78,7 @@ class Foresight:
         """
         nats = np.zeros(len(subsets))
         if self.prior.size:
-            kernels.information(self.prior, self.views, self.counted, self.weights, subsets, nats)
+            kernels.information(self.prior, self.views, self.new, self.weights, subsets, nats)
         return nats
 
     def gains_nats(self, chosen: Flags) -> Floats:
@@ -86,7 +89,7 @@ class Foresight:
         """
         nats = np.zeros(len(chosen))
         if self.prior.size:
-            kernels.gains(self.prior, self.views, self.counted, self.weights, chosen, nats)
+            kernels.gains(self.prior, self.views, self.new, self.weights, chosen, nats)
         return nats
 
     def expected_error_m(self, subsets: Flags) -> Floats:
@@ -119,7 +122,7 @@ def foresee(
     num_tracks, num_joints, _ = outlook.joints_m.shape
     prior = np.empty((num_tracks, num_joints, 6))
     views = np.empty((len(rig), *prior.shape))
-    shown, counted = np.empty((2, len(rig), num_tracks))
+    shown, counted, new = np.empty((3, len(rig), num_tracks))
     weights, hidden = np.empty((2, num_tracks))
     kernels.foresee_views(
         np.ascontiguousarray(outlook.joints_m),
@@ -140,6 +143,7 @@ def foresee(
         views,
         prior,
         counted,
+        new,
         weights,
         shown,
         hidden,
@@ -150,6 +154,7 @@ def foresee(
         prior=prior,
         views=views,
         counted=counted,
+        new=new,
         weights=weights,
         hidden=HiddenPeople(hidden, shown),
         entrants=expected_entrants(

@@ -64,7 +64,9 @@ def test_inflation_is_that_of_a_noise_with_memory() -> None:
 
 
 def test_default_memory_gives_the_tuned_constants() -> None:
-    assert bias.memory_terms(ErrorMemory()) == bias.MemoryTerms(2.5, 0.45, 0.4, 0.45, 0.18, 0.1)
+    assert bias.memory_terms(ErrorMemory()) == bias.MemoryTerms(
+        2.5, 0.45, 0.4, 0.45, 0.18, 0.1, 0.045
+    )
 
 
 def test_looks_far_apart_count_fully_where_nothing_lasts() -> None:

@@ -59,7 +59,7 @@ def test_foresight_is_that_of_numpy(seed: int) -> None:
     people, ordered = outlook(seed), subsets()[seed : seed + 3]
     found = foresee(RIG, people, SLOT_S, ordered)
     expected = plain.foresee(RIG, people, SLOT_S, ordered)
-    for name in ("prior", "views", "counted", "weights"):
+    for name in ("prior", "views", "counted", "new", "weights"):
         np.testing.assert_allclose(
             getattr(found, name), getattr(expected, name), rtol=1e-8, err_msg=name
         )

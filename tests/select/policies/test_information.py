@@ -30,6 +30,7 @@ def foresight(added: list[float], sigma_m: float = 0.1, **more: object) -> Fores
         prior=(EYE / sigma_m**2)[None, None],
         views=views,
         counted=np.ones((len(added), 1)),
+        new=np.ones((len(added), 1)),
         weights=np.ones(1),
         entrants=Entrants.nobody(len(added)),
         hidden=HiddenPeople.nobody(len(added)),
@@ -75,7 +76,7 @@ def test_two_cameras_from_different_sides_beat_the_two_best_from_one() -> None:
 
 
 def test_a_camera_that_just_showed_the_same_waits() -> None:
-    seen = foresight([300, 290], counted=np.array([[0.1], [1.0]]))
+    seen = foresight([300, 290], new=np.array([[0.1], [1.0]]))
     assert chosen(Information(1).select(situation(seen))) == [1]
 
 
@@ -124,6 +125,7 @@ def test_many_cameras_are_chosen_greedily_within_the_guarantee(seed: int, count:
         prior=np.broadcast_to(EYE * 100, (2, 5, 6)),
         views=full[..., rows, columns],
         counted=np.ones((12, 2)),
+        new=np.ones((12, 2)),
         weights=np.array([1.0, 0.4]),
         entrants=Entrants.nobody(12),
         hidden=HiddenPeople.nobody(12),
@@ -196,7 +198,7 @@ def test_at_a_lower_rate_more_cameras_are_needed() -> None:
 def test_with_a_target_somebody_always_looks_now_and_then() -> None:
     nobody = Foresight(
         np.zeros(0, np.int64), np.zeros(0, bool), np.zeros((0, 1, 6)), np.zeros((3, 0, 1, 6)),
-        np.zeros((3, 0)), np.zeros(0), Entrants.nobody(3), HiddenPeople.nobody(3),
+        np.zeros((3, 0)), np.zeros((3, 0)), np.zeros(0), Entrants.nobody(3), HiddenPeople.nobody(3),
     )  # fmt: skip
     policy = Information(3, target_error_m=0.04)
     assert not policy.select(situation(nobody)).any()

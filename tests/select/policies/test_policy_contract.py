@@ -31,6 +31,7 @@ def foresight(rng: np.random.Generator, num_cameras: int) -> Foresight:
         prior=np.broadcast_to([400.0, 0, 0, 400, 0, 400], (2, 3, 6)),
         views=views[..., rows, columns],
         counted=np.ones((num_cameras, 2)),
+        new=np.ones((num_cameras, 2)),
         weights=np.ones(2),
         entrants=Entrants.nobody(num_cameras),
         hidden=HiddenPeople.nobody(num_cameras),

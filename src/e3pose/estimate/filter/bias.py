@@ -19,6 +19,9 @@ MOST_LEARNED = 0.45  # of the first residual, as it was tuned
 REPEATED = 2 / 5  # of the quick part: joints and views average the rest of its repetition out
 LEFT = 8 / 45  # of the lasting part, once its learned bias is taken off: the mean over time
 REMOVED = 8 / 9  # of the lasting part, by a bias that was learned just before
+# Of the lasting part, what a camera that looks again tells nothing new about, as no bias learns it:
+# chosen by the cameras that are selected (docs/experiments/2026-11-23-agility.md).
+UNLEARNED = 0.1
 
 
 class MemoryTerms(NamedTuple):
@@ -32,7 +35,9 @@ class MemoryTerms(NamedTuple):
 
     as a noise of correlation time T, sampled every t, is worth a white one of coth(t / 2T) times
     its variance. A bias that was learned t ago leaves 1 - REMOVED l exp(-2 t / lasting_s) of the
-    variance: that is what residuals are compared with where noise is learned.
+    variance: that is what residuals are compared with where noise is learned. A selection of
+    cameras counts with f(t) + UNLEARNED l coth(t / 2 lasting_s): a view from another direction has
+    other errors, which no bias learned from the views at hand knows.
 
     REPEATED, LEFT and REMOVED were tuned on simulated scenes with the default memory (fresh 0.45,
     quick 0.18, removed 0.4); for other shares they are carried over. Where more lasts than
@@ -46,6 +51,7 @@ class MemoryTerms(NamedTuple):
         fresh: share of the variance that every look has.
         quick: share of the variance that repeats itself.
         quick_s: correlation time of that.
+        unlearned: share of the variance that lasts and is in no bias.
     """
 
     lasting_s: float
@@ -54,6 +60,7 @@ class MemoryTerms(NamedTuple):
     fresh: float
     quick: float
     quick_s: float
+    unlearned: float
 
 
 def memory_terms(memory: ErrorMemory) -> MemoryTerms:
@@ -67,4 +74,5 @@ def memory_terms(memory: ErrorMemory) -> MemoryTerms:
         fresh=round(1 - lasting - quick + LEFT * lasting, DIGITS),
         quick=round(quick, DIGITS),
         quick_s=float(memory.quick_s),
+        unlearned=round(UNLEARNED * lasting, DIGITS),
     )

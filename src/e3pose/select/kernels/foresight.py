@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import MemoryTerms
 from e3pose.estimate.filter.blindness import PLAIN
-from e3pose.estimate.filter.kernels.bias import inflation
+from e3pose.estimate.filter.kernels.bias import inflation, worth_inflation
 from e3pose.estimate.filter.kernels.carry import carry
 from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
 from e3pose.geometry.projection import MIN_DEPTH_M
@@ -51,6 +51,7 @@ def foresee_views(
     views: Floats,
     prior: Floats,
     counted: Floats,
+    new: Floats,
     weights: Floats,
     shown: Floats,
     hidden: Floats,
@@ -78,6 +79,7 @@ def foresee_views(
         views: `(num_cameras, num_tracks, num_joints, 6)` see `Foresight`.
         prior: `(num_tracks, num_joints, 6)`.
         counted: `(num_cameras, num_tracks)`.
+        new: `(num_cameras, num_tracks)`.
         weights: `(num_tracks,)`.
         shown: `(num_cameras, num_tracks)` of `HiddenPeople`.
         hidden: `(num_tracks,)` of `HiddenPeople`.
@@ -101,6 +103,7 @@ def foresee_views(
     for camera in range(len(views)):
         for track in range(len(weights)):
             counted[camera, track] = 1.0 / inflation(since_s[track, camera], terms)
+            new[camera, track] = 1.0 / worth_inflation(since_s[track, camera], terms)
     hide(shown, needed, ordered, hidden)
 
 
@@ -199,7 +202,7 @@ def _in_front(u: float, v: float, depth: float, boxes: Floats, depths: Floats) -
 
 @kernel
 def information(
-    prior: Floats, views: Floats, counted: Floats, weights: Floats, subsets: Flags, nats: Floats
+    prior: Floats, views: Floats, new: Floats, weights: Floats, subsets: Flags, nats: Floats
 ) -> None:
     """Fill `nats` `(num_subsets,)`: what sets of cameras are expected to add, see `Foresight`.
 
@@ -208,7 +211,7 @@ def information(
     Args:
         prior: `(num_tracks, num_joints, 6)`.
         views: `(num_cameras, num_tracks, num_joints, 6)`.
-        counted: `(num_cameras, num_tracks)` share of `views` that the estimator counts.
+        new: `(num_cameras, num_tracks)` share of `views` that is new.
         weights: `(num_tracks,)` of people.
         subsets: `(num_subsets, num_cameras)`.
         nats: filled, nats per joint.
@@ -225,7 +228,7 @@ def information(
             for entry in range(6):
                 first[entry, joint] = prior[track, joint, entry]
                 for camera in range(len(views)):
-                    share = counted[camera, track]
+                    share = new[camera, track]
                     added[camera, entry, joint] = share * views[camera, track, joint, entry]
         _determinants(first, before)
         for row in range(len(subsets)):
@@ -244,7 +247,7 @@ def information(
 
 @kernel
 def gains(
-    prior: Floats, views: Floats, counted: Floats, weights: Floats, chosen: Flags, nats: Floats
+    prior: Floats, views: Floats, new: Floats, weights: Floats, chosen: Flags, nats: Floats
 ) -> None:
     """Fill `nats` `(num_cameras,)`: what each camera adds to the other ones that are `chosen`."""
     num_cameras = len(chosen)
@@ -252,7 +255,7 @@ def gains(
     for row in range(num_cameras + 1):
         for camera in range(num_cameras):
             subsets[row, camera] = chosen[camera] != (row == camera)
-    information(prior, views, counted, weights, subsets, found)
+    information(prior, views, new, weights, subsets, found)
     for camera in range(num_cameras):
         change = found[camera] - found[num_cameras]
         nats[camera] = -change if chosen[camera] else change

@@ -15,6 +15,8 @@ from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 
+MANY_TIMES = 10.0  # a correlation time: errors are new
+
 
 @kernel
 def inflation(since_s: float, terms: MemoryTerms) -> float:
@@ -22,6 +24,16 @@ def inflation(since_s: float, terms: MemoryTerms) -> float:
     since_s = SHORTEST_S if since_s < SHORTEST_S else since_s
     since_s = terms.lasting_s if since_s > terms.lasting_s else since_s
     return terms.fresh + terms.quick / math.tanh(since_s / (2 * terms.quick_s))
+
+
+@kernel
+def worth_inflation(since_s: float, terms: MemoryTerms) -> float:
+    """Return the factor by which a selector counts a keypoint's variance, see `MemoryTerms`."""
+    short_s = SHORTEST_S if since_s < SHORTEST_S else since_s
+    most_s = MANY_TIMES * terms.lasting_s
+    short_s = most_s if short_s > most_s else short_s
+    lasting = terms.unlearned / math.tanh(short_s / (2 * terms.lasting_s))
+    return inflation(since_s, terms) + lasting
 
 
 @kernel
