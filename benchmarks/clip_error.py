@@ -7,6 +7,8 @@ The reference is the offline smoother over every view of every camera (`e3pose.e
 With `--reference` it is read from a file, or written to it if there is none: make it once, at the
 revision to compare with, so that a change is not measured by itself.
 
+With `--by-joint` each row is followed by the mean error and `in 90` of each joint.
+
 With `--loose-limbs` it does not hold arms and legs to lengths that people have.
 
 Compared are the joints that at least two cameras saw within 0.12 s, after the warm-up; people one
@@ -23,7 +25,7 @@ shorter than 15 cm. Its first row is the reference.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -146,6 +148,7 @@ class Errors:
     cameras: list[int] = field(default_factory=list)
     people: list[tuple[int, int, int]] = field(default_factory=list)  # found, there, shown
     worst: list[tuple[float, int, int, int]] = field(default_factory=list)
+    which: list[NDArray[np.int64]] = field(default_factory=list)  # the rows of `joints`
 
     def add(self, record: SlotRecord, people: Sequence[Reference], interval_s: float) -> None:
         """Compare the people of a slot with the references nearest to them."""
@@ -163,6 +166,7 @@ class Errors:
             known = np.isfinite(off)
             within = distance_within_m(record.covariance_m2[person][rows][known], 0.9)
             self.joints.append(off[known])
+            self.which.append(rows[known])
             self.inside.append(off[known] <= within)
             shifted = np.array([people[nearest].at(record.slot - s / interval_s) for s in LAGS_S])
             lags = np.linalg.norm(poses_m[person] - shifted, axis=-1)[:, rows]
@@ -170,6 +174,16 @@ class Errors:
                 self.lagged.append(lags[:, known].mean(axis=1))
             for j in np.flatnonzero(known):
                 self.worst.append((off[j], record.slot, int(nearest), int(rows[j])))
+
+    def by_joint(self, skeleton: Skeleton) -> Iterator[str]:
+        """Yield the mean error of each joint, left and right together, and the share in 90 %."""
+        off, inside = 1000 * np.concatenate(self.joints), np.concatenate(self.inside)
+        ends = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.joints]
+        names = np.array(ends)[np.concatenate(self.which)]
+        for end in dict.fromkeys(ends):
+            mine = names == end
+            if mine.any():
+                yield f"    {end:12} {off[mine].mean():6.1f} {100 * inside[mine].mean():6.1f}"
 
     def line(self) -> str:
         """Return the figures."""
@@ -202,6 +216,7 @@ def main() -> None:
         "--loose-limbs", dest="limbs", action="store_false", help="a reference without lengths"
     )
     parser.add_argument("--worst", action="store_true", help="list the worst joints of each row")
+    parser.add_argument("--by-joint", action="store_true", help="mean and in 90 of each joint")
     options = parser.parse_args()
     recording = load_recording(options.recording)
     if options.fps:
@@ -242,6 +257,8 @@ def main() -> None:
                 name = f"{policy:11} {count:3g} {lead:3d}"
                 tables.append((name, limbs))
                 print(f"{name} {errors.line()}", flush=True)
+                if options.by_joint:
+                    print("\n".join(errors.by_joint(recording.skeleton)))
                 if options.worst:
                     for off, slot, person, joint in sorted(errors.worst)[: -WORST - 1 : -1]:
                         name = recording.skeleton.joints[joint]
