@@ -6,7 +6,8 @@
 Ten joints count: shoulders, elbows, wrists, hips and knees. `off mm` is their mean distance from
 the offline smoother over all cameras (`clip_error.py`), which real recordings have, too; `MPJPE mm`
 that from the truth. People are matched one to one below half a metre; `recall %` is the share of
-the smoother's people found. Cells are round robin / `information` / random. Every line of `--out`
+the smoother's people found. Cells are round robin / `information` / random. `--cameras 1,40mm` has
+a target error beside a number; `awake` is how many cameras were. Every line of `--out`
 is one replay; a run that was stopped goes on. A scene with `+` has errors by situation, one with
 `-` errors by score alone.
 """
@@ -47,21 +48,25 @@ WARMUP = 10  # slots with all cameras, left out
 
 
 def figures(
-    recording: Recording, people: Sequence[Reference], policy: str, count: int, lead: int, seed: int
+    recording: Recording, people: Sequence[Reference], policy: str, goal: str, lead: int, seed: int
 ) -> Row:
     """Replay once; return the figures."""
     columns = [recording.skeleton.index(joint) for joint in JOINTS]
     truth = recording.truth
+    target_mm = goal.removesuffix("mm") if goal.endswith("mm") else None
     settings = ReplaySettings(
-        pipeline="memory", policy=policy, num_selected=count, lead_slots=lead, seed=seed,
-        phase=seed, warmup_slots=WARMUP,
+        pipeline="memory", policy=policy, lead_slots=lead, seed=seed, phase=seed,
+        num_selected=float(goal) if target_mm is None else len(recording.rig),
+        target_error_m=None if target_mm is None else float(target_mm) / 1000,
+        warmup_slots=WARMUP,
     )  # fmt: skip
     off: list[Floats] = []
     wrong: list[Floats] = []
-    found = there = 0
+    found = there = slots = awake = 0
     for record in replay(recording, settings):
         if record.slot < WARMUP + lead - 1:
             continue
+        slots, awake = slots + 1, awake + int(record.selected.sum())
         expected = np.array([person.at(record.slot) for person in people])[:, columns]
         expected = expected[np.isfinite(expected).any(axis=(1, 2))]
         joints_m = record.poses.joints_m[:, columns]
@@ -71,6 +76,7 @@ def figures(
         if truth is not None:
             wrong += matched(joints_m, truth.joints_m[record.slot][:, columns])
     return {
+        "awake": awake / max(slots, 1),
         "off_mm": 1000 * float(np.concatenate(off).mean()) if off else None,
         "recall": found / max(there, 1),
         "mpjpe_mm": 1000 * float(np.concatenate(wrong).mean()) if wrong else None,
@@ -94,9 +100,14 @@ def matched(joints_m: Floats, expected_m: Floats) -> list[Floats]:
 def measure(options: argparse.Namespace) -> Iterator[Row]:
     """Yield the rows that are not in the file yet."""
     done = read(options.out)
-    have = {(r["place"], r["fps"], r["seed"], r["policy"], r["count"], r["lead"]) for r in done}
-    counts = [int(count) for count in options.cameras.split(",")]
-    runs = [(policy, count) for count in counts for policy in options.policies.split(",")]
+    have = {(r["place"], r["fps"], r["seed"], r["policy"], r["goal"], r["lead"]) for r in done}
+    goals = options.cameras.split(",")
+    runs = [
+        (policy, goal)
+        for goal in goals
+        for policy in options.policies.split(",")
+        if policy == "information" or not goal.endswith("mm")
+    ]
     for seed in (int(seed) for seed in options.seeds.split(",")):
         for place in [str(options.recording)] if options.recording else options.scenes.split(","):
             for fps in (float(rate) for rate in options.rates.split(",")):
@@ -106,11 +117,11 @@ def measure(options: argparse.Namespace) -> Iterator[Row]:
                     continue
                 recording = made(options, place, fps, seed)
                 people = references(recording, load_noise(detector_of(recording)))
-                for policy, count in todo:
-                    row = figures(recording, people, policy, count, options.lead, seed % 1000)
+                for policy, goal in todo:
+                    row = figures(recording, people, policy, goal, options.lead, seed % 1000)
                     yield {
                         "place": place, "fps": fps, "seed": seed, "policy": policy,
-                        "count": count, "lead": options.lead, **row,
+                        "goal": goal, "lead": options.lead, **row,
                     }  # fmt: skip
 
 
@@ -131,17 +142,21 @@ def read(out: Path) -> list[Row]:
 
 def report(rows: Sequence[Row]) -> Iterator[str]:
     """Yield a table in Markdown, means over seeds."""
-    yield "| place | slots/s | C | seeds | off mm | MPJPE mm | recall % |"
-    yield "|---|---|---|---|---|---|---|"
+    yield "| place | slots/s | goal | seeds | awake | off mm | MPJPE mm | recall % |"
+    yield "|---|---|---|---|---|---|---|---|"
     for place in dict.fromkeys(row["place"] for row in rows):
-        for fps, count in sorted({(r["fps"], r["count"]) for r in rows if r["place"] == place}):
-            mine = [r for r in rows if (r["place"], r["fps"], r["count"]) == (place, fps, count)]
+        for fps, goal in sorted({(r["fps"], r["goal"]) for r in rows if r["place"] == place}):
+            mine = [r for r in rows if (r["place"], r["fps"], r["goal"]) == (place, fps, goal)]
             cells = [
                 " / ".join(_mean(mine, policy, field, factor) for policy in POLICIES)
                 for field, factor in (("off_mm", 1.0), ("mpjpe_mm", 1.0), ("recall", 100.0))
             ]
             seeds = len({row["seed"] for row in mine})
-            yield f"| {Path(place).name} | {fps:g} | {count} | {seeds} | {' | '.join(cells)} |"
+            awake = np.mean(
+                [row["awake"] for row in mine if row["policy"] == "information"] or [np.nan]
+            )
+            start = f"{Path(place).name} | {fps:g} | {goal} | {seeds} | {awake:.2f}"
+            yield f"| {start} | {' | '.join(cells)} |"
 
 
 def _mean(rows: Sequence[Row], policy: str, field: str, factor: float) -> str:
@@ -155,7 +170,7 @@ def main() -> None:
     parser.add_argument("--scenes", default="round-table,buffet,reception,operating-room,lab")
     parser.add_argument("--recording", type=Path, help="a real one in place of scenes")
     parser.add_argument("--rates", default="6,12.5,25", help="slots per second")
-    parser.add_argument("--cameras", default="1,2,3")
+    parser.add_argument("--cameras", default="1,2,3", help="per slot; or a target error, 40mm")
     parser.add_argument("--policies", default=",".join(POLICIES))
     parser.add_argument("--seeds", default="801,802", help="of a recording: phases of the turns")
     parser.add_argument("--seconds", type=float, default=16.0)
