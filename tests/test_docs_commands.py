@@ -75,6 +75,8 @@ RUNS = (
     "replay shelf --lifetime 6h --battery-wh 50,cam1=60",
     "replay shelf --store live.db",
     "replay shelf --target-error 40mm",
+    "replay stills --pipeline paper --matcher rays --policy all --predictor zero-velocity "
+    "--poses poses.parquet",
     "replay walk --cameras 1 --smooth rts --poses poses.parquet --report walk.html",
     "replay walk --cameras 2 --poses poses.parquet --report walk.html",
     "replay walk --cameras 2 --report walk.html",
@@ -145,6 +147,7 @@ HERE_NOT = {
     "--model openpose-thin": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration room.toml": FILMS,
     "detect cam1.mp4 cam2.mp4 cam3.mp4 walk --calibration Calib.toml --feedback": FILMS,
+    "detect photos/cam* stills --calibration rig.toml --fps 1": FILMS,
     "detect recordings/videos/*/*-20261122T15*.mkv again --calibration rig.toml "
     "--model openpose-thin": FILMS,
     "evaluate walk --policies all,all+feedback,information,information+feedback": FILMS,
@@ -202,7 +205,7 @@ def stock(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     recording = replace(walk(761, seconds=12.0, fps=15.0), name="example")
     save_recording(recording, top / "walk")
     short = between(recording, 0, 40)
-    for name in ("my-recording", "shelf", "clip"):
+    for name in ("my-recording", "shelf", "clip", "stills"):
         save_recording(short, top / name)
     save_rig(recording.rig, top / "yup.toml")
     save_rig(recording.rig, top / "room" / "rig.toml")
