@@ -1,1 +1,1 @@
-"""Files: atomic writes, bounded reads, locks, permissions, typed tables."""
+"""Files: atomic writes, bounded reads, locks, versions, permissions, typed tables."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from e3pose.edge.server import EdgeServer
 from e3pose.errors import InputError
+from e3pose.files.version import Version, version_of
 from e3pose.settings.site_file import SiteTable
 from e3pose.wire.access import Link, check_link, split_endpoint
 from e3pose.wire.keys.folder import (
@@ -66,7 +67,7 @@ class Admission:
     server: EdgeServer
     join: Callable[[Link, Roll | None], Transport]
     report: Callable[[str], Any]
-    _seen: tuple[int, ...] = ()
+    _seen: Version | None = None
     _refused: str = ""
 
     def __post_init__(self) -> None:
@@ -75,7 +76,7 @@ class Admission:
     def update(self) -> None:
         """Rejoin if the list of certificates or the edge's own changed since the last call."""
         seen = self._version()
-        if seen == self._seen:
+        if seen is None or seen == self._seen:  # None: being replaced
             return
         try:
             self.server.membership.rejoin(self.prepare())
@@ -98,12 +99,8 @@ class Admission:
         inbox.not_admitted = not_admitted(roll, inbox.rig.camera_ids)
         return lambda: self.join(link, roll)
 
-    def _version(self) -> tuple[int, ...]:
+    def _version(self) -> Version | None:
         if self.site.link.keys is None:
             return ()
         folder = self.site.near(self.site.link.keys)
-        try:
-            found = [(folder / name).stat() for name in ("keys.toml", "edge.pem", "edge.key")]
-        except OSError:
-            return self._seen  # being replaced
-        return tuple(number for status in found for number in (status.st_mtime_ns, status.st_ino))
+        return version_of(folder / name for name in ("keys.toml", "edge.pem", "edge.key"))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from e3pose.errors import InputError
+from e3pose.files.version import Version, version_of
 from e3pose.settings.live import LiveSite
 from e3pose.settings.site_file import SiteTable
 from e3pose.site.follow import ANY_HOST, LOCAL_OPERATOR, operator_of, viewer_link
@@ -126,7 +127,7 @@ class View:
         self.rules, self.tokens, self.feed = rules, rules.tokens, feed
         self._stack = ExitStack()
         self._secure: ssl.SSLContext | None = None
-        self._seen: tuple[int, ...] = ()  # version of the certificate that is shown
+        self._seen: Version | None = None  # version of the certificate that is shown
 
     def __enter__(self) -> View:
         return self
@@ -142,7 +143,7 @@ class View:
     def _renew(self) -> None:
         """Show new connections a certificate that was renewed on disk."""
         seen = _version(self.address)
-        if self._secure is None or seen == self._seen:
+        if self._secure is None or seen is None or seen == self._seen:
             return
         with suppress(OSError):  # ssl.SSLError is one: half of it was replaced, tried again
             self._secure.load_cert_chain(str(self.address.certificate), str(self.address.key))
@@ -236,12 +237,8 @@ def rules_of(site: SiteTable, address: Address, tokens: Tokens) -> Rules:
     )
 
 
-def _version(address: Address) -> tuple[int, ...]:
-    """Return what changes whenever the certificate does; nothing while it is replaced."""
-    try:
-        return tuple(p.stat().st_mtime_ns for p in (address.certificate, address.key) if p)
-    except OSError:
-        return ()
+def _version(address: Address) -> Version | None:
+    return version_of(path for path in (address.certificate, address.key) if path)
 
 
 def _https(address: Address) -> ssl.SSLContext | None:
