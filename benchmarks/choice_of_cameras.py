@@ -132,7 +132,8 @@ def made(options: argparse.Namespace, place: str, fps: float, seed: int) -> Reco
     whole = load_recording(options.recording)
     slots = min(whole.num_slots, round(options.seconds / whole.interval_s))
     views = tuple(until(series, slots) for series in whole.views)
-    return downsampled(replace(whole, num_slots=slots, views=views, truth=None), fps)
+    recording = replace(whole, num_slots=slots, views=views, truth=None)
+    return downsampled(recording, min(fps, whole.fps))
 
 
 def read(out: Path) -> list[Row]:

@@ -22,17 +22,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from choice_of_cameras import matched
+from choice_of_cameras import made, matched
 from clip_error import Reference, references
-from detector_errors import simulated
-from e3pose.evaluate.faults import downsampled
 from e3pose.evaluate.replay import ReplaySettings, make_pipeline, selected_views
 from e3pose.model.noises import detector_of, load_noise
 from e3pose.model.uncertainty import expected_distance_m
 from e3pose.pipeline import initial_state, step
-from e3pose.recording import Recording, ViewSeries, load_recording
+from e3pose.recording import Recording, ViewSeries
 from e3pose.select.policies import Policy, Selection, Situation
-from e3pose.simulate.detections import until
 from lost_people import missed_in
 
 Floats = NDArray[np.float64]
@@ -143,20 +140,11 @@ def truth(recording: Recording, people: Sequence[Reference]) -> Floats:
 
 def recordings(options: argparse.Namespace) -> Any:
     """Yield place, rate, seed and recording."""
-    for seed in map(int, options.seeds.split(",")):
-        if options.recording:
-            whole = load_recording(options.recording)
-            slots = min(whole.num_slots, round(options.seconds / whole.interval_s))
-            views = tuple(until(series, slots) for series in whole.views)
-            whole = replace(whole, num_slots=slots, views=views, truth=None)
-            for rate in map(float, options.rates.split(",")):
-                recording = downsampled(whole, min(rate, whole.fps))
-                yield options.recording.name, rate, seed, recording
-        else:
-            for scene in options.scenes.split(","):
-                for rate in map(float, options.rates.split(",")):
-                    recording = simulated(scene, seed, seconds=options.seconds, fps=rate)
-                    yield scene, rate, seed, recording
+    places = [options.recording.name] if options.recording else options.scenes.split(",")
+    for place in places:
+        for rate in map(float, options.rates.split(",")):
+            for seed in map(int, options.seeds.split(",")):
+                yield place, rate, seed, made(options, place, rate, seed)
 
 
 def main() -> None:
