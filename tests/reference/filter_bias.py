@@ -11,7 +11,6 @@ from e3pose.estimate.filter.bias import (
     SHORTEST_S,
     MemoryTerms,
 )
-from e3pose.estimate.filter.kernels.bias import MANY_TIMES
 
 Floats = NDArray[np.float64]
 
@@ -51,9 +50,10 @@ def learn(
 
 def worth_inflation(since_s: Floats, terms: MemoryTerms) -> Floats:
     """Return the factor by which a selector counts it."""
-    times = np.clip(since_s, SHORTEST_S, MANY_TIMES * terms.lasting_s)
-    lasting = terms.unlearned / np.tanh(times / (2 * terms.lasting_s))
-    return np.asarray(inflation(since_s, terms) + lasting)
+    times = np.maximum(since_s, SHORTEST_S)
+    return np.asarray(
+        inflation(since_s, terms) + terms.unlearned / np.tanh(times / (2 * terms.lasting_s))
+    )
 
 
 def inflation(since_s: Floats, terms: MemoryTerms) -> Floats:

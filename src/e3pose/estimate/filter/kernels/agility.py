@@ -8,11 +8,9 @@ import numpy as np
 
 from e3pose.estimate.filter.agility import FURTHEST, LASTS_S, RATE, STALE_S
 from e3pose.estimate.filter.kernels.bias import inflation
-from e3pose.estimate.filter.kernels.projected import projected_variance_px2, shown_at
+from e3pose.estimate.filter.kernels.projected import beside
 from e3pose.estimate.filter.kernels.scratch import Floats, Matches, Site, Tracks, Views
 from e3pose.estimate.filter.kernels.update import ROBUST
-from e3pose.estimate.filter.state import MIN_SCORE
-from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 
 
@@ -60,16 +58,12 @@ def _compare(
 ) -> None:
     """Let one detection teach `agility`; `factor` is on its variances."""
     for joint in range(len(state)):
-        if not views.weights[row, joint] > MIN_SCORE:
+        known, du, dv, variance_px2, ux, uy, uz, vx, vy, vz = beside(
+            row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
+        )
+        if not known:
             continue
-        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
-        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
-        if not depth > MIN_DEPTH_M:
-            continue
-        variance = views.variances[row, joint] * factor
-        variance += projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
-        du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
-        dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
+        variance = views.variances[row, joint] * factor + variance_px2
         x, y, z = corrected_m[joint, 0], corrected_m[joint, 1], corrected_m[joint, 2]
         alike = du * (ux * x + uy * y + uz * z) + dv * (vx * x + vy * y + vz * z)
         alike /= variance + (du * du + dv * dv) * ROBUST
@@ -78,11 +72,17 @@ def _compare(
 
 
 @kernel
-def note_correction(track: int, sign: float, tracks: Tracks) -> None:
-    """Fill how far a look moves each joint: called with -1 before the update and 1 after it."""
+def note_place(track: int, tracks: Tracks) -> None:
+    """Keep where a look finds each joint, until `note_correction`."""
     for joint in range(tracks.state.shape[1]):
         for axis in range(3):
-            before_m = tracks.corrected_m[track, joint, axis] if sign > 0.0 else 0.0
-            tracks.corrected_m[track, joint, axis] = (
-                before_m + sign * tracks.state[track, joint, axis]
-            )
+            tracks.corrected_m[track, joint, axis] = tracks.state[track, joint, axis]
+
+
+@kernel
+def note_correction(track: int, tracks: Tracks) -> None:
+    """Fill how far the look moved each joint from there."""
+    for joint in range(tracks.state.shape[1]):
+        for axis in range(3):
+            before_m = tracks.corrected_m[track, joint, axis]
+            tracks.corrected_m[track, joint, axis] = tracks.state[track, joint, axis] - before_m

@@ -8,14 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.filter.bias import CLIP_SIGMAS, LEARNED_S, SHORTEST_S, MemoryTerms
-from e3pose.estimate.filter.kernels.projected import projected_variance_px2, shown_at
-from e3pose.estimate.filter.state import MIN_SCORE
-from e3pose.geometry.projection import MIN_DEPTH_M
+from e3pose.estimate.filter.kernels.projected import beside
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
-
-MANY_TIMES = 10.0  # a correlation time: errors are new
 
 
 @kernel
@@ -29,11 +25,8 @@ def inflation(since_s: float, terms: MemoryTerms) -> float:
 @kernel
 def worth_inflation(since_s: float, terms: MemoryTerms) -> float:
     """Return the factor by which a selector counts a keypoint's variance, see `MemoryTerms`."""
-    short_s = SHORTEST_S if since_s < SHORTEST_S else since_s
-    most_s = MANY_TIMES * terms.lasting_s
-    short_s = most_s if short_s > most_s else short_s
-    lasting = terms.unlearned / math.tanh(short_s / (2 * terms.lasting_s))
-    return inflation(since_s, terms) + lasting
+    repeated = math.tanh(max(since_s, SHORTEST_S) / (2 * terms.lasting_s))
+    return inflation(since_s, terms) + terms.unlearned / repeated
 
 
 @kernel
@@ -72,16 +65,12 @@ def learn_bias(
     rate = 1.0 - math.exp(-since_s / LEARNED_S)
     rate = rate if rate < terms.most else terms.most
     for joint in range(len(state)):
-        if not weights[row, joint] > MIN_SCORE:
+        known, du, dv, variance_px2, _, _, _, _, _, _ = beside(
+            row, joint, state, covariance, projection, pixels, weights, bias_px
+        )
+        if not known:
             continue
-        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
-        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
-        if not depth > MIN_DEPTH_M:
-            continue
-        variance_px2 = projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
         variance = variances[row, joint]
-        du = pixels[row, joint, 0] - bias_px[joint, 0] - u
-        dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
         off = math.sqrt((du * du + dv * dv) / variance) / CLIP_SIGMAS
         blame = rate * variance / (variance + variance_px2) / (off if off > 1.0 else 1.0)
         bias_px[joint, 0] += blame * du

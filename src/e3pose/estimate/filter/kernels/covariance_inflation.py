@@ -23,10 +23,8 @@ from e3pose.estimate.filter.covariance_inflation import (
 )
 from e3pose.estimate.filter.kernels.bias import left_over
 from e3pose.estimate.filter.kernels.learned_noise import proved
-from e3pose.estimate.filter.kernels.projected import projected_variance_px2, shown_at
+from e3pose.estimate.filter.kernels.projected import beside
 from e3pose.estimate.filter.kernels.scratch import Matches, Site, Tracks, Views
-from e3pose.estimate.filter.state import MIN_SCORE
-from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -79,18 +77,15 @@ def _compare(
 ) -> None:
     """Add the innovations of one detection; `own_share` is on its variances."""
     for joint in range(len(state)):
-        if not views.weights[row, joint] > MIN_SCORE:
-            continue
-        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
-        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
-        if not depth > MIN_DEPTH_M:
+        known, du, dv, variance_px2, ux, uy, uz, vx, vy, vz = beside(
+            row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
+        )
+        if not known:
             continue
         factor = spread_factor(drift_share[joint], 1.0)
-        variance_px2 = factor**2 * projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
+        variance_px2 *= factor**2
         total = variance_px2 + own_share * views.variances[row, joint]
         if variance_px2 > LEAST_SHARE * total:
-            du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
-            dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
             expected_px = math.sqrt(MEAN * total)
             off = math.sqrt(du * du + dv * dv) / expected_px
             squares = ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from e3pose.estimate.filter.blindness import PROOF_CAMERAS, PROOF_S
 from e3pose.estimate.filter.kernels.bias import inflation, left_over
 from e3pose.estimate.filter.kernels.learned_shift import compare_shift
-from e3pose.estimate.filter.kernels.projected import projected_variance_px2, shown_at
+from e3pose.estimate.filter.kernels.projected import beside
 from e3pose.estimate.filter.kernels.scratch import Detectors, Matches, Site, Tracks, Views
 from e3pose.estimate.filter.kernels.update import OUTLIER_SIGMAS
 from e3pose.estimate.filter.learned_noise import (
@@ -29,8 +29,6 @@ from e3pose.estimate.filter.learned_noise import (
     SLOPE,
     STEEPEST,
 )
-from e3pose.estimate.filter.state import MIN_SCORE
-from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -185,15 +183,11 @@ def _compare(
     """
     tilt = len(detectors.logs) - 1
     for joint in range(len(state)):
-        if not views.weights[row, joint] > MIN_SCORE:
+        known, du, dv, variance_px2, _, _, _, _, _, _ = beside(
+            row, joint, state, covariance, projection, views.pixels, views.weights, bias_px
+        )
+        if not known:
             continue
-        x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
-        depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
-        if not depth > MIN_DEPTH_M:
-            continue
-        variance_px2 = projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
-        du = views.pixels[row, joint, 0] - bias_px[joint, 0] - u
-        dv = views.pixels[row, joint, 1] - bias_px[joint, 1] - v
         squares = du * du + dv * dv
         variance = views.variances[row, joint] * factor
         leverage = variance_px2 / (variance * (1.0 + squares / variance * ROBUST))

@@ -1,10 +1,12 @@
-"""Projection of a point into a view, and its derivatives."""
+"""Projection of a point into a view, its derivatives, and how far a keypoint is from it."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
@@ -75,3 +77,43 @@ def projected_variance_px2(
         + covariance[1, 2] * (uy * uz + vy * vz)
     )
     return float(variance_px2)
+
+
+@kernel
+def beside(
+    row: int,
+    joint: int,
+    state: Floats,
+    covariance: Floats,
+    projection: Floats,
+    pixels: Floats,
+    weights: Floats,
+    bias_px: Floats,
+) -> tuple[bool, float, float, float, float, float, float, float, float, float]:
+    """Compare a keypoint with the joint that it is of.
+
+    Args:
+        row: of the detection in `pixels` and `weights`.
+        joint: of the person.
+        state: `(num_joints, 6)`.
+        covariance: `(num_joints, 6, 6)`.
+        projection: `(3, 4)`.
+        pixels: `(num_rows, num_joints, 2)`.
+        weights: `(num_rows, num_joints)`.
+        bias_px: `(num_joints, 2)` learned of the view, taken off.
+
+    Returns:
+        Whether both are there; how far the keypoint is right of the joint and below it, pixels; the
+        mean variance of the joint's pixel, px2; the gradients of `shown_at`. Without the first, the
+        rest means nothing.
+    """
+    if not weights[row, joint] > MIN_SCORE:
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y, z = state[joint, 0], state[joint, 1], state[joint, 2]
+    depth, u, v, ux, uy, uz, vx, vy, vz = shown_at(projection, x, y, z)
+    if not depth > MIN_DEPTH_M:
+        return False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    du = pixels[row, joint, 0] - bias_px[joint, 0] - u
+    dv = pixels[row, joint, 1] - bias_px[joint, 1] - v
+    variance_px2 = projected_variance_px2(covariance[joint], ux, uy, uz, vx, vy, vz)
+    return True, du, dv, variance_px2, ux, uy, uz, vx, vy, vz

@@ -11,7 +11,7 @@ import numpy as np
 
 from e3pose.errors import InputError
 from e3pose.estimate.filter import exits
-from e3pose.estimate.filter.kernels.agility import learn_agility, note_correction
+from e3pose.estimate.filter.kernels.agility import learn_agility, note_correction, note_place
 from e3pose.estimate.filter.kernels.associate import associate
 from e3pose.estimate.filter.kernels.bias import learn_bias
 from e3pose.estimate.filter.kernels.births import give_birth
@@ -270,12 +270,12 @@ def _revise(num_tracks: int, num_views: int, dt: float, site: Site, memory: Memo
         for camera in range(len(views.counts)):
             shown |= views.arrived[camera] and memory.matches.assigned[camera, track] >= 0
         if shown:
-            note_correction(track, -1.0, tracks)
+            note_place(track, tracks)
         if num_views:
             update_by_views(track, dt, site, views, memory.matches.assigned, tracks, passes)
             compare_noise(track, dt, site, views, memory.matches, tracks, memory.detectors)
         if shown:
-            note_correction(track, 1.0, tracks)
+            note_correction(track, tracks)
         for camera in range(len(views.counts)):
             person = memory.matches.assigned[camera, track]
             if views.arrived[camera] and person >= 0:
