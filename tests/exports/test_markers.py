@@ -16,7 +16,7 @@ from e3pose.errors import InputError
 from e3pose.exports import EXPORTS, ExportSettings, export, format_of
 from e3pose.exports.c3d import CHUNK_FRAMES, MAX_FRAMES
 from e3pose.model.skeleton import COCO17
-from e3pose.model.take import MEASURED, Take, motion_of
+from e3pose.model.take import MEASURED, MISSING, Take, motion_of
 
 Floats = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ FIRST, SECOND = TAKE.motions
 
 
 def read_trc(path: Path) -> tuple[dict[str, str], list[str], Floats, Floats]:
-    """Read a TRC file as OpenSim's documentation describes it.
+    """Read a TRC file as OpenSim 4.6 does: an empty cell at the end of a row is no cell.
 
     Returns:
         The header, marker names, times, and `(num_frames, num_markers, 3)` as written.
@@ -40,10 +40,10 @@ def read_trc(path: Path) -> tuple[dict[str, str], list[str], Floats, Floats]:
     axes = [cell for cell in lines[4].split("\t") if cell]
     assert axes == [f"{axis}{n + 1}" for n in range(len(names)) for axis in "XYZ"]
     assert lines[5] == ""
-    rows = [line.split("\t") for line in lines[6:] if line]
+    rows = [line.rstrip("\t").split("\t") for line in lines[6:] if line]
     assert [row[0] for row in rows] == [str(n + 1) for n in range(int(header["NumFrames"]))]
     assert {len(row) for row in rows} == {2 + 3 * len(names)}
-    values = [[float(cell) if cell else np.nan for cell in row[2:]] for row in rows]
+    values = [[float(cell) for cell in row[2:]] for row in rows]
     times = np.array([float(row[1]) for row in rows])
     return header, names, times, np.array(values).reshape(len(rows), len(names), 3)
 
@@ -54,7 +54,7 @@ def z_up(points: Floats) -> Floats:
 
 
 @pytest.mark.parametrize(("units", "scale"), [(None, 1000.0), ("mm", 1000.0), ("m", 1.0)])
-def test_trc_has_a_file_a_person_with_empty_cells(
+def test_trc_has_a_file_a_person_and_nan_where_missing(
     tmp_path: Path, units: Literal["mm", "m"] | None, scale: float
 ) -> None:
     settings = ExportSettings(units=units)
@@ -69,6 +69,15 @@ def test_trc_has_a_file_a_person_with_empty_cells(
         apart_mm = 1000 * np.abs(z_up(points) / scale - motion.joints_m)
         assert np.nanmax(apart_mm) < 0.001
         np.testing.assert_array_equal(np.isnan(points).any(axis=-1), ~motion.known)
+
+
+def test_a_trc_row_whose_last_marker_is_missing_is_whole(tmp_path: Path) -> None:
+    origin, joints_m = FIRST.origin.copy(), FIRST.joints_m.copy()
+    origin[5:8, -1], joints_m[5:8, -1] = MISSING, np.nan
+    alone = replace(TAKE, motions=(replace(FIRST, joints_m=joints_m, origin=origin),))
+    ((path, _),) = export(alone, tmp_path / "w.trc", "trc")
+    *_, points = read_trc(path)
+    assert np.isnan(points[5:8, -1]).all() and np.isfinite(points[8, -1]).all()
 
 
 def test_one_person_has_the_name_that_was_asked_for(tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """TRC, marker files of OpenSim and Pose2Sim: text, y up, one person per file.
 
 The layout is that of OpenSim's documentation (Marker (.trc) Files): five lines of header, a blank
-one, a row per frame. A marker that is missing has empty cells, which OpenSim reads as no number.
+one, a row per frame. A marker that is missing is `NaN`: OpenSim drops an empty cell at the end of a
+row and then refuses the row.
 """
 
 from __future__ import annotations
@@ -45,6 +46,6 @@ def write_trc(take: Take, dest: Path, settings: ExportSettings) -> str:
         file.write("\n".join(header) + "\n")
         for row, place in enumerate(places.reshape(count, -1)):
             time_s = (motion.first + row) * take.interval_s
-            values = ["" if np.isnan(value) else form % value for value in place.tolist()]
+            values = ["NaN" if np.isnan(value) else form % value for value in place.tolist()]
             file.write(f"{row + 1}\t{time_s:.6f}\t" + "\t".join(values) + "\n")
     return f"{units}, y up"
