@@ -28,16 +28,11 @@ SOURCES = (
     Path(__file__).resolve(),
     Path(__file__).resolve().with_name("dispatcher.py"),
 )
-FILTER_CONSTANTS = (
-    "bias", "blindness", "covariance_inflation", "exits", "learned_noise", "learned_shift",
-    "motion", "state", "tree",
-)  # fmt: skip
 # The filter's kernels call the others, but not the other way round.
 _FILTER = _PACKAGE / "estimate" / "filter"
 FILTER_SOURCES = (
     *SOURCES,
-    *sorted((_FILTER / "kernels").glob("*.py")),
-    *(_FILTER / f"{name}.py" for name in FILTER_CONSTANTS),
+    *sorted(_FILTER.rglob("*.py")),
     _PACKAGE / "model" / "proportions.py",
 )
 PREDICTOR = "e3pose.predict."
