@@ -29,7 +29,7 @@ from e3pose.select.failure_detector import Silence, listen
 from e3pose.select.feedback import expected_in_views, reach_m
 from e3pose.select.motion_2d import LastView, own_occlusion, with_view
 from e3pose.select.occlusion import Spread, expected_views
-from e3pose.select.policies.base import Policy, Selection, Situation
+from e3pose.select.policies.base import Policy, Selection, Situation, selected_by
 from e3pose.select.stated_error import StatedError
 
 Floats = NDArray[np.float64]
@@ -227,7 +227,7 @@ def _decide(
     """Return the cameras of the slot that is decided now, and the virtual queues after it."""
     if warming_up:
         return np.array(online), situation.deficit  # Algorithm 1: not charged
-    decision = pipeline.policy.select(situation)
+    decision = selected_by(pipeline.policy, situation)
     return decision, advance_deficit(situation.deficit, pipeline.budget, decision)
 
 

@@ -59,6 +59,15 @@ def test_people_calibrate_a_bare_recording(
     assert (folders / "error.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize("height", ["5cm", "49cm", "2.6m", "178m"])
+def test_nobody_is_as_tall(height: str, folders: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--height", height)
+    assert run("calibrate", "extrinsics", folders / "bare", folders / "tall.toml", *words) == 2
+    err = capsys.readouterr().err
+    assert f"--height: found {height}, expected the height of people, 0.5 to 2.5 m" in err
+    assert err.count("\n") == 1 and not (folders / "tall.toml").exists()
+
+
 def test_points_calibrate_with_one_distance(
     folders: Path, recording: Recording, capsys: pytest.CaptureFixture[str]
 ) -> None:

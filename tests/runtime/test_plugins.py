@@ -28,6 +28,22 @@ finished = Last()
 """
 
 
+OTHERS = """
+import numpy as np
+class Mute:
+    pass
+class Wide:
+    def select(self, situation):
+        return np.ones(7, dtype=bool)
+class Counts:
+    def select(self, situation):
+        return [0, 2]
+class Listed:
+    def select(self, situation):
+        return [True, False, False]
+"""
+
+
 class First:
     """Wakes the first camera."""
 
@@ -102,6 +118,31 @@ def test_what_cannot_be_found_is_reported(name: str, message: str, folder: Path)
     with pytest.raises(InputError) as caught:
         policy_row(name)
     assert str(caught.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Mute", "policy Mute: found a Mute, expected a method select(situation)"),
+        ("Wide", "policy Wide: select: found ndarray of shape (7,), bool, expected an array of "),
+        ("Counts", "policy Counts: select: found list of shape (2,), int64, expected an array of "),
+    ],
+)
+def test_a_policy_that_does_not_select_is_reported(
+    name: str, message: str, folder: Path, scene: Recording
+) -> None:
+    (folder / "others.py").write_text(OTHERS)
+    settings = ReplaySettings(pipeline="paper", policy=f"others:{name}", warmup_slots=2)
+    with pytest.raises(InputError) as caught:
+        list(replay(scene, settings))
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_list_of_truth_values_is_a_selection(folder: Path, scene: Recording) -> None:
+    (folder / "others.py").write_text(OTHERS)
+    settings = ReplaySettings(pipeline="paper", policy="others:Listed", warmup_slots=2)
+    records = list(replay(scene, settings))
+    assert [record.selected.tolist() for record in records[4:]] == [[True, False, False]] * 6
 
 
 def test_names_of_other_families_are_reported_alike() -> None:

@@ -59,6 +59,9 @@ class FilmOptions:
         return Wand.parse(self.wand)
 
 
+LEAST_HEIGHT_M, MOST_HEIGHT_M = 0.5, 2.5  # of people
+
+
 @Parameter(name="*", group=Group("Scale", sort_key=2))
 @dataclass(frozen=True, kw_only=True)
 class ScaleOptions:
@@ -80,6 +83,9 @@ class ScaleOptions:
             raise InputError("--height, --distance, --limb: found several, expected at most one")
         with as_typed({"": "--height"}):
             height_m = None if self.height is None else length_m(self.height)
+        if height_m is not None and not LEAST_HEIGHT_M <= height_m <= MOST_HEIGHT_M:
+            limits = f"the height of people, {LEAST_HEIGHT_M:g} to {MOST_HEIGHT_M:g} m"
+            raise InputError("--height", self.height, limits)
         return KnownLength(
             height_m,
             None if self.distance is None else _pair("--distance", self.distance),

@@ -14,7 +14,7 @@ import numpy as np
 
 from e3pose.pipeline import Pipeline
 from e3pose.select.camera_order import spread_order
-from e3pose.select.policies.base import Policy, Selection, Situation
+from e3pose.select.policies.base import Policy, Selection, Situation, selected_by
 from e3pose.select.policies.fixed import RoundRobin
 
 FULL, ROUND_ROBIN, HALF_RATE = 0, 1, 2
@@ -138,4 +138,4 @@ class EveryOther:
         """See `Policy.select`."""
         if situation.slot % 2:
             return np.zeros(len(situation.online), dtype=bool)
-        return self.policy.select(replace(situation, slot=situation.slot // 2))
+        return selected_by(self.policy, replace(situation, slot=situation.slot // 2))

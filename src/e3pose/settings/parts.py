@@ -22,6 +22,7 @@ from e3pose.pipeline import Pipeline
 from e3pose.predict import Predictor, make_predictor, make_predictor_or_fallback
 from e3pose.select.camera_order import spread_order
 from e3pose.select.policies import POLICIES, Policy, PolicyRow, PolicySettings, policy_row
+from e3pose.select.policies.base import check_policy
 from e3pose.settings.loop import LoopSettings, pipeline_row
 
 STEERING = "attention-lstm"  # steers the filter by default
@@ -121,7 +122,9 @@ def make_policy(
     def waking(count: float) -> Policy:
         return row.make(replace(asked, num_selected=count))
 
-    return row.make(asked), waking if row.asks_count else None
+    policy = row.make(asked)
+    check_policy(policy)
+    return policy, waking if row.asks_count else None
 
 
 def row_of(settings: LoopSettings) -> PolicyRow:

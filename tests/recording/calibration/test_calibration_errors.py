@@ -262,3 +262,13 @@ def test_fisheye_that_is_no_boolean_is_refused(tmp_path: Path, files: Any) -> No
 def test_unknown_opencv_distortion_model_is_refused(tmp_path: Path, files: Any) -> None:
     path = files.write("opencv", tmp_path, files.with_second(extra={"distortion_model": "omni"}))
     assert "hall_2: distortion_model: found 'omni'" in refusal(path)
+
+
+@pytest.mark.parametrize("format", ["e3pose-site", "e3pose-recording"])
+def test_a_file_of_another_kind_is_no_calibration(tmp_path: Path, format: str) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'format = "{format}"\nversion = 1\nname = "lab"\n')
+    with pytest.raises(InputError) as caught:
+        load_rig(path)
+    wanted = f"found a file of the format '{format}', expected a calibration file, such as rig.toml"
+    assert str(caught.value) == f"{path}: {wanted}"

@@ -39,6 +39,9 @@ def read(path: Path, tables: Mapping[str, Any]) -> Rig:
     for section, entry in tables.items():
         if section == "metadata":
             continue
+        if section == "format" and isinstance(entry, str):
+            found = f"a file of the format {entry[:40]!r}"
+            raise InputError(str(path), found, "a calibration file, such as rig.toml")
         shown = section[:80].encode("unicode_escape").decode()
         camera = fields.table(entry, f"{path}: camera {shown}")
         name = fields.name_of(camera.get("name", section))

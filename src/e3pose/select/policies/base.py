@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.errors import InputError
 from e3pose.model.slot_record import Selection as Selection
 from e3pose.select.expected_information import Foresight
 from e3pose.select.stated_error import StatedError
@@ -60,6 +61,37 @@ class Policy(Protocol):
     def select(self, situation: Situation) -> Selection:
         """Return `(num_cameras,)`: whether each camera detects in `situation.slot`."""
         ...
+
+
+def selected_by(policy: Policy, situation: Situation) -> Selection:
+    """Return the cameras that a policy selects.
+
+    Raises:
+        InputError: naming the policy, where it does not return one truth value for each camera.
+    """
+    selection: object = policy.select(situation)
+    try:
+        found = np.asarray(selection)
+    except ValueError:  # lists of unequal length
+        found = np.empty(0)
+    num_cameras = len(situation.online)
+    if found.shape != (num_cameras,) or found.dtype != np.bool_:
+        shape = f"{type(selection).__name__} of shape {found.shape}, {found.dtype}"
+        wanted = f"an array of shape ({num_cameras},), bool: one for each camera"
+        raise InputError(f"policy {name_of(policy)}: select", shape, wanted)
+    return found
+
+
+def check_policy(policy: object) -> None:
+    """Raise `InputError`, naming the policy, where it has no method `select`."""
+    if not callable(getattr(policy, "select", None)):
+        wanted = "a method select(situation), see docs/how-to/own-parts.md"
+        raise InputError(f"policy {name_of(policy)}", f"a {type(policy).__name__}", wanted)
+
+
+def name_of(policy: object) -> str:
+    """Return what a policy is called in messages: its class, or its own name if it is one."""
+    return getattr(policy, "__name__", type(policy).__name__)
 
 
 def count_at(slot: int, num_selected: float) -> int:
