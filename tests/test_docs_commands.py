@@ -51,6 +51,8 @@ RUNS = (
     "export live.db walk.c3d --smooth butterworth --cutoff 6Hz",
     "export live.db walk.trc --smooth rts --fill 200ms",
     "export poses.parquet walk.glb",
+    "export poses.parquet walk.mot --track 0 --smooth rts --fill 200ms",
+    "export poses.parquet walk.trc --track 0 --smooth rts --fill 200ms --names pose2sim",
     "info walk",
     "keys add cam1",
     "keys add cam1 --again",

@@ -32,7 +32,8 @@ class FormatOptions:
     """What to write, and how."""
 
     format_name: Annotated[
-        Literal["trc", "c3d", "csv", "parquet", "bvh", "gltf", "openpose", "coco", "rerun"] | None,
+        Literal["trc", "mot", "c3d", "csv", "parquet", "bvh", "gltf", "openpose", "coco", "rerun"]
+        | None,
         Parameter(name="--format"),
     ] = None
     """Output format, if the suffix of DEST does not determine it."""
@@ -42,6 +43,8 @@ class FormatOptions:
     """Frame rate, by linear interpolation. Default: the slot rate."""
     units: Literal["mm", "m"] | None = None
     """Length unit of TRC, C3D (default mm) and BVH (default m)."""
+    names: Literal["pose2sim", "opencap"] | None = None
+    """Marker names of TRC, with OpenSim's model and set-up files beside. Default: the joints'."""
     angles: Flag = False
     """Add joint angles as columns of CSV and Parquet."""
     calibration: Path | None = None
@@ -56,13 +59,14 @@ class FormatOptions:
         for option, value, forms in (
             ("--angles", self.angles or None, ("csv", "parquet")),
             ("--units", self.units, ("trc", "c3d", "bvh")),
+            ("--names", self.names, ("trc",)),
             ("--calibration", self.calibration, ("coco", "openpose")),
         ):
             if value is not None and form not in forms:
-                listed = f"{', '.join(forms[:-1])} or {forms[-1]}"
+                listed = " or ".join(filter(None, (", ".join(forms[:-1]), forms[-1])))
                 raise InputError(f"{option}: found with {form}, expected {listed}")
         rig = None if self.calibration is None else load_rig(self.calibration)
-        return form, ExportSettings(self.units, self.angles, rig, progress)
+        return form, ExportSettings(self.units, self.names, self.angles, rig, progress)
 
 
 FORMAT = FormatOptions()
@@ -85,10 +89,11 @@ def export(
 
     Example: `e3pose export live.db walk.trc --from 14:00 --to 14:05 --smooth rts`
 
-    The suffix of DEST selects the format: .trc (OpenSim), .c3d, .csv and .parquet (one row per
-    frame and person), .bvh, .glb and .gltf (animated skeletons), .json (COCO), .rrd (rerun); a
-    folder of OpenPose JSON needs `--format openpose`. TRC and BVH hold one person per file, such
-    as walk-track7.trc. Missing joints stay missing without --fill.
+    The suffix of DEST selects the format: .trc and .mot (OpenSim: markers, joint angles), .c3d,
+    .csv and .parquet (one row per frame and person), .bvh, .glb and .gltf (animated skeletons),
+    .json (COCO), .rrd (rerun); a folder of OpenPose JSON needs `--format openpose`. TRC, MOT and
+    BVH hold one person per file, such as walk-track7.trc. Missing joints stay missing without
+    --fill.
 
     Parameters
     ----------

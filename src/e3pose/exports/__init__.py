@@ -15,6 +15,7 @@ from e3pose.exports.c3d import write_c3d
 from e3pose.exports.coco import write_coco
 from e3pose.exports.gltf import write_gltf
 from e3pose.exports.openpose import write_openpose
+from e3pose.exports.opensim.mot import write_mot
 from e3pose.exports.rrd import write_rrd
 from e3pose.exports.table import write_csv, write_parquet
 from e3pose.exports.trc import write_trc
@@ -23,6 +24,7 @@ from e3pose.model.take import Take
 
 EXPORTS: dict[str, Export] = {
     "trc": Export((".trc",), write_trc, one_person=True),
+    "mot": Export((".mot",), write_mot, one_person=True),
     "c3d": Export((".c3d",), write_c3d),
     "csv": Export((".csv",), write_csv),
     "parquet": Export((".parquet",), write_parquet),

@@ -28,12 +28,14 @@ class ExportSettings:
 
     Attributes:
         units: of TRC, C3D and BVH; None for the format's usual ones.
+        names: what markers are called, a key of `opensim.markers.NAMES`; None for the joints'.
         angles: whether tables have columns of joint angles.
         rig: the cameras of formats that hold 2D keypoints; None without.
         progress: wraps what takes long: the work, how much it is, what it is called.
     """
 
     units: Units | None = None
+    names: str | None = None
     angles: bool = False
     rig: Rig | None = None
     progress: Progress = lambda items, total, label: items

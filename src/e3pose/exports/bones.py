@@ -171,11 +171,11 @@ def _fit(above: Floats, rest: Floats, wanted: Floats) -> Floats:
     """
     if len(rest) == 1:
         start = np.einsum("fab,b->fa", above, rest[0])
-        return _least_rotation(start, wanted[:, 0]) @ above
+        return least_rotation(start, wanted[:, 0]) @ above
     return nearest_rotation(np.einsum("fca,cb->fab", wanted, rest))
 
 
-def _least_rotation(start: Floats, end: Floats) -> Floats:
+def least_rotation(start: Floats, end: Floats) -> Floats:
     """Return `(num_frames, 3, 3)`: what points one vector as another, by the least angle."""
     a, b = (v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9) for v in (start, end))
     axis, cosine = np.cross(a, b), (a * b).sum(axis=-1)

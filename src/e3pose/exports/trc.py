@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from e3pose.exports.base import PER_METRE, ExportSettings, y_up
+from e3pose.exports.opensim.markers import columns
+from e3pose.exports.opensim.setup import write_setup
 from e3pose.files.atomic import atomic_file
 from e3pose.model.take import Take
 
@@ -21,14 +23,14 @@ DECIMALS = {"mm": 3, "m": 6}
 def write_trc(take: Take, dest: Path, settings: ExportSettings) -> str:
     """Write the one person of a take.
 
-    Time counts from slot 0, so that files of several people belong together.
+    Time counts from slot 0, so that files of several people belong together. With names of another
+    tool, what OpenSim needs to scale a model and to run inverse kinematics is written beside it.
     """
     (motion,) = take.motions
     units = settings.units or "mm"
-    names, rate = take.skeleton.joints, f"{take.fps:.10g}"
-    cells = [""] * len(names)
-    for index, name in enumerate(names):
-        cells[index] = f"{name}\t\t"
+    markers, rate = columns(take.skeleton, settings.names), f"{take.fps:.10g}"
+    names = [name for name, _ in markers]
+    cells = [f"{name}\t\t" for name in names]
     axes = "\t".join(f"X{n}\tY{n}\tZ{n}" for n in range(1, len(names) + 1))
     count = len(motion)
     header = [
@@ -40,7 +42,8 @@ def write_trc(take: Take, dest: Path, settings: ExportSettings) -> str:
         "\t\t" + axes,
         "",
     ]
-    places = y_up(motion.joints_m) * PER_METRE[units]
+    joints_m = [motion.joints_m[:, joints].mean(axis=1) for _, joints in markers]
+    places = y_up(np.stack(joints_m, axis=1)) * PER_METRE[units]
     form = f"%.{DECIMALS[units]}f"
     with atomic_file(dest, private=True) as temporary, temporary.open("w", newline="") as file:
         file.write("\n".join(header) + "\n")
@@ -48,4 +51,6 @@ def write_trc(take: Take, dest: Path, settings: ExportSettings) -> str:
             time_s = (motion.first + row) * take.interval_s
             values = ["NaN" if np.isnan(value) else form % value for value in place.tolist()]
             file.write(f"{row + 1}\t{time_s:.6f}\t" + "\t".join(values) + "\n")
-    return f"{units}, y up"
+    if settings.names is None:
+        return f"{units}, y up"
+    return f"{units}, y up; {write_setup(dest, take, settings.names)}"
