@@ -261,6 +261,18 @@ def test_rtmo_reads_boxes_and_keypoints(tmp_path: Path, swapped: bool) -> None:
     np.testing.assert_allclose(poses.scores[seen], 0.8, atol=1e-6)
 
 
+def test_rtmo_finds_nobody_twice(tmp_path: Path) -> None:
+    truth = people_in((640, 480), 1)[0]
+    behind = truth + (60, 0)  # somebody else, in nearly the same box
+    points = np.full((1, 3, 17, 3), 0.8, np.float32)
+    points[0, :, :, :2] = (np.stack([truth + 1, truth, behind]) + 0.5) * 0.65
+    points[0, 1, :, 2] = 0.9
+    boxes = np.full((1, 3, 5), 0.9, np.float32)
+    path = write_onnx(tmp_path / "r.onnx", (1, 3, 416, 416), boxes, points)
+    found = make_detector("rtmo", path, "cpu", 1).detect(IMAGE)
+    assert np.abs(found.keypoints_px - np.stack([truth, behind])).max() < 1e-3
+
+
 def test_rtmo_looks_at_a_part(tmp_path: Path) -> None:
     part = Part(200, 100, 208, 104, 640)  # doubled, it fills the top half of 416 x 416
     truth = people_in(part.size, 1)[0] + (part.left, part.top)

@@ -200,6 +200,7 @@ class FakeNetwork:
     path = Path("fake.onnx")
     provider = "cpu"
     input_dtype = "float"
+    output_names = ("maps",)
 
     def __init__(
         self,

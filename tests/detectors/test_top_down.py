@@ -13,7 +13,9 @@ from onnx import TensorProto, helper, numpy_helper
 
 from e3pose.detectors import identify, make_detector, skeleton_of
 from e3pose.detectors.focus import detect_expected
+from e3pose.detectors.inference import load_network
 from e3pose.detectors.keypoint_heads import read_heatmaps, read_simcc
+from e3pose.detectors.person_boxes import PersonBoxes
 from e3pose.detectors.top_down import crop, different_people
 from e3pose.errors import InputError
 from e3pose.model.expected import ExpectedView
@@ -42,16 +44,39 @@ def constant(name: str, value: NDArray[Any]) -> Any:
     return numpy_helper.from_array(value, name)
 
 
-def write_boxes(path: Path, rows: list[list[float]], labels: list[int]) -> Path:
-    """Write a network that finds these boxes whatever it is shown: pixels of 320 x 320."""
-    dets, kinds = np.array([rows], np.float32), np.array([labels], np.int64)
-    nodes = [helper.make_node("Identity", [a], [b]) for a, b in (("d", "dets"), ("l", "labels"))]
+def write_boxes(
+    path: Path, rows: list[list[float]], labels: list[int], first: str = "Conv"
+) -> Path:
+    """Write a network that finds these boxes whatever it is shown: pixels of 320 x 320.
+
+    The score of the last box is the value of the input's first pixel: blue, as it is BGR.
+    """
+    dets, kinds = np.array([[*rows, [0, 0, 320, 320, 0]]], np.float32), [[*labels, 0]]
+    corner = constant("from", np.zeros(4, np.int64)), constant("to", np.ones(4, np.int64))
+    readers = {
+        "Conv": helper.make_node("Conv", ["image", "w"], ["seen"], strides=[320, 320]),
+        "Slice": helper.make_node("Slice", ["image", "from", "to"], ["seen"]),
+        "Neg": helper.make_node("Neg", ["image"], ["seen"]),
+    }
+    place = np.zeros((1, *dets.shape[1:]), np.float32)
+    place[0, -1, 4] = 1
+    nodes = [
+        helper.make_node("Cast", ["input"], ["image"], to=TensorProto.FLOAT),
+        readers[first],
+        helper.make_node("ReduceMax", ["seen"], ["value"], keepdims=0),
+        helper.make_node("Mul", ["value", "place"], ["score"]),
+        helper.make_node("Add", ["d", "score"], ["dets"]),
+        helper.make_node("Identity", ["l"], ["labels"]),
+    ]
     outputs = [
         floats("dets", *dets.shape),
-        helper.make_tensor_value_info("labels", TensorProto.INT64, kinds.shape),
+        helper.make_tensor_value_info("labels", TensorProto.INT64, (1, dets.shape[1])),
     ]
-    image = floats("input", 1, 3, 320, 320)
-    return write(path, nodes, [image], outputs, constant("d", dets), constant("l", kinds))
+    weights = np.zeros((1, 3, 1, 1), np.float32)
+    weights[0, 0] = 1
+    more = [constant("d", dets), constant("l", np.array(kinds, np.int64))]
+    more += [constant("w", weights), constant("place", place), *corner]
+    return write(path, nodes, [floats("input", 1, 3, 320, 320)], outputs, *more)
 
 
 def write_keypoints(path: Path, count: int, heatmaps: bool = False) -> Path:
@@ -117,6 +142,36 @@ def test_keypoints_are_where_they_are_in_the_image(
         # A heatmap's cell is 4 pixels of the input, and those are 1.5 of the image.
         assert np.abs(poses.keypoints_px[0] - expected).max() < (3.5 if heatmaps else 1.0)
         assert (poses.scores > 0.9).all()
+
+
+@pytest.mark.parametrize(("first", "value"), [("Conv", (80 - 103.53) / 57.375), ("Slice", 80.0)])
+def test_images_are_normalised_for_rtmdet_and_not_for_yolox(
+    tmp_path: Path, first: str, value: float
+) -> None:
+    network = load_network(write_boxes(tmp_path / "a.onnx", [], [], first), "cpu", 1)
+    seen: list[NDArray[Any]] = []
+
+    class Watched:
+        def __getattr__(self, name: str) -> Any:
+            return getattr(network, name)
+
+        def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
+            seen.extend(network.run(tensor))
+            return seen[-2:]
+
+    image = np.zeros((320, 320, 3), np.uint8)
+    image[0, 0] = 255, 40, 80  # RGB
+    boxes = PersonBoxes(Watched()).find(image)
+    assert seen[0][0, -1, 4] == pytest.approx(value, abs=1e-4)
+    assert len(boxes) == (value > 0.3)
+
+
+def test_boxes_of_a_network_that_is_neither_are_refused(tmp_path: Path) -> None:
+    write_boxes(tmp_path / "a.onnx", [], [], "Neg")
+    write_keypoints(tmp_path / "b.onnx", 17)
+    wanted = r"a\.onnx: found an image that is first read by Neg, expected Conv as in RTMDet, or "
+    with pytest.raises(InputError, match=wanted):
+        make_detector("rtmpose", tmp_path)
 
 
 def test_people_are_looked_for_where_they_are_expected(tmp_path: Path) -> None:

@@ -46,6 +46,13 @@ def _rtmo(name: str, model: Path | None, provider: str, threads: int | None) -> 
     return Rtmo(load_network(_weights(name, model), provider, threads))
 
 
+def _ecpose(model: Path | None, provider: str, threads: int | None) -> Detector:
+    from e3pose.detectors.ecpose import NAME, EcPose
+    from e3pose.detectors.inference import load_network
+
+    return EcPose(load_network(_weights(NAME, model), provider, threads))
+
+
 def _drawn(model: Path | None, provider: str, threads: int | None) -> Detector:
     from e3pose.detectors.drawn import Drawn
 
@@ -69,6 +76,7 @@ DETECTORS: dict[str, Factory] = {
     "rtmo": partial(_rtmo, "rtmo"),
     "rtmo-m": partial(_rtmo, "rtmo-m"),
     "rtmo-l": partial(_rtmo, "rtmo-l"),
+    "ecpose": _ecpose,
     "rtmpose": partial(_top_down, "rtmpose"),
     "vitpose": partial(_top_down, "vitpose"),
     "drawn": _drawn,
@@ -83,6 +91,7 @@ SKELETONS: dict[str, Skeleton] = {
     "rtmo": COCO17,
     "rtmo-m": COCO17,
     "rtmo-l": COCO17,
+    "ecpose": COCO17,
     "drawn": COCO17,
 }
 
@@ -125,6 +134,7 @@ def identify(path: Path) -> str:
     Raises:
         InputError: when it is for none.
     """
+    from e3pose.detectors.ecpose import EcPose
     from e3pose.detectors.inference import load_network
     from e3pose.detectors.movenet import MoveNet
     from e3pose.detectors.openpose import check_maps
@@ -143,6 +153,7 @@ def identify(path: Path) -> str:
         "movenet-multipose": lambda: MoveNet(network),
         "yolo-pose": lambda: YoloPose(network),
         "rtmo": lambda: Rtmo(network),
+        "ecpose": lambda: EcPose(network),
         **{name: partial(check_maps, network, row) for name, row in TOPOLOGIES.items()},
     }
     for name, check in checks.items():

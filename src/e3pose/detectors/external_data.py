@@ -1,7 +1,6 @@
 """The files beside an ONNX file that hold its weights, and whether they may be read.
 
-Read from the bytes of the format (protobuf), as cameras have no library for it. Not every version
-of ONNX Runtime refuses paths that leave the folder.
+Not every version of ONNX Runtime refuses paths that leave the folder.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ import mmap
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
+from e3pose.detectors.onnx_bytes import fields_of, mapped
 from e3pose.errors import InputError
 
 # Fields that lead from a model to its tensors: numbers of `onnx.proto`, by the message they are in.
@@ -24,13 +24,12 @@ INTO = {
     "tensor": {13: "entry"},
     "entry": {1: "text", 2: "text"},
 }
-VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
 MAX_DEPTH = 100
 
 
 def check_external_data(path: Path) -> None:
     """Raise `InputError` where weights are to be read from a file that is not in the folder."""
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+    with mapped(path) as content:
         try:
             named = sorted(set(_locations(content, 0, len(content), "model", 0)))
         except (IndexError, RecursionError):
@@ -59,41 +58,11 @@ def _locations(content: mmap.mmap, begin: int, end: int, kind: str, depth: int) 
     if depth > MAX_DEPTH:
         raise RecursionError
     if kind == "entry":
-        fields = {number: content[a:b] for number, a, b in _fields(content, begin, end)}
+        fields = {number: content[a:b] for number, a, b in fields_of(content, begin, end)}
         if fields.get(1) == b"location":
             yield fields.get(2, b"").decode(errors="replace")
         return
-    for number, first, stop in _fields(content, begin, end):
+    for number, first, stop in fields_of(content, begin, end):
         inner = INTO[kind].get(number)
         if inner is not None:
             yield from _locations(content, first, stop, inner, depth + 1)
-
-
-def _fields(content: mmap.mmap, at: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield number, begin and end of each field of a message that holds bytes."""
-    while at < end:
-        key, at = _varint(content, at)
-        wire = key & 7
-        if wire == VARINT:
-            _, at = _varint(content, at)
-        elif wire in (FIXED64, FIXED32):
-            at += 8 if wire == FIXED64 else 4
-        elif wire == BYTES:
-            size, at = _varint(content, at)
-            if at + size > end:
-                raise IndexError
-            yield key >> 3, at, at + size
-            at += size
-        else:
-            raise IndexError
-
-
-def _varint(content: mmap.mmap, at: int) -> tuple[int, int]:
-    value = shift = 0
-    while shift < 64:
-        byte = content[at]
-        value |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
-        if byte < 0x80:
-            return value, at
-    raise IndexError

@@ -22,12 +22,14 @@ PROVIDERS = {
     "cpu": "CPUExecutionProvider",
 }
 FLOATS = {"float": np.float32, "float16": np.float16}  # element types of an image's input
+SIZES = {"int64": np.int64, "int32": np.int32, "float": np.float32}  # likewise of a size
 MAX_MODEL_BYTES = 2**31  # protobuf's own limit
+SIZE_INPUT = "orig_target_sizes"  # `(1, 2)` width and height in which a network answers
 ERRORS_ONLY = 3  # ONNX Runtime's log severity
 
 
 class Network(Protocol):
-    """A loaded network file with one input."""
+    """A loaded network file with one image as its input."""
 
     @property
     def path(self) -> Path:
@@ -50,12 +52,19 @@ class Network(Protocol):
         ...
 
     @property
+    def output_names(self) -> tuple[str, ...]:
+        """What the file calls each output."""
+        ...
+
+    @property
     def output_shapes(self) -> tuple[tuple[int | None, ...], ...]:
         """The declared shape of each output, None where it is free or unknown."""
         ...
 
     def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the outputs for one input tensor, in the file's order.
+
+        A network that asks for the size to answer in (`SIZE_INPUT`) is told that of the tensor.
 
         Raises:
             InputError: when the network does not run with a tensor of this shape.
@@ -147,11 +156,16 @@ class _Onnx:
     input_name: str
     input_shape: tuple[int | None, ...]
     input_dtype: str
+    output_names: tuple[str, ...]
     output_shapes: tuple[tuple[int | None, ...], ...]
+    size_dtype: str | None  # of `SIZE_INPUT`; None where there is none
 
     def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
+        inputs = {self.input_name: tensor}
+        if self.size_dtype is not None:
+            inputs[SIZE_INPUT] = np.array([tensor.shape[:1:-1]], dtype=SIZES[self.size_dtype])
         try:
-            outputs = self.session.run(None, {self.input_name: tensor})
+            outputs = self.session.run(None, inputs)
         except Exception as error:  # ONNX Runtime's errors share no base but Exception
             raise InputError(
                 f"{self.path}: input {self.input_name}: shape {tensor.shape} does not run: "
@@ -183,17 +197,22 @@ def _load_onnx(path: Path, provider: str, threads: int | None) -> Network:
             f"provider: {provider} did not start, ONNX Runtime fell back to "
             f"{session.get_providers()[0]}; are its libraries installed?"
         )
-    inputs = session.get_inputs()
+    inputs = [each for each in session.get_inputs() if each.name != SIZE_INPUT]
+    sizes = [_element(each) for each in session.get_inputs() if each.name == SIZE_INPUT]
     if len(inputs) != 1:
         raise InputError(f"{path}: found {len(inputs)} inputs, expected a network with one image")
+    if sizes and sizes[0] not in SIZES:
+        raise InputError(f"{path}: {SIZE_INPUT}", sizes[0], " or ".join(SIZES))
     return _Onnx(
         path,
         session,
         next((n for n, full in PROVIDERS.items() if full == session.get_providers()[0]), ""),
         inputs[0].name,
         _shape(inputs[0].shape),
-        inputs[0].type.removeprefix("tensor(").removesuffix(")"),
+        _element(inputs[0]),
+        tuple(output.name for output in session.get_outputs()),
         tuple(_shape(output.shape) for output in session.get_outputs()),
+        sizes[0] if sizes else None,
     )
 
 
@@ -204,6 +223,7 @@ class _TensorFlow:
     provider: str = "opencv"
     input_shape: tuple[int | None, ...] = (1, 3, None, None)
     input_dtype: str = "float"
+    output_names: tuple[str, ...] = ("",)
     output_shapes: tuple[tuple[int | None, ...], ...] = ((None, None, None, None),)
 
     def run(self, tensor: NDArray[Any]) -> list[NDArray[Any]]:
@@ -232,6 +252,10 @@ def _load_tensorflow(path: Path, threads: int | None) -> Network:
     if threads is not None:
         cv2.setNumThreads(threads)  # OpenCV has one pool for the whole process
     return _TensorFlow(path, net)
+
+
+def _element(declared: Any) -> str:
+    return str(declared.type).removeprefix("tensor(").removesuffix(")")
 
 
 def _shape(declared: Sequence[Any]) -> tuple[int | None, ...]:

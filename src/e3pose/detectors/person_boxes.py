@@ -1,7 +1,10 @@
-"""Person boxes from outputs `dets` and `labels` of MMDeploy's detectors, such as RTMDet.
+"""Person boxes from outputs `dets` and `labels` of MMDeploy's detectors: RTMDet and YOLOX.
 
-Lyu et al., "RTMDet: An Empirical Study of Designing Real-Time Object Detectors", 2022. The exported
-network suppresses overlapping boxes itself (`detection_onnxruntime_static`).
+Lyu et al., "RTMDet: An Empirical Study of Designing Real-Time Object Detectors", 2022; Ge et al.,
+"YOLOX: Exceeding YOLO Series in 2021". The exported networks suppress overlapping boxes themselves
+(`detection_onnxruntime_static`). RTMDet's images are normalised, YOLOX's are not. Nothing else in
+the two files differs in name or shape but what the image goes through first: RTMDet's convolution,
+or the slices from which YOLOX makes four images of half the size.
 """
 
 from __future__ import annotations
@@ -14,12 +17,14 @@ from numpy.typing import NDArray
 from e3pose.detectors.base import Image
 from e3pose.detectors.fit import letterbox
 from e3pose.detectors.inference import FLOATS, Network
+from e3pose.detectors.onnx_bytes import first_operators
 from e3pose.errors import InputError
 
 SIDE = 320  # pixels, where the network leaves it free: RTMDet-nano's
 GREY = 114  # beyond the image, as in training
 MEAN_BGR = np.array([103.53, 116.28, 123.675], dtype=np.float32)
 DEVIATION_BGR = np.array([57.375, 57.12, 58.395], dtype=np.float32)
+RTMDET, YOLOX = "Conv", "Slice"  # the operator that reads the image
 PERSON = 0  # of COCO's labels
 MIN_SCORE = 0.3  # of the publisher's example
 MAX_PEOPLE = 20  # each costs a run of the keypoint network
@@ -28,7 +33,8 @@ MAX_PEOPLE = 20  # each costs a run of the keypoint network
 class PersonBoxes:
     """Float `(1, 3, height, width)` BGR in; `(1, N, 5)` boxes with a score and `(1, N)` labels out.
 
-    The input is normalised; boxes are x, y of two corners in pixels of the input.
+    The input of RTMDet is normalised, that of YOLOX is 0..255; boxes are x, y of two corners in
+    pixels of the input.
 
     Raises:
         InputError: when the network's input or outputs are others.
@@ -46,6 +52,12 @@ class PersonBoxes:
                 str(network.path), found, "float [1, 3, H, W], dets [1, N, 5] and labels [1, N]"
             )
         self._boxes, self._labels = boxes[0], labels[0]
+        first = first_operators(network.path)
+        if not first & {RTMDET, YOLOX}:
+            found = f"an image that is first read by {', '.join(sorted(first)) or 'nothing'}"
+            wanted = f"{RTMDET} as in RTMDet, or {YOLOX} as in YOLOX"
+            raise InputError(str(network.path), found, wanted)
+        self._normalised = YOLOX not in first
 
     def find(self, image: Image) -> NDArray[np.float64]:
         """Return `(num_persons, 4)` x, y of two corners in pixels of an RGB image.
@@ -54,7 +66,9 @@ class PersonBoxes:
         """
         height, width = self._network.input_shape[2:]
         fit = letterbox((image.shape[1], image.shape[0]), (width or SIDE, height or SIDE))
-        pixels = (fit.apply(image, GREY)[..., ::-1] - MEAN_BGR) / DEVIATION_BGR
+        pixels = fit.apply(image, GREY)[..., ::-1].astype(np.float32)
+        if self._normalised:
+            pixels = (pixels - MEAN_BGR) / DEVIATION_BGR
         tensor = pixels.transpose(2, 0, 1)[None].astype(FLOATS[self._network.input_dtype])
         outputs = self._network.run(np.ascontiguousarray(tensor))
         boxes, labels = outputs[self._boxes], outputs[self._labels]

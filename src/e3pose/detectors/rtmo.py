@@ -1,7 +1,8 @@
 """RTMO, one-stage multi-person networks with outputs `dets` and `keypoints` of MMDeploy.
 
 Lu et al., "RTMO: Towards High-Performance One-Stage Real-Time Multi-Person Pose Estimation", CVPR
-2024. The exported network suppresses overlapping boxes itself (`pose-detection_rtmo_onnxruntime`).
+2024. The exported network suppresses boxes that overlap by more than 0.65
+(`pose-detection_rtmo_onnxruntime`), which leaves some people twice: they are compared again.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
+from e3pose.detectors.duplicates import without_duplicates
 from e3pose.detectors.fit import letterbox
 from e3pose.detectors.focus import Part
 from e3pose.detectors.inference import FLOATS, Network
@@ -71,7 +73,7 @@ class Rtmo:
         # Measured from the outer edge of the first pixel.
         keypoints = fit.to_image(people[..., :2] - 0.5)
         found = poses_in_image(keypoints, people[..., 2], part.size, MIN_KEYPOINT_SCORE)
-        return part.in_image(found)
+        return part.in_image(without_duplicates(found))
 
 
 def _places(network: Network) -> tuple[int, int]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.detectors.base import Image, check_image, poses_in_image
+from e3pose.detectors.duplicates import without_duplicates
 from e3pose.detectors.inference import FLOATS, Network, load_network
 from e3pose.detectors.keypoint_heads import heads_of, read_heatmaps, read_simcc
 from e3pose.detectors.person_boxes import MAX_PEOPLE, PersonBoxes
@@ -29,7 +30,6 @@ DEVIATION_RGB = np.array([58.395, 57.12, 57.375], dtype=np.float32)
 MIN_KEYPOINT_SCORE = 0.3
 # Of people who were expected in a box, where no other network saw anybody; not measured.
 FEWEST = 4  # keypoints of a person
-SAME_SHARE = 0.1  # of a person's size: poses nearer to each other on average are one person
 
 
 class OnePerson:
@@ -120,19 +120,8 @@ def different_people(found: Poses2D) -> Poses2D:
         The people with at least `FEWEST` keypoints; of those with the same keypoints the one with
         the highest scores.
     """
-    points, seen = found.keypoints_px, found.scores > 0
-    kept: list[int] = []
-    for person in np.argsort(-found.scores.sum(axis=1), kind="stable").tolist():
-        if seen[person].sum() < FEWEST:
-            continue
-        size = float(np.ptp(points[person, seen[person]], axis=0).max())
-        both = seen[kept] & seen[person]
-        apart = np.where(both, np.linalg.norm(points[kept] - points[person], axis=-1), 0.0)
-        mean = apart.sum(axis=1) / np.maximum(both.sum(axis=1), 1)
-        if not (both.any(axis=1) & (mean < SAME_SHARE * size)).any():
-            kept.append(person)
-    order = sorted(kept)
-    return Poses2D(points[order], found.scores[order])
+    enough = (found.scores > 0).sum(axis=1) >= FEWEST
+    return without_duplicates(Poses2D(found.keypoints_px[enough], found.scores[enough]))
 
 
 def crop(

@@ -133,6 +133,12 @@ RTMO = Model(
     licence="its own (OpenMMLab's: Apache-2.0)",
     source=None,
 )
+ECPOSE = Model(
+    name="ecpose",
+    title="ECPose of EdgeCrafter as .onnx (S to X), any number of people",
+    licence="its own (Intellindust's: Apache-2.0)",
+    source=None,
+)
 
 MODELS = {
     model.name: model
@@ -142,6 +148,7 @@ MODELS = {
         RTMO_M,
         RTMO_L,
         RTMO,
+        ECPOSE,
         RTMPOSE,
         VITPOSE,
         TRT_POSE,

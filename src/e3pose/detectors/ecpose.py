@@ -1,0 +1,104 @@
+"""ECPose, one-stage multi-person networks of EdgeCrafter, as their publisher exports them.
+
+Liu et al., "EdgeCrafter: Compact ViTs for Edge Dense Prediction via Task-Specialized Distillation",
+2026. A transformer: it has neither a grid nor a suppression of overlapping boxes, and gives no
+score for a joint. `orig_target_sizes`, its second input, is the size of the pixels to answer in.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from e3pose.detectors.base import Image, check_image, poses_in_image
+from e3pose.detectors.duplicates import without_duplicates
+from e3pose.detectors.fit import stretch
+from e3pose.detectors.focus import Part
+from e3pose.detectors.inference import FLOATS, Network
+from e3pose.errors import InputError
+from e3pose.model.expected import ExpectedView
+from e3pose.model.pose import Poses2D
+from e3pose.model.skeleton import COCO17
+
+NAME = "ecpose"
+SIDE = 640  # pixels, where the network leaves it free
+MEAN_RGB = np.array([0.485, 0.456, 0.406], dtype=np.float32)
+DEVIATION_RGB = np.array([0.229, 0.224, 0.225], dtype=np.float32)
+PERSON = 1  # of two labels; 0 is nobody
+MIN_PERSON_SCORE = 0.5  # of the publisher's example
+COORDINATES = (2, 3, None)  # of a keypoint: x, y, and in some files a score
+
+
+class EcPose:
+    """Float `(1, 3, height, width)` RGB, normalised, and the input's size in.
+
+    Out come `(1, N)` scores, `(1, N)` labels and `(1, N, 17, 2)` keypoints in pixels of the input.
+    The image is stretched to the input. A joint without a score has that of its person.
+
+    Raises:
+        InputError: when the network's input or outputs are others.
+    """
+
+    person_px, long_side, multiple = np.inf, SIDE, 1  # as large as the input allows
+
+    def __init__(self, network: Network) -> None:
+        self.skeleton = COCO17
+        self._network, self.provider = network, network.provider
+        shape = network.input_shape
+        if len(shape) != 4 or shape[1] not in (3, None) or network.input_dtype not in FLOATS:
+            raise InputError(
+                f"{network.path}: input",
+                f"{network.input_dtype} {list(shape)}",
+                f"float [1, 3, height, width] for {NAME}",
+            )
+        named = dict(zip(network.output_names, network.output_shapes, strict=True))
+        points = named.get("keypoints", ())
+        right = len(points) == 4 and points[2] in (len(COCO17), None) and points[3] in COORDINATES
+        if not right or len(named) != 3 or not {"scores", "labels"} < set(named):
+            raise self._error(network.output_shapes)
+        names = network.output_names
+        self._scores, self._labels, self._points = map(
+            names.index, ("scores", "labels", "keypoints")
+        )
+
+    def detect(self, image: Image) -> Poses2D:
+        """Return the people in a `(height, width, 3)` RGB image, in its pixels."""
+        width, height = check_image(image)
+        return self.detect_part(image, Part(0, 0, width, height, SIDE))
+
+    def detect_part(
+        self, image: Image, part: Part, expected: ExpectedView | None = None
+    ) -> Poses2D:
+        """See `Focusing.detect_part`; the network leaves no ties."""
+        check_image(image)
+        height, width = self._network.input_shape[2:]
+        fit = stretch(part.size, (width or SIDE, height or SIDE))
+        pixels = (fit.apply(part.cut(image), 0) / np.float32(255) - MEAN_RGB) / DEVIATION_RGB
+        dtype = FLOATS[self._network.input_dtype]
+        tensor = np.ascontiguousarray(pixels.transpose(2, 0, 1)[None], dtype=dtype)
+        outputs = self._network.run(tensor)
+        scores, labels = outputs[self._scores], outputs[self._labels]
+        points = np.asarray(outputs[self._points], dtype=np.float64)
+        if points.shape[:3] != (1, scores.size, len(COCO17)) or labels.size != scores.size:
+            raise self._error([output.shape for output in outputs])
+        people = (scores[0] > MIN_PERSON_SCORE) & (labels[0] == PERSON)
+        own = _joint_scores(points[0, people], scores[0, people].astype(np.float64))
+        # Measured from the outer edge of the first pixel.
+        keypoints = fit.to_image(points[0, people, :, :2] - 0.5)
+        found = poses_in_image(keypoints, own, part.size)
+        return part.in_image(without_duplicates(found))
+
+    def _error(self, found: Any) -> InputError:
+        wanted = f"scores [1, N], labels [1, N] and keypoints [1, N, {len(COCO17)}, 2] for {NAME}"
+        return InputError(
+            f"{self._network.path}: outputs", str([list(shape) for shape in found]), wanted
+        )
+
+
+def _joint_scores(points: NDArray[np.float64], scores: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `(N, 17)`: the score of each joint, or of its person where joints have none."""
+    if points.shape[-1] == 3:
+        return points[..., 2]
+    return np.broadcast_to(scores[:, None], points.shape[:2])
