@@ -183,7 +183,6 @@ def step(
     decision, deficit = _decide(pipeline, situation, online, warming_up)
     focused, expected = _feedback(pipeline, state, warming_up, decision, best, people.history_ids)
     times.append(clock())
-
     record = SlotRecord(
         slot=slot,
         time_s=slot * pipeline.interval_s,
@@ -201,6 +200,7 @@ def step(
         noise_factors=people.noise_factors,
         shifts_px=people.shifts_px,
         expected=expected,
+        dynamics=shown.dynamics,
     )
     after = replace(
         state,

@@ -42,6 +42,7 @@ def make_record(slot: int, num_persons: int = 2, fps: float = 25.0) -> SlotRecor
         next_selection=~selected,
         covariance_m2=np.tile(np.diag([0.25, 0.5, 0.75]), (num_persons, 17, 1, 1)),
         measured=measured,
+        dynamics=np.where(scores[..., None] > 0, [0.5, -1.0, slot / 8, 0.02, 0.4, 0.5], np.nan),
         stage_s={"match": 0.001, "predict": 0.002},
     )
 

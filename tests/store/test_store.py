@@ -73,6 +73,8 @@ def test_everything_comes_back(filled: Place, record: Records) -> None:
         np.testing.assert_array_equal(found.scores[row], truth.poses.scores[person])
         np.testing.assert_allclose(found.sigma_m[row], np.full(17, 0.5**0.5), rtol=1e-3)
         np.testing.assert_array_equal(found.measured[row], truth.measured[person])
+        assert truth.dynamics is not None
+        np.testing.assert_allclose(found.dynamics[row], truth.dynamics[person], rtol=0.03)
     slots = Store(filled).rows("slots")
     assert len(slots) == NUM_SLOTS
     assert slots[8]["selected"] == "110"

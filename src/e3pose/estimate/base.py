@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.model.dynamics import dynamics_of
 from e3pose.model.noise import ErrorMemory
 from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
@@ -95,6 +96,17 @@ class People:
     noise_factors: NDArray[np.float64] | None = None
     posterior: Posterior | None = None
     shifts_px: NDArray[np.float64] | None = None
+
+    @property
+    def dynamics(self) -> NDArray[np.float64] | None:
+        """`(num_persons, num_joints, 6)` see `model.dynamics`; None without a posterior."""
+        if self.posterior is None:
+            return None
+        there = {track_id: row for row, track_id in enumerate(self.posterior.track_ids.tolist())}
+        rows = [there[track_id] for track_id in self.track_ids.tolist()]
+        known = self.poses.scores > 0
+        found = dynamics_of(self.posterior.state[rows], self.posterior.covariance[rows])
+        return np.where(known[..., None], found, np.nan)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

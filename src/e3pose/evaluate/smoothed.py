@@ -65,10 +65,16 @@ def take_of_records(
             np.stack([axis_sigma_m(record.covariance_m2[person]) for record, person in own]),
             np.stack([record.poses.scores[person] for record, person in own]),
             np.stack([record.measured[person] for record, person in own]),
+            _dynamics(own),
         )
         for track_id, own in sorted(rows.items())
     ]
     return Take(name, skeleton, interval_s, tuple(motions))
+
+
+def _dynamics(own: Sequence[tuple[SlotRecord, int]]) -> Floats | None:
+    found = [r.dynamics[person] for r, person in own if r.dynamics is not None]
+    return np.stack(found) if len(found) == len(own) else None
 
 
 def smooth_poses(

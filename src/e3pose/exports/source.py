@@ -176,6 +176,7 @@ def _take_of_run(stored: StoredRun, found: StoredPoses, asked: Asked) -> Take:
                     found.sigma_m[rows].astype(np.float64),
                     found.scores[rows].astype(np.float64),
                     found.measured[rows],
+                    found.dynamics[rows],
                 )
             )
     if not motions:

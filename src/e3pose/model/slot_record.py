@@ -61,6 +61,8 @@ class SlotRecord:
             all of it.
         blind: why no view arrived although one was due, a `blind_slot.Cause`; empty where one
             arrived, where no camera was to detect, and in replays.
+        dynamics: `(num_persons, num_joints, 6)` of the joints of `poses`, see `model.dynamics`;
+            None of an estimator that has none.
     """
 
     slot: int
@@ -80,6 +82,7 @@ class SlotRecord:
     shifts_px: Floats | None = None
     expected: tuple[ExpectedView, ...] | None = None
     blind: str = ""
+    dynamics: Floats | None = None
 
     def __post_init__(self) -> None:
         shape = self.poses.scores.shape

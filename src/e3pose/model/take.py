@@ -35,6 +35,8 @@ class Motion:
         scores: `(num_slots, num_joints)` in [0, 1], 0 where missing.
         origin: `(num_slots, num_joints)` an index of `ORIGINS`: measured in the slot, predicted
             from others by the estimator, filled in afterwards, or missing.
+        dynamics: `(num_slots, num_joints, 6)` of the joints as they were estimated, which smoothing
+            reads, see `model.dynamics`; None where nothing is known of them.
     """
 
     track_id: int
@@ -43,6 +45,7 @@ class Motion:
     sigma_m: Floats
     scores: Floats
     origin: Origins
+    dynamics: Floats | None = None
 
     def __len__(self) -> int:
         return len(self.joints_m)
@@ -105,6 +108,7 @@ def motion_of(
     sigma_m: Floats,
     scores: Floats,
     measured: NDArray[np.bool_],
+    dynamics: Floats | None = None,
 ) -> Motion:
     """Return a person's rows as a motion without gaps in its slots.
 
@@ -115,6 +119,7 @@ def motion_of(
         sigma_m: `(num_rows, num_joints)` metres, NaN where unknown.
         scores: `(num_rows, num_joints)` in [0, 1].
         measured: `(num_rows, num_joints)` whether a view of the slot measured the joint.
+        dynamics: `(num_rows, num_joints, 6)` see `model.dynamics`; None if nowhere known.
 
     Raises:
         InputError: when a slot comes twice.
@@ -133,7 +138,11 @@ def motion_of(
     certainty, origin = np.zeros(shape), np.full(shape, MISSING, dtype=np.uint8)
     certainty[rows] = np.where(here, scores[order], 0.0)
     origin[rows] = np.where(here, np.where(measured[order], MEASURED, PREDICTED), MISSING)
-    return Motion(track_id, int(slots[0]), places, sigma, certainty, origin)
+    moving: Floats | None = None
+    if dynamics is not None and np.isfinite(dynamics).any():
+        moving = np.full((*shape, dynamics.shape[-1]), np.nan)
+        moving[rows] = dynamics[order]
+    return Motion(track_id, int(slots[0]), places, sigma, certainty, origin, moving)
 
 
 def chosen(take: Take, tracks: Iterable[int]) -> Take:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
+from e3pose.model.dynamics import PACKED_SIZE, unpacked
 from e3pose.store.rows import NS, Run, stack_blobs
 
 MAX_JOINTS = 1000
@@ -38,6 +39,7 @@ class StoredPoses:
         sigma_m: `(num_rows, num_joints)` standard deviations, NaN where unknown.
         measured: `(num_rows, num_joints)` whether a view of the slot measured the joint; otherwise
             it is what the people's motion leads to expect.
+        dynamics: `(num_rows, num_joints, 6)` see `model.dynamics`; NaN where unknown.
         joints: names of the joint axis.
     """
 
@@ -49,6 +51,7 @@ class StoredPoses:
     scores: NDArray[np.float32]
     sigma_m: NDArray[np.float32]
     measured: NDArray[np.bool_]
+    dynamics: NDArray[np.float64]
     joints: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -101,6 +104,13 @@ def stored_poses(
             ("measured", "|u1", (-(-num_joints // 8),)),
         )
     )
+    empty = bytes(num_joints * PACKED_SIZE)
+    codes = stack_blobs(
+        [empty if blob is None else blob for blob in columns.get("dynamics", ())],
+        "|u1",
+        (num_joints, PACKED_SIZE),
+        f"{place}: dynamics",
+    )
     if not ((scores >= 0) & (scores <= 1)).all():
         raise InputError(f"{place}: scores: found one outside [0, 1]")
     chosen = slice(None) if column is None else slice(column, column + 1)
@@ -124,6 +134,7 @@ def stored_poses(
         scores=scores[:, chosen].astype(np.float32),
         sigma_m=sigma_m[:, chosen].astype(np.float32),
         measured=measured[:, chosen],
+        dynamics=unpacked(np.where(missing, np.uint8(0), codes)[:, chosen]),
         joints=joints,
     )
 
@@ -131,7 +142,7 @@ def stored_poses(
 def joined(chunks: Sequence[StoredPoses]) -> StoredPoses:
     """Return chunks of one answer as one."""
     people = ("run_ids", "slots", "time_ns", "track_ids")
-    names = (*people, "joints_m", "scores", "sigma_m", "measured")
+    names = (*people, "joints_m", "scores", "sigma_m", "measured", "dynamics")
     arrays = {name: np.concatenate([getattr(c, name) for c in chunks]) for name in names}
     return StoredPoses(**arrays, joints=chunks[0].joints)
 

@@ -91,4 +91,10 @@ def _to_3(connection: Connection) -> None:
     connection.exec_driver_sql("ALTER TABLE slots ADD COLUMN blind TEXT")
 
 
-STEPS = {2: _to_2, 3: _to_3}
+def _to_4(connection: Connection) -> None:
+    """Make a column for the dynamics of joints; of poses that are there they are not known."""
+    kind = "BYTEA" if connection.dialect.name == "postgresql" else "BLOB"
+    connection.exec_driver_sql(f"ALTER TABLE poses ADD COLUMN dynamics {kind}")
+
+
+STEPS = {2: _to_2, 3: _to_3, 4: _to_4}

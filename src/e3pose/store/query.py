@@ -237,7 +237,7 @@ class Store:
             bounds = max(bounds[0], begin), bounds[1]
         # By the key, run and slot, with which the rows of a stretch of time lie together.
         asked = (
-            select(poses)
+            select(*columns_of(connection, poses))
             .where(poses.c.run_id == span.stored.run_id)
             .where(poses.c.slot.between(*bounds))
             .where(poses.c.time_ns.between(span.start_ns, span.end_ns))

@@ -51,6 +51,7 @@ def _record(
         measured=poses.measured[here],
         stage_s={"step": row["took_s"]},
         blind=_blind(row),
+        dynamics=poses.dynamics[here],
     )
 
 

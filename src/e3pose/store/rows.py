@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
+from e3pose.model.dynamics import packed
 from e3pose.model.uncertainty import axis_sigma_m
 from e3pose.model.zone_event import ZoneEvent
 from e3pose.pipeline import SlotRecord
@@ -148,6 +149,7 @@ def slot_rows(
     sigma_m = axis_sigma_m(record.covariance_m2)
     sigma = None if np.isnan(sigma_m).all() else np.asarray(sigma_m, dtype="<f2")
     measured = np.packbits(record.measured, axis=-1)
+    dynamics = None if record.dynamics is None else packed(record.dynamics)
     for person, track_id in enumerate(record.track_ids.tolist()):
         rows.append(
             (
@@ -160,6 +162,7 @@ def slot_rows(
                     "scores": scores[person].tobytes(),
                     "sigma_m": None if sigma is None else sigma[person].tobytes(),
                     "measured": measured[person].tobytes(),
+                    "dynamics": None if dynamics is None else dynamics[person].tobytes(),
                 },
             )
         )

@@ -24,8 +24,8 @@ from sqlalchemy import (
 
 from e3pose.errors import InputError
 
-VERSION = 3  # one more with every change, and a step to it in `store.migrations`
-READABLE = (1, 2, 3)  # columns have the same names and meaning; earlier ones have fewer
+VERSION = 4  # one more with every change, and a step to it in `store.migrations`
+READABLE = (1, 2, 3, 4)  # columns have the same names and meaning; earlier ones have fewer
 
 metadata = MetaData()
 
@@ -81,6 +81,7 @@ poses = Table(
     Column("scores", LargeBinary, nullable=False),  # (num_joints,) float16, 0 where missing
     Column("sigma_m", LargeBinary),  # (num_joints,) float16 standard deviation, where one is known
     Column("measured", LargeBinary, nullable=False),  # a bit per joint: seen in this slot itself
+    Column("dynamics", LargeBinary),  # (num_joints, 9) bytes of `model.dynamics`, where known
     sqlite_with_rowid=False,
 )
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from tests.estimate.smooth.motions import motion, waving
 
@@ -69,3 +71,47 @@ def test_poses_without_a_stated_error_are_measurements() -> None:
     before = np.linalg.norm(noisy - true, axis=-1).mean()
     assert np.linalg.norm(found.joints_m - true, axis=-1).mean() < 0.6 * before
     assert np.isnan(found.sigma_m).all()
+
+
+def test_dynamics_that_were_kept_tell_how_a_joint_moved_that_nothing_showed() -> None:
+    """A wrist goes with the arm: the body's filter knew its velocity, the kept places do not."""
+    rng = np.random.default_rng(3)
+    num_slots, joint = 80, 9
+    drift, lasts_s = alone(grow(COCO17))
+    F, Q = (each[joint] for each in fading(drift, lasts_s, DT))
+    truth = waving(num_slots, 0.7, 1 / DT)[:, joint, 0]
+    speed = np.gradient(truth, DT)
+    means, covariances = np.zeros((num_slots, 2)), np.zeros((num_slots, 2, 2))
+    mean, covariance = np.array([truth[0], speed[0]]), np.diag([0.02**2, 0.3**2])
+    for slot in range(num_slots):
+        mean, covariance = F @ mean, F @ covariance @ F.T + Q
+        # One view in five shows the wrist; how fast the arm goes is measured in every slot.
+        shows = np.array([[1.0, 0.0], [0.0, 1.0]])[1 if slot % 5 else 0 :]
+        noise = np.array([0.02, 0.2])[1 if slot % 5 else 0 :]
+        seen = shows @ [truth[slot], speed[slot]] + noise * rng.normal(size=len(noise))
+        K = covariance @ shows.T @ np.linalg.inv(shows @ covariance @ shows.T + np.diag(noise**2))
+        mean, covariance = mean + K @ (seen - shows @ mean), covariance - K @ shows @ covariance
+        means[slot], covariances[slot] = mean, covariance
+    path = [mean[0]]
+    wanted = mean
+    for slot in range(num_slots - 2, -1, -1):
+        P = F @ covariances[slot] @ F.T + Q
+        wanted = means[slot] + covariances[slot] @ F.T @ np.linalg.inv(P) @ (
+            wanted - F @ means[slot]
+        )
+        path.insert(0, wanted[0])
+    joints, dynamics = np.zeros((num_slots, 17, 3)), np.zeros((num_slots, 17, 6))
+    joints[:, :, 0], dynamics[:, :, 0] = means[:, :1], means[:, 1:]
+    sigma = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    dynamics[:, :, 3:5] = sigma[:, None]
+    dynamics[:, :, 5] = (covariances[:, 0, 1] / sigma.prod(axis=1))[:, None]
+    kept = motion(joints, np.repeat(2 * sigma[:, :1], 17, axis=1))  # stated twice as wide
+    found = smooth_points(replace(kept, dynamics=dynamics), COCO17, DT)
+    np.testing.assert_allclose(found.joints_m[:, joint, 0], path, atol=1e-9)
+    assert (found.sigma_m[:-1, joint] < kept.sigma_m[:-1, joint]).all()
+    np.testing.assert_allclose(found.sigma_m[-1], kept.sigma_m[-1])
+    off = [
+        np.abs(each.joints_m[:, joint, 0] - truth).mean()
+        for each in (found, smooth_points(kept, COCO17, DT), kept)
+    ]
+    assert off[0] < 0.8 * off[1] and off[0] < 0.8 * off[2], off

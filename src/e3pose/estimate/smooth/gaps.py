@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,14 +57,8 @@ def fill_gaps(motion: Motion, longest_gap: int) -> Motion:
                 joints_m[missing, joint] = path(missing)
                 origin[missing, joint] = FILLED
     filled = (origin == FILLED) & (motion.origin == MISSING)
-    return Motion(
-        motion.track_id,
-        motion.first,
-        joints_m,
-        motion.sigma_m,
-        np.where(filled, _between(motion.scores, filled), motion.scores),
-        origin,
-    )
+    scores = np.where(filled, _between(motion.scores, filled), motion.scores)
+    return replace(motion, joints_m=joints_m, scores=scores, origin=origin)
 
 
 def _between(scores: Floats, filled: Flags) -> Floats:

@@ -11,6 +11,9 @@ regression, whatever it was. So the kept answers are never taken for new measure
 are not. Each joint moves by itself, as `filter.motion.alone` has it; axes share one variance.
 Answers without a variance, which know nothing of the slots before, are measurements of
 `UNKNOWN_SIGMA_M`.
+
+Where a store keeps the joints' dynamics, too (`model.dynamics`), velocity and covariance are those
+of the whole body's filter: they know how a joint moved that no view showed, because others did.
 """
 
 from __future__ import annotations
@@ -22,6 +25,7 @@ from e3pose.estimate.filter.motion import alone, fading
 from e3pose.estimate.filter.tree import grow
 from e3pose.estimate.smooth.gaps import stretches
 from e3pose.estimate.smooth.rauch import Expected, expect, step_back
+from e3pose.model.dynamics import covariance_of
 from e3pose.model.skeleton import Skeleton
 from e3pose.model.take import FILLED, Motion
 
@@ -53,6 +57,7 @@ def smooth_points(motion: Motion, skeleton: Skeleton, interval_s: float) -> Moti
     means, covariances, expected = _forward(
         np.where(tells[..., None], motion.joints_m, np.nan),
         motion.sigma_m,
+        motion.dynamics,
         begins,
         *fading(drift, lasts_s, interval_s),
     )
@@ -70,12 +75,20 @@ def smooth_points(motion: Motion, skeleton: Skeleton, interval_s: float) -> Moti
         here = known[slot]
         joints_m[slot, here] = mean[here, 0]
         stated = here & np.isfinite(motion.sigma_m[slot])
-        sigma_m[slot, stated] = np.sqrt(np.maximum(covariance[stated, 0, 0], 0.0))
+        # What is stated may be wider than what the filter knew, by a factor that smoothing keeps.
+        factor = motion.sigma_m[slot] / np.sqrt(covariances[slot][:, 0, 0])
+        smaller = factor * np.sqrt(np.maximum(covariance[:, 0, 0], 0.0))
+        sigma_m[slot, stated] = smaller[stated]
     return Motion(motion.track_id, motion.first, joints_m, sigma_m, motion.scores, motion.origin)
 
 
 def _forward(
-    joints_m: Floats, sigma_m: Floats, begins: Flags, move: Floats, noise: Floats
+    joints_m: Floats,
+    sigma_m: Floats,
+    dynamics: Floats | None,
+    begins: Flags,
+    move: Floats,
+    noise: Floats,
 ) -> tuple[list[Floats], list[Floats], list[Expected]]:
     """Return what was known after each slot, `(num_joints, 2, 3)` and `(num_joints, 2, 2)`.
 
@@ -84,7 +97,7 @@ def _forward(
     num_joints = joints_m.shape[1]
     mean, covariance = np.zeros((num_joints, 2, 3)), np.tile(np.eye(2), (num_joints, 1, 1))
     means, covariances, expectations = [], [], []
-    for place_m, sigma, new in zip(joints_m, sigma_m, begins, strict=True):
+    for slot, (place_m, sigma, new) in enumerate(zip(joints_m, sigma_m, begins, strict=True)):
         across = covariance @ np.swapaxes(move, -1, -2)
         expected = expect(move @ mean, move @ across + noise, across)
         mean, covariance = _taken_in(expected, place_m, sigma)
@@ -93,6 +106,10 @@ def _forward(
             mean[new, 0], mean[new, 1] = place_m[new], 0.0
             covariance[new] = 0.0
             covariance[new, 0, 0], covariance[new, 1, 1] = variance[new], FIRST_SPEED_MPS**2
+        if dynamics is not None:
+            told = np.isfinite(dynamics[slot]).all(axis=-1) & np.isfinite(place_m).all(axis=-1)
+            mean[told, 1] = dynamics[slot, told, :3]
+            covariance[told] = covariance_of(dynamics[slot, told])
         means.append(mean)
         covariances.append(covariance)
         expectations.append(expected)
