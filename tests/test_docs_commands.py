@@ -48,6 +48,7 @@ RUNS = (
     "evaluate clip --policies all,round-robin,e3pose --cameras 2,3",
     "evaluate walk --policies round-robin,information --cameras 1,2 --lead 4 --seeds 2",
     "export live.db angles.csv --angles --track 0",
+    "export live.db archive.parquet --wide",
     "export live.db walk.c3d --smooth butterworth --cutoff 6Hz",
     "export live.db walk.trc --smooth rts --fill 200ms",
     "export poses.parquet walk.glb",

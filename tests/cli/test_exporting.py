@@ -71,6 +71,7 @@ def test_a_store_is_smoothed_filled_and_resampled(
         (["walk.trc", "--format", "c3d"], "expected .c3d"),
         (["walk.trc", "--angles"], "--angles: found with trc"),
         (["walk.csv", "--units", "m"], "--units: found with csv"),
+        (["walk.csv", "--wide"], "--wide: found with csv, expected parquet"),
         (["walk.c3d", "--names", "opencap"], "--names: found with c3d, expected trc"),
         (["walk.trc", "--calibration", "rig.toml"], "--calibration: found with trc"),
         (["walk.json"], "--calibration FILE"),

@@ -47,6 +47,8 @@ class FormatOptions:
     """Marker names of TRC, with OpenSim's model and set-up files beside. Default: the joints'."""
     angles: Flag = False
     """Add joint angles as columns of CSV and Parquet."""
+    wide: Flag = False
+    """Write Parquet as an archive: whole millimetres, a tenth of the size; `export` reads it."""
     calibration: Path | None = None
     """Calibration file, for 2D keypoints: required for COCO, optional for OpenPose JSON."""
 
@@ -58,6 +60,7 @@ class FormatOptions:
         form = format_of(dest, self.format_name)
         for option, value, forms in (
             ("--angles", self.angles or None, ("csv", "parquet")),
+            ("--wide", self.wide or None, ("parquet",)),
             ("--units", self.units, ("trc", "c3d", "bvh")),
             ("--names", self.names, ("trc",)),
             ("--calibration", self.calibration, ("coco", "openpose")),
@@ -66,7 +69,7 @@ class FormatOptions:
                 listed = " or ".join(filter(None, (", ".join(forms[:-1]), forms[-1])))
                 raise InputError(f"{option}: found with {form}, expected {listed}")
         rig = None if self.calibration is None else load_rig(self.calibration)
-        return form, ExportSettings(self.units, self.names, self.angles, rig, progress)
+        return form, ExportSettings(self.units, self.names, self.angles, rig, self.wide, progress)
 
 
 FORMAT = FormatOptions()

@@ -31,6 +31,7 @@ class ExportSettings:
         names: what markers are called, a key of `opensim.markers.NAMES`; None for the joints'.
         angles: whether tables have columns of joint angles.
         rig: the cameras of formats that hold 2D keypoints; None without.
+        wide: whether Parquet has the layout of `wide`.
         progress: wraps what takes long: the work, how much it is, what it is called.
     """
 
@@ -38,6 +39,7 @@ class ExportSettings:
     names: str | None = None
     angles: bool = False
     rig: Rig | None = None
+    wide: bool = False
     progress: Progress = lambda items, total, label: items
 
 

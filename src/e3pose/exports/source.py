@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.errors import InputError
+from e3pose.exports.wide import is_wide, read_wide
 from e3pose.model.region import in_rectangle, middles_m
 from e3pose.model.skeleton import SKELETONS, Skeleton
-from e3pose.model.take import Take, motion_of
+from e3pose.model.take import Take, kept_rows, motion_of
 from e3pose.store import Store
 from e3pose.store.answers import StoredPoses, StoredRun
 from e3pose.store.times import as_when
@@ -100,7 +102,7 @@ def take_from_store(store: str, asked: Asked) -> Take:
 
 
 def take_from_table(path: Path, asked: Asked) -> Take:
-    """Return the poses of a table that `replay --poses` or `query` wrote.
+    """Return the poses of a table that `replay --poses`, `query` or `export --wide` wrote.
 
     Frame rate and skeleton follow from the rows: from times and slots, and from the joints' names.
 
@@ -110,6 +112,8 @@ def take_from_table(path: Path, asked: Asked) -> Take:
     for option, value in (("--site", asked.site), ("--run", asked.run)):
         if value is not None:
             raise InputError(f"{option}: found with {path}, expected a store: a table is one run")
+    if path.suffix.lower() == ".parquet" and is_wide(_metadata(path)):
+        return _chosen(path, read_wide(path, _table(path)), asked)
     table = _read(path)
     runs = set(np.unique(table["run"]).tolist()) if "run" in table else {0}
     if len(runs) > 1:
@@ -191,17 +195,53 @@ def _inside(joints_m: Floats, asked: Asked) -> NDArray[np.bool_]:
     return in_rectangle(middles_m(joints_m), asked.region_m)
 
 
-def _read(path: Path) -> dict[str, NDArray[Any]]:
-    import pyarrow
+def _chosen(path: Path, take: Take, asked: Asked) -> Take:
+    """Return what is asked for of a take."""
+    motions = []
+    for motion in take.motions:
+        if asked.tracks and motion.track_id not in asked.tracks:
+            continue
+        slots = motion.first + np.arange(len(motion), dtype=np.int64)
+        keep = motion.known.any(axis=1) & _inside(motion.joints_m, asked)
+        keep &= _within(slots, take.interval_s, take.started_ns, asked, path)
+        if keep.any():
+            motions.append(kept_rows(motion, keep))
+    if not motions:
+        raise InputError(f"{path}: found no poses that fit, expected some")
+    return replace(take, motions=tuple(motions))
+
+
+def _metadata(path: Path) -> dict[bytes, bytes] | None:
+    from pyarrow import parquet
+
+    with _readable(path):
+        found: dict[bytes, bytes] | None = parquet.read_schema(path).metadata
+        return found
+
+
+def _table(path: Path) -> Any:
     from pyarrow import csv, parquet
 
+    with _readable(path):
+        return (csv.read_csv if path.suffix.lower() == ".csv" else parquet.read_table)(path)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    import pyarrow
+
     try:
-        read = csv.read_csv if path.suffix.lower() == ".csv" else parquet.read_table
-        table = read(path)
+        yield
     except (pyarrow.ArrowException, UnicodeDecodeError) as error:
         raise InputError(
             f"{path}: {str(error).splitlines()[0][:120]}, expected a table of poses"
         ) from None
+
+
+def _read(path: Path) -> dict[str, NDArray[Any]]:
+    import pyarrow
+
+    table = _table(path)
     missing = [name for name in NEEDED if name not in table.column_names]
     if missing or not {"time", "time_ns"} & set(table.column_names):
         raise InputError(

@@ -10,6 +10,7 @@ import numpy as np
 
 from e3pose.exports.angles import joint_angles
 from e3pose.exports.base import ExportSettings, Floats
+from e3pose.exports.wide import write_wide
 from e3pose.model.take import MISSING, ORIGINS, Motion, Take
 from e3pose.store.export import write_tables
 from e3pose.store.times import iso_text
@@ -24,7 +25,9 @@ def write_csv(take: Take, dest: Path, settings: ExportSettings) -> str:
 
 
 def write_parquet(take: Take, dest: Path, settings: ExportSettings) -> str:
-    """Write the same columns as `write_csv`; missing is null."""
+    """Write the same columns as `write_csv`, missing as null; or the wide layout of an archive."""
+    if settings.wide:
+        return write_wide(take, dest, settings)
     rows = write_tables(_tables(take, settings), dest, "parquet")
     return f"{rows} rows, metres, z up"
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,6 +144,25 @@ def motion_of(
         moving = np.full((*shape, dynamics.shape[-1]), np.nan)
         moving[rows] = dynamics[order]
     return Motion(track_id, int(slots[0]), places, sigma, certainty, origin, moving)
+
+
+def kept_rows(motion: Motion, keep: NDArray[np.bool_]) -> Motion:
+    """Return a motion with some of its slots, one at least; others between them are missing.
+
+    Args:
+        motion: of one person.
+        keep: `(num_slots,)`.
+    """
+    rows = np.flatnonzero(keep)
+    part = slice(int(rows[0]), int(rows[-1]) + 1)
+    gone = ~keep[part]
+    values: dict[str, Any] = {}
+    for name, missing in (("joints_m", np.nan), ("sigma_m", np.nan), ("scores", 0.0),
+                          ("origin", MISSING), ("dynamics", np.nan)):  # fmt: skip
+        if getattr(motion, name) is not None:
+            values[name] = getattr(motion, name)[part].copy()
+            values[name][gone] = missing
+    return replace(motion, first=motion.first + part.start, **values)
 
 
 def chosen(take: Take, tracks: Iterable[int]) -> Take:
