@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from e3pose.estimate.filter.kernels.assign import assign
 from e3pose.estimate.filter.kernels.existence import INSIDE_JOINTS
 from e3pose.estimate.filter.kernels.projected import IN_FRONT, SPREAD, U, V
 from e3pose.estimate.filter.kernels.scratch import Matches, Offers, Site, Views
 from e3pose.estimate.filter.kernels.sides import SIDE_PX, exchange, exchanged_limbs
 from e3pose.estimate.filter.state import MIN_SCORE
+from e3pose.estimate.per_slot.assign import assign
 from e3pose.geometry.projection import MIN_DEPTH_M
 from e3pose.runtime.kernel import kernel
 
