@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from tests.reference.match import match, match_epipolar
+from tests.reference.match import match, match_epipolar, match_tanke_gall
 from tests.reference.triangulate import refine, reprojection_error, triangulate
 
 from e3pose.estimate.per_slot.fuse import Fused, Fuser
@@ -43,13 +43,14 @@ class ReferenceFuser(Fuser):
         keypoints = np.where(seen[..., None], keypoints, np.nan)
         scores = np.where(seen, np.minimum(scores, 1.0), 0.0)
         settings = self.settings
-        epipolar = settings.matcher == "epipolar"
-        groups = (
-            match_epipolar(
-                keypoints, scores, cameras, self.rig.projections, settings.max_epipolar_px
+        epipolar = settings.matcher != "rays"
+        if epipolar:
+            by_lines = match_epipolar if settings.matcher == "epipolar" else match_tanke_gall
+            groups = by_lines(
+                keypoints, scores, cameras, self.rig.projections, settings.epipolar_px
             )
-            if epipolar
-            else match(
+        else:
+            groups = match(
                 self._rays(keypoints, cameras),
                 self.rig.centers_m[cameras],
                 scores,
@@ -57,7 +58,6 @@ class ReferenceFuser(Fuser):
                 settings.max_distance_m,
                 settings.cap_m,
             )
-        )
         fused: list[Fused] = []
         for group in groups:
             if len(group) < MIN_VIEWS:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from e3pose.estimate.per_slot.dissolve import STRENGTH_UNIT
 from e3pose.estimate.per_slot.group import PRIOR_JOINTS
@@ -148,7 +149,7 @@ def match_epipolar(
     projections: Floats,
     max_distance_px: float,
 ) -> list[list[int]]:
-    """Group poses by person as Tanke and Gall (2019) do, camera by camera.
+    """Group poses by person greedily, camera by camera.
 
     Args:
         keypoints_px: `(num_poses, num_joints, 2)` undistorted pixels; anything where not seen.
@@ -180,6 +181,59 @@ def match_epipolar(
             left.remove(poses[column])
             costs[row], costs[:, column] = np.inf, np.inf
         candidates += [[pose] for pose in sorted(left)]
+    return _strongest_first(candidates, scores)
+
+
+def match_tanke_gall(
+    keypoints_px: Floats,
+    scores: Floats,
+    cameras: NDArray[np.int64],
+    projections: Floats,
+    max_distance_px: float,
+) -> list[list[int]]:
+    """Group poses by person as Tanke and Gall (2019) do. Arguments are those of `match_epipolar`.
+
+    A pose of a mean score up to 0.3 is a group of its own.
+    """
+    seen = scores > 0
+    believed = np.where(seen, scores, 0.0).sum(axis=-1) / np.maximum(seen.sum(axis=-1), 1)
+    candidates: list[list[int]] = []
+    for camera in np.unique(cameras):
+        poses = [p for p in np.flatnonzero(cameras == camera).tolist() if believed[p] > 0.3]
+        apart = [
+            [
+                [
+                    _epipolar_px(
+                        keypoints_px[[m, pose]],
+                        scores[[m, pose]],
+                        projections[[cameras[m], camera]],
+                    )
+                    for m in members
+                ]
+                for pose in poses
+            ]
+            for members in candidates
+        ]
+        costs = np.array(
+            [
+                [np.mean([d for d in row if np.isfinite(d)] or [1e6]) for row in rows]
+                for rows in apart
+            ]
+        ).reshape(len(candidates), len(poses))
+        left = set(poses)
+        pairs = list(zip(*linear_sum_assignment(np.minimum(costs, 1e6)), strict=True))
+        for row, column in pairs:
+            far = [not d <= max_distance_px for d in apart[row][column]]
+            strong = believed[candidates[row]] > 0.5
+            if not (np.array(far) & strong).any():
+                candidates[row].append(poses[column])
+                left.remove(poses[column])
+        candidates += [[pose] for pose in sorted(left)]
+    candidates += [[pose] for pose in np.flatnonzero(believed <= 0.3).tolist()]
+    return _strongest_first(candidates, scores)
+
+
+def _strongest_first(candidates: list[list[int]], scores: Floats) -> list[list[int]]:
     strength = scores.sum(axis=-1)
     order = sorted(
         range(len(candidates)), key=lambda i: (-_units(strength[candidates[i]]), candidates[i][0])

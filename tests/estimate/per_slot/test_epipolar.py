@@ -109,3 +109,42 @@ def test_poses_without_a_shared_joint_are_not_joined() -> None:
     scores[0, :, :9] = scores[1, :, 9:] = 0.0
     some = {i: Poses2D(views[i].keypoints_px, scores[i]) for i in (0, 1)}
     assert len(Fuser(cameras, 17, EPIPOLAR).fuse(some).poses) == 0
+
+
+TANKE_GALL = FusionSettings(refine_steps=0, matcher="tanke-gall")
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_tanke_gall_drops_poses_of_a_low_mean_score(make: type[Fuser]) -> None:
+    cameras = rig()
+    views = seen(cameras, BODY[None])
+    views[2] = Poses2D(views[2].keypoints_px, np.full((1, 17), 0.3))
+    (members,) = make(cameras, 17, TANKE_GALL).fuse(views).members
+    assert members.tolist() == [0, 0, -1, 0]
+    (members,) = make(cameras, 17, EPIPOLAR).fuse(views).members
+    assert members.tolist() == [0, 0, 0, 0]
+
+
+@pytest.mark.parametrize("make", FUSERS)
+@pytest.mark.parametrize(("score", "people"), [(0.9, 0), (0.4, 1)])
+def test_tanke_gall_lets_strong_members_alone_refuse(
+    make: type[Fuser], score: float, people: int
+) -> None:
+    cameras = rig(2)
+    views = seen(cameras, BODY[None])
+    views[0] = Poses2D(views[0].keypoints_px, np.full((1, 17), score))
+    views[1] = shifted(views[1], (3.0, 90.0))
+    assert len(make(cameras, 17, TANKE_GALL).fuse(views).poses) == people
+    assert len(make(cameras, 17, EPIPOLAR).fuse(views).poses) == 0
+
+
+@pytest.mark.parametrize("make", FUSERS)
+def test_tanke_gall_assigns_at_the_least_total_cost(make: type[Fuser]) -> None:
+    """The greedy matcher takes the nearest first, and leaves a pair that is too far apart."""
+    cameras = rig(2)
+    people = np.stack([BODY, BODY + [0.0, 0.0, 0.10]])
+    views = seen(cameras, people)
+    # The second view shows both higher: the lower one is nearest to where the upper one was.
+    views[1] = shifted(views[1], (0.0, -16.0))
+    found = make(cameras, 17, TANKE_GALL).fuse(views).members
+    assert sorted(found.tolist()) == [[0, 0], [1, 1]]

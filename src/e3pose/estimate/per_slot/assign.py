@@ -17,7 +17,7 @@ Flags = NDArray[np.bool_]
 
 
 @kernel
-def assign(
+def assign(  # noqa: PLR0915
     costs: Floats,
     num_rows: int,
     num_columns: int,

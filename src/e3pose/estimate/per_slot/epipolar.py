@@ -1,9 +1,14 @@
-"""Greedy matching of 2D poses across views by epipolar distance, as in the paper.
+"""Matching of 2D poses across views by epipolar distance, camera by camera.
 
-The method of Tanke and Gall (2019), which the paper names. The poses of the first camera are the
-first candidates. Then, camera by camera in the order of the rig, poses are assigned to candidates,
-the smallest cost first, up to a threshold; each candidate gets at most one pose of a view. What is
-left over begins a candidate of its own.
+The poses of the first camera are the first candidates. Then, in the order of the rig, the poses of
+each camera are assigned to candidates, at most one to each, and what is left over begins a
+candidate of its own. Two matchers assign:
+
+- `epipolar` as the E3Pose paper words it: greedily, the smallest cost first, up to a threshold;
+- `tanke-gall` as Tanke and Gall published it (Iterative Greedy Matching for 3D Human Pose Tracking
+  from Multiple Views, 2019, and their code): poses of a mean score up to 0.30 are dropped, each
+  camera's poses are assigned at the least total cost, and an assignment is refused if any member
+  of the candidate with a mean score above 0.5 is farther than the threshold.
 
 With x the keypoint of a joint in a view, x' that in another, F the fundamental matrix for which
 x'^T F x = 0, and d the distance of a point from a line in pixels, two poses with the shared joints
@@ -12,7 +17,7 @@ J are apart by
     D(p, p') = 1/|J| sum_J (d(x', F x) + d(x, F^T x')) / 2
 
 and a pose costs a candidate the mean of D over the poses that the candidate has so far. Two poses
-without a shared joint say nothing; they do not count in that mean. Scores do not count either.
+without a shared joint say nothing; they do not count in that mean. Scores do not count in costs.
 
 The order of the cameras matters, as in the paper: `docs/decisions/0001-matching.md` says why the
 rest of the project matches otherwise.
@@ -25,11 +30,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from e3pose.estimate.per_slot.assign import assign
 from e3pose.geometry.camera import Rig
 from e3pose.runtime.kernel import kernel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+# Of Tanke and Gall, of the mean score of a pose.
+DROPPED_SCORE, STRONG_SCORE = 0.3, 0.5
+FAR_PX = 1e6  # costs more than any assignment that is possible
 
 
 def fundamental_matrices(rig: Rig) -> Floats:
@@ -104,6 +114,105 @@ def match_epipolar(
 
 
 @kernel
+def match_tanke_gall(
+    num_poses: int,
+    cameras: Integers,
+    pixels: Floats,
+    scores: Floats,
+    fundamentals: Floats,
+    max_distance_px: float,
+    labels: Integers,
+    costs: Floats,
+) -> None:
+    """Fill `labels` as `match_epipolar` does; a dropped pose is alone. Arguments are its own."""
+    reals, integers = np.empty((3, num_poses)), np.empty((5, num_poses), np.int64)
+    flags, believed = np.empty((2, num_poses), np.bool_), np.empty(num_poses)
+    rows, columns = np.empty(num_poses, np.int64), np.empty(num_poses, np.int64)
+    for pose in range(num_poses):
+        believed[pose] = _mean_score(scores[pose])
+    start = 0
+    while start < num_poses:
+        num_columns, stop = 0, start
+        while stop < num_poses and cameras[stop] == cameras[start]:
+            labels[stop] = stop
+            if believed[stop] > DROPPED_SCORE:
+                columns[num_columns] = stop
+                num_columns += 1
+            stop += 1
+        num_rows = 0
+        for candidate in range(start):
+            if labels[candidate] == candidate and believed[candidate] > DROPPED_SCORE:
+                rows[num_rows] = candidate
+                num_rows += 1
+        for row in range(num_rows):
+            for column in range(num_columns):
+                costs[row, column] = min(
+                    FAR_PX,
+                    _cost(
+                        rows[row],
+                        columns[column],
+                        start,
+                        labels,
+                        cameras,
+                        pixels,
+                        scores,
+                        fundamentals,
+                    ),
+                )
+        if num_rows > 0 and num_columns > 0:
+            assign(costs, num_rows, num_columns, reals, integers, flags)
+            for row in range(num_rows):
+                column = integers[0, row]
+                if column >= 0 and not _vetoed(
+                    rows[row],
+                    columns[column],
+                    start,
+                    labels,
+                    cameras,
+                    pixels,
+                    scores,
+                    fundamentals,
+                    max_distance_px,
+                    believed,
+                ):
+                    labels[columns[column]] = rows[row]
+        start = stop
+
+
+@kernel
+def _mean_score(scores: Floats) -> float:
+    """Return the mean score of the joints that are seen."""
+    total, count = 0.0, 0
+    for joint in range(len(scores)):
+        if scores[joint] > 0:
+            total += scores[joint]
+            count += 1
+    return total / count if count > 0 else 0.0
+
+
+@kernel
+def _vetoed(
+    candidate: int,
+    pose: int,
+    stop: int,
+    labels: Integers,
+    cameras: Integers,
+    pixels: Floats,
+    scores: Floats,
+    fundamentals: Floats,
+    max_distance_px: float,
+    believed: Floats,
+) -> bool:
+    """Return whether a strong member of a candidate is too far from a pose."""
+    for member in range(candidate, stop):
+        if labels[member] == candidate and believed[member] > STRONG_SCORE:
+            apart = _distance(member, pose, cameras, pixels, scores, fundamentals)
+            if not apart <= max_distance_px:
+                return True
+    return False
+
+
+@kernel
 def _cost(
     candidate: int,
     pose: int,
@@ -119,18 +228,32 @@ def _cost(
     for member in range(candidate, stop):
         if labels[member] != candidate:
             continue
-        forward = fundamentals[cameras[member], cameras[pose]]
-        backward = fundamentals[cameras[pose], cameras[member]]
-        apart, shared = 0.0, 0
-        for joint in range(scores.shape[1]):
-            if scores[member, joint] > 0 and scores[pose, joint] > 0:
-                apart += 0.5 * _line_distance(forward, pixels[member, joint], pixels[pose, joint])
-                apart += 0.5 * _line_distance(backward, pixels[pose, joint], pixels[member, joint])
-                shared += 1
-        if shared > 0 and math.isfinite(apart):
-            total += apart / shared
+        apart = _distance(member, pose, cameras, pixels, scores, fundamentals)
+        if math.isfinite(apart):
+            total += apart
             count += 1
     return total / count if count > 0 else np.inf
+
+
+@kernel
+def _distance(
+    member: int,
+    pose: int,
+    cameras: Integers,
+    pixels: Floats,
+    scores: Floats,
+    fundamentals: Floats,
+) -> float:
+    """Return D of two poses in pixels; inf without a shared joint, or without epipolar lines."""
+    forward = fundamentals[cameras[member], cameras[pose]]
+    backward = fundamentals[cameras[pose], cameras[member]]
+    apart, shared = 0.0, 0
+    for joint in range(scores.shape[1]):
+        if scores[member, joint] > 0 and scores[pose, joint] > 0:
+            apart += 0.5 * _line_distance(forward, pixels[member, joint], pixels[pose, joint])
+            apart += 0.5 * _line_distance(backward, pixels[pose, joint], pixels[member, joint])
+            shared += 1
+    return apart / shared if shared > 0 else np.inf
 
 
 @kernel

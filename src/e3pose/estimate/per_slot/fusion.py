@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,8 +18,11 @@ Integers = NDArray[np.int64]
 # joints_m, scores, members, reprojection_error_px
 Fused = tuple[Floats, Floats, Integers, Floats]
 
-Matcher = Literal["rays", "epipolar"]
-MATCHERS: tuple[Matcher, ...] = ("rays", "epipolar")
+Matcher = Literal["rays", "epipolar", "tanke-gall"]
+MATCHERS: tuple[Matcher, ...] = ("rays", "epipolar", "tanke-gall")
+# Mean distance from epipolar lines up to which two views show one person, by default: simulated
+# scenes (`docs/research/paper-comparison.md`); Tanke and Gall, whose 40 is the sum of both ways.
+EPIPOLAR_PX: Mapping[str, float] = {"epipolar": 30.0, "tanke-gall": 20.0}
 MAX_EPIPOLAR_PX = 1000.0
 OUTLIER_STEPS = 4  # reweighting converges more slowly than plain least squares
 
@@ -36,15 +40,15 @@ class FusionSettings:
             seldom closer, so a larger distance carries no more information than this.
         duplicate_m: a pose nearer than this to a stronger one, as a mean over their joints, is
             the same person again: half the breadth of shoulders, no two bodies come closer.
-            The matcher `epipolar` leaves such a pose as it is, as the paper does.
+            The matchers by epipolar lines leave such a pose as it is, as the paper does.
         min_joints: a person with fewer joints in 3D is a coincidence of scraps.
         refine_steps: Gauss-Newton steps on the reprojection error after the DLT; 0 gives exactly
             the paper's DLT.
         reject_outliers: let views that disagree about a joint lose their weight.
-        matcher: `rays` merges the closest groups first, by distances in the world; `epipolar` is
-            the paper's greedy matching by distances from epipolar lines.
-        max_epipolar_px: mean distance from epipolar lines up to which the matcher `epipolar` takes
-            poses for one person. Chosen on simulated scenes, `docs/research/paper-comparison.md`.
+        matcher: `rays` merges the closest groups first, by distances in the world; the others
+            match by distances from epipolar lines (`per_slot.epipolar`).
+        max_epipolar_px: mean distance from epipolar lines up to which these take poses for one
+            person; the matcher's own of `EPIPOLAR_PX` by default.
 
     Raises:
         InputError: naming the setting that is out of range.
@@ -57,7 +61,7 @@ class FusionSettings:
     refine_steps: int = 1
     reject_outliers: bool = False
     matcher: Matcher = "rays"
-    max_epipolar_px: float = 30.0
+    max_epipolar_px: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("max_distance_m", "cap_m", "duplicate_m"):
@@ -67,8 +71,8 @@ class FusionSettings:
                 raise InputError(f"fusion: {name}: found {value}, expected metres above 0")
         if self.matcher not in MATCHERS:
             raise InputError("matcher", repr(self.matcher)[:60], " or ".join(MATCHERS))
-        if not 0 < self.max_epipolar_px <= MAX_EPIPOLAR_PX:
-            found = f"{self.max_epipolar_px:g} px"
+        if not 0 < self.epipolar_px <= MAX_EPIPOLAR_PX:
+            found = f"{self.epipolar_px:g} px"
             raise InputError(
                 "max_epipolar_px", found, f"more than 0 and at most {MAX_EPIPOLAR_PX:g}"
             )
@@ -76,6 +80,12 @@ class FusionSettings:
             raise InputError(f"fusion: min_joints: found {self.min_joints}, expected 1 or more")
         if not 0 <= self.refine_steps <= 50:
             raise InputError(f"fusion: refine_steps: found {self.refine_steps}, expected 0 to 50")
+
+    @property
+    def epipolar_px(self) -> float:
+        """The threshold of a matcher by epipolar lines."""
+        usual = EPIPOLAR_PX.get(self.matcher, MAX_EPIPOLAR_PX)
+        return usual if self.max_epipolar_px is None else self.max_epipolar_px
 
     @property
     def steps(self) -> int:

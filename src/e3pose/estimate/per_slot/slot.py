@@ -9,8 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.estimate.per_slot.dissolve import dissolve_groups, weigh_groups
-from e3pose.estimate.per_slot.epipolar import fundamental_matrices, match_epipolar
-from e3pose.estimate.per_slot.fusion import Fused, FusionSettings
+from e3pose.estimate.per_slot.epipolar import (
+    fundamental_matrices,
+    match_epipolar,
+    match_tanke_gall,
+)
+from e3pose.estimate.per_slot.fusion import MATCHERS, Fused, FusionSettings
 from e3pose.estimate.per_slot.group import group_poses
 from e3pose.estimate.per_slot.pairs import PLANES, gather, measure_pairs
 from e3pose.estimate.per_slot.triangulate import (
@@ -26,6 +30,7 @@ from e3pose.runtime.kernel import LANES, kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+RAYS, TANKE_GALL = MATCHERS.index("rays"), MATCHERS.index("tanke-gall")
 CAMERA, ROW, LABEL, NEAREST, ALIVE, SIZE, MEMBER = range(7)  # the rows of `Memory.integers`
 
 
@@ -94,8 +99,8 @@ class SlotKernel:
             min(settings.min_joints, num_joints),
             settings.steps,
             settings.reject_outliers,
-            settings.matcher == "epipolar",
-            settings.max_epipolar_px,
+            MATCHERS.index(settings.matcher),
+            settings.epipolar_px,
         )
         self._memory = make_memory(len(rig), num_joints, 8 * len(rig))
 
@@ -133,7 +138,7 @@ def fuse_slot(
     min_joints: int,
     steps: int,
     reject_outliers: bool,
-    epipolar: bool,
+    matcher: int,
     max_epipolar_px: float,
     memory: Memory,
 ) -> int:
@@ -162,10 +167,10 @@ def fuse_slot(
         memory.tiles,
         memory.tile_centers,
     )
-    if epipolar:
-        _match_epipolar(num_poses, fundamentals, max_epipolar_px, memory)
-    else:
+    if matcher == RAYS:
         _match_rays(num_poses, max_distance_m, cap_m, memory)
+    else:
+        _match_epipolar(num_poses, matcher, fundamentals, max_epipolar_px, memory)
     people = 0
     while True:
         group = _take_strongest(num_poses, memory)
@@ -175,7 +180,7 @@ def fuse_slot(
             group,
             people,
             projections,
-            -1.0 if epipolar else duplicate_m,
+            duplicate_m if matcher == RAYS else -1.0,
             min_joints,
             steps,
             reject_outliers,
@@ -238,11 +243,11 @@ def _fuse_person(
 
 @kernel
 def _match_epipolar(
-    num_poses: int, fundamentals: Floats, max_epipolar_px: float, memory: Memory
+    num_poses: int, matcher: int, fundamentals: Floats, max_epipolar_px: float, memory: Memory
 ) -> None:
-    """Group poses by person as the paper does: their labels, group sizes and strengths."""
+    """Group poses by person by epipolar lines: their labels, group sizes and strengths."""
     labels = memory.integers[LABEL]
-    match_epipolar(
+    arguments = (
         num_poses,
         memory.integers[CAMERA],
         memory.pixels,
@@ -252,6 +257,10 @@ def _match_epipolar(
         labels,
         memory.sums,
     )
+    if matcher == TANKE_GALL:
+        match_tanke_gall(*arguments)
+    else:
+        match_epipolar(*arguments)
     weigh_groups(num_poses, labels, memory.scores, memory.integers[SIZE], memory.strength)
 
 
