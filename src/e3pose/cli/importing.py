@@ -68,7 +68,8 @@ def shelf(
     Parameters
     ----------
     source
-        The published folder (actorsGT.mat, Calibration/P0.txt, Camera0), or an .npz with K, R, t,
+        The published folder (actorsGT.mat, Calibration/P0.txt or VoxelPose's
+        calibration_shelf.json, Camera0), or an .npz with K, R, t,
         image_size, det_coco17 (or det_body25), det_view, det_frame and gt3d.
     skeleton
         Skeleton of the detections of an .npz.
@@ -108,7 +109,8 @@ def campus(
     Parameters
     ----------
     source
-        The published folder (actorsGT.mat, Calibration/P0.txt, Camera0).
+        The published folder (actorsGT.mat, Calibration/P0.txt or VoxelPose's
+        calibration_campus.json, Camera0).
     frames
         First and last frame. Default: 350-750, of which 350 to 470 and 650 to 750 are scored.
     """

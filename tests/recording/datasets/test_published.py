@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +65,7 @@ def test_labels_and_cameras_are_read(source: Path) -> None:
 def test_frames_outside_the_protocol_are_not_scored(
     source: Path,
 ) -> None:
-    layout = type(CAMPUS)("Campus", 3, (360, 288), (4, 6), ((5, 6),))
+    layout = type(CAMPUS)("Campus", "calibration_campus.json", 3, (360, 288), (4, 6), ((5, 6),))
     recording = import_published(source, layout)
     assert recording.truth is not None
     joints = recording.truth.joints_m
@@ -129,3 +131,48 @@ def test_a_projection_matrix_is_parted() -> None:
     K, R, t = decomposed(-0.01 * camera.projection)
     assert pytest.approx(camera.projection, abs=1e-9) == K @ np.column_stack([R, t])
     assert np.linalg.det(R) == pytest.approx(1.0)
+
+
+def voxelpose(folder: Path, **changes: object) -> Path:
+    """The same folder with VoxelPose's calibration in place of the projection matrices."""
+    publish(folder)
+    shutil.rmtree(folder / "Calibration")
+    cameras = {
+        str(number): {
+            "R": camera.R.tolist(),
+            "T": (1000 * camera.center_m)[:, None].tolist(),
+            "fx": camera.K[0, 0], "fy": camera.K[1, 1], "cx": camera.K[0, 2], "cy": camera.K[1, 2],
+            "k": [[0.01], [-0.02], [0.003]], "p": [[0.001], [-0.002]],
+            **(changes if number == 1 else {}),
+        }
+        for number, camera in enumerate(RIG.cameras)
+    }  # fmt: skip
+    (folder / "calibration_campus.json").write_text(json.dumps(cameras))
+    return folder
+
+
+def test_cameras_of_voxelpose_are_read_where_there_are_no_matrices(tmp_path: Path) -> None:
+    recording = import_published(voxelpose(tmp_path / "CampusSeq1"), CAMPUS, (4, 6))
+    for found, true in zip(recording.rig.cameras, RIG.cameras, strict=True):
+        assert pytest.approx(true.K) == found.K and pytest.approx(true.R) == found.R
+        assert found.center_m == pytest.approx(true.center_m, abs=1e-9)
+        assert found.distortion.tolist() == [0.01, -0.02, 0.001, -0.002, 0.003]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"R": [[1.0]]}, r"camera 1: R: found 1 values, expected 9"),
+        ({"T": [[1], [2], [float("nan")]]}, r"camera 1: T: found 3 values, expected 3 numbers"),
+        ({"fx": "wide"}, r"found ValueError .* expected cameras 0 to 2 with R, T, fx"),
+        ({"R": np.zeros((3, 3)).tolist()}, r"camera 1: "),
+    ],
+)
+def test_broken_cameras_of_voxelpose_are_named(
+    tmp_path: Path, changes: dict[str, object], words: str
+) -> None:
+    with pytest.raises(InputError, match=r"calibration_campus\.json: " + words):
+        import_published(voxelpose(tmp_path / "Campus", **changes), CAMPUS, (4, 6))
+    (tmp_path / "Campus" / "calibration_campus.json").write_bytes(b"\xff{")
+    with pytest.raises(InputError, match="calibration_campus"):
+        import_published(tmp_path / "Campus", CAMPUS, (4, 6))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,8 @@ MAX_MATRIX_BYTES = 100_000
 MAX_FRAMES = 100_000
 FPS = 25.0
 IMAGES = ("*.png", "*.jpg", "*.jpeg")
+# What VoxelPose's file has of a camera, and how many numbers.
+VOXELPOSE = {"R": 9, "T": 3, "fx": 1, "fy": 1, "cx": 1, "cy": 1, "k": 3, "p": 2}
 WHERE = "http://campar.in.tum.de/Chair/MultiHumanPose"
 
 
@@ -36,6 +39,7 @@ class Layout:
 
     Attributes:
         title: of the recording.
+        calibration: the file in which VoxelPose publishes the cameras.
         cameras: how many.
         image_size: `(width, height)` of the published images.
         frames: first and last frame of the protocol.
@@ -43,14 +47,17 @@ class Layout:
     """
 
     title: str
+    calibration: str
     cameras: int
     image_size: tuple[int, int]
     frames: tuple[int, int]
     scored: tuple[tuple[int, int], ...]
 
 
-SHELF = Layout("Shelf", 5, (1032, 776), (300, 600), ((300, 600),))
-CAMPUS = Layout("Campus", 3, (360, 288), (350, 750), ((350, 470), (650, 750)))
+SHELF = Layout("Shelf", "calibration_shelf.json", 5, (1032, 776), (300, 600), ((300, 600),))
+CAMPUS = Layout(
+    "Campus", "calibration_campus.json", 3, (360, 288), (350, 750), ((350, 470), (650, 750))
+)
 
 
 def import_published(
@@ -64,7 +71,9 @@ def import_published(
     """Read Shelf or Campus as it is published.
 
     Args:
-        source: the folder with `actorsGT.mat`, `Calibration/P0.txt` and on, and `Camera0` and on.
+        source: the folder with `actorsGT.mat`, `Calibration/P0.txt` and on, or VoxelPose's
+            `calibration_shelf.json` (`calibration_campus.json`) in their place, and `Camera0` and
+            on.
         layout: `SHELF` or `CAMPUS`.
         frames: first and last frame, counted from 0 as images are; those of the protocol by
             default.
@@ -177,11 +186,16 @@ def _innermost(value: Any) -> Floats:
 
 
 def _rig(source: Path, layout: Layout) -> Rig:
+    if (source / layout.calibration).is_file() and not (source / "Calibration").exists():
+        return _rig_of_voxelpose(source / layout.calibration, layout)
     cameras = []
     for number in range(layout.cameras):
         path = source / "Calibration" / f"P{number}.txt"
         if not path.is_file():
-            raise InputError(f"{path}: missing: a projection matrix, published at {WHERE}")
+            raise InputError(
+                f"{path}: missing: a projection matrix, published at {WHERE}; or "
+                f"{layout.calibration} of VoxelPose in {source}"
+            )
         text = read_bytes(path, MAX_MATRIX_BYTES).decode("utf-8", errors="replace")
         try:
             values = [float(word) for word in text.replace(",", " ").split()]
@@ -196,6 +210,42 @@ def _rig(source: Path, layout: Layout) -> Rig:
             )
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+    return Rig(tuple(cameras))
+
+
+def _rig_of_voxelpose(path: Path, layout: Layout) -> Rig:
+    """Read R, T (a centre in millimetres), fx, fy, cx, cy, k (3) and p (2) of every camera."""
+    try:
+        table = json.loads(read_bytes(path, MAX_MATRIX_BYTES))
+        numbers = [
+            {key: np.array(camera[key], dtype=np.float64).ravel() for key in VOXELPOSE}
+            for camera in (table[str(number)] for number in range(layout.cameras))
+        ]
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(
+            f"{path}: found {type(error).__name__} ({str(error)[:60]}), expected cameras 0 to "
+            f"{layout.cameras - 1} with {', '.join(VOXELPOSE)}"
+        ) from None
+    cameras = []
+    for number, camera in enumerate(numbers):
+        for key, count in VOXELPOSE.items():
+            if len(camera[key]) != count or not np.isfinite(camera[key]).all():
+                raise InputError(
+                    f"{path}: camera {number}: {key}: found {len(camera[key])} values, expected "
+                    f"{count} numbers"
+                )
+        (fx,), (fy,), (cx,), (cy,) = (camera[key] for key in ("fx", "fy", "cx", "cy"))
+        K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        R, k, p = camera["R"].reshape(3, 3), camera["k"], camera["p"]
+        distortion = np.array([k[0], k[1], p[0], p[1], k[2]])
+        try:
+            cameras.append(
+                Camera.from_world_to_camera(
+                    f"Camera{number}", layout.image_size, K, R, -R @ camera["T"] / 1000, distortion
+                )
+            )
+        except InputError as error:
+            raise InputError(f"{path}: camera {number}: {error}") from None
     return Rig(tuple(cameras))
 
 
