@@ -19,7 +19,7 @@ RADIO = "wifi"  # the group of components that sends
 
 
 def advance_deficit(deficit: Floats, budget: Floats, selected: NDArray[np.bool_]) -> Floats:
-    """Advance the energy-deficit queues by one slot: the paper's `max(q - E, 0) + s`.
+    """Advance the energy-deficit queues by one slot: `max(q - E, 0) + s`, paper eq. (8).
 
     Args:
         deficit: `(num_cameras,)` queue lengths before the slot, in slots of activity.

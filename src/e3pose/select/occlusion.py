@@ -111,7 +111,7 @@ def occlusion(boxes: Floats) -> Floats:
 
 
 def expected_views(rig: Rig, joints_m: Floats) -> tuple[Floats, Floats]:
-    """Predict the views of every camera.
+    """Predict the views of every camera: joints projected, paper eq. (7), and boxes around them.
 
     Args:
         rig: the cameras.
