@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from e3pose.reproduce.job import reproduce
 from e3pose.reproduce.page import shown
 from e3pose.reproduce.records import Headline, Line, Panel, Section, Spread, Table
 from e3pose.reproduce.sources import Sources
-from e3pose.reproduce.work import Made
+from e3pose.reproduce.work import Made, Piece
 from e3pose.runtime.workers import Workers
 
 NAN = float("nan")
@@ -49,6 +50,19 @@ def section(scale: Scale, made: Made) -> Section:
 
 HERE = Item("here", "An item", "table:x", lambda scale: [], section)
 AWAY = Item("away", "On Shelf", "", lambda scale: [], section, needs=("shelf",))
+ABSENT = Item("absent", "Needs", "", lambda scale: [], section, imports=("json", "no_such_library"))
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    number: int
+
+
+def fails(sources: Sources, asked: Asked) -> int:
+    raise RuntimeError("<nothing> works")
+
+
+BROKEN = Item("broken", "Breaks", "", lambda scale: [Piece(fails, Asked(1))], section)
 
 
 @pytest.fixture(scope="module")
@@ -56,8 +70,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("reproduced")
     outcome = reproduce(made, Sources(), Workers(1), items=(HERE, AWAY))
     assert [h.name for h in outcome.wrong] == ["error"]
-    assert [title for title, _ in outcome.skipped] == ["On Shelf"]
+    assert [title for title, _ in outcome.skipped] == ["On Shelf"] and not outcome.failed
     return made
+
+
+def test_item_that_fails_or_lacks_a_library_is_left_out_with_the_reason(tmp_path: Path) -> None:
+    outcome = reproduce(tmp_path, Sources(), Workers(1), items=(HERE, ABSENT, BROKEN))
+    assert outcome.failed and len(outcome.headlines) == 2
+    page = outcome.page.read_text()
+    assert "Skipped: no_such_library is not installed: pip install" in page
+    assert "Skipped: test_page-fails: RuntimeError: &lt;nothing&gt; works" in page
+    assert (tmp_path / "figures" / "lines.svg").exists()
 
 
 def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:

@@ -163,3 +163,22 @@ def test_workers_of_a_scheduler_do_the_work(tmp_path: Path, scheduler: str) -> N
     found = answers(Results(tmp_path / "kept", Sources()), 6, Workers(1, scheduler))
     assert [found[number].square for number in range(6)] == [n**2 for n in range(6)]
     assert os.getpid() not in {each.process for each in found.values()}
+
+
+def sometimes(sources: Sources, question: Question) -> Answer:
+    if question.number == 1:
+        raise ValueError("no room\n  left")
+    return answer(sources, question)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_piece_that_fails_costs_no_other_and_is_tried_again(tmp_path: Path, jobs: int) -> None:
+    results = Results(tmp_path, Sources())
+    asked = [Piece(sometimes, Question(number)) for number in range(3)]
+    made = Made(results)
+    for piece, result in run(results, asked, Workers(jobs)):
+        made.add(piece, result)
+    assert made(asked[0]).square == 0 and made(asked[2]).square == 4
+    assert made.failure(asked) == "test_work-sometimes: ValueError: no room left"
+    assert not made.failure([asked[0], asked[2]])
+    assert len(list(tmp_path.iterdir())) == 2

@@ -29,8 +29,9 @@ def reproduce(
     Example: `e3pose reproduce reproduced --data data --quick`
 
     Writes DEST/report.html, and each figure as SVG and each table as CSV. Results are kept in
-    DEST/results: the same command resumes an interrupted run and computes only what changed. Exits
-    with code 1 if a headline figure leaves its margin.
+    DEST/results: the same command resumes an interrupted run and computes only what changed. The
+    report says why an item failed. Exits with code 1 then, and if a headline figure leaves its
+    margin.
 
     Parameters
     ----------
@@ -89,5 +90,5 @@ def reproduce(
             f"{headline.low:g} to {headline.high:g}",
             file=sys.stderr,
         )
-    if outcome.wrong:
+    if outcome.wrong or outcome.failed:
         sys.exit(EXIT_MARGIN)

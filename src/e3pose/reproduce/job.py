@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -32,12 +33,14 @@ class Outcome:
 
     Attributes:
         page: the report.
-        skipped: titles of items that lack data, with the reason.
+        skipped: titles of items that lack data or a library, or failed, with the reason.
+        failed: whether one failed.
         headlines: all of them.
     """
 
     page: Path
     skipped: tuple[tuple[str, str], ...]
+    failed: bool
     headlines: tuple[Headline, ...]
 
     @property
@@ -56,7 +59,7 @@ def reproduce(
     items: Sequence[Item] = ITEMS,
     track: Track = lambda results, total: results,
 ) -> Outcome:
-    """Compute the items and write the report.
+    """Compute the items and write the report, whatever fails.
 
     Args:
         folder: for the report; what earlier runs kept in it is used.
@@ -68,22 +71,25 @@ def reproduce(
         track: wraps the results as they come in, for a progress bar.
     """
     scale = Scale(quick, sources.names, most_seeds, sources.detectors)
-    ready = [item for item in items if set(item.needs) <= set(sources.names)]
+    lacks = {item.key: _lacks(item, sources) for item in items}
+    ready = [item for item in items if not lacks[item.key]]
     results = Results(folder / KEPT, sources)
     made = Made(results)
     todo = once(results, [piece for item in ready for piece in item.pieces(scale)])
     for piece, result in track(run(results, todo, workers), len(todo)):
         made.add(piece, result)
+    failures = {item.key: made.failure(item.pieces(scale)) for item in ready}
     parts = [
-        Part(item, item.section(scale, made))
-        if item in ready
-        else Part(item, None, _lacks(item, sources))
+        Part(item, None, reason)
+        if (reason := lacks[item.key] or failures[item.key])
+        else Part(item, item.section(scale, made))
         for item in items
     ]
     page = write_page(folder, parts, about(sources, workers, scale), quick)
     return Outcome(
         page,
         tuple((part.item.title, part.skipped) for part in parts if part.section is None),
+        any(failures.values()),
         tuple(h for part in parts if part.section is not None for h in part.section.headlines),
     )
 
@@ -104,8 +110,14 @@ def about(sources: Sources, workers: Workers, scale: Scale) -> dict[str, str]:
 
 
 def _lacks(item: Item, sources: Sources) -> str:
+    """Return what an item cannot do without; empty if it has everything."""
     missing = [WHERE[name] for name in item.needs if name not in sources.names]
-    return f"no data; expected {' and '.join(missing)}"
+    if missing:
+        return f"no data; expected {' and '.join(missing)}"
+    absent = [name for name in item.imports if find_spec(name) is None]
+    if absent:
+        return f"{absent[0]} is not installed: pip install 'e3pose[reproduce]'"
+    return ""
 
 
 def _version(name: str) -> str:

@@ -21,10 +21,22 @@ VERSION = 1
 # What no result depends on: what only shows it.
 SHOWING = ("cli", "report", "site", "exports", "store")
 SHOWING_HERE = ("__init__.py", "draw.py", "job.py", "page.py", "records.py")
+MOST_SAID = 300  # characters of why a piece failed
 CODE = (".py", ".toml", ".onnx")
 
 Asked = TypeVar("Asked")
 Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """A piece of work that could not be done.
+
+    Attributes:
+        reason: in one line.
+    """
+
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,8 +135,13 @@ class Made:
         self._found: dict[Path, Any] = {}
 
     def add(self, piece: AnyPiece, result: Any) -> None:
-        """Take in the result of a piece."""
+        """Take in the result of a piece, or its failure."""
         self._found[self.results.path(piece)] = result
+
+    def failure(self, pieces: Sequence[AnyPiece]) -> str:
+        """Return why the first of some pieces that failed did; empty where none has."""
+        found = (self._found[self.results.path(piece)] for piece in pieces)
+        return next((each.reason for each in found if isinstance(each, Failed)), "")
 
     def __call__(self, piece: Piece[Asked, Found]) -> Found:
         """Return the result of a piece."""
@@ -140,7 +157,7 @@ def once(results: Results, pieces: Sequence[AnyPiece]) -> list[AnyPiece]:
 def run(
     results: Results, pieces: Sequence[AnyPiece], workers: Workers
 ) -> Iterator[tuple[AnyPiece, Any]]:
-    """Yield every piece with its result as soon as it is there, kept ones first.
+    """Yield every piece with its result, or `Failed`, as soon as it is there, kept ones first.
 
     Args:
         results: where results are kept.
@@ -157,14 +174,22 @@ def run(
         yield piece, result
     shared = [piece for piece in missing if not piece.times]
     for place, result in workers.as_ready(_work, results.sources, shared):
-        yield shared[place], results.keep(shared[place], result)
+        yield shared[place], _kept(results, shared[place], result)
     for piece in missing:
         if piece.times:
-            yield piece, results.keep(piece, _work(results.sources, piece))
+            yield piece, _kept(results, piece, _work(results.sources, piece))
+
+
+def _kept(results: Results, piece: AnyPiece, result: Any) -> Any:
+    return result if isinstance(result, Failed) else results.keep(piece, result)
 
 
 def _work(sources: Sources, piece: AnyPiece) -> Any:
-    return piece.function(sources, piece.settings)
+    try:
+        return piece.function(sources, piece.settings)
+    except Exception as error:  # one item must not cost the others, which took minutes
+        said = " ".join(str(error).split())
+        return Failed(f"{piece.name}: {type(error).__name__}: {said}"[:MOST_SAID])
 
 
 def _result_type(piece: AnyPiece) -> Any:

@@ -51,6 +51,7 @@ class Item:
         pieces: what is to be computed.
         section: what is shown.
         needs: names of data sets, `sources.SHELF` and `sources.PANOPTIC`.
+        imports: libraries of the extra `reproduce`, as they are imported.
     """
 
     key: str
@@ -59,3 +60,4 @@ class Item:
     pieces: Callable[[Scale], Sequence[AnyPiece]]
     section: Callable[[Scale, Made], Section]
     needs: tuple[str, ...] = ()
+    imports: tuple[str, ...] = ()

@@ -326,4 +326,11 @@ def _lead_panel(scale: Scale, runs: Runs) -> Panel:
     )  # fmt: skip
 
 
-ITEM = Item("frontier", "Past the paper: frontier, targets, identities", "", pieces, section)
+ITEM = Item(
+    "frontier",
+    "Past the paper: frontier, targets, identities",
+    "",
+    pieces,
+    section,
+    imports=("motmetrics",),
+)
