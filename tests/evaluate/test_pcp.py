@@ -122,3 +122,14 @@ def test_nothing_labelled_gives_nothing() -> None:
     counts = count_parts([BODY[None]], UNLABELLED[None, None])
     assert pcp_percent(counts, ["actor1"]) == {}
     assert group_percent(counts, ["actor1"]) == {}
+
+
+def test_limbs_without_an_estimate_can_be_left_out() -> None:
+    predicted = BODY[None].copy()
+    predicted[0, 6] = np.nan
+    missing = count_parts([predicted, predicted[:0]], np.stack([BODY, BODY])[:, None])
+    left_out = count_parts([predicted, predicted[:0]], np.stack([BODY, BODY])[:, None], True)
+    limbs = np.array(LIMBS)
+    ends = (limbs == 6).any(axis=1).sum()
+    assert missing.total.sum() == 2 * len(LIMBS)
+    assert left_out.total.sum() == len(LIMBS) - ends == left_out.right.sum() == missing.right.sum()

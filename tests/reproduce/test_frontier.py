@@ -22,7 +22,7 @@ def made(piece: Any) -> Run | IdentityFigures:
     if isinstance(asked, IdentitiesAsked):
         return IdentityFigures(0.9, 0.8, 1, 0, 0)
     error_mm = ERROR_MM.get(asked.policy, 50.0) + asked.lead + asked.seed
-    return Run({}, {}, error_mm, 1.0, (0.4,), asked.cameras or 1.5, 0.1, 1.0, 1.0, 0, ((0,),))
+    return Run({}, {}, {}, error_mm, 1.0, (0.4,), asked.cameras or 1.5, 0.1, 1.0, 1.0, 0, ((0,),))
 
 
 @pytest.fixture(scope="module")

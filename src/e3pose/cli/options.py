@@ -120,6 +120,8 @@ class LoopOptions:
     paper's policies, V is the number of active slots that a typical difference of occlusion
     between two cameras is worth. Default: set by the policy. `evaluate` also takes several,
     comma-separated."""
+    raw_weight: Annotated[bool, Parameter(group=PAPER, negative="")] = LOOP.raw_weight
+    """V of the paper's policies weighs IoU itself, as in its eq. (9)."""
     lead: Whole = LOOP.lead_slots
     """Lead tau: slots between a decision and the slot it is for."""
     warmup: Whole = LOOP.warmup_slots
@@ -144,17 +146,22 @@ class LoopOptions:
     whole_every: Whole = LOOP.whole_every
     """With feedback, detect in the whole image every this many detections."""
     matcher: Annotated[str | None, Parameter(group=PAPER)] = None
-    """How the views of one person are matched: `epipolar` (the paper's, default) or `rays`."""
+    """How the views of one person are matched: `epipolar` (as the paper words it, default),
+    `tanke-gall` (by the rules of the publication that the paper names) or `rays`."""
     match_distance: Annotated[str | None, Parameter(group=PAPER)] = None
     """Maximum mean distance between the rays of two views of one person: 100mm, 0.1m. Default:
     150mm. Matcher `rays` only."""
     epipolar_px: Annotated[float | None, Parameter(group=PAPER)] = None
     """Maximum mean distance from epipolar lines between two views of one person, in pixels.
-    Default: 30. Matcher `epipolar` only."""
+    Default: 30 with the matcher `epipolar`, 20 with `tanke-gall`."""
     reject_outliers: Annotated[bool, Parameter(group=PAPER)] = LOOP.reject_outliers
     """Reject views that disagree with the others."""
+    fill: Annotated[bool | None, Parameter(group=PAPER)] = None
+    """Keep a joint that a slot lacks where it last was on the body. Default: on."""
     occlusion_limit: Annotated[float, Parameter(group=PAPER)] = LOOP.occlusion_limit
     """Occlusion threshold of the policy `independent`."""
+    independent_queue: Annotated[bool, Parameter(group=PAPER, negative="")] = LOOP.independent_queue
+    """Keep cameras of the policy `independent` within their energy budgets, too."""
     round_trip_ms: Annotated[float, Parameter(group=PAPER)] = 1000 * LOOP.round_trip_s
     """Network round trip that the policy `central-2d` waits for in each decision."""
 

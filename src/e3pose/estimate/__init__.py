@@ -31,6 +31,7 @@ class EstimatorSettings:
         noise: of the detector's keypoints.
         num_selected: cameras per slot, a mean if it is no whole number; how long the estimator
             with a memory waits for a second view of somebody new follows from it.
+        fills: whether the estimator without a memory fills joints that a slot lacks.
     """
 
     rig: Rig
@@ -40,6 +41,7 @@ class EstimatorSettings:
     fusion: FusionSettings
     noise: Noise
     num_selected: float = 1.0
+    fills: bool = True
 
 
 def _per_slot(settings: EstimatorSettings) -> PerSlot:
@@ -50,6 +52,7 @@ def _per_slot(settings: EstimatorSettings) -> PerSlot:
         settings.interval_s,
         settings.noise,
         settings.history_slots,
+        settings.fills,
     )
 
 

@@ -46,6 +46,7 @@ class Accuracy:
     acceleration_error_mps2: float | None = None
     precision_500mm: float | None = None
     ap: Mapping[str, float] | None = None
+    poses_within: Mapping[str, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)

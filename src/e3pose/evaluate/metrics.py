@@ -121,6 +121,17 @@ def average_precision(found: Candidates, limit_m: float) -> float | None:
     return float(100 * (np.diff(recall, prepend=0.0) * envelope).sum())
 
 
+def poses_within(found: Candidates, limit_m: float) -> float | None:
+    """Return the share of predictions in percent with an error below `limit_m`; None without any.
+
+    What the E3Pose paper calls AP_K: "the percentage of estimated 3D poses whose MPJPE is smaller
+    than K". A person who is not found costs nothing. Meaningful only where everybody is annotated.
+    """
+    if len(found.errors_m) == 0:
+        return None
+    return float(100 * (found.errors_m < limit_m).mean())
+
+
 def mpjpe_mm(found: Candidates) -> float | None:
     """Return the mean error in mm of first matches below 500 mm, or None if there is none."""
     first = first_matches(found, MATCH_LIMIT_M)

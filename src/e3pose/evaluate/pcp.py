@@ -36,17 +36,21 @@ class PartCounts:
     total: NDArray[np.int64]
 
 
-def count_parts(predicted: Sequence[Floats], truth: Floats) -> PartCounts:
+def count_parts(
+    predicted: Sequence[Floats], truth: Floats, skip_missing: bool = False
+) -> PartCounts:
     """Count the right limbs of every actor.
 
     Each labelled actor takes the prediction of smallest mean joint distance, which another actor
     may take too, at any distance. A limb is right if the mean error of its ends is at most half its
-    true length; wrong if an end is missing or there is no prediction at all.
+    true length; wrong if an end is missing or there is no prediction at all, or not counted with
+    `skip_missing`.
 
     Args:
         predicted: per slot `(num_persons, 14, 3)` Shelf-14 joints in metres, NaN where missing.
         truth: `(num_slots, num_actors, 14, 3)` metres; NaN where not annotated, and a limb with
             such an end is not scored.
+        skip_missing: do not count limbs of which an end is not estimated.
     """
     starts, ends = np.array(LIMBS).T
     right = np.zeros((truth.shape[1], len(LIMBS)), dtype=np.int64)
@@ -54,13 +58,15 @@ def count_parts(predicted: Sequence[Floats], truth: Floats) -> PartCounts:
     for people, actors in zip(predicted, truth, strict=True):
         wanted = _with_mid_hip(actors)
         length = np.linalg.norm(wanted[:, starts] - wanted[:, ends], axis=-1)
-        total += np.isfinite(length)
         if len(people) == 0:
+            total += np.isfinite(length) & (not skip_missing)
             continue
         nearest = mean_errors_m(people, actors).argmin(axis=0)  # (num_actors,)
         error = np.linalg.norm(_with_mid_hip(people)[nearest] - wanted, axis=-1)
         # Comparisons with NaN are false: a missing end is wrong, an unannotated one not counted.
-        right += (error[:, starts] + error[:, ends]) / 2 <= THRESHOLD * length
+        mean = (error[:, starts] + error[:, ends]) / 2
+        right += mean <= THRESHOLD * length
+        total += np.isfinite(mean if skip_missing else length)
     return PartCounts(right, total)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from e3pose.evaluate.figures import (
 from e3pose.evaluate.pcp import count_parts, group_percent, pcp_percent
 from e3pose.model.blind_slot import count_blind, duty
 from e3pose.model.noises import detector_of
+from e3pose.model.pose import Poses3D
 from e3pose.model.skeleton import PANOPTIC19, SHELF14, Skeleton, convert
 from e3pose.recording import Recording
 from e3pose.settings.parts import row_of
@@ -118,18 +120,57 @@ def accuracy(recording: Recording, records: Sequence[SlotRecord]) -> Accuracy:
         if known
         else None,
         precision_500mm=metrics.precision_500mm(found) if whole else None,
-        ap=_precisions(found) if whole else None,
+        ap=_by_limit(found, metrics.average_precision) if whole else None,
+        poses_within=_by_limit(found, metrics.poses_within) if whole else None,
     )
 
 
-def _precisions(found: metrics.Candidates) -> dict[str, float] | None:
-    """Return the average precision at every limit, in millimetres; None if one cannot be had."""
+def pcp_readings(
+    recording: Recording, records: Sequence[SlotRecord]
+) -> dict[str, dict[str, float]]:
+    """Return PCP of a replay without a memory in three readings of the protocol; {} without truth.
+
+    Returns:
+        By actor and `average`: `shown` with filled joints; `estimated` without them, a limb that
+        lacks an end being wrong; `skipped` likewise, such a limb not being counted.
+    """
+    truth = recording.truth
+    if truth is None or truth.skeleton != SHELF14:
+        return {}
+    first, stop = recording.scored_slots or (0, recording.num_slots)
+    by_slot = {record.slot: record for record in records}
+    scored = [by_slot.get(slot) for slot in range(first, stop)]
+    shown = _converted(scored, recording.skeleton, truth.skeleton)
+    placed = _converted(
+        [None if record is None else _placed(record) for record in scored],
+        recording.skeleton,
+        truth.skeleton,
+    )
+    readings = {"estimated": (placed, False), "shown": (shown, False), "skipped": (placed, True)}
+    return {
+        name: pcp_percent(count_parts(people, truth.joints_m[first:stop], skip), truth.person_ids)
+        for name, (people, skip) in readings.items()
+    }
+
+
+def _placed(record: SlotRecord) -> SlotRecord:
+    """Return the record without the joints that were not estimated in its slot."""
+    measured = record.measured
+    joints_m = np.where(measured[..., None], record.poses.joints_m, np.nan)
+    poses = Poses3D(joints_m, np.where(measured, record.poses.scores, 0.0))
+    return replace(record, poses=poses)
+
+
+def _by_limit(
+    found: metrics.Candidates, metric: Callable[[metrics.Candidates, float], float | None]
+) -> dict[str, float] | None:
+    """Return a metric at every limit, in millimetres; None if one cannot be had."""
     known: dict[str, float] = {}
     for limit_mm in AP_LIMITS_MM:
-        precision = metrics.average_precision(found, limit_mm / 1000)
-        if precision is None:
+        percent = metric(found, limit_mm / 1000)
+        if percent is None:
             return None
-        known[f"{limit_mm}"] = precision
+        known[f"{limit_mm}"] = percent
     return known
 
 

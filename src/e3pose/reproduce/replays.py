@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.evaluate.replay import ReplaySettings, replay
-from e3pose.evaluate.summary import accuracy
+from e3pose.evaluate.summary import accuracy, pcp_readings
 from e3pose.pipeline import SlotRecord
 from e3pose.recording import Recording
 from e3pose.reproduce.simulated import gathered, with_detections
@@ -46,6 +46,7 @@ class Asked:
         cost_j: energy of an active slot beyond that of an idle one, of each camera.
         target_mm: wake the fewest cameras whose expected error meets this instead of C.
         matcher: of the pipeline `paper`; the paper's by default.
+        raw_weight: V weighs IoU itself.
         seconds: length of what is simulated; 0 for all there is.
         fps: likewise.
     """
@@ -63,6 +64,7 @@ class Asked:
     cost_j: tuple[float, ...] | None = None
     target_mm: float | None = None
     matcher: str | None = None
+    raw_weight: bool = False
     seconds: float = 0.0
     fps: float = 0.0
 
@@ -72,8 +74,9 @@ class Run:
     """What came of a replay.
 
     Attributes:
-        pcp: by actor and `average`; empty without labels of Shelf.
+        pcp: by actor and `average`, by reading (`pcp_readings`); empty without labels of Shelf.
         ap: by limit in millimetres; empty where not everybody is annotated.
+        within: share of poses, likewise: what the paper calls AP.
         mpjpe_mm: of matches below 500 mm; None without any.
         recall: share of labelled people found within 500 mm.
         duty: share of the slots in which each camera was selected.
@@ -86,8 +89,9 @@ class Run:
         idle: by camera, how many slots each of its times without work lasted.
     """
 
-    pcp: dict[str, float]
+    pcp: dict[str, dict[str, float]]
     ap: dict[str, float]
+    within: dict[str, float]
     mpjpe_mm: float | None
     recall: float | None
     duty: tuple[float, ...]
@@ -100,8 +104,8 @@ class Run:
 
     @property
     def average(self) -> float:
-        """PCP averaged over actors 1-3."""
-        return self.pcp["average"]
+        """PCP averaged over actors 1-3, of all that is shown."""
+        return self.pcp["shown"]["average"]
 
     @property
     def error_mm(self) -> float:
@@ -163,6 +167,7 @@ def records_of(recording: Recording, asked: Asked) -> list[SlotRecord]:
         phase=asked.seed,
         predictor=asked.predictor,
         matcher=asked.matcher,
+        raw_weight=asked.raw_weight,
         cost_j=asked.cost_j,
         target_error_m=None if asked.target_mm is None else asked.target_mm / 1000,
     )
@@ -185,8 +190,9 @@ def summed_up(recording: Recording, asked: Asked, records: Sequence[SlotRecord])
     deficit = np.stack([record.deficit for record in records])
     total = (selected * seen_occlusion(recording)).sum(axis=1)
     return Run(
-        pcp={} if figures.pcp is None else dict(figures.pcp.actors),
-        ap={} if figures.ap is None else dict(figures.ap),
+        pcp=pcp_readings(recording, records),
+        ap=dict(figures.ap or {}),
+        within=dict(figures.poses_within or {}),
         mpjpe_mm=figures.mpjpe_mm,
         recall=figures.recall_500mm,
         duty=tuple(selected.mean(axis=0).tolist()),

@@ -69,22 +69,28 @@ class LoopSettings:
             each; C/N + 0.2 by default, and without a limit with a target.
         quality_weight: the paper's V, of its own policies in camera slots; the policy's own by
             default.
+        raw_weight: the weight of the paper's policies is the paper's V, of IoU itself.
         lead_slots: the paper's tau.
         warmup_slots: the paper's M, in which all cameras detect.
         predictor: a name of `PREDICTORS` or of one's own, a file of weights, or an object, which
             foresees the people for the policy and, where it states its errors, steers the
             estimator with a memory. By default the policy's own does the one and
             `parts.STEERING` the other.
-        matcher: how the pipeline `paper` finds the views of one person: `epipolar`, the paper's
-            own and its default, or `rays`.
+        matcher: how the pipeline `paper` finds the views of one person: `epipolar`, as the paper
+            words it and its default, `tanke-gall`, by the rules of the publication that it names,
+            or `rays`.
         match_distance_m: mean distance of rays up to which two views show one person, for the
             matcher `rays` alone; that of `FusionSettings` by default.
         epipolar_px: mean distance from epipolar lines up to which two views show one person, for
-            the matcher `epipolar` alone; that of `FusionSettings` by default.
+            `epipolar` and `tanke-gall` alone; the matcher's own by default.
         reject_outliers: drop views that disagree with the others.
+        fill: whether the pipeline `paper` keeps a joint that a slot lacks where it last was on the
+            body (`per_slot.track.filled`); it does by default.
         seed: of random choices.
         phase: offset of turns and ties.
         occlusion_limit: threshold of `independent`.
+        independent_queue: keep its cameras within their energy budgets, which the paper's ID does
+            not.
         round_trip_s: network and server delay that `central-2d` waits for.
         foresees: compute the information expected of each camera even if the policy needs none.
         feedback: send cameras the people to expect, so that they detect only there.
@@ -105,6 +111,7 @@ class LoopSettings:
     target_error_m: float | None = entry(None, key="target_error", read=length_m)
     budget: float | tuple[float, ...] | None = None
     quality_weight: float | None = None
+    raw_weight: bool = False
     lead_slots: int = entry(1, key="lead")
     warmup_slots: int = entry(10, key="warmup")
     predictor: str | Predictor | None = entry(None, read=read_name)
@@ -112,9 +119,11 @@ class LoopSettings:
     matcher: str | None = entry(None, read=read_name)
     epipolar_px: float | None = None
     reject_outliers: bool = False
+    fill: bool | None = None
     seed: int = 0
     phase: int = 0
-    occlusion_limit: float = 0.1
+    occlusion_limit: float = 0.05
+    independent_queue: bool = False
     round_trip_s: float = entry(0.05, key="round_trip_ms", read=milliseconds_s)
     foresees: bool = entry(False, key="")
     feedback: bool = False

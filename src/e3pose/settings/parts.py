@@ -14,7 +14,13 @@ from e3pose.energy.queues import check_budget
 from e3pose.errors import InputError
 from e3pose.estimate import EstimatorSettings, make_estimator
 from e3pose.estimate.base import Estimator
-from e3pose.estimate.per_slot.fusion import MATCHERS, MAX_EPIPOLAR_PX, FusionSettings, Matcher
+from e3pose.estimate.per_slot.fusion import (
+    EPIPOLAR_PX,
+    MATCHERS,
+    MAX_EPIPOLAR_PX,
+    FusionSettings,
+    Matcher,
+)
 from e3pose.geometry.camera import Rig
 from e3pose.model.noises import DEFAULT, detector_of, load_noise
 from e3pose.model.skeleton import Skeleton
@@ -114,6 +120,8 @@ def make_policy(
         seed=settings.seed,
         phase=settings.phase,
         occlusion_limit=settings.occlusion_limit,
+        independent_queue=settings.independent_queue,
+        raw_weight=settings.raw_weight,
         round_trip_s=settings.round_trip_s,
         target_error_m=settings.target_error_m,
         order=spread_order(place.rig),
@@ -151,6 +159,7 @@ def _estimator(
             fusion=fusion,
             noise=load_noise(settings.noise or detector_of(place)),
             num_selected=1.0 if settings.target_error_m is not None else num_selected,
+            fills=settings.fill is not False,
         ),
     )
 
@@ -184,6 +193,7 @@ def _fusion(settings: LoopSettings) -> FusionSettings:
         "matcher": settings.matcher,
         "match_distance": settings.match_distance_m,
         "epipolar_px": settings.epipolar_px,
+        "fill": settings.fill,
     }
     paper = pipeline_row(settings.pipeline)[0] == "paper"
     for thing, value in asked.items():
@@ -195,9 +205,10 @@ def _fusion(settings: LoopSettings) -> FusionSettings:
             )
     if matcher not in MATCHERS:
         raise InputError("matcher", repr(matcher)[:60], " or ".join(MATCHERS))
-    for thing, wanted in (("match_distance", "rays"), ("epipolar_px", "epipolar")):
-        if asked[thing] is not None and matcher != wanted:
-            raise InputError(thing, f"with the matcher {matcher}", f"the matcher {wanted}")
+    for thing, wanted in (("match_distance", ("rays",)), ("epipolar_px", tuple(EPIPOLAR_PX))):
+        if asked[thing] is not None and matcher not in wanted:
+            found = f"with the matcher {matcher}"
+            raise InputError(thing, found, f"the matcher {' or '.join(wanted)}")
     usual = FusionSettings(
         refine_steps=PAPER_REFINE_STEPS,
         reject_outliers=settings.reject_outliers,

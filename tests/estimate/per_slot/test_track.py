@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from e3pose.estimate.per_slot.track import END_AFTER_S, Tracks, update_tracks
+from e3pose.estimate.per_slot.track import END_AFTER_S, Tracks, filled, update_tracks
 from e3pose.model.pose import Poses3D
 
 INTERVAL_S = 0.04
@@ -66,3 +66,34 @@ def test_poses_without_a_shared_joint_are_reported_by_their_centre() -> None:
 def test_nobody_at_all_is_normal() -> None:
     tracks, ids = follow([people(), people()])
     assert len(tracks) == 0 and ids == [[], []]
+
+
+def test_missing_joint_keeps_its_last_offset_from_the_nearest_that_is_there() -> None:
+    first, moved = people((0, 0)), people((0.3, 0.1))
+    lacks = moved.joints_m.copy()
+    lacks[:, [3, 7]] = np.nan
+    second = Poses3D(lacks, np.where(np.isnan(lacks[..., 0]), 0.0, 1.0))
+    turned = lacks + [0.2, 0.0, 0.0]  # again without them: the offset is carried on
+    third = Poses3D(turned, second.scores)
+    tracks, _ = follow([first, second, third])
+    np.testing.assert_allclose(tracks.filled_m[0], BODY + [0.5, 0.1, 0], atol=1e-12)
+
+
+def test_joint_moves_with_its_neighbour_and_not_with_the_body() -> None:
+    before = BODY.copy()
+    before[4] = before[5] + [0.0, 0.0, 0.01]  # an elbow beside a wrist
+    now = before.copy()
+    now[5] += [0.0, 0.0, 0.4]
+    now[4] = np.nan
+    shown = filled(before[None], now[None])[0]
+    np.testing.assert_allclose(shown[4], before[4] + [0.0, 0.0, 0.4])
+    np.testing.assert_array_equal(np.delete(shown, 4, axis=0), np.delete(now, 4, axis=0))
+
+
+def test_nothing_is_filled_that_was_never_seen() -> None:
+    before = np.full((1, 17, 3), np.nan)
+    now = BODY[None].copy()
+    now[0, 2] = np.nan
+    np.testing.assert_array_equal(filled(before, now), now)
+    before[0, 2] = BODY[2]  # known, but beside nothing that is there now
+    np.testing.assert_array_equal(filled(before, now), now)

@@ -6,15 +6,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from e3pose.estimate.base import Outlook, People
 from e3pose.estimate.per_slot.fuse import Fuser
 from e3pose.estimate.per_slot.track import Tracks, update_tracks
 from e3pose.model.noise import Noise
-from e3pose.model.pose import Poses2D
+from e3pose.model.pose import Poses2D, Poses3D
 from e3pose.predict.base import Prediction
 
 JOINT_SIGMA_M = 0.025  # an axis: its 90 % band holds 91 to 95 % of the joints on simulated scenes
+FILLED_SIGMA_M, FILLED_SCORE = 0.1, 0.1  # of joints that were filled
 # Nothing is carried on: before a slot is seen its joints are only known to be near the last ones.
 UNSEEN_SIGMA_M = 0.3
 
@@ -29,6 +31,7 @@ class PerSlot:
         interval_s: seconds per slot.
         noise: of the detector's keypoints, for the outlook.
         history_slots: the length of the history, at least 2.
+        fills: show joints that a slot lacks where the person had them last (`track.filled`).
     """
 
     fuser: Fuser
@@ -36,6 +39,7 @@ class PerSlot:
     interval_s: float
     noise: Noise
     history_slots: int = 10
+    fills: bool = True
 
     def begin(self) -> Tracks:
         """See `Estimator.begin`."""
@@ -55,7 +59,12 @@ class PerSlot:
         tracks, track_ids = update_tracks(memory, poses, self.interval_s)
         stage_s = {"fuse": fused - start, "track": clock() - fused}
         placed = np.asarray(poses.scores > 0)
-        spread = np.where(placed[..., None, None], JOINT_SIGMA_M**2 * np.eye(3), np.nan)
+        if self.fills:
+            poses = _filled(poses, tracks.filled_m[tracks.track_ids.searchsorted(track_ids)])
+        sigma_m = np.where(
+            placed, JOINT_SIGMA_M, np.where(poses.scores > 0, FILLED_SIGMA_M, np.nan)
+        )
+        spread = sigma_m[..., None, None] ** 2 * np.eye(3)
         return tracks, People(
             poses, track_ids, tracks.history_m, tracks.track_ids, spread, placed, stage_s
         )
@@ -104,3 +113,10 @@ class PerSlot:
             unexplained_s=np.full(num_cameras, np.inf),
             wait_s=0.0,
         )
+
+
+def _filled(poses: Poses3D, joints_m: NDArray[np.float64]) -> Poses3D:
+    """Return the poses with joints of `joints_m` where they have none."""
+    there = np.isfinite(joints_m).all(axis=-1)
+    scores = np.where(poses.scores > 0, poses.scores, np.where(there, FILLED_SCORE, 0.0))
+    return Poses3D(joints_m, scores)

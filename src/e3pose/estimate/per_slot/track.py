@@ -30,12 +30,14 @@ class Tracks:
         history_m: `(num_slots, num_tracks, num_joints, 3)` oldest first, the last being the newest
             slot; NaN where a joint was not estimated or the person was not there yet.
         unseen: `(num_tracks,)` slots since the last pose; 0 when seen in the newest slot.
+        filled_m: `(num_tracks, num_joints, 3)` the newest pose with what it lacked (`filled`).
         next_id: the id that the next new person gets.
     """
 
     track_ids: NDArray[np.int64]
     history_m: Floats
     unseen: NDArray[np.int64]
+    filled_m: Floats
     next_id: int = 0
 
     def __len__(self) -> int:
@@ -45,7 +47,8 @@ class Tracks:
     def empty(cls, num_slots: int, num_joints: int) -> Tracks:
         """Return no tracks, with room for a history of `num_slots`."""
         none = np.zeros(0, dtype=np.int64)
-        return cls(none, np.zeros((num_slots, 0, num_joints, 3)), none)
+        nobody = np.zeros((num_slots, 0, num_joints, 3))
+        return cls(none, nobody, none, nobody[0])
 
     def last_known_m(self) -> Floats:
         """Return `(num_tracks, num_joints, 3)`: each joint where it was last estimated."""
@@ -81,6 +84,8 @@ def update_tracks(
     unseen = tracks.unseen + 1
     unseen[rows] = 0
     keep = unseen * interval_s <= END_AFTER_S
+    filled_m = tracks.filled_m.copy()
+    filled_m[rows] = filled(tracks.filled_m[rows], poses.joints_m[columns])
 
     started = np.full((num_slots, len(new), num_joints, 3), np.nan)
     started[-1] = poses.joints_m[new]
@@ -89,10 +94,32 @@ def update_tracks(
             np.concatenate([tracks.track_ids[keep], ids[new]]),
             np.concatenate([history[:, keep], started], axis=1),
             np.concatenate([unseen[keep], np.zeros(len(new), dtype=np.int64)]),
+            np.concatenate([filled_m[keep], poses.joints_m[new]]),
             tracks.next_id + len(new),
         ),
         ids,
     )
+
+
+def filled(before_m: Floats, joints_m: Floats) -> Floats:
+    """Return poses with the joints that they lack, as far as they were known before.
+
+    A missing joint keeps its last offset from the joint, of those that are there, which it was
+    nearest to. The paper's section 2 names post-processing; its Table 1 is at hand only with it
+    (`docs/research/paper-comparison.md`).
+
+    Args:
+        before_m: `(num_persons, num_joints, 3)` the same people before, filled; NaN where unknown.
+        joints_m: `(num_persons, num_joints, 3)` now; NaN where missing.
+    """
+    there = np.asarray(np.isfinite(joints_m).all(axis=-1))
+    known = np.asarray(np.isfinite(before_m).all(axis=-1))
+    apart = np.linalg.norm(before_m[:, :, None] - before_m[:, None], axis=-1)
+    apart = np.where((there & known)[:, None], np.nan_to_num(apart, nan=np.inf), np.inf)
+    nearest = apart.argmin(axis=-1)[..., None]
+    moved_m = np.take_along_axis(joints_m - before_m, nearest, axis=1)
+    lacks = ~there & known & (there & known).any(axis=-1, keepdims=True)
+    return np.where(lacks[..., None], before_m + moved_m, joints_m)
 
 
 def associate(

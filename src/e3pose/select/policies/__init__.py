@@ -33,7 +33,9 @@ class PolicySettings:
         seed: of random choices.
         phase: offset of turns and ties.
         occlusion_limit: of `independent`.
+        independent_queue: whether it also keeps every camera within its energy budget.
         round_trip_s: of `central-2d`.
+        raw_weight: whether the weight of the paper's policies is the paper's V, of IoU itself.
         order: in which cameras take turns; rig order if empty.
     """
 
@@ -42,8 +44,10 @@ class PolicySettings:
     target_error_m: float | None = None
     seed: int = 0
     phase: int = 0
-    occlusion_limit: float = 0.1
+    occlusion_limit: float = 0.05
+    independent_queue: bool = False
     round_trip_s: float = 0.05
+    raw_weight: bool = False
     order: tuple[int, ...] = ()
 
     def weight(self, usual: float = OCCLUSION_WEIGHT) -> float:
@@ -118,15 +122,17 @@ POLICIES: dict[str, PolicyRow] = {
         weighs=False,
     ),
     "independent": PolicyRow(
-        lambda s: Independent(s.occlusion_limit),
+        lambda s: Independent(s.occlusion_limit, queue=s.independent_queue),
         "each camera for itself, by its own 2D motion vectors and a threshold (ID)",
         counts=False,
         asks_count=False,
+        budgeted=False,
+        spends=False,
         weighs=False,
         own_boxes=True,
     ),
     "central-2d": PolicyRow(
-        lambda s: Central2D(s.num_selected, s.weight(), s.round_trip_s, s.phase),
+        lambda s: Central2D(s.num_selected, s.weight(), s.round_trip_s, s.phase, s.raw_weight),
         "cameras predict boxes, the edge selects, a round trip each time",
         counts=False,
         holds=True,
@@ -134,11 +140,11 @@ POLICIES: dict[str, PolicyRow] = {
         sends_boxes=True,
     ),
     "e3pose-mv": PolicyRow(
-        lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase),
+        lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase, s.raw_weight),
         "drift plus penalty on occlusion predicted by 3D motion vectors",
     ),
     "e3pose": PolicyRow(
-        lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase),
+        lambda s: DriftPlusPenalty(s.num_selected, s.weight(), s.phase, s.raw_weight),
         "drift plus penalty on occlusion predicted by the attention-LSTM",
         predictor="attention-lstm",
     ),
