@@ -16,6 +16,7 @@ from e3pose.evaluate.metrics import (
     joint_quantile_mm,
     mean_errors_m,
     mpjpe_mm,
+    poses_within,
     precision_500mm,
     recall_500mm,
 )
@@ -179,3 +180,12 @@ def test_acceleration_error_is_that_of_three_slots_of_one_track() -> None:
     assert acceleration_error_mps2(list(truth), ids, truth, 0.1) == pytest.approx(0.0)
     changing = [np.array([slot // 2]) for slot in range(6)]  # nobody stays for three slots
     assert acceleration_error_mps2(still, changing, truth, 0.1) is None
+
+
+def test_share_of_poses_counts_no_person_who_is_missed() -> None:
+    # Of three poses two are within 25 mm; the fourth person is not found by anybody.
+    result = found([[(0.0, 0.9), (10.01, 0.8), (20.4, 0.7)]], [HOMES])
+    assert poses_within(result, 0.025) == pytest.approx(200 / 3)
+    assert poses_within(result, 0.5) == 100.0 > (average_precision(result, 0.5) or 0.0)
+    assert poses_within(found([[]], [HOMES]), 0.1) is None
+    assert poses_within(found([[(0.0, 0.9)]], [[NAN]]), 0.1) is None

@@ -122,12 +122,12 @@ def average_precision(found: Candidates, limit_m: float) -> float | None:
 
 
 def poses_within(found: Candidates, limit_m: float) -> float | None:
-    """Return the share of predictions in percent with an error below `limit_m`; None without any.
+    """Return the percentage of predictions with an error below `limit_m`; None without any.
 
     What the E3Pose paper calls AP_K: "the percentage of estimated 3D poses whose MPJPE is smaller
     than K". A person who is not found costs nothing. Meaningful only where everybody is annotated.
     """
-    if len(found.errors_m) == 0:
+    if len(found.errors_m) == 0 or found.num_truths == 0:
         return None
     return float(100 * (found.errors_m < limit_m).mean())
 
