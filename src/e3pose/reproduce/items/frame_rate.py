@@ -40,7 +40,10 @@ def section(scale: Scale, made: Made) -> Section:
         f"per second, central control at {far.central:.1f}, distributed control at "
         f"{far.distributed:.1f}.",
         why="The paper's argument holds: orders that go out ahead of time hide any delay that the "
-        "lead covers. Distributed control is as fast, but loses accuracy (Table 1, ID).",
+        "lead covers. Distributed control is as fast, but loses accuracy (Table 1, ID). The paper "
+        "selects in a second thread; here one thread fuses and selects: that takes it half a "
+        "millisecond of a slot of 40, and poses go out before it selects "
+        "(docs/experiments/2026-11-22-selection-thread.md).",
         how="Measured on this machine: a real edge (policy e3pose, the published network as "
         f"predictor, C = {SELECTED} of {CAMERAS}) and real cameras that detect in films, each a "
         "process of its own; their messages pass through a relay that delays each by half a round "
