@@ -1,15 +1,17 @@
-"""Round robin against `information` and chance, on simulated and on real recordings.
+"""Round robin against `information` and chance: real recordings first, simulated scenes after.
 
-    python benchmarks/choice_of_cameras.py --scenes buffet,lab --rates 6,12.5,25 --seeds 801,802
+    python benchmarks/choice_of_cameras.py --recording PIZZA,CLIP --scenes buffet,lab --leads 1,4,6
     python benchmarks/choice_of_cameras.py --recording RECORDING --seconds 15 --rates 30
 
 Ten joints count: shoulders, elbows, wrists, hips and knees. `off mm` is their mean distance from
 the offline smoother over all cameras (`clip_error.py`), which real recordings have, too; `MPJPE mm`
 that from the truth. People are matched one to one below half a metre; `recall %` is the share of
-the smoother's people found. Cells are round robin / `information` / random. `--cameras 1,40mm` has
-a target error beside a number; `awake` is how many cameras were. Every line of `--out`
-is one replay; a run that was stopped goes on. A scene with `+` has errors by situation, one with
-`-` errors by score alone.
+the smoother's people found. Cells are round robin / `information` / random, with the standard
+deviation over seeds, which are phases of the turns on real recordings; `gain %` is how much nearer
+`information` is than round robin, paired by seed. `--cameras 1,40mm` has a target error beside a
+number; `awake` is how many cameras were. A scene with `+` has errors by situation, one with `-`
+errors by score alone. A rate above a recording's own is the recording's. Every line of `--out` is
+one replay; a run that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ JOINTS = [
     for part in ("shoulder", "elbow", "wrist", "hip", "knee")
     for side in ("left", "right")
 ]
+SCENES = "round-table,buffet,reception,operating-room,lab"
 SAME_M = 0.5
 WARMUP = 10  # slots with all cameras, left out
 
@@ -108,28 +111,38 @@ def measure(options: argparse.Namespace) -> Iterator[Row]:
         for policy in options.policies.split(",")
         if policy == "information" or not goal.endswith("mm")
     ]
-    for seed in (int(seed) for seed in options.seeds.split(",")):
-        for place in [str(options.recording)] if options.recording else options.scenes.split(","):
+    leads = [int(lead) for lead in options.leads.split(",")]
+    for place in places(options):
+        for seed in (int(seed) for seed in options.seeds.split(",")):
             for fps in (float(rate) for rate in options.rates.split(",")):
                 key = (place, fps, seed)
-                todo = [run for run in runs if (*key, *run, options.lead) not in have]
+                todo = [
+                    (*run, lead) for lead in leads for run in runs if (*key, *run, lead) not in have
+                ]
                 if not todo:
                     continue
                 recording = made(options, place, fps, seed)
                 people = references(recording, load_noise(detector_of(recording)))
-                for policy, goal in todo:
-                    row = figures(recording, people, policy, goal, options.lead, seed % 1000)
+                for policy, goal, lead in todo:
+                    row = figures(recording, people, policy, goal, lead, seed % 1000)
                     yield {
                         "place": place, "fps": fps, "seed": seed, "policy": policy,
-                        "goal": goal, "lead": options.lead, **row,
+                        "goal": goal, "lead": lead, **row,
                     }  # fmt: skip
+
+
+def places(options: argparse.Namespace) -> list[str]:
+    """Return real recordings, then scenes."""
+    real = options.recording.split(",") if options.recording else []
+    scenes = options.scenes or ("" if real else SCENES)
+    return real + scenes.split(",") * bool(scenes)
 
 
 def made(options: argparse.Namespace, place: str, fps: float, seed: int) -> Recording:
     """Return the recording: simulated, or the first seconds of a real one."""
-    if not options.recording:
+    if not Path(place).is_dir():
         return simulated(place, seed, seconds=options.seconds, fps=fps)
-    whole = load_recording(options.recording)
+    whole = load_recording(Path(place))
     slots = min(whole.num_slots, round(options.seconds / whole.interval_s))
     views = tuple(until(series, slots) for series in whole.views)
     recording = replace(whole, num_slots=slots, views=views, truth=None)
@@ -142,47 +155,69 @@ def read(out: Path) -> list[Row]:
 
 
 def report(rows: Sequence[Row]) -> Iterator[str]:
-    """Yield a table in Markdown, means over seeds."""
-    yield "| place | slots/s | goal | seeds | awake | off mm | MPJPE mm | recall % |"
-    yield "|---|---|---|---|---|---|---|---|"
+    """Yield a table in Markdown."""
+    columns = (
+        "place | slots/s | lead | goal | seeds | awake | off mm | gain % | MPJPE mm | recall %"
+    )
+    yield f"| {columns} |"
+    yield "|---" * len(columns.split("|")) + "|"
     for place in dict.fromkeys(row["place"] for row in rows):
-        for fps, goal in sorted({(r["fps"], r["goal"]) for r in rows if r["place"] == place}):
-            mine = [r for r in rows if (r["place"], r["fps"], r["goal"]) == (place, fps, goal)]
+        keys = {(r["fps"], r["lead"], r["goal"]) for r in rows if r["place"] == place}
+        for key in sorted(keys):
+            mine = [
+                r for r in rows if (r["place"], r["fps"], r["lead"], r["goal"]) == (place, *key)
+            ]
             cells = [
                 " / ".join(_mean(mine, policy, field, factor) for policy in POLICIES)
                 for field, factor in (("off_mm", 1.0), ("mpjpe_mm", 1.0), ("recall", 100.0))
             ]
-            seeds = len({row["seed"] for row in mine})
-            awake = np.mean(
-                [row["awake"] for row in mine if row["policy"] == "information"] or [np.nan]
-            )
-            start = f"{Path(place).name} | {fps:g} | {goal} | {seeds} | {awake:.2f}"
-            yield f"| {start} | {' | '.join(cells)} |"
+            cells.insert(1, _gain(mine))
+            awake = [row["awake"] for row in mine if row["policy"] == "information"]
+            start = [Path(place).name, *(f"{k:g}" if isinstance(k, float) else str(k) for k in key)]
+            start += [str(len({row["seed"] for row in mine})), f"{np.mean(awake or [np.nan]):.2f}"]
+            yield f"| {' | '.join([*start, *cells])} |"
 
 
 def _mean(rows: Sequence[Row], policy: str, field: str, factor: float) -> str:
     values = [row[field] for row in rows if row["policy"] == policy and row[field] is not None]
-    return f"{factor * np.mean(values):.1f}" if values else "-"
+    if not values:
+        return "-"
+    spread = f" ± {factor * np.std(values, ddof=1):.1f}" if len(values) > 1 else ""
+    return f"{factor * np.mean(values):.1f}{spread}"
+
+
+def _gain(rows: Sequence[Row]) -> str:
+    """Return by how much `information` is nearer than round robin, and its spread over seeds."""
+    off = {(row["policy"], row["seed"]): row["off_mm"] for row in rows if row["off_mm"]}
+    gains = [
+        100 * (1 - mine / off["round-robin", seed])
+        for (policy, seed), mine in off.items()
+        if policy == "information" and ("round-robin", seed) in off
+    ]
+    if not gains:
+        return "-"
+    spread = f" ± {np.std(gains, ddof=1):.1f}" if len(gains) > 1 else ""
+    return f"{np.mean(gains):+.1f}{spread}"
 
 
 def main() -> None:
     """Measure what is missing and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--scenes", default="round-table,buffet,reception,operating-room,lab")
-    parser.add_argument("--recording", type=Path, help="a real one in place of scenes")
+    parser.add_argument("--scenes", help=f"default without a recording: {SCENES}")
+    parser.add_argument("--recording", help="real ones, with commas")
     parser.add_argument("--rates", default="6,12.5,25", help="slots per second")
     parser.add_argument("--cameras", default="1,2,3", help="per slot; or a target error, 40mm")
     parser.add_argument("--policies", default=",".join(POLICIES))
     parser.add_argument("--seeds", default="801,802", help="of a recording: phases of the turns")
     parser.add_argument("--seconds", type=float, default=16.0)
-    parser.add_argument("--lead", type=int, default=4)
+    parser.add_argument("--leads", default="4")
     parser.add_argument("--out", type=Path, default=Path("choice.jsonl"))
     options = parser.parse_args()
     with options.out.open("a") as file:
         for row in measure(options):
             file.write(json.dumps(row) + "\n")
             file.flush()
-    for line in report([row for row in read(options.out) if row["lead"] == options.lead]):
+    for line in report(read(options.out)):
         print(line)
 
 

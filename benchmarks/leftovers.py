@@ -140,7 +140,7 @@ def truth(recording: Recording, people: Sequence[Reference]) -> Floats:
 
 def recordings(options: argparse.Namespace) -> Any:
     """Yield place, rate, seed and recording."""
-    places = [options.recording.name] if options.recording else options.scenes.split(",")
+    places = [str(options.recording)] if options.recording else options.scenes.split(",")
     for place in places:
         for rate in map(float, options.rates.split(",")):
             for seed in map(int, options.seeds.split(",")):
