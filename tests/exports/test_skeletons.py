@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from tests.exports.takes import MISSING_FRAMES, NUM_FRAMES, take
+from tests.exports.takes import MISSING_FRAMES, NUM_FRAMES, take, walking
 
 from e3pose.errors import InputError
-from e3pose.exports import export
+from e3pose.exports import ExportSettings, export
 from e3pose.exports.base import y_up
 from e3pose.exports.bones import bones_of
-from e3pose.model.skeleton import COCO17, MEANS
+from e3pose.model.skeleton import COCO17, HALPE26, MEANS
 from e3pose.model.take import Motion, Take, motion_of
 
 Floats = NDArray[np.float64]
@@ -228,3 +228,58 @@ def test_gltf_skin_keeps_the_mesh_at_rest(tmp_path: Path) -> None:
     bind = inverse[owners[::6, 0].astype(int)]
     bound = np.einsum("nab,nb->na", bind[:, :3, :3], corners[::6]) + bind[:, :3, 3]
     np.testing.assert_allclose(bound, 0.0, atol=1e-6)
+
+
+def no_detectors_person() -> Take:
+    """Return somebody whose hips are below the middle of the hips and behind it, and shoulders."""
+    joints = [HALPE26.index(name) for name in COCO17.joints]
+    joints_m = np.full((NUM_FRAMES, len(HALPE26), 3), np.nan)
+    joints_m[:, joints] = walking()
+    hips = walking()[:, [11, 12]]
+    across = np.diff(hips, axis=1)[:, 0]
+    ahead = np.cross(across, [0, 0, 1.0])
+    ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
+    joints_m[:, HALPE26.index("mid_hip")] = hips.mean(axis=1) + 0.02 * ahead + [0, 0, 0.06]
+    shoulders = walking()[:, [5, 6]].mean(axis=1)
+    joints_m[:, HALPE26.index("neck")] = shoulders + 0.01 * ahead + [0, 0, 0.05]
+    shape = joints_m.shape[:2]
+    slots = np.arange(NUM_FRAMES, dtype=np.int64)
+    motion = motion_of(2, slots, joints_m, np.ones(shape), np.ones(shape), np.ones(shape) > 0)
+    return Take("w", HALPE26, 0.04, (motion,))
+
+
+def test_hips_and_shoulders_hang_where_they_are(tmp_path: Path) -> None:
+    person = no_detectors_person()
+    ((path, _),) = export(person, tmp_path / "walk.bvh", "bvh")
+    names, _, offsets, _, world = read_bvh(path)
+    (motion,) = person.motions
+    for name in ("mid_hip", "left_hip", "right_knee", "left_shoulder", "right_elbow"):
+        place = y_up(motion.joints_m[:, HALPE26.index(name)])
+        apart_mm = 1000 * np.linalg.norm(world[:, names.index(name)] - place, axis=-1)
+        assert apart_mm.max() < 2.0, (name, apart_mm.max())
+    for side, sign in (("left", 1), ("right", -1)):
+        x, y, z = offsets[names.index(f"{side}_hip")]
+        assert sign * x > 0.05 and -0.07 < y < -0.05 and abs(z) < 0.04, (x, y, z)
+
+
+@pytest.mark.parametrize(
+    ("rig", "arm", "hips"),
+    [
+        ("vrm", "leftUpperArm", "hips"),
+        ("mixamo", "mixamorig:LeftArm", "mixamorig:Hips"),
+        ("unreal", "upperarm_l", "pelvis"),
+    ],
+)
+def test_bones_have_the_names_of_a_rig(tmp_path: Path, rig: str, arm: str, hips: str) -> None:
+    alone = replace(TAKE, motions=(SECOND,))
+    settings = ExportSettings(names=rig)
+    list(export(alone, tmp_path / "walk.bvh", "bvh", settings))
+    names, *_ = read_bvh(tmp_path / "walk.bvh")
+    assert names[0] == hips and arm in names
+    assert {name.lower().split(":")[-1] for name in names} & {"lefthand", "hand_l"}
+    assert len(names) == len(set(names) - {"Site"}) + 5  # ends of hands, feet and the nose
+    list(export(TAKE, tmp_path / "walk.glb", "gltf", settings))
+    file = Gltf(tmp_path / "walk.glb")
+    assert file.names.count(arm) == 2 and "track3" in file.names
+    skins = [{file.names[node] for node in skin.joints} for skin in file.file.skins]
+    assert len(skins) == 2 and skins[0] == skins[1] and {arm, hips} <= skins[0]

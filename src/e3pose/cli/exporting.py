@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from e3pose.model.take import Motion, Take
 
 SMOOTH = SmoothOptions()
+BONES = ("bvh", "gltf")
+NAMED = {
+    "pose2sim": ("trc",), "opencap": ("trc",), "vrm": BONES, "mixamo": BONES, "unreal": BONES
+}  # fmt: skip
 OPTIONS = {"site": "--site", "run": "--run", "time": "--from, --to", "track": "--track"}
 
 
@@ -43,8 +47,9 @@ class FormatOptions:
     """Frame rate, by linear interpolation. Default: the slot rate."""
     units: Literal["mm", "m"] | None = None
     """Length unit of TRC, C3D (default mm) and BVH (default m)."""
-    names: Literal["pose2sim", "opencap"] | None = None
-    """Marker names of TRC, with OpenSim's model and set-up files beside. Default: the joints'."""
+    names: Literal["pose2sim", "opencap", "vrm", "mixamo", "unreal"] | None = None
+    """Names of another tool. TRC: `pose2sim` or `opencap`, with OpenSim's model and set-up files
+    beside. BVH, glTF: bones as in `vrm`, `mixamo` or `unreal`. Default: those of the joints."""
     angles: Flag = False
     """Add joint angles as columns of CSV and Parquet."""
     wide: Flag = False
@@ -62,7 +67,7 @@ class FormatOptions:
             ("--angles", self.angles or None, ("csv", "parquet")),
             ("--wide", self.wide or None, ("parquet",)),
             ("--units", self.units, ("trc", "c3d", "bvh")),
-            ("--names", self.names, ("trc",)),
+            (f"--names {self.names}", self.names, NAMED.get(self.names or "", ())),
             ("--calibration", self.calibration, ("coco", "openpose")),
         ):
             if value is not None and form not in forms:

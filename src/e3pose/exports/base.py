@@ -28,7 +28,8 @@ class ExportSettings:
 
     Attributes:
         units: of TRC, C3D and BVH; None for the format's usual ones.
-        names: what markers are called, a key of `opensim.markers.NAMES`; None for the joints'.
+        names: what markers of TRC are called, a key of `opensim.markers.NAMES`, or bones of BVH and
+            glTF, of `bone_names.BONE_NAMES`; None for the joints' own names.
         angles: whether tables have columns of joint angles.
         rig: the cameras of formats that hold 2D keypoints; None without.
         wide: whether Parquet has the layout of `wide`.

@@ -3,8 +3,10 @@
 Animation formats know a tree of bones, each with an offset from its parent at rest and a rotation a
 frame. The offset's length is the median of the limb over the take; the rest pose is a T-pose that
 faces z with y up. From the root on, frame by frame, a bone is turned by the least rotation that
-points it at where its joint is; hips and shoulders by the rotation that fits both of their sides
-and the spine best (Kabsch 1976). Bones point at joints from where the fixed lengths put their own
+points it at where its joint is; hips, shoulders and head by the rotation that fits all of their
+joints best (Kabsch 1976). Where those joints are at rest is measured: the median over the take of
+where they are in the body's own frame, since no detector's hips are in line with its middle of the
+hips. Bones point at joints from where the fixed lengths put their own
 ends, so that errors of lengths do not add up along a limb. How a single bone turns about itself no
 keypoint tells: it turns with its parent.
 """
@@ -47,7 +49,15 @@ REST: dict[str, tuple[tuple[str, ...], tuple[float, float, float]]] = {
 FITTED = {
     ROOT: ("left_hip", "right_hip", "neck"),
     "neck": ("left_shoulder", "right_shoulder", ROOT),
+    "head": ("top_head", "mid_ear", "nose"),
 }
+# Of these, the joints whose places at rest are measured; the others say which way is up.
+MEASURED_AT_REST = {
+    ROOT: ("left_hip", "right_hip"),
+    "neck": ("left_shoulder", "right_shoulder"),
+    "head": ("mid_ear", "nose"),
+}
+ROUNDS = 4  # of fitting, then measuring; the first three bring nearly all of it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,8 +116,43 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
     parents = np.array([names.index(p) if p else -1 for p, _ in nodes.values()], dtype=np.int64)
     offsets = np.stack([offset for _, offset in nodes.values()])
     joints = np.stack([places[HINGES.get(name, name)] for name in names], axis=1)
-    rotations, measured = _turned(names, joints, parents, offsets)
-    return Bones(tuple(names), parents, offsets, joints[:, 0], rotations, measured)
+    offsets = _measured_at_rest(names, joints, parents, offsets)
+    root_m, rotations, measured = _turned(names, joints, parents, offsets)
+    return Bones(tuple(names), parents, offsets, root_m, rotations, measured)
+
+
+def _measured_at_rest(
+    names: Sequence[str], joints: Floats, parents: NDArray[np.int64], offsets: Floats
+) -> Floats:
+    """Return offsets with the joints of hips, shoulders and head where the take has them.
+
+    Args:
+        names: of the nodes.
+        joints: `(num_frames, num_nodes, 3)` metres, NaN where missing.
+        parents: `(num_nodes,)`.
+        offsets: `(num_nodes, 3)` at rest, of the right lengths.
+    """
+    offsets = offsets.copy()
+    known = present(joints)
+    for name, all_of_it in FITTED.items():
+        if name not in names or not set(all_of_it) <= set(names):
+            continue
+        node, asked = names.index(name), [names.index(each) for each in all_of_it]
+        there = known[:, [node, *asked]].all(axis=1)
+        if not there.any():
+            continue
+        wanted = joints[there][:, asked] - joints[there, node, None]
+        for _ in range(ROUNDS):
+            rest = rest_places(parents, offsets)
+            still = rest[asked] - rest[node]
+            turned = nearest_rotation(np.einsum("fca,cb->fab", wanted, still))
+            local = np.median(np.einsum("fba,fcb->fca", turned, wanted), axis=0)
+            for each in MEASURED_AT_REST[name]:
+                row = asked.index(names.index(each))
+                above = parents[asked[row]]  # itself a node whose place was measured, or this one
+                base = local[asked.index(above)] if above in asked else rest[above] - rest[node]
+                offsets[asked[row]] = local[row] - base
+    return offsets
 
 
 def held(values: Floats, known: Flags) -> Floats:
@@ -133,8 +178,8 @@ def _places(motion: Motion, skeleton: Skeleton) -> dict[str, Floats]:
 
 def _turned(
     names: Sequence[str], joints: Floats, parents: NDArray[np.int64], offsets: Floats
-) -> tuple[Floats, Flags]:
-    """Return rotations beside the parents, and where a frame tells them."""
+) -> tuple[Floats, Floats, Flags]:
+    """Return places of the root, rotations beside the parents, and where a frame tells them."""
     num_frames, num_nodes = joints.shape[:2]
     known = present(joints)
     rest = rest_places(parents, offsets)
@@ -155,10 +200,13 @@ def _turned(
             still = rest[asked] - rest[node]
             wanted = joints[:, asked] - ends[:, node, None]
             fitted = _fit(above, still, np.where(measured[:, node, None, None], wanted, still))
+            if node == 0 and len(asked) == 3:  # the middle of the hips errs as much as either
+                off = wanted[:, :2] - np.einsum("fab,cb->fca", fitted, still[:2])
+                ends[:, 0] += np.where(measured[:, :1], off.sum(axis=1) / 3, 0.0)
             if measured[:, node].any():
                 local[:, node] = held(np.swapaxes(above, 1, 2) @ fitted, measured[:, node])
         world[:, node] = above @ local[:, node]
-    return local, measured
+    return np.where(known[:, :1], ends[:, 0], np.nan), local, measured
 
 
 def _fit(above: Floats, rest: Floats, wanted: Floats) -> Floats:

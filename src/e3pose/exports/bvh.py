@@ -7,18 +7,21 @@ missing value: where no frame tells a rotation, that of the frame before is kept
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from e3pose.exports.base import PER_METRE, ExportSettings
+from e3pose.exports.bone_names import bone_names
 from e3pose.exports.bones import Bones, bones_of, count_held, held, present
 from e3pose.files.atomic import atomic_file
 from e3pose.model.take import Take
 
 Floats = NDArray[np.float64]
 
+END_SHARE = 0.3  # of the length of the bone before: how far a hand goes on, for its looks
 CHANNELS = "Zrotation Xrotation Yrotation"
 
 
@@ -27,11 +30,14 @@ def write_bvh(take: Take, dest: Path, settings: ExportSettings) -> str:
     (motion,) = take.motions
     bones = bones_of(motion, take.skeleton)
     units = settings.units or "m"
-    lines = ["HIERARCHY", *_hierarchy(bones, 0, PER_METRE[units], 0)]
+    named = replace(bones, names=tuple(bone_names(bones.names, settings.names)))
+    # A rig has hands, feet and a head, which End Sites are not: there they are joints at rest.
+    whole = settings.names is not None
+    lines = ["HIERARCHY", *_hierarchy(named, 0, PER_METRE[units], 0, whole)]
     lines += ["MOTION", f"Frames: {len(motion)}", f"Frame Time: {take.interval_s:.8f}"]
     root = PER_METRE[units] * held(bones.root_m, present(bones.root_m))
     angles = euler_zxy(bones.rotations)
-    turning = [node for node in _depth_first(bones, 0) if bones.children(node)]
+    turning = [node for node in _depth_first(bones, 0) if whole or bones.children(node)]
     numbers = np.concatenate([root, angles[:, turning].reshape(len(motion), -1)], axis=1)
     with atomic_file(dest, private=True) as temporary, temporary.open("w", newline="") as file:
         file.write("\n".join(lines) + "\n")
@@ -55,18 +61,23 @@ def euler_zxy(rotations: Floats) -> Floats:
     return np.degrees(np.unwrap(np.stack([z, x, y], axis=-1), axis=0))
 
 
-def _hierarchy(bones: Bones, node: int, scale: float, depth: int) -> list[str]:
+def _hierarchy(bones: Bones, node: int, scale: float, depth: int, whole: bool) -> list[str]:
+    """Return the lines of a node and of those below it; `whole`: its ends are joints, too."""
     tab = "\t" * depth
     offset = " ".join(f"{value:.6f}" for value in scale * bones.offsets_m[node])
     children = bones.children(node)
-    kind = "ROOT" if node == 0 else "JOINT" if children else "End Site"
-    lines = [f"{tab}{kind} {bones.names[node]}" if children else f"{tab}{kind}", f"{tab}{{"]
+    moves = bool(children) or whole
+    kind = "ROOT" if node == 0 else "JOINT" if moves else "End Site"
+    lines = [f"{tab}{kind} {bones.names[node]}" if moves else f"{tab}{kind}", f"{tab}{{"]
     lines.append(f"{tab}\tOFFSET {offset}")
-    if children:
+    if moves:
         places = "6 Xposition Yposition Zposition" if node == 0 else "3"
         lines.append(f"{tab}\tCHANNELS {places} {CHANNELS}")
     for child in children:
-        lines += _hierarchy(bones, child, scale, depth + 1)
+        lines += _hierarchy(bones, child, scale, depth + 1, whole)
+    if moves and not children:
+        end = " ".join(f"{value:.6f}" for value in scale * END_SHARE * bones.offsets_m[node])
+        lines += [f"{tab}\tEnd Site", f"{tab}\t{{", f"{tab}\t\tOFFSET {end}", f"{tab}\t}}"]
     return [*lines, f"{tab}}}"]
 
 

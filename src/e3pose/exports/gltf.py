@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from e3pose import __version__
 from e3pose.exports.base import ExportSettings, person_name
+from e3pose.exports.bone_names import bone_names
 from e3pose.exports.bones import Bones, bones_of, count_held, present, rest_places
 from e3pose.files.atomic import atomic_file
 from e3pose.model.take import Take
@@ -50,7 +51,7 @@ def write_gltf(take: Take, dest: Path, settings: ExportSettings) -> str:
         bones = bones_of(motion, take.skeleton)
         people.append(bones)
         times_s = (motion.first - first + np.arange(len(motion))) * take.interval_s
-        scene.add_person(motion.track_id, bones, times_s, take.interval_s)
+        scene.add_person(motion.track_id, bones, times_s, take.interval_s, settings.names)
     document, blob = scene.document(), bytes(scene.blob)
     with atomic_file(dest, private=True) as temporary:
         if dest.suffix.lower() == ".gltf":
@@ -94,11 +95,19 @@ class _Scene:
             "buffers": [{"byteLength": len(self.blob)}],
         }
 
-    def add_person(self, track_id: int, bones: Bones, times_s: Floats, interval_s: float) -> None:
+    def add_person(
+        self,
+        track_id: int,
+        bones: Bones,
+        times_s: Floats,
+        interval_s: float,
+        rig: str | None,
+    ) -> None:
         name, base = person_name(track_id), len(self.nodes)
         top, skinned = base + len(bones.names), base + len(bones.names) + 1
-        for node, joint in enumerate(bones.names):
-            entry: dict[str, Any] = {"name": f"{name}_{joint}"}
+        for node, joint in enumerate(bone_names(bones.names, rig)):
+            # A rig's names are exact, and everybody has an armature of their own.
+            entry: dict[str, Any] = {"name": f"{name}_{joint}" if rig is None else joint}
             if children := bones.children(node):
                 entry["children"] = [base + child for child in children]
             entry["translation"] = bones.offsets_m[node].tolist()
