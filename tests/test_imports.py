@@ -39,7 +39,7 @@ LAYERS: list[str] = []
 for rooms in (
     "errors quantities runtime files model geometry predict energy",
     "estimate select pipeline recording detectors wire settings store",
-    "simulate camera evaluate calibrate learn edge report site exports reproduce",
+    "simulate camera evaluate calibrate learn edge report exports site reproduce",
     "cli __main__",
 ):
     LAYERS += rooms.split()

@@ -34,9 +34,10 @@ def stream(
     site
         Site file, or the folder that contains site.toml.
     target
-        osc://HOST:PORT, lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT,
-        mqtts://HOST:PORT. User and password of a broker: E3POSE_MQTT_USER, E3POSE_MQTT_PASSWORD in
-        the environment, or the file that E3POSE_MQTT_PASSWORD_FILE names.
+        osc://HOST:PORT, vmc://HOST:PORT and vrchat://HOST:PORT (one person as an avatar),
+        lsl:NAME, foxglove://HOST:PORT, mcap:FILE.mcap, mqtt://HOST:PORT, mqtts://HOST:PORT. User
+        and password of a broker: E3POSE_MQTT_USER, E3POSE_MQTT_PASSWORD in the environment, or the
+        file that E3POSE_MQTT_PASSWORD_FILE names.
     keys
         Folder from `e3pose keys add NAME --viewer`. Default on the edge server: the first viewer.
     for_s

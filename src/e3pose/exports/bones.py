@@ -93,6 +93,32 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
     Raises:
         InputError: for a person whose hips were never both seen, or a skeleton without a body.
     """
+    names, parents, offsets = rest_of(motion, skeleton)
+    return posed(names, parents, offsets, motion, skeleton)
+
+
+def posed(
+    names: tuple[str, ...],
+    parents: NDArray[np.int64],
+    offsets: Floats,
+    motion: Motion,
+    skeleton: Skeleton,
+) -> Bones:
+    """Return a motion as bones whose rest is known; see `Bones` for the arguments."""
+    places = _places(motion, skeleton)
+    joints = np.stack([places[HINGES.get(name, name)] for name in names], axis=1)
+    root_m, rotations, measured = _turned(names, joints, parents, offsets)
+    return Bones(names, parents, offsets, root_m, rotations, measured)
+
+
+def rest_of(
+    motion: Motion, skeleton: Skeleton
+) -> tuple[tuple[str, ...], NDArray[np.int64], Floats]:
+    """Return names, parents and offsets of a person's bones at rest, as `Bones` has them.
+
+    Raises:
+        InputError: for a person whose hips were never both seen, or a skeleton without a body.
+    """
     places = _places(motion, skeleton)
     if ROOT not in places or not present(places[ROOT]).any():
         raise InputError(
@@ -116,9 +142,7 @@ def bones_of(motion: Motion, skeleton: Skeleton) -> Bones:
     parents = np.array([names.index(p) if p else -1 for p, _ in nodes.values()], dtype=np.int64)
     offsets = np.stack([offset for _, offset in nodes.values()])
     joints = np.stack([places[HINGES.get(name, name)] for name in names], axis=1)
-    offsets = _measured_at_rest(names, joints, parents, offsets)
-    root_m, rotations, measured = _turned(names, joints, parents, offsets)
-    return Bones(tuple(names), parents, offsets, root_m, rotations, measured)
+    return tuple(names), parents, _measured_at_rest(names, joints, parents, offsets)
 
 
 def _measured_at_rest(

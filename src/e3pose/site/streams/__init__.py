@@ -1,6 +1,6 @@
 """Streams: forward the poses of a running site to other programs.
 
-    poses of a running site -> slots, zone events -> osc | lsl | foxglove | mcap | mqtt(s)
+    poses of a running site -> slots, zone events -> osc | vmc | vrchat | lsl | ...
 
 Adding one is a file, a line in `STREAMS`, an extra, and the contract test.
 """
@@ -17,6 +17,8 @@ from e3pose.site.streams.base import Stream as Stream
 # Name to the module, whose `open_stream(place, source)` opens one.
 STREAMS = {
     "osc": "osc://HOST:PORT, UDP: stage, sound and game engines",
+    "vmc": "vmc://HOST:PORT, UDP: avatars, by the Virtual Motion Capture protocol",
+    "vrchat": "vrchat://HOST:PORT, UDP: VRChat's OSC trackers",
     "lsl": "lsl:NAME, Lab Streaming Layer: recorded beside EEG, force plates, markers",
     "foxglove": "foxglove://HOST:PORT, a server that Foxglove connects to",
     "mcap": "mcap:FILE.mcap, a recording for Foxglove and ROS tools",

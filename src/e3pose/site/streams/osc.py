@@ -35,26 +35,27 @@ class OscStream:
     def slot(self, slot: LiveSlot) -> None:
         """See `Stream.slot`."""
         seconds = (slot.time_ns / 1e9, "d")
-        self._client.send(_message("/e3pose/slot", (slot.slot, "h"), seconds, (len(slot), "i")))
+        self._client.send(message("/e3pose/slot", (slot.slot, "h"), seconds, (len(slot), "i")))
         for track, joints_m in zip(slot.track_ids.tolist(), slot.joints_m, strict=True):
             bundle = OscBundleBuilder(IMMEDIATELY)
             for name, place in zip(slot.joints, joints_m, strict=True):
                 if np.isfinite(place).all():
                     address = f"/e3pose/person/{track}/{name}"
-                    bundle.add_content(_message(address, *((v, "f") for v in place.tolist())))
+                    bundle.add_content(message(address, *((v, "f") for v in place.tolist())))
             self._client.send(bundle.build())
 
     def zone(self, event: ZoneEvent) -> None:
         """See `Stream.zone`."""
         said = (event.kind, "s"), (event.track, "i"), (event.count, "i"), (event.stayed_s, "f")
-        self._client.send(_message(f"/e3pose/zone/{event.zone}", *said))
+        self._client.send(message(f"/e3pose/zone/{event.zone}", *said))
 
     def close(self) -> None:
         """See `Stream.close`."""
         self._client._sock.close()
 
 
-def _message(address: str, *values: tuple[object, str]) -> OscMessage:
+def message(address: str, *values: tuple[object, str]) -> OscMessage:
+    """Return a message of values, each with its type tag."""
     builder = OscMessageBuilder(address)
     for value, kind in values:
         builder.add_arg(value, kind)  # type: ignore[arg-type]

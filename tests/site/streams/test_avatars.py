@@ -1,0 +1,207 @@
+"""VMC and VRChat's trackers: real packets, read as the protocols' specifications have them."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from tests.exports.takes import FPS, NUM_FRAMES, walking
+
+from e3pose.errors import InputError
+from e3pose.model.skeleton import COCO17
+from e3pose.model.zone_event import ZoneEvent
+from e3pose.site.connect import LiveSlot
+from e3pose.site.streams import Source, Stream, open_stream
+
+Floats = NDArray[np.float64]
+Messages = list[tuple[str, list[Any]]]
+
+SOURCE = Source("lab", COCO17, FPS)
+STARTED_NS = 1_795_000_000_000_000_000
+# Bones of Unity's humanoid, each with its parent, as the specification names them, and our joint.
+BONES = {
+    "Hips": ("", None), "Spine": ("Hips", None), "Chest": ("Spine", None), "Neck": ("Chest", None),
+    "Head": ("Neck", None),
+    **{f"{side}{bone}": (f"{side}{parent}" if parent[0] != "!" else parent[1:],
+                         f"{side.lower()}_{joint}")
+       for side in ("Left", "Right")
+       for bone, parent, joint in (
+           ("UpperLeg", "!Hips", "hip"), ("LowerLeg", "UpperLeg", "knee"),
+           ("Foot", "LowerLeg", "ankle"), ("UpperArm", "!Chest", "shoulder"),
+           ("LowerArm", "UpperArm", "elbow"), ("Hand", "LowerArm", "wrist"))},
+}  # fmt: skip
+
+
+def read_osc(packet: bytes) -> Messages:
+    """Return the messages of a packet, as the specification of OSC 1.0 has it."""
+    if packet.startswith(b"#bundle\0"):
+        at, found = 16, []  # behind the time
+        while at < len(packet):
+            (size,) = struct.unpack_from(">i", packet, at)
+            assert size % 4 == 0
+            found += read_osc(packet[at + 4 : at + 4 + size])
+            at += 4 + size
+        return found
+
+    def text(at: int) -> tuple[str, int]:
+        end = packet.index(b"\0", at)
+        return packet[at:end].decode("ascii"), at + (end - at) // 4 * 4 + 4
+
+    address, at = text(0)
+    tags, at = text(at)
+    assert tags[0] == ","
+    values: list[Any] = []
+    for tag in tags[1:]:
+        if tag == "s":
+            value, at = text(at)
+            values.append(value)
+        else:
+            values += struct.unpack_from({"i": ">i", "f": ">f"}[tag], packet, at)
+            at += 4
+    assert at == len(packet)
+    return [(address, values)]
+
+
+@contextmanager
+def receiver(kind: str, query: str = "") -> Iterator[tuple[Stream, socket.socket]]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.settimeout(10)
+        stream = open_stream(f"{kind}://127.0.0.1:{listening.getsockname()[1]}{query}", SOURCE)
+        yield stream, listening
+        stream.close()
+
+
+def slot(frame: int, *tracks: int) -> LiveSlot:
+    """People who walk, each a metre from the one before."""
+    places = walking()[frame]
+    joints_m = np.array([places + [0, track, 0] for track in tracks]).reshape(-1, 17, 3)
+    shape = joints_m.shape[:2]
+    return LiveSlot(
+        frame, STARTED_NS + round(frame * 1e9 / FPS), COCO17.joints,
+        np.array(tracks, dtype=np.int64), joints_m.astype(np.float32),
+        np.full(shape, 0.01, dtype=np.float32), np.ones(shape, dtype=bool), (), (), 0,
+    )  # fmt: skip
+
+
+def turn(x: float, y: float, z: float, w: float) -> Floats:
+    """Return the matrix of a quaternion."""
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def unity(place: Floats) -> Floats:
+    """Return a place of the world, z up, right-handed, as x right, y up, z ahead, left-handed."""
+    return np.array([-place[0], place[2], -place[1]])
+
+
+def test_an_avatar_in_unity_stands_as_the_person_does() -> None:
+    with receiver("vmc") as (stream, listening):
+        for frame in range(NUM_FRAMES):
+            stream.slot(slot(frame, 4))
+            said = read_osc(listening.recv(65_536))
+            assert said[0] == ("/VMC/Ext/OK", [1])
+            assert said[1] == ("/VMC/Ext/T", [pytest.approx(frame / FPS, abs=1e-6)])
+            assert said[2] == ("/VMC/Ext/Root/Pos", ["root", 0, 0, 0, 0, 0, 0, 1])
+            bones = {values[0]: values[1:] for address, values in said[3:]}
+            assert all(address == "/VMC/Ext/Bone/Pos" for address, _ in said[3:])
+            assert set(bones) == set(BONES) and len(said) == 3 + len(BONES)
+            places: dict[str, Floats] = {"": np.zeros(3)}
+            facing: dict[str, Floats] = {"": np.eye(3)}
+            for bone, (parent, joint) in BONES.items():
+                px, py, pz, *quaternion = bones[bone]
+                places[bone] = places[parent] + facing[parent] @ [px, py, pz]
+                facing[bone] = facing[parent] @ turn(*quaternion)
+                if joint is not None:
+                    wanted = unity(slot(frame, 4).joints_m[0, COCO17.index(joint)])
+                    assert np.linalg.norm(places[bone] - wanted) < 0.001, (frame, bone)
+
+
+def test_nobody_is_not_ok_and_a_zone_is_not_sent() -> None:
+    with receiver("vmc") as (stream, listening):
+        stream.slot(slot(0))
+        stream.zone(ZoneEvent("enter", "door", 7, 2, 0.0, 3, STARTED_NS))
+        assert [m for m in read_osc(listening.recv(65_536))] == [
+            ("/VMC/Ext/OK", [0]), ("/VMC/Ext/T", [0.0])
+        ]  # fmt: skip
+        listening.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            listening.recv(65_536)
+
+
+def hips_of(packet: bytes) -> float | None:
+    """Return which person a packet shows: metres along the world's y."""
+    for address, values in read_osc(packet):
+        if address == "/VMC/Ext/Bone/Pos" and values[0] == "Hips":
+            return -float(values[3])
+    return None
+
+
+def test_one_person_is_sent_until_gone() -> None:
+    with receiver("vmc") as (stream, listening):
+        found = []
+        shown = [(2, 5)] * 3 + [(5,)] * 10 + [(2, 5)] + [(5, 9)] * 26
+        for frame, tracks in enumerate(shown[:NUM_FRAMES]):
+            stream.slot(slot(frame, *tracks))
+            place = hips_of(listening.recv(65_536))
+            found.append(None if place is None else round(place))
+    assert found[:3] == [2] * 3  # the first
+    assert found[3:13] == [None] * 10  # away for less than a second: waited for
+    assert found[13] == 2
+    assert found[14:38] == [None] * 24 and found[39] == 5
+
+
+def test_a_named_track_is_sent() -> None:
+    with receiver("vmc", "?track=5") as (stream, listening):
+        for tracks, wanted in (((2,), None), ((2, 5), 5), ((5, 9), 5)):
+            stream.slot(slot(3, *tracks))
+            place = hips_of(listening.recv(65_536))
+            assert (None if place is None else round(place)) == wanted
+
+
+def about(degrees: float, axis: int) -> Floats:
+    a, b, angle = (axis + 1) % 3, (axis + 2) % 3, np.radians(degrees)
+    matrix = np.eye(3)
+    matrix[[a, b], [a, b]] = np.cos(angle)
+    matrix[a, b], matrix[b, a] = -np.sin(angle), np.sin(angle)
+    return matrix
+
+
+def test_trackers_of_vrchat_are_at_the_joints_and_turn_with_them() -> None:
+    with receiver("vrchat") as (stream, listening):
+        stream.slot(slot(0))  # nobody: nothing
+        for frame in range(0, NUM_FRAMES, 5):
+            shown = slot(frame, 4)
+            stream.slot(shown)
+            said = dict(read_osc(listening.recv(65_536)))
+            assert len(said) == 2 * 9
+            joints = shown.joints_m[0].astype(np.float64)
+            for number, name in (("3", "left_ankle"), ("6", "right_knee"), ("7", "left_elbow")):
+                place = said[f"/tracking/trackers/{number}/position"]
+                wanted = unity(joints[COCO17.index(name)])
+                np.testing.assert_allclose(place, wanted, atol=0.001)
+            hips = joints[[COCO17.index("left_hip"), COCO17.index("right_hip")]]
+            place = said["/tracking/trackers/1/position"]
+            np.testing.assert_allclose(place, unity(hips.mean(axis=0)), atol=0.001)
+            x, y, z = said["/tracking/trackers/1/rotation"]
+            facing = about(y, 1) @ about(x, 0) @ about(z, 2)  # z first, then x, then y
+            across = unity(hips[1]) - unity(hips[0])  # from left to right: x of who faces z
+            np.testing.assert_allclose(facing[:, 0], across / np.linalg.norm(across), atol=0.01)
+
+
+@pytest.mark.parametrize("query", ["?track=x", "?person=1", "?track=1&track=2", "?track=-1"])
+@pytest.mark.parametrize("kind", ["vmc", "vrchat"])
+def test_a_target_names_a_track_or_nothing(kind: str, query: str) -> None:
+    with pytest.raises(InputError, match="track=NUMBER"):
+        open_stream(f"{kind}://127.0.0.1:9000{query}", SOURCE)
