@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
@@ -43,6 +43,7 @@ def section(scale: Scale, made: Made) -> Section:
                 Line("one", "simulated", (1, 2, 3), (20, 50, 190)),
             ), logarithmic_y=True),
             Panel("steps", "R", "slot", "", (ONE,), kind="steps"),
+            Panel("limbs", "P", "px right", "px down", (ONE, replace(ONE, second=True)), "limbs"),
         ),
         headlines=(Headline("PCP", 95.0, 94.0, 96.0), Headline("error", 50.0, 10.0, 20.0)),
     )  # fmt: skip
@@ -93,7 +94,7 @@ def test_words_are_escaped_and_skipped_items_say_why(folder: Path) -> None:
 
 
 def test_every_panel_is_a_picture_and_a_csv(folder: Path) -> None:
-    for name in ("lines", "bars", "stack", "decades", "steps"):
+    for name in ("lines", "bars", "stack", "decades", "steps", "limbs"):
         assert (folder / "figures" / f"{name}.svg").read_text().startswith("<?xml")
     assert "(modelled)" in (folder / "figures" / "bars.svg").read_text()
     ticks = (folder / "figures" / "decades.svg").read_text()

@@ -31,13 +31,14 @@ def draw(panel: Panel, path: Path) -> None:
         axes = figure.subplots()
         bases = {line.basis for line in panel.lines}
         one = len(bases) == 1
-        axes.set_title(f"{panel.title} ({next(iter(bases))})" if one else panel.title)
+        plain = panel.kind == "limbs" or not one
+        axes.set_title(panel.title if plain else f"{panel.title} ({next(iter(bases))})")
         axes.set_xlabel(panel.x_title)
         axes.set_ylabel(panel.y_title)
         if panel.kind in ("bars", "stacked"):
             _bars(axes, panel, one)
-        elif panel.kind == "steps":
-            _steps(axes, panel)
+        elif panel.kind in ("steps", "limbs"):
+            (_steps if panel.kind == "steps" else _limbs)(axes, panel)
             return
         else:
             _lines(axes, panel, one)
@@ -117,6 +118,18 @@ def _bars(axes: Axes, panel: Panel, one: bool) -> None:
     long = max((len(name) for name in names), default=0) * len(names) > 50
     axes.set_xticks(places, names, rotation=30 if long else 0, ha="right" if long else "center")
     axes.grid(visible=False, axis="x")
+
+
+def _limbs(axes: Axes, panel: Panel) -> None:
+    """Draw people to scale; NaN parts one limb from the next."""
+    for number, line in enumerate(panel.lines):
+        colour = INK if line.second else COLOURS[number % len(COLOURS)]
+        style, width = ("--", 0.7) if line.second else ("-", 1.6)
+        x = [float(value) for value in line.x]
+        axes.plot(x, line.y, style, color=colour, linewidth=width, solid_capstyle="round")
+    axes.set_aspect("equal", adjustable="datalim")
+    if "px" in panel.y_title:
+        axes.invert_yaxis()
 
 
 def _steps(axes: Axes, panel: Panel) -> None:

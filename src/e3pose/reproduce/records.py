@@ -9,7 +9,7 @@ from typing import Literal
 
 # Where a figure comes from. `simulated`: detections are simulated, on real or simulated motion.
 Basis = Literal["paper", "measured", "modelled", "simulated"]
-Kind = Literal["lines", "bars", "stacked", "steps"]
+Kind = Literal["lines", "bars", "stacked", "steps", "limbs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Line:
         y: values; NaN leaves a gap.
         low: lower ends of an interval about each value; none if empty.
         high: upper ends likewise.
-        second: drawn against the axis on the right.
+        second: drawn against the axis on the right; of limbs, dashed in ink over the others.
     """
 
     name: str
@@ -89,7 +89,8 @@ class Panel:
         x_title: of the axis.
         y_title: likewise.
         lines: what it shows.
-        kind: how it is drawn; `steps` shows which of some rows holds in each slot.
+        kind: how it is drawn; `steps` shows which of some rows holds in each slot, `limbs` draws
+            people as lines in the plane, y downward where it is pixels.
         y_second: title of the axis on the right.
         logarithmic: whether the x axis is.
         logarithmic_y: whether the y axis is.

@@ -10,6 +10,7 @@ from e3pose.reproduce.items import (
     occlusion_error,
     occlusion_prediction,
     panoptic_table,
+    scene,
     shelf_table,
     site_power,
     trade_offs,
@@ -19,6 +20,7 @@ from e3pose.reproduce.items.base import Scale as Scale
 
 ITEMS: tuple[Item, ...] = (
     device_power.ITEM,
+    scene.ITEM,
     best_subsets.ITEM,
     occlusion_error.ITEM,
     shelf_table.ITEM,
