@@ -11,7 +11,7 @@ from tests.postgres import Server, running_server
 from tests.store.writers import QUICK, Records, Runs, stored_slots, wait_for
 
 from e3pose.errors import InputError
-from e3pose.store import Event, Retention, Store, StoreWriter, WriterSettings
+from e3pose.store import Event, Retention, Store, StoreWriter, WriterSettings, schema
 from e3pose.store.database import check_place, database_url, reading, shown, writing_engine
 from e3pose.store.spool import spools_of
 
@@ -127,7 +127,7 @@ def test_writers_that_begin_together_make_one_store(url: str, record: Records, r
     assert len(Store(url).runs()) == 4
     assert len(stored_slots(url)) == 80
     with writing_engine(database_url(url)).connect() as connection:
-        assert connection.execute(text("SELECT version FROM e3pose_store")).all() == [(3,)]
+        assert connection.execute(text("SELECT version FROM e3pose_store")).all() == [(schema.VERSION,)]
 
 
 def test_tables_may_be_partitioned_by_time(url: str, record: Records, run: Runs) -> None:
