@@ -127,7 +127,9 @@ def test_writers_that_begin_together_make_one_store(url: str, record: Records, r
     assert len(Store(url).runs()) == 4
     assert len(stored_slots(url)) == 80
     with writing_engine(database_url(url)).connect() as connection:
-        assert connection.execute(text("SELECT version FROM e3pose_store")).all() == [(schema.VERSION,)]
+        assert connection.execute(text("SELECT version FROM e3pose_store")).all() == [
+            (schema.VERSION,)
+        ]
 
 
 def test_tables_may_be_partitioned_by_time(url: str, record: Records, run: Runs) -> None:
