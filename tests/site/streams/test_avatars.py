@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import socket
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from tests.exports.takes import FPS, NUM_FRAMES, walking
+from tests.site.streams.osc_reader import read_osc
 
 from e3pose.errors import InputError
 from e3pose.model.skeleton import COCO17
@@ -20,7 +19,6 @@ from e3pose.site.connect import LiveSlot
 from e3pose.site.streams import Source, Stream, open_stream
 
 Floats = NDArray[np.float64]
-Messages = list[tuple[str, list[Any]]]
 
 SOURCE = Source("lab", COCO17, FPS)
 STARTED_NS = 1_795_000_000_000_000_000
@@ -36,36 +34,6 @@ BONES = {
            ("Foot", "LowerLeg", "ankle"), ("UpperArm", "!Chest", "shoulder"),
            ("LowerArm", "UpperArm", "elbow"), ("Hand", "LowerArm", "wrist"))},
 }  # fmt: skip
-
-
-def read_osc(packet: bytes) -> Messages:
-    """Return the messages of a packet, as the specification of OSC 1.0 has it."""
-    if packet.startswith(b"#bundle\0"):
-        at, found = 16, []  # behind the time
-        while at < len(packet):
-            (size,) = struct.unpack_from(">i", packet, at)
-            assert size % 4 == 0
-            found += read_osc(packet[at + 4 : at + 4 + size])
-            at += 4 + size
-        return found
-
-    def text(at: int) -> tuple[str, int]:
-        end = packet.index(b"\0", at)
-        return packet[at:end].decode("ascii"), at + (end - at) // 4 * 4 + 4
-
-    address, at = text(0)
-    tags, at = text(at)
-    assert tags[0] == ","
-    values: list[Any] = []
-    for tag in tags[1:]:
-        if tag == "s":
-            value, at = text(at)
-            values.append(value)
-        else:
-            values += struct.unpack_from({"i": ">i", "f": ">f"}[tag], packet, at)
-            at += 4
-    assert at == len(packet)
-    return [(address, values)]
 
 
 @contextmanager
