@@ -121,7 +121,8 @@ def test_tx2_processor_changes_little_until_capture_stops() -> None:
     (cpu,) = [c for c in load_profile("tx2").components if c.name == "cpu"]
     active, idle, aggressive = (cpu.watts[mode] for mode in MODES)
     assert idle == pytest.approx(active, rel=0.06)
-    assert (idle - aggressive) / active == pytest.approx(0.1764, abs=0.003)
+    # Compared with all five cameras active, as the other savings; two of them do not capture.
+    assert 2 / 5 * (idle - aggressive) / active == pytest.approx(0.1764, abs=0.003)
 
 
 def profile_text(**changes: str) -> str:

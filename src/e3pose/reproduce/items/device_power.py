@@ -33,8 +33,8 @@ def section(scale: Scale, made: Made) -> Section:
         ours=f"Modelled: in power-saving mode the profiles draw {said} of intensive mode.",
         why="There is no independent evidence here: the profiles were fitted to agree with the "
         "paper's text (half the power, savings of 20.66 to 31.21 % and 17.72 to 28.67 % with 3 of "
-        "5 cameras, 17.64 % of CPU power more without capture). Nobody measured a board; "
-        "`e3pose power` measures yours.",
+        "5 cameras, 17.64 % of CPU power more without capture, all as means of the five). "
+        "Nobody measured a board; `e3pose power` measures yours.",
         how="Modelled: the shipped power profiles xavier-nx and tx2; each figure names its source "
         "in the profile. The board of the TX2 meters CPU and GPU apart, that of the Xavier NX does "
         "not.",
