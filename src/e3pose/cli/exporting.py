@@ -107,7 +107,7 @@ def export(
     ----------
     source
         A store as in `e3pose query` (file, URL or site folder), or a table of poses from
-        `e3pose replay --poses` or `e3pose query`.
+        `e3pose replay --poses`, `e3pose query` or `e3pose export --wide`.
     dest
         Output file, replaced if it exists; for OpenPose a new folder.
     track
